@@ -1,0 +1,145 @@
+"""Which environment action carries out which ground action of the domain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.domain.codegen import APPLICABLE, UNSAFE
+from serp.domain.model import StateError, TransitionModel
+from serp.domain.source import did_you_mean
+from serp.errors import TaskError
+from serp.planning.forecast import SAFE, Forecast
+
+
+class ActionForecast(NamedTuple):
+    """The planner's `Forecast` in terms of the E environment actions.
+
+    Attributes:
+        choice: The planner's action; -1 where it has none.
+        ground: `[E]` ground action that each environment action would carry out; -1 where the
+            model does not know it.
+        value, safe_steps, reward, flags: `[E]` as in `Forecast`. An action that the model does not
+            know has value -inf, safe steps SAFE, reward 0 and flags 0.
+        indifferent: As in `Forecast`.
+    """
+
+    choice: int
+    ground: NDArray[np.int64]
+    value: NDArray[np.float64]
+    safe_steps: NDArray[np.int64]
+    reward: NDArray[np.float64]
+    flags: NDArray[np.int64]
+    indifferent: bool
+
+
+class ActionMap:
+    """The map from ground actions to the actions 0 ... E-1 of an environment.
+
+    Several ground actions may share an environment action (`move a b` and `move b c` are both "go
+    east"): the applicable one counts; of several applicable ones an unsafe one counts first, else
+    the first in the file.
+
+    Args:
+        model: The transition model.
+        size: Number of environment actions.
+        mapping: Name of a ground action, or of a schema for all its instances, → environment
+            action. None: the n-th ground action is environment action n.
+
+    Raises:
+        TaskError: A ground action has no environment action, or a name or number does not exist.
+    """
+
+    def __init__(
+        self, model: TransitionModel, size: int, mapping: Mapping[str, int] | None = None
+    ) -> None:
+        self.model = model
+        self.size = size
+        self.environment_action = self._resolve(mapping)
+        groups: list[list[int]] = [[] for _ in range(size)]
+        for ground, action in enumerate(self.environment_action):
+            groups[action].append(ground)
+        self._groups = groups
+        self.modelled = np.array([bool(group) for group in groups])
+        self._one_to_one = all(len(group) <= 1 for group in groups)
+        self._first = np.array([group[0] if group else -1 for group in groups], dtype=np.int64)
+
+    def _resolve(self, mapping: Mapping[str, int] | None) -> list[int]:
+        model, size = self.model, self.size
+        count = len(model.actions)
+        if mapping is None:
+            if count > size:
+                raise TaskError(
+                    f"the domain has {count} ground actions, the environment {size}; give the "
+                    "task `actions={name: number}` to say which carries out which"
+                )
+            return list(range(count))
+        resolved: dict[int, int] = {}
+        schemas: dict[str, list[int]] = {}
+        for index, ground in enumerate(model.actions):
+            schemas.setdefault(ground.schema, []).append(index)
+        for name, action in mapping.items():
+            if isinstance(action, bool) or not 0 <= int(action) < size:
+                raise TaskError(
+                    f"actions: `{name}` is mapped to {action!r}, but the environment's actions "
+                    f"are 0 ... {size - 1}"
+                )
+            try:
+                targets = [model.action_index(name)]
+            except StateError:
+                targets = schemas.get(name, [])
+            if not targets:
+                known = [a.name for a in model.actions]
+                raise TaskError(
+                    f"actions: the domain has no action `{name}`; {did_you_mean(name, known)}"
+                )
+            resolved.update((target, int(action)) for target in targets)
+        missing = [a.name for k, a in enumerate(model.actions) if k not in resolved]
+        if missing:
+            raise TaskError(
+                f"actions: no environment action for `{missing[0]}`"
+                + (f" and {len(missing) - 1} more" if len(missing) > 1 else "")
+            )
+        return [resolved[k] for k in range(count)]
+
+    def name(self, action: int) -> str:
+        """Return a printable name of an environment action."""
+        group = self._groups[action]
+        if not group:
+            return f"action {action}"
+        if len(group) == 1:
+            return self.model.actions[group[0]].name
+        schemas = dict.fromkeys(self.model.actions[k].schema for k in group)
+        return "/".join(schemas)
+
+    def project(self, forecast: Forecast) -> ActionForecast:
+        """Return a forecast over ground actions as one over environment actions."""
+        ground = self._first if self._one_to_one else self._choose(forecast)
+        unknown = ground < 0
+        choice = self.environment_action[forecast.choice] if forecast.choice >= 0 else -1
+        if not len(self.model.actions):
+            count = self.size
+            return ActionForecast(
+                -1, ground, np.full(count, -np.inf), np.full(count, SAFE), np.zeros(count),
+                np.zeros(count, dtype=np.int64), False,
+            )  # fmt: skip
+        value, steps = forecast.value[ground], forecast.safe_steps[ground]
+        reward, flags = forecast.reward[ground], forecast.flags[ground]
+        if unknown.any():
+            value[unknown], steps[unknown] = -np.inf, SAFE
+            reward[unknown], flags[unknown] = 0.0, 0
+        return ActionForecast(choice, ground, value, steps, reward, flags, forecast.indifferent)
+
+    def _choose(self, forecast: Forecast) -> NDArray[np.int64]:
+        """Return the ground action that counts for every environment action."""
+        chosen = self._first.copy()
+        flags: list[int] = forecast.flags.tolist()
+        for action, group in enumerate(self._groups):
+            applicable = [k for k in group if flags[k] & APPLICABLE]
+            if applicable:
+                unsafe = [k for k in applicable if flags[k] & UNSAFE]
+                chosen[action] = (unsafe or applicable)[0]
+        return chosen

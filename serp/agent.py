@@ -1,0 +1,119 @@
+"""The agent: planner, learner and arbiter, wired for one task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.arbiter import Arbiter, Decision, Forecaster
+from serp.domain.model import TransitionModel, Vector
+from serp.learning.dqn import DQN, Proposal
+from serp.planning.forecast import Forecast
+from serp.planning.lookahead import Lookahead
+from serp.planning.replanner import MonitorReplanner
+from serp.planning.settings import PlannerSettings
+from serp.settings import Settings
+from serp.task import BoundTask
+
+Arrays = dict[str, NDArray[Any]]
+Meta = dict[str, Any]
+
+
+class _GraphPlanner:
+    """Forecasts of the planning graph, for domains too large to be compiled."""
+
+    def __init__(self, model: TransitionModel, settings: PlannerSettings) -> None:
+        self._replanner = MonitorReplanner(
+            model,
+            depth=settings.depth,
+            discount=settings.discount,
+            repeat=settings.repeat,
+            max_nodes=settings.max_nodes,
+        )
+
+    def forecast(self, state: Vector) -> Forecast:
+        return self._replanner.plan(state).forecast
+
+
+def make_planner(model: TransitionModel, settings: PlannerSettings) -> Forecaster:
+    """Return the fastest planner for a model; all give the same decisions."""
+    return Lookahead(model, settings) if model.compiles else _GraphPlanner(model, settings)
+
+
+def learner_input(inputs: str) -> Callable[[Vector, Vector], Vector]:
+    """Return the function (observation, state) → what the learner sees."""
+    if inputs == "observation":
+        return lambda observation, state: observation
+    if inputs == "state":
+        return lambda observation, state: state
+    return lambda observation, state: np.concatenate((observation, state))
+
+
+class Agent:
+    """Planner, learner and arbiter of one task.
+
+    Args:
+        task: The task.
+        settings: All settings.
+        seed: Seed of everything random in the agent.
+    """
+
+    def __init__(self, task: BoundTask, settings: Settings, seed: int) -> None:
+        self.task = task
+        self.settings = settings
+        arbiter_seed, learner_seed, self._random_seed = np.random.SeedSequence(
+            entropy=seed, spawn_key=(0,)
+        ).spawn(3)
+        planner = make_planner(task.model, settings.planner)
+        self.arbiter = Arbiter(planner, task.actions, settings.arbiter, arbiter_seed)
+        self.learner_input = learner_input(settings.training.inputs)
+        self.learner = DQN(
+            self._input_size(), task.actions.size, settings.learner, learner_seed
+        )
+        self._random = np.random.default_rng(self._random_seed)
+
+    def _input_size(self) -> int:
+        sizes = {"observation": self.task.observation_size, "state": len(self.task.model.fluents)}
+        inputs = self.settings.training.inputs
+        return sum(sizes.values()) if inputs == "both" else sizes[inputs]
+
+    def decide(self, state: Vector, x: Vector) -> Decision:
+        """Decide by the arbiter, exploration included."""
+        return self.arbiter.decide(state, lambda explorable: self.learner.propose(x, explorable))
+
+    def decide_randomly(self, state: Vector) -> Decision:
+        """Decide on a uniformly drawn proposal, for D_0; vetoes hold as ever."""
+        action = int(self._random.integers(self.task.actions.size))
+        return self.arbiter.judge_proposal(state, Proposal(action, True, None))
+
+    def decide_greedily(self, state: Vector, x: Vector) -> Decision:
+        """Decide as the trained agent does: the learner's greedy choice within the vetoes."""
+        return self.arbiter.judge_proposal(state, Proposal(self.learner.greedy(x), False, None))
+
+    def state_dict(self) -> tuple[Arrays, Meta]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        arrays, learner = self.learner.state_dict()
+        _, arbiter = self.arbiter.state_dict()
+        return (
+            {f"learner.{name}": array for name, array in arrays.items()},
+            {
+                "learner": learner,
+                "arbiter": arbiter,
+                "random": self._random.bit_generator.state,
+            },
+        )
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: The learner has another shape.
+        """
+        prefix = "learner."
+        own = {k.removeprefix(prefix): a for k, a in arrays.items() if k.startswith(prefix)}
+        self.learner.load_state_dict(own, meta["learner"])
+        self.arbiter.load_state_dict({}, meta["arbiter"])
+        self._random.bit_generator.state = dict(meta["random"])

@@ -1,0 +1,1 @@
+"""The domain language: PDDL text → located errors → ground model → transition model."""

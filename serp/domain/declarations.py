@@ -1,0 +1,234 @@
+"""Parsing typed lists and the declarations made of them: types, objects, predicates, functions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+
+from serp.domain.sexpr import Group, Node, Word
+from serp.domain.source import DomainError, Place, did_you_mean
+from serp.domain.syntax import OBJECT, Declaration, ObjectDeclaration, Parameter
+
+_NAME = re.compile(r"[a-z][a-z0-9_\-]*\Z")
+_VARIABLE = re.compile(r"\?[a-z][a-z0-9_\-]*\Z")
+
+
+def expect_name(node: Node, what: str) -> Word:
+    """Return the node as a plain PDDL name.
+
+    Raises:
+        DomainError: It is a list, or holds characters that PDDL names do not have.
+    """
+    if not isinstance(node, Word):
+        raise DomainError(f"expected {what}, found a list", node.place)
+    if not _NAME.match(node.text):
+        raise DomainError(
+            f"`{node.text}` is not a name for {what}",
+            node.place,
+            "names begin with a letter and go on with letters, digits, `-` and `_`",
+        )
+    return node
+
+
+def expect_group(node: Node, what: str) -> Group:
+    """Return the node as a parenthesised list.
+
+    Raises:
+        DomainError: It is a single word.
+    """
+    if isinstance(node, Word):
+        raise DomainError(f"expected {what} in parentheses, found `{node.text}`", node.place)
+    return node
+
+
+def typed_list(
+    nodes: Sequence[Node], what: str, *, variables: bool
+) -> list[tuple[Word, tuple[Word, ...]]]:
+    """Split `a b - t c` into (name, type names) pairs; no type names where none is written.
+
+    Args:
+        nodes: The items of the list.
+        what: What the names stand for, for messages.
+        variables: Whether the names must be variables (`?x`).
+
+    Raises:
+        DomainError: A name is malformed, or a `-` has no name before or no type after it.
+    """
+    pairs: list[tuple[Word, tuple[Word, ...]]] = []
+    waiting: list[Word] = []
+    index = 0
+    while index < len(nodes):
+        node = nodes[index]
+        if isinstance(node, Word) and node.text == "-":
+            if not waiting:
+                raise DomainError(f"`-` without {what} before it", node.place)
+            if index + 1 == len(nodes):
+                raise DomainError("`-` without a type after it", node.place)
+            types = _type_names(nodes[index + 1])
+            pairs += [(word, types) for word in waiting]
+            waiting = []
+            index += 2
+            continue
+        if variables:
+            if not isinstance(node, Word) or not _VARIABLE.match(node.text):
+                shown = node.text if isinstance(node, Word) else "a list"
+                raise DomainError(
+                    f"expected a variable for {what}, found `{shown}`",
+                    node.place,
+                    "variables begin with `?`, as in `?robot`",
+                )
+            waiting.append(node)
+        else:
+            waiting.append(expect_name(node, what))
+        index += 1
+    return pairs + [(word, ()) for word in waiting]
+
+
+def _type_names(node: Node) -> tuple[Word, ...]:
+    if isinstance(node, Word):
+        return (expect_name(node, "a type"),)
+    if node.head != "either" or len(node.items) < 2:
+        raise DomainError("expected a type or `(either type ...)`", node.place)
+    return tuple(expect_name(item, "a type") for item in node.items[1:])
+
+
+def unique(word: Word, known: Iterable[str], what: str) -> str:
+    """Return the word's text.
+
+    Raises:
+        DomainError: It is declared already.
+    """
+    if word.text in known:
+        raise DomainError(f"{what} `{word.text}` is declared twice", word.place)
+    return word.text
+
+
+def parse_types(group: Group) -> dict[str, str]:
+    """Parse `(:types ...)` into type → parent.
+
+    A parent that is not declared itself is a child of `object`, as other PDDL tools have it.
+
+    Raises:
+        DomainError: A type is declared twice, is its own ancestor, or has several parents.
+    """
+    parents: dict[str, str] = {}
+    places: dict[str, Place] = {}
+    mentioned: list[str] = []
+    for word, types in typed_list(group.items[1:], "a type", variables=False):
+        if len(types) > 1:
+            raise DomainError("a type has one parent; `either` is for parameters", word.place)
+        parent = types[0].text if types else OBJECT
+        if word.text == OBJECT:
+            if types:
+                raise DomainError("`object` is the root of all types", word.place)
+            continue
+        parents[unique(word, parents, "type")] = parent
+        places[word.text] = word.place
+        mentioned.append(parent)
+    for parent in mentioned:
+        if parent != OBJECT:
+            parents.setdefault(parent, OBJECT)
+    for name in places:
+        seen: set[str] = set()
+        current = parents[name]
+        while current != OBJECT and current not in seen:
+            if current == name:
+                raise DomainError(f"type `{name}` is its own ancestor", places[name])
+            seen.add(current)
+            current = parents[current]
+    return parents
+
+
+def check_type(word: Word, parents: dict[str, str]) -> str:
+    """Return the name of a declared type.
+
+    Raises:
+        DomainError: There is no such type.
+    """
+    if word.text != OBJECT and word.text not in parents:
+        raise DomainError(
+            f"unknown type `{word.text}`", word.place, did_you_mean(word.text, [*parents, OBJECT])
+        )
+    return word.text
+
+
+def parse_parameters(nodes: Sequence[Node], parents: dict[str, str]) -> tuple[Parameter, ...]:
+    """Parse a typed list of variables.
+
+    Raises:
+        DomainError: A variable is malformed or repeated, or its type is unknown.
+    """
+    parameters: dict[str, Parameter] = {}
+    for word, types in typed_list(nodes, "a parameter", variables=True):
+        names = tuple(check_type(t, parents) for t in types) or (OBJECT,)
+        parameters[unique(word, parameters, "parameter")] = Parameter(word.text, names, word.place)
+    return tuple(parameters.values())
+
+
+def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, ObjectDeclaration]:
+    """Parse `(:constants ...)` or `(:objects ...)`.
+
+    Raises:
+        DomainError: A name is repeated, or its type is unknown or more than one.
+    """
+    objects: dict[str, ObjectDeclaration] = {}
+    for word, types in typed_list(group.items[1:], "an object", variables=False):
+        if len(types) > 1:
+            raise DomainError("an object has one type", word.place)
+        type_name = check_type(types[0], parents) if types else OBJECT
+        objects[unique(word, objects, "object")] = ObjectDeclaration(
+            word.text, type_name, word.place
+        )
+    return objects
+
+
+def parse_declarations(
+    group: Group, parents: dict[str, str], *, numeric: bool
+) -> dict[str, Declaration]:
+    """Parse `(:predicates ...)` or `(:functions ...)`.
+
+    Raises:
+        DomainError: A declaration is malformed or repeated, or a function is not numeric.
+    """
+    what = "function" if numeric else "predicate"
+    declared: dict[str, Declaration] = {}
+    index = 1
+    while index < len(group.items):
+        node = group.items[index]
+        if numeric and isinstance(node, Word) and node.text == "-":
+            _check_number_type(group, index)
+            index += 2
+            continue
+        item = expect_group(node, f"a {what}")
+        if not item.items:
+            raise DomainError(f"empty declaration of a {what}", item.place)
+        word = expect_name(item.items[0], f"a {what}")
+        if word.text in RESERVED_WORDS:
+            raise DomainError(f"`{word.text}` is a word of PDDL and cannot be a {what}", word.place)
+        declared[unique(word, declared, what)] = Declaration(
+            word.text, parse_parameters(item.items[1:], parents), numeric, item.place
+        )
+        index += 1
+    return declared
+
+
+def _check_number_type(group: Group, index: int) -> None:
+    dash = group.items[index]
+    if index == 1 or index + 1 == len(group.items):
+        raise DomainError("`-` needs functions before it and `number` after it", dash.place)
+    following = group.items[index + 1]
+    if not isinstance(following, Word) or following.text != "number":
+        raise DomainError(
+            "functions with values other than numbers are not supported",
+            following.place,
+            "write `- number`, or a predicate with one more parameter",
+        )
+
+
+RESERVED_WORDS = frozenset(
+    (
+        *("and", "or", "not", "imply", "forall", "exists", "when", "either", "preference"),
+        *("assign", "increase", "decrease", "scale-up", "scale-down"),
+        *("define", "domain", "problem", "number", "object", "total-time"),
+    )
+)

@@ -1,0 +1,78 @@
+"""Loading a domain: files → parsed → instantiated → transition model."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from serp.domain.instantiate import MAX_GROUND_SCHEMAS, instantiate
+from serp.domain.model import TransitionModel
+from serp.domain.parser import parse_domain, parse_problem
+from serp.domain.source import Source
+from serp.domain.syntax import DomainSyntax, ProblemSyntax
+
+
+@dataclass(frozen=True)
+class Domain:
+    """A domain file with its optional problem file, checked and ready to be compiled.
+
+    Attributes:
+        name: The domain's name.
+        source: The domain file.
+        problem_source: The problem file, or None.
+        syntax: The domain as written.
+        problem_syntax: The problem as written, or None.
+        max_ground_schemas: Most ground actions, processes and events together.
+    """
+
+    name: str
+    source: Source
+    problem_source: Source | None
+    syntax: DomainSyntax = field(repr=False)
+    problem_syntax: ProblemSyntax | None = field(repr=False)
+    max_ground_schemas: int = MAX_GROUND_SCHEMAS
+
+    @functools.cached_property
+    def model(self) -> TransitionModel:
+        """The transition model, with control period 1 (see `TransitionModel.replace`).
+
+        Raises:
+            DomainError: The domain instantiates to too many actions or fluents.
+        """
+        return TransitionModel(
+            instantiate(
+                self.syntax, self.problem_syntax, max_ground_schemas=self.max_ground_schemas
+            )
+        )
+
+
+def load_domain(
+    domain_file: str | Path,
+    problem_file: str | Path | None = None,
+    *,
+    max_ground_schemas: int = MAX_GROUND_SCHEMAS,
+) -> Domain:
+    """Load a domain and, where there is one, its problem.
+
+    Args:
+        domain_file: The PDDL domain.
+        problem_file: The PDDL problem; without it, `<name>-problem.pddl` beside the domain file
+            `<name>.pddl` is taken if it exists.
+        max_ground_schemas: Most ground actions, processes and events together.
+
+    Raises:
+        DomainError: A file is missing, malformed, or uses what is not supported; the message
+            has file, line, column, the line with a caret, and what to do.
+    """
+    domain_file = Path(domain_file)
+    source = Source.read(domain_file)
+    syntax = parse_domain(source)
+    if problem_file is None:
+        sibling = domain_file.with_name(f"{domain_file.stem}-problem.pddl")
+        problem_file = sibling if sibling.is_file() else None
+    problem_source = Source.read(problem_file) if problem_file is not None else None
+    problem = parse_problem(problem_source, syntax) if problem_source is not None else None
+    domain = Domain(syntax.name, source, problem_source, syntax, problem, max_ground_schemas)
+    domain.model  # noqa: B018  (instantiated now, so that every error in the files is met here)
+    return domain

@@ -1,0 +1,375 @@
+"""The transition model: (state, action) → next state, reward, unsafe, terminal, applicable."""
+
+from __future__ import annotations
+
+import copy
+import functools
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE, Site, generate_judge, generate_step
+from serp.domain.ground import REWARD_TARGET, Fluent, GroundModel, GroundSchema, Parameter
+from serp.domain.interpreted import load_function
+from serp.domain.source import did_you_mean
+from serp.errors import SerpError
+
+Vector = NDArray[np.float64]
+
+MAX_NATIVE_SIZE = 2_000
+
+
+class StateError(SerpError):
+    """A state or an action does not fit the model."""
+
+
+class Outcome(NamedTuple):
+    """What the model predicts of one action, or of a batch of them.
+
+    Attributes:
+        state: Next state `[F]` (or `[B, F]`); the state itself where not applicable.
+        reward: Change of `(reward)` in the step; 0 where not applicable.
+        unsafe: Whether `(unsafe)` became true in the step.
+        terminal: Whether `(terminal)` became true or the problem's goal is reached.
+        applicable: Whether the precondition holds and the result is defined and finite.
+    """
+
+    state: Vector
+    reward: Any
+    unsafe: Any
+    terminal: Any
+    applicable: Any
+
+
+class Judgement(NamedTuple):
+    """What the domain says of a transition that was observed."""
+
+    reward: float
+    unsafe: bool
+    terminal: bool
+
+
+class _Program:
+    """The generated functions of one ground model, each made when first needed."""
+
+    def __init__(self, ground: GroundModel) -> None:
+        self.ground = ground
+
+    @functools.cached_property
+    def step(self) -> Callable[..., int]:
+        return load_function(generate_step(self.ground), "<serp step>")
+
+    @functools.cached_property
+    def judge(self) -> Callable[..., int]:
+        return load_function(generate_judge(self.ground), "<serp judge>")
+
+    @functools.cached_property
+    def traced(self) -> tuple[Callable[..., int], tuple[Site, ...]]:
+        generated = generate_step(self.ground, traced=True)
+        return load_function(generated, "<serp traced step>"), generated.sites
+
+    @functools.cached_property
+    def size(self) -> int:
+        """Effects and preconditions of all ground schemas: what compile time grows with."""
+        schemas = (*self.ground.actions, *self.ground.processes, *self.ground.events)
+        return sum(len(s.effects) + len(s.preconditions) for s in schemas)
+
+    @functools.cached_property
+    def native(self) -> Any:
+        from serp.domain.native import compile_native
+
+        return compile_native(generate_step(self.ground))
+
+
+class TransitionModel:
+    """A compiled domain.
+
+    The model is a pure function of state, action, the literals θ and the control period Δt, with
+    the meaning of one step as in the design: precondition, effects together, processes (explicit
+    Euler over Δt), events, reward and flags. It runs in CPython (single states) and as machine
+    code (batches); both give the same bits.
+
+    Attributes:
+        fluents: The columns of a state.
+        actions: The ground actions, in file order.
+        parameters: The literals of the files, with role and place; θ holds their values.
+        theta: θ, float64 `[P]`.
+        dt: Control period Δt in the time unit of the domain's rates (seconds by custom).
+        initial_state: `[F]` where the problem gives a value to every fluent, else None.
+    """
+
+    def __init__(
+        self, ground: GroundModel, *, dt: float = 1.0, theta: ArrayLike | None = None
+    ) -> None:
+        self.ground = ground
+        self._program = _Program(ground)
+        self._index = {fluent.name: fluent.index for fluent in ground.fluents}
+        self._actions = {action.name: k for k, action in enumerate(ground.actions)}
+        self.initial_state: Vector | None = (
+            None if ground.initial is None else np.array(ground.initial, dtype=np.float64)
+        )
+        written = [p.value for p in ground.parameters]
+        self._set(written if theta is None else theta, dt)
+
+    def _set(self, theta: ArrayLike, dt: float) -> None:
+        vector = np.array(theta, dtype=np.float64)
+        if vector.shape != (len(self.ground.parameters),) or not np.isfinite(vector).all():
+            raise StateError(f"theta must be {len(self.ground.parameters)} finite numbers")
+        if not (np.isfinite(dt) and dt > 0):
+            raise StateError(f"the control period must be a positive number, not {dt}")
+        vector.flags.writeable = False
+        self.theta = vector
+        self.dt = float(dt)
+        self._theta_list: list[float] = vector.tolist()
+
+    def replace(
+        self, *, theta: ArrayLike | None = None, dt: float | None = None
+    ) -> TransitionModel:
+        """Return the same model with other literals or another control period.
+
+        Nothing is compiled again.
+
+        Raises:
+            StateError: θ has the wrong length or a value is not finite.
+        """
+        other = copy.copy(self)
+        other._set(self.theta if theta is None else theta, self.dt if dt is None else dt)
+        return other
+
+    @property
+    def fluents(self) -> tuple[Fluent, ...]:
+        """The columns of a state."""
+        return self.ground.fluents
+
+    @property
+    def actions(self) -> tuple[GroundSchema, ...]:
+        """The ground actions, in file order."""
+        return self.ground.actions
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The literals of the files."""
+        return self.ground.parameters
+
+    @property
+    def rewarding(self) -> bool:
+        """Whether the domain says anything about reward: `(reward)` changes, or a metric."""
+        schemas = (*self.ground.actions, *self.ground.processes, *self.ground.events)
+        changed = any(e.target == REWARD_TARGET for s in schemas for e in s.effects)
+        return changed or self.ground.metric is not None
+
+    # States ------------------------------------------------------------------------------------
+
+    def state(self, values: Mapping[str, float | bool]) -> Vector:
+        """Return the state with the named values.
+
+        Args:
+            values: Fluent name → value, for every fluent.
+
+        Raises:
+            StateError: A fluent is missing, unknown, or its value is no finite number.
+        """
+        state = np.empty(len(self.fluents))
+        seen = 0
+        for name, value in values.items():
+            index = self._index.get(name)
+            if index is None:
+                raise StateError(self._unknown_fluent(name))
+            state[index] = value
+            seen += 1
+        if seen != len(self.fluents):
+            missing = [f.name for f in self.fluents if f.name not in values]
+            raise StateError(f"no value for fluent `{missing[0]}` ({len(missing)} missing)")
+        return self.check_state(state)
+
+    def _unknown_fluent(self, name: str) -> str:
+        if name in self.ground.static:
+            return (
+                f"`{name}` is fixed by the problem file and changed by no effect; "
+                "leave it out, or take it out of :init"
+            )
+        return f"unknown fluent `{name}`; {did_you_mean(name, self._index)}"
+
+    def check_state(self, state: ArrayLike) -> Vector:
+        """Return the state as float64 `[F]`.
+
+        Raises:
+            StateError: The shape is wrong, or a value is NaN, infinite, or, for a predicate,
+                neither 0 nor 1.
+        """
+        vector = np.asarray(state, dtype=np.float64)
+        if vector.shape != (len(self.fluents),):
+            raise StateError(
+                f"a state of this domain is {len(self.fluents)} numbers, found shape {vector.shape}"
+            )
+        for fluent, value in zip(self.fluents, vector.tolist(), strict=True):
+            if value - value != 0.0:
+                raise StateError(f"the value of fluent `{fluent.name}` is {value}")
+            if not fluent.numeric and value not in (0.0, 1.0):
+                raise StateError(f"predicate `{fluent.name}` is 0 or 1, not {value}")
+        return vector
+
+    def values(self, state: Sequence[float] | Vector) -> dict[str, float | bool]:
+        """Return a state as fluent name → value (bool for predicates)."""
+        return {
+            f.name: float(state[f.index]) if f.numeric else bool(state[f.index])
+            for f in self.fluents
+        }
+
+    def action_index(self, action: int | str) -> int:
+        """Return the position of a ground action given by name or position.
+
+        Raises:
+            StateError: There is no such action.
+        """
+        if isinstance(action, str):
+            name = " ".join(action.lower().strip("() ").split())
+            if name not in self._actions:
+                raise StateError(f"unknown action `{name}`; {did_you_mean(name, self._actions)}")
+            return self._actions[name]
+        try:
+            index = operator.index(action)
+        except TypeError:
+            raise StateError(f"an action is a name or a position, not {action!r}") from None
+        if not 0 <= index < len(self.actions):
+            raise StateError(f"action {index} is not one of the {len(self.actions)} from 0 on")
+        return index
+
+    # Prediction --------------------------------------------------------------------------------
+
+    def step(self, state: ArrayLike, action: Any) -> Outcome:
+        """Predict one step.
+
+        Args:
+            state: `[F]`, or a batch `[B, F]`.
+            action: Position or name of a ground action; for a batch one of them, or `[B]`
+                positions.
+
+        Raises:
+            StateError: State or action do not fit the model.
+        """
+        states = np.asarray(state, dtype=np.float64)
+        if states.ndim == 2:
+            return self._step_batch(states, action)
+        if states.shape != (len(self.fluents),):
+            raise StateError(
+                f"a state of this domain is {len(self.fluents)} numbers, found shape {states.shape}"
+            )
+        values = states.tolist()
+        out, flags = self.transition(values, self.action_index(action))
+        if not flags & APPLICABLE:
+            return Outcome(states.copy(), 0.0, False, False, False)
+        reward = out.pop()
+        return Outcome(np.array(out), reward, bool(flags & UNSAFE), bool(flags & TERMINAL), True)
+
+    def transition(self, state: list[float], action: int) -> tuple[list[float], int]:
+        """Predict one step on plain lists, for loops in Python that count microseconds.
+
+        Args:
+            state: F floats; unchanged.
+            action: Position of a ground action.
+
+        Returns:
+            F + 1 floats (the next state and the reward; meaningless where not applicable) and
+            the flags, a sum of APPLICABLE, UNSAFE and TERMINAL.
+        """
+        out = [*state, 0.0]
+        return out, self._program.step(state, action, self._theta_list, self.dt, out)
+
+    def judge(self, state: Vector, action: int, next_state: Vector) -> Judgement:
+        """Read reward and flags off an observed transition, R(s') in the paper's words.
+
+        The action's own rewards are evaluated in `state`; processes and events are evaluated in
+        the observed `next_state` instead of the predicted one.
+
+        Args:
+            state: `[F]` before the action.
+            action: Position of the ground action, or -1 where the model does not know it.
+            next_state: `[F]` observed after it.
+        """
+        n = next_state.tolist()
+        out = [*n, 0.0]
+        flags = self._program.judge(state.tolist(), action, n, self._theta_list, self.dt, out)
+        if not flags & APPLICABLE:
+            raise StateError(
+                "the reward of an observed transition is no finite number; "
+                f"observed state: {self.values(next_state)}"
+            )
+        return Judgement(out[-1], bool(flags & UNSAFE), bool(flags & TERMINAL))
+
+    def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
+        """Return which precondition failed, or which effects, rates and events took part.
+
+        Returns:
+            The sites passed, in order, and the flags.
+        """
+        values: list[float] = np.asarray(state, dtype=np.float64).tolist()
+        function, sites = self._program.traced
+        passed: list[int] = []
+        flags = function(values, action, self._theta_list, self.dt, [*values, 0.0], passed)
+        return [sites[k] for k in passed], flags
+
+    @property
+    def compiles(self) -> bool:
+        """Whether the model is small enough to be compiled to machine code in reasonable time.
+
+        Larger ones run in CPython, with the same results.
+        """
+        return self._program.size <= MAX_NATIVE_SIZE
+
+    def native_step(self) -> Any:
+        """Return the compiled C callback of `step` (numba), compiling it when first called."""
+        return self._program.native
+
+    def _step_batch(self, states: Vector, action: Any) -> Outcome:
+        batch, width = states.shape
+        if width != len(self.fluents):
+            raise StateError(
+                f"a state of this domain is {len(self.fluents)} numbers, found {width} columns"
+            )
+        if isinstance(action, str):
+            action = self.action_index(action)
+        given = np.asarray(action)
+        if given.shape not in ((), (batch,)) or (given.size and given.dtype.kind not in "iu"):
+            raise StateError(f"actions must be {batch} positions, found {action!r}")
+        actions = np.broadcast_to(given.astype(np.int64), (batch,))
+        if batch and (actions.min() < 0 or actions.max() >= len(self.actions)):
+            raise StateError(f"actions must be among the {len(self.actions)} from 0 on")
+        if not self.compiles:
+            return self._step_rows(states, actions)
+        from serp.domain.native import address_of, step_batch
+
+        flat = np.ascontiguousarray(states).reshape(-1)
+        out = np.empty(batch * (width + 1))
+        flags = np.empty(batch, dtype=np.int64)
+        step_batch(
+            address_of(self.native_step()),
+            flat,
+            np.ascontiguousarray(actions),
+            self.theta,
+            self.dt,
+            out,
+            flags,
+        )
+        table = out.reshape(batch, width + 1)
+        applicable = (flags & APPLICABLE) != 0
+        return Outcome(
+            state=np.where(applicable[:, None], table[:, :width], states),
+            reward=np.where(applicable, table[:, width], 0.0),
+            unsafe=(flags & UNSAFE) != 0,
+            terminal=(flags & TERMINAL) != 0,
+            applicable=applicable,
+        )
+
+    def _step_rows(self, states: Vector, actions: NDArray[np.int64]) -> Outcome:
+        rows = [self.step(s, a) for s, a in zip(states, actions.tolist(), strict=True)]
+        return Outcome(
+            state=np.array([r.state for r in rows]).reshape(states.shape),
+            reward=np.array([r.reward for r in rows], dtype=np.float64),
+            unsafe=np.array([r.unsafe for r in rows], dtype=np.bool_),
+            terminal=np.array([r.terminal for r in rows], dtype=np.bool_),
+            applicable=np.array([r.applicable for r in rows], dtype=np.bool_),
+        )

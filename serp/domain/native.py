@@ -1,0 +1,135 @@
+"""Running a generated transition function as machine code, by numba.
+
+The generated function is compiled alone, to a C callback; what loops over states (the lookahead,
+batches) is compiled once for all domains and calls it through its address. An edit of a domain file
+therefore costs the compilation of one small function, and none at all where only numbers changed.
+Both are cached on disk by numba, in the folder that `cache_folder` returns.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import os
+import tempfile
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import platformdirs
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import cfunc, njit, types
+from numba.extending import intrinsic
+
+from serp.domain.codegen import Generated
+from serp.domain.interpreted import load_function
+
+_POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
+_STEP = types.int64(_POINTER, types.int64, _POINTER, types.float64, _POINTER)
+
+
+def cache_folder() -> Path:
+    """Return the folder of compiled models: $SERP_CACHE_DIR, or the user's cache folder."""
+    chosen = os.environ.get("SERP_CACHE_DIR")
+    return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("serp")) / "models"
+
+
+def structure_digest(generated: Generated) -> str:
+    """Return a digest of a generated function; literals of the domain do not enter it."""
+    return hashlib.sha256(ast.dump(generated.tree).encode()).hexdigest()[:24]
+
+
+def compile_native(generated: Generated) -> Any:
+    """Compile a generated `step` to a C callback; its `address` is what `call_step` takes.
+
+    The callback must be kept alive as long as the address is in use.
+    """
+    # `error_model`: divisions are guarded in the generated code, so no check is compiled in.
+    options: dict[str, Any] = {"error_model": "numpy"}
+    path = _cached_listing(generated)
+    if path is not None:
+        try:
+            return cfunc(_STEP, cache=True, **options)(load_function(generated, str(path)))
+        except Exception as error:  # numba's cache files: cut short, unreadable, of another make
+            warnings.warn(f"compiled model in {path.parent} not used: {error}", stacklevel=2)
+    return cfunc(_STEP, **options)(load_function(generated, "<serp step>"))
+
+
+def _cached_listing(generated: Generated) -> Path | None:
+    """Write the function's listing beside which numba keeps its cache; None where it cannot be.
+
+    The listing is for numba's bookkeeping and for people; it is never read back.
+    """
+    folder = cache_folder()
+    path = folder / f"model_{structure_digest(generated)}.py"
+    if path.exists():
+        return path
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".tmp", delete=False) as file:
+            file.write(ast.unparse(generated.tree) + "\n")
+        os.replace(file.name, path)
+    except OSError:
+        return None
+    return path
+
+
+def _call_step(  # type: ignore[no-untyped-def]
+    typing_context, address, states, offset, action, theta, dt, out, out_offset
+):
+    """Call a compiled `step` from other compiled code.
+
+    Args (as seen by the caller): address of the callback (intp), flat float64 array and offset
+    of the state, action, θ array, Δt, flat float64 array and offset of the copy to change.
+    Returns its flags (int64).
+    """
+    signature = types.int64(address, states, offset, action, theta, dt, out, out_offset)
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        real, integer = ir.DoubleType(), ir.IntType(64)
+        pointer = real.as_pointer()
+        kind = ir.FunctionType(integer, [pointer, integer, pointer, real, pointer])
+
+        def data(position: int) -> Any:
+            array = context.make_array(signature.args[position])
+            return array(context, builder, arguments[position]).data
+
+        callee = builder.inttoptr(arguments[0], kind.as_pointer())
+        state = builder.gep(data(1), [arguments[2]])
+        target = builder.gep(data(6), [arguments[7]])
+        return builder.call(callee, [state, arguments[3], data(4), arguments[5], target])
+
+    return signature, generate
+
+
+call_step: Any = intrinsic(_call_step)
+
+
+@njit(cache=True, nogil=True)
+def step_batch(  # type: ignore[no-untyped-def]
+    address, states, actions, theta, dt, out, flags
+):
+    """Step a batch.
+
+    Args:
+        address: Address of the compiled `step`.
+        states: Flat `[B * F]` float64.
+        actions: `[B]` int64.
+        theta: θ.
+        dt: Control period, seconds.
+        out: Flat `[B * (F + 1)]` float64; receives next states, each followed by its reward.
+        flags: `[B]` int64; receives the flags.
+    """
+    batch = actions.shape[0]
+    width = states.shape[0] // max(batch, 1)
+    for row in range(batch):
+        base, target = row * width, row * (width + 1)
+        for column in range(width):
+            out[target + column] = states[base + column]
+        flags[row] = call_step(address, states, base, actions[row], theta, dt, out, target)
+
+
+def address_of(callback: Any) -> np.intp:
+    """Return the address of a compiled callback in the type that `call_step` expects."""
+    return np.intp(callback.address)

@@ -1,0 +1,34 @@
+"""The errors that a user of serp can meet.
+
+Everything that is the user's to mend derives from :class:`SerpError`; the command line prints its
+text without a traceback and exits with status 1. Any other exception that leaves serp is a bug.
+"""
+
+from __future__ import annotations
+
+
+class SerpError(Exception):
+    """Base of all errors that say what is wrong with the input and what to do about it."""
+
+
+class TaskError(SerpError):
+    """A task does not fit together: environment, domain, grounding or the map of actions."""
+
+
+class EnvironmentFailure(SerpError):
+    """The environment raised, or returned something that its own spaces do not allow."""
+
+
+class RunError(SerpError):
+    """A run folder or a checkpoint cannot be written, read or continued."""
+
+
+class SettingsError(SerpError):
+    """A setting has a value outside its range, or does not exist."""
+
+
+class MissingExtra(SerpError):
+    """An optional dependency is needed for what was asked."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        super().__init__(f"{what} needs an optional part: pip install 'serp[{extra}]'")

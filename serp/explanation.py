@@ -1,0 +1,64 @@
+"""Saying why, in the words of the domain file."""
+
+from __future__ import annotations
+
+from serp.domain import ground as g
+from serp.domain.codegen import Site
+from serp.domain.model import TransitionModel, Vector
+
+
+def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> str:
+    """Say why a ground action is not applicable: the failed precondition with the values that it
+    reads, or the effects that contradict each other or give no number.
+    """
+    passed, _ = model.trace(state, action)
+    name = model.actions[action].name
+    for site in reversed(passed):
+        if site.what == "failed" and site.item is not None:
+            return f"{name}: {_quote(site)} does not hold ({_values(model, state, site.item)})"
+        if site.what == "conflict":
+            return f"{name}: {_quote(site)} contradicts another effect"
+        if site.what == "undefined":
+            what = site.schema.name if site.schema else "the reward"
+            return f"{name}: {what} gives no finite number"
+    return f"{name} is applicable"
+
+
+def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
+    """Say which effect makes `(unsafe)` true one step ahead."""
+    passed, _ = model.trace(state, action)
+    for site in passed:
+        if isinstance(site.item, g.SetBoolean) and site.item.target == g.UNSAFE_TARGET:
+            assert site.schema is not None
+            through = "" if site.schema is model.actions[action] else f" through {_of(site.schema)}"
+            return f"{model.actions[action].name}: {_quote(site)}{through}"
+    return f"{model.actions[action].name} is not predicted unsafe"
+
+
+def _of(schema: g.GroundSchema) -> str:
+    return f"{schema.kind.value} {schema.name}"
+
+
+def _quote(site: Site) -> str:
+    place = site.item.place if isinstance(site.item, _PLACED) else None
+    if place is None:
+        assert site.schema is not None
+        place = site.schema.place
+    return f"`{place.text}` (line {place.line})"
+
+
+def _values(model: TransitionModel, state: Vector, test: g.Test) -> str:
+    names = {"unsafe": g.UNSAFE_TARGET, "terminal": g.TERMINAL_TARGET}
+    parts = []
+    for index in dict.fromkeys(g.fluents_of(test)):
+        if index < 0:
+            parts.append(next(name for name, target in names.items() if target == index))
+            continue
+        fluent = model.fluents[index]
+        value = float(state[index])
+        shown = f"{value:.4g}" if fluent.numeric else ("true" if value else "false")
+        parts.append(f"{fluent.name} = {shown}")
+    return ", ".join(parts)
+
+
+_PLACED = (g.Holds, g.Compare, g.Not, g.All, g.AnyOf, g.SetBoolean, g.SetNumber)

@@ -1,0 +1,43 @@
+"""The learner: a DQN for small dense networks on one CPU core (paper section 3.3).
+
+=============  =======================================================================
+``settings``   `DQNSettings`: every choice, with its range
+``network``    `QNetwork`: parameters in one flat tensor, forward and backward pass
+``adam``       `Adam` on that tensor
+``replay``     `ReplayBuffer`: n-step samples, masks, protected memory
+``bounds``     `ReturnBounds`: between which values a return can lie
+``schedule``   `LinearSchedule`: exploration over time
+``dqn``        `DQN`: proposes, remembers, learns; `Proposal`
+=============  =======================================================================
+
+The names below are imported on first use, so that torch is loaded only where something learns.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from serp.learning.dqn import DQN, Proposal
+    from serp.learning.replay import ReplayBuffer
+    from serp.learning.settings import DQNSettings
+
+__all__ = ["DQN", "DQNSettings", "Proposal", "ReplayBuffer"]
+
+_HOME = {
+    "DQN": "serp.learning.dqn",
+    "DQNSettings": "serp.learning.settings",
+    "Proposal": "serp.learning.dqn",
+    "ReplayBuffer": "serp.learning.replay",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(set(globals()) | set(_HOME))

@@ -1,0 +1,67 @@
+"""Between which values a discounted return can lie, from the rewards a task gives.
+
+A return is γ⁰c₀ + γ¹c₁ + … + γᵐt: m ≥ 0 rewards of steps after which the episode goes on, and the
+reward t of the step that terminates it (none where it never terminates). With rewards
+c ≤ c̄ and t ≤ t̄ that is at most
+
+    (1 − γᵐ) · c̄ / (1 − γ) + γᵐ · t̄,
+
+a weighted mean of c̄ / (1 − γ) and t̄. The largest return is therefore the larger of the two, the
+smallest likewise. Telling both kinds of reward apart keeps the bounds tight: with 0 to 1 a step
+and −1 for a fall, γ = 0.9, they are −1 and 10, where the range of all rewards would give −10.
+
+Only the *estimated* part of a TD target, the value of the next state, has to be clipped to these
+bounds. What was observed is true: a terminal target is its rewards alone and stays as it is, and a
+non-terminal target then lies between R + γᵏ·lower and R + γᵏ·upper, inside the bounds and tighter.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+
+class ReturnBounds:
+    """The smallest and the largest possible return.
+
+    Args:
+        discount: γ, 0 ≤ γ < 1.
+        reward_range: smallest and largest reward of any step, where the task knows them; without,
+            the rewards observed so far count. A reward outside the range widens it.
+    """
+
+    def __init__(self, discount: float, reward_range: tuple[float, float] | None = None) -> None:
+        if reward_range is not None and not reward_range[0] <= reward_range[1]:
+            raise ValueError(f"reward_range must be (smallest, largest), not {reward_range}")
+        self._horizon = 1.0 / (1.0 - discount)
+        low, high = (math.inf, -math.inf) if reward_range is None else map(float, reward_range)
+        self._going_on = [low, high]
+        self._terminal = [low, high]
+        self._update()
+
+    def observe(self, reward: float, terminated: bool) -> None:
+        """Takes the reward of one step into account."""
+        seen = self._terminal if terminated else self._going_on
+        if seen[0] <= reward <= seen[1]:
+            return
+        seen[0] = min(seen[0], reward)
+        seen[1] = max(seen[1], reward)
+        self._update()
+
+    def _update(self) -> None:
+        lower = min(self._going_on[0] * self._horizon, self._terminal[0])
+        upper = max(self._going_on[1] * self._horizon, self._terminal[1])
+        nothing_known = lower > upper
+        self.lower: float = -math.inf if nothing_known else lower
+        self.upper: float = math.inf if nothing_known else upper
+
+    def state(self) -> list[float]:
+        """Smallest and largest reward of going on, and of terminating; ±inf where none was seen."""
+        return [*self._going_on, *self._terminal]
+
+    def load_state(self, state: Sequence[float]) -> None:
+        """Continues from what `state` returned."""
+        low, high, terminal_low, terminal_high = map(float, state)
+        self._going_on = [low, high]
+        self._terminal = [terminal_low, terminal_high]
+        self._update()

@@ -1,0 +1,260 @@
+"""The Q-network: a small dense network, its forward pass and its hand-written backward pass.
+
+All parameters lie in one flat float32 tensor of torch's, so that the optimiser, the copy to a
+target network and a checkpoint are single operations. The arithmetic runs on NumPy views of that
+memory: NumPy's matrix products and the compiled loops of `serp.learning.kernels`, every result
+into a buffer allocated beforehand. On networks of this size that is several times faster than
+torch's autograd, for which calls cost more than arithmetic. `QNetwork.module` gives an ordinary
+`torch.nn.Module` with equal outputs.
+
+Threads: matrix products of this size lose by being split over threads, most of all where other
+processes want the same cores. Whoever trains should limit NumPy's BLAS to one thread
+(``threadpoolctl.threadpool_limits(1)``, or OPENBLAS_NUM_THREADS=1 in the environment) and call
+``torch.set_num_threads(1)``.
+
+Determinism: equal parameters and inputs of equal shape give equal bits. A row on its own and the
+same row in a batch agree to float32 accuracy only, for BLAS adds up in another order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from serp.learning import kernels
+
+type_F32 = npt.NDArray[np.float32]
+
+_NO_FLOOR = np.float32(-math.inf)
+_RELU_FLOOR = np.float32(0.0)
+
+
+class _Layer:
+    """Where one layer lies in the flat parameters, and buffers' views have this shape too.
+
+    Attributes:
+        weight: view ``[inputs, outputs]``, or ``[members, inputs, outputs]`` with several members.
+        transposed: view with the last two axes of `weight` exchanged.
+        weight_gradient: like `weight`, in the gradient.
+        start: column of the first weight in the flat parameters.
+        bias: column of the first bias.
+        end: the first column after the layer.
+    """
+
+    def __init__(
+        self, network: QNetwork, start: int, inputs: int, outputs: int, normalized: bool
+    ) -> None:
+        self.start = start
+        self.bias = start + inputs * outputs
+        self.end = self.bias + (3 if normalized else 1) * outputs
+        self.inputs, self.outputs, self.normalized = inputs, outputs, normalized
+        self.weight = self._matrix(network.parameters)
+        self.transposed = self.weight.swapaxes(-1, -2)
+        self.weight_gradient = self._matrix(network.gradient)
+
+    def _matrix(self, flat: torch.Tensor) -> type_F32:
+        block = flat[:, self.start : self.bias].reshape(-1, self.inputs, self.outputs)
+        matrix: type_F32 = _squeezed(block.numpy())
+        if not np.shares_memory(matrix, flat.numpy()):
+            raise AssertionError("a layer's matrix must be a view of the flat parameters")
+        return matrix
+
+
+class _Buffers:
+    """One layer's arrays for one size of batch; each also without the axis of a single member."""
+
+    def __init__(self, members: int, batch: int, outputs: int, normalized: bool) -> None:
+        def zeros(*shape: int) -> type_F32:
+            # torch aligns memory to 64 bytes: results cannot depend on where an array lies.
+            array: type_F32 = torch.zeros(members, batch, *shape).numpy()
+            return array
+
+        self.z = zeros(outputs)  # before LayerNorm and ReLU
+        self.h = zeros(outputs) if normalized else self.z  # after them
+        self.inverse = zeros()  # 1 / standard deviation, under LayerNorm
+        self.d = zeros(outputs)  # gradient of the loss in h, then in z
+        self.flat_z, self.flat_h, self.flat_d = map(_squeezed, (self.z, self.h, self.d))
+        self.transposed_h = self.flat_h.swapaxes(-1, -2)
+
+
+class Workspace:
+    """Preallocated buffers for forward and backward passes over batches of one size.
+
+    Attributes:
+        batch: that size.
+        q: ``[members, batch, A]``, the result of the last forward pass.
+        q_gradient: ``[members, batch, A]``; the caller writes dloss/dq here before
+            `QNetwork.backward`, which may overwrite it.
+    """
+
+    def __init__(self, network: QNetwork, batch: int) -> None:
+        self.batch = batch
+        self._layers = [
+            _Buffers(network.members, batch, layer.outputs, layer.normalized)
+            for layer in network.layers
+        ]
+        self._input: type_F32 = np.zeros((batch, network.sizes[0]), np.float32)
+        self.q = self._layers[-1].z
+        self.q_gradient = self._layers[-1].d
+
+
+class QNetwork:
+    """One Q-network, or several of one shape side by side ("members").
+
+    Args:
+        input_size: numbers in one input, F ≥ 1.
+        action_count: Q-values of one input, A ≥ 1.
+        hidden: neurons of each hidden layer; ReLU follows each.
+        layer_norm: LayerNorm before each ReLU.
+        members: networks side by side, E ≥ 1.
+        rng: draws the start, uniform in ±1/√inputs for weights and biases as in
+            `torch.nn.Linear`; None leaves all parameters 0 (a target network).
+
+    Attributes:
+        sizes: (F, *hidden, A).
+        parameters: float32 tensor ``[E, P]``: member by member, layer by layer the weights
+            ``[inputs, outputs]``, the bias and, under LayerNorm, gain and shift.
+        gradient: float32 tensor ``[E, P]``, written by `backward`.
+        layers: where each layer lies.
+    """
+
+    def __init__(
+        self,
+        input_size: int,
+        action_count: int,
+        hidden: Sequence[int],
+        *,
+        layer_norm: bool = False,
+        members: int = 1,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self.sizes = (input_size, *hidden, action_count)
+        self.layer_norm = layer_norm
+        self.members = members
+        count = sum((n + 1) * m for n, m in pairwise(self.sizes))
+        if layer_norm:
+            count += 2 * sum(hidden)
+        self.parameters = torch.zeros(members, count)
+        self.gradient = torch.zeros(members, count)
+        self._flat: type_F32 = self.parameters.numpy()
+        self._flat_gradient: type_F32 = self.gradient.numpy()
+        self.layers: list[_Layer] = []
+        start = 0
+        for i, (inputs, outputs) in enumerate(pairwise(self.sizes)):
+            layer = _Layer(self, start, inputs, outputs, layer_norm and i < len(hidden))
+            self.layers.append(layer)
+            start = layer.end
+        if rng is not None:
+            self._draw(rng)
+
+    def _draw(self, rng: np.random.Generator) -> None:
+        for layer in self.layers:
+            gain, shift = layer.bias + layer.outputs, layer.bias + 2 * layer.outputs
+            values = rng.random((self.members, gain - layer.start), np.float32)
+            scale = np.float32(1.0 / math.sqrt(layer.inputs))
+            self._flat[:, layer.start : gain] = (2 * values - 1) * scale
+            if layer.normalized:
+                self._flat[:, gain:shift] = 1.0
+
+    def forward(self, inputs: type_F32, work: Workspace) -> type_F32:
+        """Q-values of a batch.
+
+        Args:
+            inputs: ``[batch, F]`` for all members alike, or ``[members, batch, F]``; `backward`
+                reads it again.
+            work: buffers for that size of batch.
+
+        Returns:
+            `work.q`, ``[members, batch, A]``: valid until the next call.
+        """
+        if inputs.ndim == 3:
+            inputs = _squeezed(inputs)
+        work._input = inputs
+        below = inputs
+        for layer, here in zip(self.layers, work._layers, strict=True):
+            np.matmul(below, layer.weight, out=here.flat_z)
+            if layer.normalized:
+                kernels.normalize(here.z, here.h, here.inverse, self._flat, layer.bias)
+            else:
+                floor = _NO_FLOOR if layer is self.layers[-1] else _RELU_FLOOR
+                kernels.add_bias(here.z, self._flat, layer.bias, floor)
+            below = here.flat_h
+        return work.q
+
+    def backward(self, work: Workspace) -> None:
+        """Writes the gradient of a loss into `gradient`.
+
+        Args:
+            work: as the last `forward` left it, with dloss/dq in `work.q_gradient`.
+        """
+        flat = self._flat_gradient
+        kernels.add_bias_backward(work.q_gradient, flat, self.layers[-1].bias)
+        for i in range(len(self.layers) - 1, 0, -1):
+            layer, here = self.layers[i], work._layers[i]
+            lower, below = self.layers[i - 1], work._layers[i - 1]
+            np.matmul(below.transposed_h, here.flat_d, out=layer.weight_gradient)
+            np.matmul(here.flat_d, layer.transposed, out=below.flat_d)
+            if lower.normalized:
+                kernels.normalize_backward(
+                    below.d, below.h, below.z, below.inverse, self._flat, flat, lower.bias
+                )
+            else:
+                kernels.relu_backward(below.d, below.h, flat, lower.bias)
+        transposed_input = work._input.swapaxes(-1, -2)
+        np.matmul(transposed_input, work._layers[0].flat_d, out=self.layers[0].weight_gradient)
+
+    def copy_from(self, other: QNetwork) -> None:
+        """Takes over the parameters of a network of the same shape."""
+        self.parameters.copy_(other.parameters)
+
+    def move_towards(self, other: QNetwork, share: float) -> None:
+        """Polyak averaging: parameters += share × (other's − own)."""
+        self.parameters.lerp_(other.parameters, share)
+
+    def module(self) -> torch.nn.Module:
+        """An independent copy for export: ``[batch, F]`` → ``[batch, A]``, the members' mean."""
+        modules = [self._member_module(m) for m in range(self.members)]
+        return modules[0] if self.members == 1 else MeanOfMembers(modules)
+
+    def _member_module(self, member: int) -> torch.nn.Sequential:
+        flat = self.parameters[member]
+        stack: list[torch.nn.Module] = []
+        for layer in self.layers:
+            vectors = flat[layer.bias : layer.end].reshape(-1, layer.outputs)
+            linear = torch.nn.Linear(layer.inputs, layer.outputs)
+            with torch.no_grad():
+                weight = flat[layer.start : layer.bias].reshape(layer.inputs, layer.outputs)
+                linear.weight.copy_(weight.T)
+                linear.bias.copy_(vectors[0])
+            stack.append(linear)
+            if layer.normalized:
+                norm = torch.nn.LayerNorm(layer.outputs, eps=kernels.NORM_EPSILON)
+                with torch.no_grad():
+                    norm.weight.copy_(vectors[1])
+                    norm.bias.copy_(vectors[2])
+                stack.append(norm)
+            if layer is not self.layers[-1]:
+                stack.append(torch.nn.ReLU())
+        return torch.nn.Sequential(*stack)
+
+
+class MeanOfMembers(torch.nn.Module):
+    """The mean output of several networks."""
+
+    def __init__(self, members: Sequence[torch.nn.Module]) -> None:
+        super().__init__()
+        self.members = torch.nn.ModuleList(members)
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """``[batch, F]`` → ``[batch, A]``."""
+        return torch.stack([member(inputs) for member in self.members]).mean(0)
+
+
+def _squeezed(array: type_F32) -> type_F32:
+    """Without the axis of a single member: one plain matrix product is the cheapest."""
+    return array[0] if len(array) == 1 else array

@@ -1,0 +1,1 @@
+"""Planning with the transition model: planning graph, lookahead, monitor-replanning (MrP)."""

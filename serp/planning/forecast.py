@@ -1,0 +1,69 @@
+"""What the planner knows of every action in one state, whichever form computed it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
+from serp.planning.settings import Bound
+
+SAFE = 1 << 30
+"""Number of safe steps of a path on which nothing is predicted unsafe."""
+
+
+class Forecast(NamedTuple):
+    """The planner's view of one state.
+
+    Attributes:
+        choice: The first action of the best path; -1 where no action is applicable. Best means:
+            safe for the longest time, then the largest discounted sum of rewards, then first in
+            the file.
+        value: `[A]` discounted sum of rewards of the best path that begins with each action;
+            -inf where not applicable.
+        safe_steps: `[A]` edges before the first unsafe one on that path; SAFE where there is none,
+            -1 where not applicable.
+        reward: `[A]` predicted reward of one control period.
+        flags: `[A]` APPLICABLE, UNSAFE and TERMINAL, predicted for one control period.
+        depth: Layers that were expanded.
+        bound: What ended the expansion.
+    """
+
+    choice: int
+    value: NDArray[np.float64]
+    safe_steps: NDArray[np.int64]
+    reward: NDArray[np.float64]
+    flags: NDArray[np.int64]
+    depth: int
+    bound: Bound
+
+    @property
+    def applicable(self) -> NDArray[np.bool_]:
+        """`[A]` whether the precondition holds."""
+        return (self.flags & APPLICABLE) != 0
+
+    @property
+    def unsafe(self) -> NDArray[np.bool_]:
+        """`[A]` whether the action is predicted unsafe."""
+        return (self.flags & UNSAFE) != 0
+
+    @property
+    def terminal(self) -> NDArray[np.bool_]:
+        """`[A]` whether the action is predicted to end the task."""
+        return (self.flags & TERMINAL) != 0
+
+    @property
+    def safe(self) -> bool:
+        """Whether nothing on the chosen path is predicted unsafe."""
+        return self.choice >= 0 and int(self.safe_steps[self.choice]) == SAFE
+
+    @property
+    def indifferent(self) -> bool:
+        """Whether two or more actions are applicable and all of them promise the same."""
+        candidates = np.flatnonzero(self.applicable)
+        if len(candidates) < 2:
+            return False
+        values, steps = self.value[candidates], self.safe_steps[candidates]
+        return bool((values == values[0]).all() and (steps == steps[0]).all())

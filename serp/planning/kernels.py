@@ -1,0 +1,234 @@
+"""The compiled loops of planning, the same for every domain.
+
+Each takes the address of a compiled transition function (see `serp.domain.native`). The graph is
+expanded layer by layer; equal states of a layer merge; the last layer is never stored. A backward
+pass over the stored layers finds the best path of every first action.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import get_num_threads, get_thread_id, njit, prange
+
+from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
+from serp.domain.native import call_step
+from serp.planning.forecast import SAFE
+from serp.planning.settings import Bound
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+_DEPTH = int(Bound.DEPTH)
+_NODES = int(Bound.NODES)
+_EXHAUSTED = int(Bound.EXHAUSTED)
+
+
+@njit(cache=True, nogil=True)
+def edge(address, states, node, action, repeat, gamma, theta, dt, out, slot, scratch, width):
+    """Follow one edge: `action`, `repeat` times or until it ends.
+
+    Args:
+        states: Flat `[N * (F + 1)]`; the edge starts at row `node`.
+        out: Flat rows of F + 1 as well; row `slot` receives the state reached.
+        scratch: Row of `out` to work in.
+        width: F.
+
+    Returns:
+        Discounted reward, weight of what follows (γ to the number of periods), flags of the whole
+        edge, reward and flags of its first period.
+    """
+    row = width + 1
+    source = node * row
+    target = slot * row
+    spare = scratch * row
+    for i in range(width):
+        out[target + i] = states[source + i]
+    flags = call_step(address, states, source, action, theta, dt, out, target)
+    reward = out[target + width]
+    first_reward = reward
+    first_flags = flags
+    weight = gamma
+    for _ in range(repeat - 1):
+        if not flags & APPLICABLE or flags & TERMINAL:
+            break
+        for i in range(width):
+            out[spare + i] = out[target + i]
+        again = call_step(address, out, spare, action, theta, dt, out, target)
+        if not again & APPLICABLE:
+            for i in range(width):
+                out[target + i] = out[spare + i]
+            break
+        flags |= again
+        reward += weight * out[target + width]
+        weight *= gamma
+    return reward, weight, flags, first_reward, first_flags
+
+
+@njit(cache=True, nogil=True)
+def expand(address, states, nodes, actions, repeat, gamma, theta, dt, out, reward, weight, flags,
+           first_reward, first_flags):  # fmt: skip
+    """Follow every edge of `nodes` states.
+
+    Args:
+        states: Flat `[nodes * (F + 1)]`.
+        out: Flat `[(nodes * actions + 1) * (F + 1)]`; receives the states reached.
+        reward, weight, flags, first_reward, first_flags: `[nodes * actions]`; see `edge`.
+    """
+    width = states.shape[0] // nodes - 1
+    scratch = nodes * actions
+    for node in range(nodes):
+        for action in range(actions):
+            e = node * actions + action
+            reward[e], weight[e], flags[e], first_reward[e], first_flags[e] = edge(
+                address, states, node, action, repeat, gamma, theta, dt, out, e, scratch, width
+            )
+
+
+@njit(cache=True, nogil=True)
+def _same_slot(states, row, width, table, mask, candidate):
+    """Return the table's slot of the state equal to row `candidate`, or the empty one for it."""
+    digest = np.uint64(0xCBF29CE484222325)
+    base = candidate * row
+    for i in range(width):
+        bits = np.float64(states[base + i] + 0.0).view(np.uint64)  # -0.0 equals 0.0
+        digest = (digest ^ bits) * np.uint64(0x9E3779B97F4A7C15)
+        digest ^= digest >> np.uint64(29)
+    slot = np.int64(digest & np.uint64(mask))
+    while table[slot] >= 0:
+        other = table[slot] * row
+        equal = True
+        for i in range(width):
+            if states[other + i] != states[base + i]:
+                equal = False
+                break
+        if equal:
+            break
+        slot = (slot + 1) & mask
+    return slot
+
+
+@njit(cache=True, nogil=True)
+def search(address, state, width, actions, depth, repeat, gamma, max_nodes, theta, dt,
+           states, reward, weight, flags, child, best_value, best_steps, table,
+           value, steps, first_reward, first_flags):  # fmt: skip
+    """Expand the planning graph of one state and find the best path of every first action.
+
+    Args:
+        state: `[F]`.
+        states: Scratch, flat `[(max_nodes + 2) * (F + 1)]`.
+        reward, weight, flags, child: Scratch, `[max_nodes * A]`.
+        best_value, best_steps: Scratch, `[max_nodes]`.
+        table: Scratch, a power of two of at least twice max_nodes.
+        value, steps, first_reward, first_flags: `[A]` results; see `Forecast`.
+
+    Returns:
+        Chosen action, layers expanded, bound.
+    """
+    row = width + 1
+    spare = max_nodes + 1
+    for i in range(width):
+        states[i] = state[i]
+    start = 0
+    end = 1
+    expanded = 0
+    bound = _DEPTH
+    while expanded < depth:
+        if start == end:
+            bound = _EXHAUSTED
+            break
+        if end > max_nodes:
+            bound = _NODES
+            break
+        stored = end
+        keep = expanded + 1 < depth
+        mask = 1
+        if keep:
+            wanted = min(max_nodes, (end - start) * actions)
+            while mask < 2 * wanted:
+                mask *= 2
+            mask -= 1
+            for i in range(mask + 1):
+                table[i] = -1
+        for node in range(start, end):
+            for action in range(actions):
+                e = node * actions + action
+                slot = min(stored, max_nodes)
+                reward[e], weight[e], flags[e], one_reward, one_flags = edge(
+                    address, states, node, action, repeat, gamma, theta, dt,
+                    states, slot, spare, width,
+                )  # fmt: skip
+                child[e] = -1
+                if expanded == 0:
+                    first_reward[action] = one_reward
+                    first_flags[action] = one_flags
+                if not keep or not flags[e] & APPLICABLE or flags[e] & TERMINAL:
+                    continue
+                if stored > max_nodes:
+                    continue  # the next layer is too large to be expanded: all its nodes are leaves
+                place = _same_slot(states, row, width, table, mask, slot)
+                if table[place] < 0:
+                    if stored < max_nodes:
+                        table[place] = stored
+                    stored += 1
+                    if stored > max_nodes:
+                        continue
+                child[e] = table[place]
+        start = end
+        end = stored
+        expanded += 1
+    for node in range(start - 1, -1, -1):
+        chosen = -1
+        top_value = 0.0
+        top_steps = SAFE
+        for action in range(actions):
+            e = node * actions + action
+            if not flags[e] & APPLICABLE:
+                if node == 0:
+                    value[action] = -np.inf
+                    steps[action] = -1
+                    first_reward[action] = 0.0
+                    first_flags[action] = 0
+                continue
+            total = reward[e]
+            safe = SAFE
+            if 0 <= child[e] < start:
+                total += weight[e] * best_value[child[e]]
+                safe = best_steps[child[e]]
+                if safe != SAFE:
+                    safe += 1
+            if flags[e] & UNSAFE:
+                safe = 0
+            if node == 0:
+                value[action] = total
+                steps[action] = safe
+            if chosen < 0 or safe > top_steps or (safe == top_steps and total > top_value):
+                chosen = action
+                top_value = total
+                top_steps = safe
+        best_value[node] = top_value
+        best_steps[node] = top_steps
+        if node == 0:
+            return chosen, expanded, bound
+    return -1, expanded, bound
+
+
+@njit(parallel=True, nogil=True, cache=True)
+def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, theta, dt,
+                 states, reward, weight, flags, child, best_value, best_steps, table,
+                 choice, value, steps, first_reward, first_flags, expanded, bound):  # fmt: skip
+    """Run `search` on every row of `batch` `[B, F]`, in parallel over the rows.
+
+    Scratch arrays have one more leading axis, one entry a thread; results one, an entry a row.
+    """
+    rows, width = batch.shape
+    for k in prange(rows):
+        t = get_thread_id()
+        choice[k], expanded[k], bound[k] = search(
+            address, batch[k], width, actions, depth, repeat, gamma, max_nodes, theta, dt,
+            states[t], reward[t], weight[t], flags[t], child[t], best_value[t], best_steps[t],
+            table[t], value[k], steps[k], first_reward[k], first_flags[k],
+        )  # fmt: skip
+
+
+def threads() -> int:
+    """Return how many threads a batch is spread over."""
+    return int(get_num_threads())

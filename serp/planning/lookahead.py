@@ -1,0 +1,115 @@
+"""The planner in array form: the same decisions as the planning graph, no objects."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from serp.domain.model import TransitionModel
+from serp.domain.native import address_of
+from serp.planning import kernels
+from serp.planning.forecast import Forecast
+from serp.planning.settings import Bound, PlannerSettings
+
+_BOUNDS = tuple(Bound)
+
+
+class BatchForecast(NamedTuple):
+    """`Forecast` of every row of a batch; each field has a leading axis `[B]`."""
+
+    choice: NDArray[np.int64]
+    value: NDArray[np.float64]
+    safe_steps: NDArray[np.int64]
+    reward: NDArray[np.float64]
+    flags: NDArray[np.int64]
+    depth: NDArray[np.int64]
+    bound: NDArray[np.int64]
+
+
+class Lookahead:
+    """Monitor-replanning without the graph: what training calls in every step.
+
+    Memory is bounded by `PlannerSettings.node_budget` and allocated once (once a thread for
+    batches). Not thread-safe: give each thread its own.
+
+    Args:
+        model: The transition model.
+        settings: Depth, discount and bounds.
+    """
+
+    def __init__(self, model: TransitionModel, settings: PlannerSettings | None = None) -> None:
+        self.model = model
+        self.settings = settings or PlannerSettings()
+        self._callback = model.native_step()
+        self._address = address_of(self._callback)
+        self._width = len(model.fluents)
+        self._actions = len(model.actions)
+        self._budget = self._nodes()
+        self._scratch = tuple(a[0] for a in self._allocate(1))
+        self._batch_scratch: tuple[NDArray[np.generic], ...] | None = None
+
+    def _nodes(self) -> int:
+        """Most nodes that can ever be expanded: the budget, or the whole tree if it is smaller."""
+        budget = self.settings.node_budget(self._actions)
+        tree, layer = 0, 1
+        for _ in range(self.settings.depth):
+            tree += layer
+            layer *= max(1, self._actions)
+            if tree >= budget:
+                return budget
+        return tree
+
+    def _allocate(self, threads: int) -> tuple[NDArray[np.generic], ...]:
+        nodes, edges = self._budget, self._budget * self._actions
+        size = 2
+        while size < 2 * nodes:
+            size *= 2
+        return (
+            np.zeros((threads, (nodes + 2) * (self._width + 1))),
+            np.zeros((threads, edges)),
+            np.zeros((threads, edges)),
+            np.zeros((threads, edges), dtype=np.uint8),
+            np.zeros((threads, edges), dtype=np.int32),
+            np.zeros((threads, nodes)),
+            np.zeros((threads, nodes), dtype=np.int64),
+            np.zeros((threads, size), dtype=np.int32),
+        )
+
+    def forecast(self, state: NDArray[np.float64]) -> Forecast:
+        """Return the planner's view of one state `[F]` (float64, contiguous, checked by the
+        caller; see `TransitionModel.check_state`).
+        """
+        actions = self._actions
+        value, reward = np.empty(actions), np.empty(actions)
+        steps, flags = np.empty(actions, dtype=np.int64), np.empty(actions, dtype=np.int64)
+        settings = self.settings
+        choice, depth, bound = kernels.search(
+            self._address, state, self._width, actions, settings.depth, settings.repeat,
+            settings.discount, self._budget, self.model.theta, self.model.dt,
+            *self._scratch, value, steps, reward, flags,
+        )  # fmt: skip
+        return Forecast(choice, value, steps, reward, flags, depth, _BOUNDS[bound])
+
+    def forecast_batch(self, states: ArrayLike) -> BatchForecast:
+        """Return the planner's view of every row of `[B, F]`, computed in parallel."""
+        batch = np.ascontiguousarray(states, dtype=np.float64)
+        rows, actions = batch.shape[0], self._actions
+        if self._batch_scratch is None or len(self._batch_scratch[0]) < kernels.threads():
+            self._batch_scratch = self._allocate(kernels.threads())
+        result = BatchForecast(
+            choice=np.empty(rows, dtype=np.int64),
+            value=np.empty((rows, actions)),
+            safe_steps=np.empty((rows, actions), dtype=np.int64),
+            reward=np.empty((rows, actions)),
+            flags=np.empty((rows, actions), dtype=np.int64),
+            depth=np.empty(rows, dtype=np.int64),
+            bound=np.empty(rows, dtype=np.int64),
+        )
+        settings = self.settings
+        kernels.search_batch(
+            self._address, batch, actions, settings.depth, settings.repeat, settings.discount,
+            self._budget, self.model.theta, self.model.dt, *self._batch_scratch, *result,
+        )  # fmt: skip
+        return result

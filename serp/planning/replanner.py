@@ -1,0 +1,127 @@
+"""Monitor-replanning (MrP): monitor, expand, choose the best path, execute its first action.
+
+Paper, section 3.2, after Russell & Norvig's execution monitoring and replanning.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import networkx as nx
+from numpy.typing import ArrayLike
+
+from serp.domain.codegen import UNSAFE
+from serp.domain.model import TransitionModel
+from serp.errors import SettingsError
+from serp.planning.forecast import Forecast
+from serp.planning.graph import PlanningGraph
+from serp.planning.settings import Bound, PlannerSettings
+
+
+class PlannedStep(NamedTuple):
+    """One edge of the chosen path: action (name), predicted reward, unsafe flag, state reached."""
+
+    action: str
+    reward: float
+    unsafe: bool
+    state: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One decision of the planner.
+
+    Attributes:
+        action: Position of the chosen action, or None where none is applicable.
+        name: Its name, or None.
+        path: The chosen path.
+        reward: Discounted sum of rewards along it.
+        safe: Whether nothing on it is predicted unsafe.
+        indifferent: Whether all applicable actions promise the same: what is good lies beyond
+            the lookahead, and the first action in the file was taken.
+        depth: Layers that were expanded.
+        bound: What ended the expansion: depth, nodes, time, or nothing left to expand.
+        forecast: What every first action promises.
+    """
+
+    action: int | None
+    name: str | None
+    path: tuple[PlannedStep, ...]
+    reward: float
+    safe: bool
+    indifferent: bool
+    depth: int
+    bound: Bound
+    forecast: Forecast
+    _graph: PlanningGraph = field(repr=False)
+
+    @functools.cached_property
+    def graph(self) -> nx.MultiDiGraph:
+        """The planning graph; see `PlanningGraph.to_networkx`."""
+        return self._graph.to_networkx()
+
+
+class MonitorReplanner:
+    """The planner of the paper, with the graph that it decides on.
+
+    A decision is a pure function of state and model, except under `time_budget`.
+
+    Args:
+        model: The transition model.
+        depth, discount, repeat, max_nodes: See `PlannerSettings`.
+        time_budget: Seconds a decision may take; the deepest layer complete by then decides.
+            None for no bound.
+
+    Raises:
+        SettingsError: A setting is outside its range.
+    """
+
+    def __init__(
+        self,
+        model: TransitionModel,
+        *,
+        depth: int = 5,
+        discount: float = 0.99,
+        repeat: int = 1,
+        max_nodes: int = 10_000,
+        time_budget: float | None = None,
+    ) -> None:
+        self.model = model
+        self.settings = PlannerSettings(
+            depth=depth, discount=discount, repeat=repeat, max_nodes=max_nodes
+        )
+        if time_budget is not None and not time_budget > 0:
+            raise SettingsError(f"planner: time_budget must be positive, not {time_budget!r}")
+        self.time_budget = time_budget
+
+    def plan(self, state: ArrayLike) -> Plan:
+        """Plan from a state `[F]` that was monitored.
+
+        Raises:
+            StateError: The state does not fit the model.
+        """
+        start = time.perf_counter()
+        graph = PlanningGraph(self.model, self.settings, self.model.check_state(state))
+        graph.grow(None if self.time_budget is None else start + self.time_budget)
+        forecast = graph.evaluate()
+        names = [action.name for action in self.model.actions]
+        path = tuple(
+            PlannedStep(names[e.action], e.reward, bool(e.flags & UNSAFE), graph.states[e.target])
+            for e in graph.best_path()
+        )
+        chosen = forecast.choice if forecast.choice >= 0 else None
+        return Plan(
+            action=chosen,
+            name=None if chosen is None else names[chosen],
+            path=path,
+            reward=0.0 if chosen is None else float(forecast.value[chosen]),
+            safe=forecast.safe,
+            indifferent=forecast.indifferent,
+            depth=forecast.depth,
+            bound=forecast.bound,
+            forecast=forecast,
+            _graph=graph,
+        )

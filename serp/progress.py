@@ -1,0 +1,357 @@
+"""The display of a training while it runs: live on a terminal, plain lines elsewhere, or none."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Final, Self, TextIO
+
+from serp.runs.report import duration
+
+if TYPE_CHECKING:
+    from rich.live import Live
+
+_LIVE_EVERY: Final = 0.1  # seconds: ten pictures a second
+_LINE_EVERY: Final = 5.0  # seconds
+_MEMORY: Final = 30.0  # seconds over which speed is measured
+_TOO_SHORT: Final = 0.5  # seconds, within which speed is noise
+_WIDE: Final = 72  # columns of a terminal that the three pairs of numbers need
+_BAR: Final = 28  # characters
+
+
+@dataclass(frozen=True, slots=True)
+class ProgressStats:
+    """Where a training stands.
+
+    Attributes:
+        episode: episodes ended so far.
+        env_steps: steps in the environment so far.
+        last_return: return of the last episode; None before the first has ended.
+        mean_return: mean return of the last 20 episodes; None before the first has ended.
+        rho: learner probability; None where there is no learner.
+        vetoes: proposals refused so far.
+        unsafe_executed: executed actions that were unsafe, so far.
+    """
+
+    episode: int
+    env_steps: int
+    last_return: float | None = None
+    mean_return: float | None = None
+    rho: float | None = None
+    vetoes: int = 0
+    unsafe_executed: int = 0
+
+
+class Progress:
+    """A display; this base class shows nothing, which is what `quiet` asks for.
+
+    Used as a context manager around the training. In the loop::
+
+        if progress.due():
+            progress.update(ProgressStats(...))
+
+    and `update` once more after every episode. `due` costs a look at the clock, so that it can
+    stand in every step.
+
+    Args:
+        episodes: the budget in episodes, counted from the beginning of the run; None for none.
+        env_steps: the budget in env steps, likewise.
+        start: where the run stands as this process begins (a resumed run has steps already).
+        clock: seconds, monotonic.
+    """
+
+    def __init__(
+        self,
+        episodes: int | None = None,
+        env_steps: int | None = None,
+        start: ProgressStats | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._episodes = episodes
+        self._env_steps = env_steps
+        self._clock = clock
+        self._next = float("inf")  # when the next picture is due
+        self._latest = start or ProgressStats(0, 0)
+        self._samples: deque[tuple[float, int, int]] = deque()
+
+    def due(self) -> bool:
+        """Whether it is time for the next picture."""
+        return self._clock() >= self._next
+
+    def update(self, stats: ProgressStats) -> None:
+        """Takes the newest numbers, and shows them if it is time to."""
+        self._latest = stats
+        if self.due():
+            self._show()
+
+    def note(self, text: str) -> None:
+        """Shows one line that stays, such as a warning; nothing where the display is quiet."""
+
+    def __enter__(self) -> Self:
+        self._sample()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        pass
+
+    def _show(self) -> None:
+        pass
+
+    def _sample(self) -> None:
+        now = self._clock()
+        self._samples.append((now, self._latest.env_steps, self._latest.episode))
+        while len(self._samples) > 2 and self._samples[1][0] <= now - _MEMORY:
+            self._samples.popleft()
+
+    def _speed(self) -> tuple[float, float]:
+        """Env steps and episodes per second over the last half minute; 0 where unknown."""
+        (begin, steps, episodes), (end, *_) = self._samples[0], self._samples[-1]
+        if end - begin < _TOO_SHORT:
+            return 0.0, 0.0
+        seconds = end - begin
+        latest = self._latest
+        return (latest.env_steps - steps) / seconds, (latest.episode - episodes) / seconds
+
+    def _done(self) -> float | None:
+        """The share of the budget that is spent, in [0, 1]; None without a budget."""
+        spent = [
+            min(1.0, now / budget)
+            for now, budget in (
+                (self._latest.episode, self._episodes),
+                (self._latest.env_steps, self._env_steps),
+            )
+            if budget
+        ]
+        return max(spent, default=None)
+
+    def _seconds_left(self) -> float | None:
+        """Until the first budget is spent; None where that cannot be said."""
+        steps, episodes = self._speed()
+        left = [
+            max(0, budget - now) / speed
+            for now, budget, speed in (
+                (self._latest.episode, self._episodes, episodes),
+                (self._latest.env_steps, self._env_steps, steps),
+            )
+            if budget is not None and speed > 0
+        ]
+        return min(left, default=None)
+
+
+class _Lines(Progress):
+    """Plain lines without control codes: one at once, one every few seconds, one at the end."""
+
+    def __init__(self, stream: TextIO, **budget: Any) -> None:
+        super().__init__(**budget)
+        self._stream = stream
+        self._shown: ProgressStats | None = None
+        self._rho = "ρ" if _can_write(stream, "ρ") else "rho"
+
+    def __enter__(self) -> Self:
+        super().__enter__()
+        self._shown = self._latest
+        self._next = self._clock()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._shown is not self._latest:
+            self._show()
+
+    def note(self, text: str) -> None:
+        encoding = getattr(self._stream, "encoding", None) or "utf-8"
+        text = text.encode(encoding, "replace").decode(encoding)
+        # A display is not worth a run: a reader that went away ends the display alone.
+        try:
+            self._stream.write(text + "\n")
+            self._stream.flush()
+        except (OSError, ValueError):
+            self._next = float("inf")
+
+    def _show(self) -> None:
+        self._sample()
+        self._shown = self._latest
+        self._next = self._clock() + _LINE_EVERY
+        self.note(", ".join(self._parts()))
+
+    def _parts(self) -> list[str]:
+        now = self._latest
+        parts = [
+            f"episode {_of(now.episode, self._episodes)}",
+            f"step {_of(now.env_steps, self._env_steps)}",
+        ]
+        if now.last_return is not None:
+            parts.append(
+                f"return {_number(now.last_return)} (mean of 20: {_number(now.mean_return)})"
+            )
+        if now.rho is not None:
+            parts.append(f"{self._rho} {now.rho:.2f}")
+        parts += [f"vetoes {now.vetoes:,}", f"unsafe executed {now.unsafe_executed:,}"]
+        steps, _ = self._speed()
+        if steps > 0:
+            parts.append(f"{steps:,.0f} steps/s")
+        left = self._seconds_left()
+        if left is not None:
+            parts.append(f"{duration(left)} left")
+        return parts
+
+
+class _Panel(Progress):
+    """A panel that is drawn anew in place, with rich."""
+
+    def __init__(self, stream: TextIO, title: str, **budget: Any) -> None:
+        super().__init__(**budget)
+        self._stream = stream
+        self._title = title
+        self._live: Live | None = None
+
+    def __enter__(self) -> Self:
+        from rich.console import Console
+        from rich.live import Live
+
+        super().__enter__()
+        # No thread of rich's own: it would draw while the loop computes.
+        self._live = Live(console=Console(file=self._stream), auto_refresh=False)
+        self._live.start()
+        self._next = self._clock()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._live is None:
+            return
+        self._show()
+        with contextlib.suppress(OSError, ValueError):
+            self._live.stop()
+        self._live = None
+
+    def note(self, text: str) -> None:
+        if self._live is not None:
+            with contextlib.suppress(OSError, ValueError):
+                self._live.console.print(text, markup=False, highlight=False)
+
+    def _show(self) -> None:
+        if self._live is None:
+            return
+        self._sample()
+        try:
+            self._live.update(self._draw(), refresh=True)
+        except (OSError, ValueError):  # the terminal went away; the run goes on
+            self._next = float("inf")
+        else:
+            self._next = self._clock() + _LIVE_EVERY
+
+    def _draw(self) -> Any:
+        from rich.panel import Panel
+        from rich.table import Table
+        from rich.text import Text
+
+        assert self._live is not None
+        pairs = 3 if self._live.console.width >= _WIDE else 1
+        numbers = Table.grid(padding=(0, 2))
+        for _ in range(pairs):
+            numbers.add_column(justify="right", no_wrap=True)
+            numbers.add_column(justify="left", no_wrap=True)
+        cells = [Text(text, style) for row in self._numbers() for text, style in row]
+        for first in range(0, len(cells), 2 * pairs):
+            numbers.add_row(*cells[first : first + 2 * pairs])
+        outer = Table.grid()
+        outer.add_row(numbers)
+        done = self._done()
+        if done is not None:
+            full = round(done * _BAR)
+            outer.add_row(
+                Text.assemble(
+                    ("━" * full, "blue"), ("━" * (_BAR - full), "dim"), f" {100 * done:.0f} %"
+                )
+            )
+        return Panel(outer, title=Text(self._title), title_align="left", expand=False)
+
+    def _numbers(self) -> list[tuple[tuple[str, str], tuple[str, str]]]:
+        """Label and value, each with its style, by rows of three."""
+        now = self._latest
+        steps, _ = self._speed()
+        left = self._seconds_left()
+        safe = "bold green" if now.unsafe_executed == 0 else "bold red"
+        rows = [
+            ("episode", _of(now.episode, self._episodes), ""),
+            ("return", _number(now.last_return), ""),
+            ("vetoes", f"{now.vetoes:,}", ""),
+            ("step", _of(now.env_steps, self._env_steps), ""),
+            ("mean of 20", _number(now.mean_return), "bold"),
+            ("unsafe executed", f"{now.unsafe_executed:,}", safe),
+            ("steps/s", f"{steps:,.0f}" if steps > 0 else "–", ""),
+            ("ρ", "–" if now.rho is None else f"{now.rho:.2f}", ""),
+            ("time left", "–" if left is None else duration(left), ""),
+        ]
+        return [((label, "dim"), (value, style)) for label, value, style in rows]
+
+
+def open_progress(
+    *,
+    title: str = "training",
+    episodes: int | None = None,
+    env_steps: int | None = None,
+    start: ProgressStats | None = None,
+    quiet: bool = False,
+    stream: TextIO | None = None,
+) -> Progress:
+    """The display that suits where the output goes.
+
+    Args:
+        title: heads the live panel.
+        episodes: the budget in episodes, counted from the beginning of the run; None for none.
+        env_steps: the budget in env steps, likewise.
+        start: where a resumed run stands.
+        quiet: show nothing.
+        stream: where to show it; standard error by default (where there is one), which leaves
+            standard output to results.
+
+    Returns:
+        A panel on a terminal, plain lines on a pipe or a dumb terminal, nothing where `quiet`.
+    """
+    stream = stream or sys.stderr
+    budget: dict[str, Any] = {"episodes": episodes, "env_steps": env_steps, "start": start}
+    if quiet or stream is None:
+        return Progress(**budget)
+    terminal = stream.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
+    if terminal and _can_write(stream, "ρ━╭–"):
+        return _Panel(stream, title, **budget)
+    return _Lines(stream, **budget)
+
+
+def _can_write(stream: TextIO, text: str) -> bool:
+    try:
+        text.encode(getattr(stream, "encoding", None) or "utf-8")
+    except (UnicodeEncodeError, LookupError):
+        return False
+    return True
+
+
+def _of(now: int, budget: int | None) -> str:
+    return f"{now:,}" if budget is None else f"{now:,}/{budget:,}"
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return "–"
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.1f}"

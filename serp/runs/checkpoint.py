@@ -1,0 +1,241 @@
+"""Checkpoints: arrays and JSON in one safetensors file, with a digest, never a pickle.
+
+The file is an ordinary safetensors file. Its metadata has one entry, ``serp``, a JSON object::
+
+    {"format": 1, "sha256": "<digest of the content>", "meta": {...}}
+
+One entry, because safetensors writes several in no fixed order: so equal states give equal bytes.
+The JSON is Python's: integers of any size stay exact (a PCG64 state has 128 bits), and NaN and
+the infinities are written as ``NaN`` and ``Infinity``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.numpy
+from safetensors import SafetensorError
+
+from serp.errors import RunError
+from serp.runs.durable import (
+    aside_of,
+    cannot_write,
+    sync_folder,
+    what_is_kept,
+    write_aside,
+    write_durably,
+)
+
+FORMAT = 1
+NEWEST = "checkpoint.safetensors"
+PREVIOUS = "checkpoint-previous.safetensors"
+DAMAGED = "checkpoint-damaged.safetensors"
+
+_ENTRY = "serp"
+_LENGTH_BYTES = 8  # a safetensors file begins with the length of its header
+
+
+class CheckpointDamaged(RunError):
+    """A checkpoint is cut, or its bytes are not those that were written."""
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """What `load_newest` found.
+
+    Attributes:
+        arrays: name → array, writable, dtype and shape as they were saved.
+        meta: the JSON saved with them.
+        path: the file that was read.
+        fallback: why the previous checkpoint was taken; None where the newest one was whole.
+    """
+
+    arrays: dict[str, np.ndarray[Any, Any]]
+    meta: dict[str, Any]
+    path: Path
+    fallback: str | None = None
+
+
+def save(
+    path: Path | str, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
+) -> None:
+    """Writes a checkpoint in one step that survives a crash.
+
+    Args:
+        path: the file; a former one is replaced once the new one is safely on the disk.
+        arrays: name → array of any shape (0-d and empty too) of booleans, integers or floats.
+        meta: JSON values with text as keys; NumPy scalars are taken as the numbers they are.
+
+    Raises:
+        RunError: the write failed; the former checkpoint is whole.
+        TypeError: an array or a value has a type that the file cannot hold.
+    """
+    write_durably(Path(path), _encode(arrays, meta))
+
+
+def load(path: Path | str) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
+    """Reads what `save` wrote: writable arrays and the JSON, both exactly as they were.
+
+    Raises:
+        CheckpointDamaged: the file is cut or altered.
+        RunError: there is no such file, it cannot be read, it is no checkpoint of serp, or a
+            newer serp wrote it.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError as error:
+        raise RunError(
+            f"there is no checkpoint {path}. A run can be continued or evaluated once it has "
+            "written its first checkpoint."
+        ) from error
+    except OSError as error:
+        raise RunError(f"cannot read the checkpoint {path}: {error.strerror or error}.") from error
+    return _decode(path, data)
+
+
+def save_rotating(
+    folder: Path | str, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
+) -> Path:
+    """Writes ``checkpoint.safetensors`` and keeps the former one beside it.
+
+    The former is ``checkpoint-previous.safetensors`` from then on.
+    At every moment at least one whole checkpoint lies in the folder once there has been one.
+
+    Returns:
+        The file written.
+
+    Raises:
+        RunError: the write failed; the former checkpoint is whole.
+        TypeError: see `save`.
+    """
+    newest = Path(folder) / NEWEST
+    aside = write_aside(newest, _encode(arrays, meta))
+    try:
+        if newest.exists():
+            _keep(newest, newest.with_name(PREVIOUS))
+        os.replace(aside, newest)
+        sync_folder(newest.parent)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            aside.unlink(missing_ok=True)
+        raise cannot_write(newest, error, what_is_kept(newest)) from error
+    return newest
+
+
+def load_newest(folder: Path | str) -> Checkpoint:
+    """Reads the newest whole checkpoint of a folder.
+
+    Where the newest file is missing or damaged the previous one is taken, and `fallback` of the
+    result says so.
+
+    Raises:
+        CheckpointDamaged: the newest is damaged and no whole previous one is there.
+        RunError: there is no checkpoint, it cannot be read, or a newer serp wrote it.
+    """
+    newest, previous = Path(folder) / NEWEST, Path(folder) / PREVIOUS
+    if newest.exists() or not previous.exists():
+        try:
+            arrays, meta = load(newest)
+        except CheckpointDamaged as error:
+            if not previous.exists():
+                raise
+            fallback = str(error)
+        else:
+            return Checkpoint(arrays, meta, newest)
+    else:
+        fallback = f"there is no {newest}."
+    try:
+        arrays, meta = load(previous)
+    except CheckpointDamaged as error:
+        raise CheckpointDamaged(f"{fallback} The one before it: {error}") from error
+    return Checkpoint(arrays, meta, previous, fallback)
+
+
+def _keep(newest: Path, previous: Path) -> None:
+    """Makes `previous` a second name of `newest`, so that a reader always finds a newest one."""
+    link = aside_of(previous)
+    try:
+        link.unlink(missing_ok=True)
+        os.link(newest, link)
+    except OSError:  # no hard links on this file system
+        os.replace(newest, previous)
+        return
+    os.replace(link, previous)
+    # A rename between two names of one file does nothing: after a crash both may be that.
+    link.unlink(missing_ok=True)
+
+
+def _encode(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> bytes:
+    plain = {name: _plain(name, array) for name, array in arrays.items()}
+    entry = {"format": FORMAT, "sha256": _digest(plain, meta), "meta": meta}
+    return safetensors.numpy.save(plain, {_ENTRY: _json(entry)})
+
+
+def _plain(name: str, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """The array in the layout of the file: C order, little-endian, a dtype that it knows."""
+    array = np.asarray(array)
+    if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
+        raise TypeError(f"array {name!r} has dtype {array.dtype}, which a checkpoint cannot hold")
+    # Not `ascontiguousarray`, which makes 0-d arrays one-dimensional.
+    return np.asarray(array, dtype=array.dtype.newbyteorder("<"), order="C")
+
+
+def _decode(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
+    def damaged(why: str) -> CheckpointDamaged:
+        return CheckpointDamaged(f"the checkpoint {path} is damaged: {why}.")
+
+    try:
+        loaded = safetensors.numpy.load(data)
+        size = int.from_bytes(data[:_LENGTH_BYTES], "little")
+        header = json.loads(data[_LENGTH_BYTES : _LENGTH_BYTES + size])
+    except (SafetensorError, ValueError, KeyError, RecursionError) as error:
+        raise damaged(f"it is cut or altered ({error})") from error
+    text = header.get("__metadata__", {}).get(_ENTRY)
+    if text is None:
+        raise RunError(f"{path} is a safetensors file, but not a checkpoint of serp.")
+    try:
+        entry = json.loads(text)
+        version, digest, meta = entry["format"], entry["sha256"], entry["meta"]
+        if not isinstance(version, int) or version < 1:
+            raise ValueError(f"format {version!r}")
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise damaged("its metadata cannot be read") from error
+    if version > FORMAT:
+        raise RunError(
+            f"the checkpoint {path} has format {version}; this serp knows formats up to {FORMAT}. "
+            "Install a newer serp to read it."
+        )
+    if _digest(loaded, meta) != digest:
+        raise damaged("its content is not what was written (the digest differs)")
+    # Where safetensors gives views of immutable bytes, copy: the state is written on after this.
+    arrays = {name: a if a.flags.writeable else a.copy() for name, a in loaded.items()}
+    return arrays, meta
+
+
+def _json(value: object, *, sort_keys: bool = False) -> str:
+    return json.dumps(value, sort_keys=sort_keys, default=_scalar)
+
+
+def _scalar(value: object) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"a checkpoint's JSON cannot hold a {type(value).__name__}")
+
+
+def _digest(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> str:
+    """SHA-256 over the JSON, then over name, dtype, shape and bytes of each array by name."""
+    digest = hashlib.sha256(_json(meta, sort_keys=True).encode())
+    for name in sorted(arrays):
+        array = arrays[name]
+        digest.update(json.dumps([name, array.dtype.name, array.shape]).encode())
+        digest.update(array.data if array.size else b"")
+    return digest.hexdigest()

@@ -1,0 +1,109 @@
+"""``config.json``: what was asked for, by which command, with what software, on what machine."""
+
+from __future__ import annotations
+
+import datetime
+import importlib.metadata
+import os
+import platform
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from serp.errors import RunError
+from serp.runs.json_files import json_text, read_json
+
+FORMAT = 1
+CONFIG = "config.json"
+
+_PACKAGES = (
+    "serp",
+    "numpy",
+    "torch",
+    "gymnasium",
+    "numba",
+    "unified-planning",
+    "networkx",
+    "pymunk",
+    "safetensors",
+)
+
+
+def config_text(
+    config: Mapping[str, Any],
+    domain_files: Mapping[str, str],
+    command: Sequence[str],
+    now: datetime.datetime,
+) -> str:
+    """The text of ``config.json``.
+
+    Args:
+        config: the resolved configuration; its ``seed`` is repeated at the top.
+        domain_files: copy in the run → name of the file copied.
+        command: what the user typed.
+        now: when the run began, local time.
+
+    Raises:
+        TypeError: a value of the configuration has no form in JSON.
+    """
+    return json_text(
+        {
+            "format": FORMAT,
+            "created": now.astimezone().isoformat(timespec="seconds"),
+            "command": list(command),
+            "seed": config.get("seed"),
+            "domain_files": dict(domain_files),
+            "config": dict(config),
+            "versions": _versions(),
+            "machine": _machine(),
+        }
+    )
+
+
+def read_config(folder: Path) -> dict[str, Any]:
+    """Reads the ``config.json`` of a run: the keys that `config_text` writes.
+
+    Raises:
+        RunError: the folder is missing or no run, or its ``config.json`` is damaged or of a
+            newer serp.
+    """
+    if not os.path.isdir(folder):
+        raise RunError(f"there is no run {folder}: no such folder.")
+    file = folder / CONFIG
+    if not os.path.isfile(file):
+        raise RunError(
+            f"{folder} is no run: it has no {CONFIG}. Give a folder that plan-and-learn has made."
+        )
+    about = read_json(file, "Restore it from a copy.")
+    version = about.get("format")
+    if isinstance(version, int) and version > FORMAT:
+        raise RunError(
+            f"{file} has format {version}; this serp knows formats up to {FORMAT}. Install a "
+            "newer serp to read this run."
+        )
+    if not isinstance(version, int) or not all(
+        isinstance(about.get(key), dict) for key in ("config", "domain_files")
+    ):
+        raise RunError(f"{file} was not written by serp, or is damaged. Restore it from a copy.")
+    return about
+
+
+def _versions() -> dict[str, str | None]:
+    """Distribution → installed version (None where it is not installed), without importing any."""
+    found: dict[str, str | None] = {}
+    for name in _PACKAGES:
+        try:
+            found[name] = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+def _machine() -> dict[str, Any]:
+    """Python, operating system, kind of processor and number of cores."""
+    return {
+        "python": f"{platform.python_implementation()} {platform.python_version()}",
+        "platform": platform.platform(),
+        "processor": platform.processor() or platform.machine(),
+        "cores": os.cpu_count(),
+    }

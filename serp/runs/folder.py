@@ -1,0 +1,331 @@
+"""The run folder: created once, written by one process at a time, read by anyone.
+
+``config.json``             resolved configuration, seed, command, versions, machine
+``domain.pddl``             copy of the domain (and ``problem.pddl``, where there is one)
+``metrics.csv``             a row an episode
+``decisions.csv``           a row a decision
+``checkpoint.safetensors``  the newest training state, and ``checkpoint-previous.safetensors``
+``summary.json``, ``report.md``, ``learning-curve.png``, ``learning-curve.svg``  the results
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from serp.errors import RunError
+from serp.runs.checkpoint import DAMAGED, NEWEST, Checkpoint, load_newest, save_rotating
+from serp.runs.config import CONFIG, config_text, read_config
+from serp.runs.durable import cannot_write, sync_folder, write_durably
+from serp.runs.json_files import finite, json_text, read_json
+from serp.runs.lock import LOCK, RunLock
+from serp.runs.placement import make_empty, occupied, remove_traces
+from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
+from serp.runs.tables import Table
+
+METRICS = "metrics.csv"
+DECISIONS = "decisions.csv"
+SUMMARY = "summary.json"
+_TABLES = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
+COPIES = ("domain.pddl", "problem.pddl")
+_POSITIONS = "tables"  # the key of a checkpoint's JSON under which the table positions stand
+
+
+class RunFolder:
+    """A run on the disk. Made by `create` or `open`; also a context manager that closes it.
+
+    Attributes:
+        path: the folder.
+        about: all of ``config.json``.
+    """
+
+    def __init__(self, path: Path, about: dict[str, Any], lock: RunLock | None) -> None:
+        self.path = path
+        self.about = about
+        self._lock = lock
+        self._metrics: Table | None = None
+        self._decisions: Table | None = None
+        if lock is not None:
+            try:
+                self._metrics = Table(path / METRICS, _TABLES[METRICS])
+                self._decisions = Table(path / DECISIONS, _TABLES[DECISIONS])
+            except BaseException:
+                if self._metrics is not None:
+                    self._metrics.close()
+                raise
+
+    @classmethod
+    def create(
+        cls,
+        path: Path | str,
+        config: Mapping[str, Any],
+        domain_files: Sequence[Path | tuple[str, str]],
+        *,
+        command: Sequence[str] = (),
+        now: datetime.datetime | None = None,
+    ) -> RunFolder:
+        """Begins a run in a folder that is new or empty, locked for writing.
+
+        Args:
+            path: the folder; its parents are made.
+            config: the resolved configuration, JSON values (paths, enums and NumPy scalars too);
+                its ``seed`` is repeated at the top of ``config.json``.
+            domain_files: the domain, and the problem where there is one: a file to copy, or its
+                name and text. They become ``domain.pddl`` and ``problem.pddl``.
+            command: what the user typed.
+            now: the time noted as the beginning.
+
+        Raises:
+            RunError: the folder holds something, is a file, is locked, or cannot be written; a
+                file to copy cannot be read. What this call made is removed again.
+        """
+        path = Path(path)
+        if not 1 <= len(domain_files) <= len(COPIES):
+            raise ValueError("a run needs a domain file and at most one problem file")
+        sources = [_source(file) for file in domain_files]
+        copies = {copy: name for copy, (name, _) in zip(COPIES, sources, strict=False)}
+        text = config_text(config, copies, command, now or datetime.datetime.now())
+        made = make_empty(path)
+        lock = None
+        try:
+            lock = RunLock(path)
+            # Whoever came first between the look and the lock has left a run here.
+            if os.path.lexists(path / CONFIG):
+                raise occupied(path)
+            for copy, (_, content) in zip(COPIES, sources, strict=False):
+                write_durably(path / copy, content)
+            for name, columns in _TABLES.items():
+                Table(path / name, columns).close()
+            write_durably(path / CONFIG, text)  # last: it is what makes the folder a run
+            return cls(path, read_config(path), lock)
+        except BaseException:
+            if lock is not None:
+                remove_traces(path, (*COPIES, *_TABLES, LOCK))
+                lock.release()
+            if made:
+                with contextlib.suppress(OSError):
+                    path.rmdir()  # only while it is empty
+            raise
+
+    @classmethod
+    def open(cls, path: Path | str, *, writing: bool = False) -> RunFolder:
+        """Opens a run that is there.
+
+        Args:
+            path: the folder.
+            writing: lock it and open its tables for appending, to continue the run.
+
+        Raises:
+            RunError: there is no such folder, it is no run, its ``config.json`` is damaged or of
+                a newer serp, or another process writes it while `writing` is asked for.
+        """
+        path = Path(path)
+        about = read_config(path)
+        if not writing:
+            return cls(path, about, None)
+        lock = RunLock(path)
+        try:
+            return cls(path, about, lock)
+        except BaseException:
+            lock.release()
+            raise
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """The resolved configuration that `create` was given."""
+        config: dict[str, Any] = self.about["config"]
+        return config
+
+    @property
+    def domain_file(self) -> Path:
+        """The copy of the domain."""
+        return self.path / COPIES[0]
+
+    @property
+    def problem_file(self) -> Path | None:
+        """The copy of the problem; None where the run has none."""
+        copy = self.path / COPIES[1]
+        return copy if COPIES[1] in self.about["domain_files"] else None
+
+    @property
+    def metrics(self) -> Table:
+        """The metrics, a `MetricsRow` an episode.
+
+        Raises:
+            RunError: the run is open for reading only.
+        """
+        return self._written(self._metrics)
+
+    @property
+    def decisions(self) -> Table:
+        """The decision log, a `DecisionRow` a step.
+
+        Raises:
+            RunError: the run is open for reading only.
+        """
+        return self._written(self._decisions)
+
+    def flush(self) -> None:
+        """Puts all rows of both tables on the disk, durably.
+
+        Raises:
+            RunError: the write failed; the rows are still held.
+        """
+        self.metrics.sync()
+        self.decisions.sync()
+
+    def positions(self) -> dict[str, int]:
+        """Flushes, and returns where each table ends: what `truncate` takes."""
+        return {"metrics": self.metrics.position(), "decisions": self.decisions.position()}
+
+    def truncate(self, positions: Mapping[str, int]) -> None:
+        """Drops the rows that were written after `positions`.
+
+        Raises:
+            RunError: a table does not reach that far.
+        """
+        self.metrics.truncate(positions["metrics"])
+        self.decisions.truncate(positions["decisions"])
+
+    def save_checkpoint(
+        self, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
+    ) -> Path:
+        """Flushes both tables, then saves a checkpoint that knows where they end.
+
+        Args:
+            arrays: name → array.
+            meta: JSON values; the key ``tables`` is this method's own.
+
+        Raises:
+            RunError: the write failed; the former checkpoint is whole.
+        """
+        if _POSITIONS in meta:
+            raise ValueError(f"the key {_POSITIONS!r} of a checkpoint's JSON is reserved")
+        self.flush()
+        return save_rotating(self.path, arrays, {**meta, _POSITIONS: self.positions()})
+
+    def load_checkpoint(self) -> Checkpoint:
+        """Reads the newest whole checkpoint.
+
+        Its `fallback` says where the previous one had to be taken. A run open for writing then
+        renames the damaged one to ``checkpoint-damaged.safetensors``, so that it is not kept as
+        the previous one at the next save.
+
+        Raises:
+            RunError: there is no whole checkpoint, or it cannot be read.
+        """
+        found = load_newest(self.path)
+        newest = self.path / NEWEST
+        if self._lock is not None and found.path != newest and newest.exists():
+            try:
+                os.replace(newest, self.path / DAMAGED)
+                sync_folder(self.path)
+            except OSError as error:
+                kept = "The checkpoint before it is whole."
+                raise cannot_write(self.path / DAMAGED, error, kept) from error
+        return found
+
+    def resume(self) -> Checkpoint:
+        """Reads the newest whole checkpoint and takes both tables back to where it was saved.
+
+        Returns:
+            What `save_checkpoint` saved.
+
+        Raises:
+            RunError: there is no whole checkpoint, or the tables do not reach that far.
+        """
+        found = self.load_checkpoint()
+        positions = found.meta.pop(_POSITIONS, None)
+        if positions is None:
+            raise RunError(f"{found.path} does not say where the tables of {self.path} ended.")
+        self.truncate(positions)
+        return found
+
+    def write(self, name: str, content: str | bytes) -> Path:
+        """Writes a file of the run in one step that survives a crash.
+
+        Raises:
+            RunError: the write failed, or the run is open for reading only.
+        """
+        if self._lock is None:
+            raise self._read_only()
+        write_durably(self.path / name, content)
+        return self.path / name
+
+    def write_summary(self, summary: Mapping[str, Any]) -> Path:
+        """Writes ``summary.json``; NaN and infinities become null, which every reader knows.
+
+        Raises:
+            RunError: see `write`.
+        """
+        return self.write(SUMMARY, json_text(finite(summary)))
+
+    def read_summary(self) -> dict[str, Any]:
+        """Reads ``summary.json``.
+
+        Raises:
+            RunError: it is not there yet, or damaged.
+        """
+        return read_json(self.path / SUMMARY, "The run has to reach its end first.")
+
+    def close(self) -> None:
+        """Flushes and closes the tables and gives the lock back; a second call does nothing.
+
+        Raises:
+            RunError: the last rows could not be written; everything is closed all the same.
+        """
+        try:
+            self._close_tables()
+        finally:
+            if self._lock is not None:
+                self._lock.release()
+                self._lock = None
+            self._metrics = self._decisions = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.close()
+            return
+        # What went wrong first is what the user has to read, not that the last rows failed too.
+        with contextlib.suppress(RunError):
+            self.close()
+
+    def _close_tables(self) -> None:
+        with contextlib.ExitStack() as stack:
+            for table in (self._metrics, self._decisions):
+                if table is not None:
+                    stack.callback(table.close)
+
+    def _written(self, table: Table | None) -> Table:
+        if table is None:
+            raise self._read_only()
+        return table
+
+    def _read_only(self) -> RunError:
+        return RunError(f"the run {self.path} is not open for writing.")
+
+
+def _source(file: Path | tuple[str, str]) -> tuple[str, bytes]:
+    """Name and content of a file to copy."""
+    if isinstance(file, tuple):
+        name, text = file
+        return name, text.encode()
+    try:
+        return str(file), file.read_bytes()
+    except OSError as error:
+        raise RunError(f"cannot read {file}: {error.strerror or error}.") from error

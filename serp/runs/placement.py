@@ -1,0 +1,84 @@
+"""Where a new run goes: a folder of its own, and nothing in it that was there before."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import os
+import re
+from collections.abc import Iterable
+from pathlib import Path
+
+from serp.errors import RunError
+from serp.runs.config import CONFIG
+from serp.runs.durable import cannot_write
+from serp.runs.lock import LOCK
+
+
+def default_path(
+    domain_name: str, now: datetime.datetime | None = None, root: Path | str = "runs"
+) -> Path:
+    """The folder of a run that was given none: ``runs/<domain>-<time>``, unused so far.
+
+    Args:
+        domain_name: name of the domain; what a folder's name cannot hold becomes a hyphen.
+        now: the time in it; the present local time by default.
+        root: the folder in which runs lie.
+
+    Returns:
+        A path that does not exist; ``-2``, ``-3``, … is appended where the first one does.
+    """
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", domain_name).strip("-.") or "run"
+    stamp = (now or datetime.datetime.now()).strftime("%Y%m%d-%H%M%S")
+    first = path = Path(root) / f"{name}-{stamp}"
+    number = 1
+    while os.path.lexists(path):
+        number += 1
+        path = first.with_name(f"{first.name}-{number}")
+    return path
+
+
+def make_empty(path: Path) -> bool:
+    """Makes the folder of a new run; False where an empty one was there.
+
+    Raises:
+        RunError: it is a file, holds something, or cannot be made.
+    """
+    try:
+        path.mkdir(parents=True)
+        return True
+    except FileExistsError:
+        pass
+    except OSError as error:
+        raise cannot_write(path, error, "Nothing was made.") from error
+    try:
+        # A lock alone is what a run leaves that failed before it began.
+        held = any(entry.name != LOCK for entry in path.iterdir())
+    except NotADirectoryError:
+        raise RunError(f"{path} is a file. Give another folder with --out.") from None
+    except OSError as error:
+        raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
+    if held:
+        raise occupied(path)
+    return False
+
+
+def occupied(path: Path) -> RunError:
+    """The error for a folder that holds something: says what, and what to do."""
+    if os.path.lexists(path / CONFIG):
+        return RunError(
+            f"{path} holds a run already. Continue it with --resume, or give another folder with "
+            "--out. Nothing was changed."
+        )
+    return RunError(
+        f"{path} is not empty. Give a new or empty folder with --out. Nothing was changed."
+    )
+
+
+def remove_traces(path: Path, names: Iterable[str]) -> None:
+    """Removes the files that a failed beginning made in a folder that was empty before."""
+    if os.path.lexists(path / CONFIG):  # another process's run
+        return
+    with contextlib.suppress(OSError):
+        for name in names:
+            (path / name).unlink(missing_ok=True)

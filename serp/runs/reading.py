@@ -1,0 +1,131 @@
+"""Reads a run's CSV tables: every whole row, and the place of whatever is wrong."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final, get_type_hints
+
+import numpy as np
+
+from serp.errors import RunError
+from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow
+
+_INT64: Final = range(-(2**63), 2**63)
+
+
+def read_rows(path: Path | str, columns: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
+    """Yields line number (from 1; the header is line 1) and cells of every whole row.
+
+    A last line without its line break was cut (a run killed while writing, or one that writes
+    just now) and is left out.
+
+    Raises:
+        RunError: the file cannot be read, has other columns, or a row is malformed.
+    """
+    path = Path(path)
+    number = 0
+    try:
+        with open(path, "rb") as file:
+            for number, line in enumerate(file, start=1):
+                if number > 1 and not line.endswith(b"\n"):
+                    break
+                cells = _cells(path, number, line)
+                if number == 1:
+                    if cells != list(columns):
+                        raise RunError(
+                            f"{path}:1: the columns are not {', '.join(columns)}. Was this file "
+                            "written by serp, of this version?"
+                        )
+                elif len(cells) != len(columns):
+                    raise _malformed(
+                        path, number, f"{len(cells)} cells where the header has {len(columns)}"
+                    )
+                else:
+                    yield number, cells
+    except OSError as error:
+        raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
+    if number == 0:
+        raise RunError(f"{path} is empty: not even the header is there.")
+
+
+def read_metrics(path: Path | str) -> dict[str, np.ndarray[Any, Any]]:
+    """Reads ``metrics.csv``: column → array ``[episodes]``.
+
+    Counts are int64, flags bool, everything else float64 with NaN for an empty cell.
+
+    Raises:
+        RunError: see `read_rows`; also for a cell that is no number.
+    """
+    hints = get_type_hints(MetricsRow)
+    kinds = [hints[field] for field in MetricsRow._fields]
+    columns: list[list[Any]] = [[] for _ in kinds]
+    for number, cells in read_rows(path, METRICS_COLUMNS):
+        for name, kind, column, cell in zip(METRICS_COLUMNS, kinds, columns, cells, strict=True):
+            try:
+                column.append(_parse(kind, cell))
+            except ValueError as error:
+                raise _malformed(Path(path), number, f"{name} is {cell!r}; {error}") from None
+    return {
+        name: np.array(column, dtype=kind if kind in (int, bool) else float)
+        for name, kind, column in zip(METRICS_COLUMNS, kinds, columns, strict=True)
+    }
+
+
+def count_vetoes(path: Path | str) -> dict[str, int]:
+    """Counts the refused proposals of ``decisions.csv`` by their reason.
+
+    A proposal of learner or exploration was refused where somebody else's action was executed.
+
+    Returns:
+        Reason → number of vetoes, the most frequent first, equals by name.
+
+    Raises:
+        RunError: see `read_rows`.
+    """
+    by, executed_by, reason = map(DECISIONS_COLUMNS.index, ("proposed_by", "executed_by", "reason"))
+    counts = Counter(
+        cells[reason]
+        for _, cells in read_rows(path, DECISIONS_COLUMNS)
+        if cells[by] not in ("planner", cells[executed_by])
+    )
+    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
+
+def _parse(kind: Any, cell: str) -> float:
+    if kind is bool:
+        if cell not in ("0", "1"):
+            raise ValueError("it has to be 0 or 1")
+        return cell == "1"
+    if kind is int:
+        try:
+            value = int(cell)
+        except ValueError:
+            raise ValueError("it has to be a whole number") from None
+        if value not in _INT64:
+            raise ValueError("it has to fit into 64 bits")
+        return value
+    if not cell:
+        return float("nan")
+    try:
+        return float(cell)
+    except ValueError:
+        raise ValueError("it has to be a number") from None
+
+
+def _cells(path: Path, number: int, line: bytes) -> list[str]:
+    try:
+        text = line.decode("utf-8").rstrip("\r\n")
+        return next(csv.reader([text], strict=True), [])
+    except UnicodeDecodeError:
+        raise _malformed(path, number, "not UTF-8") from None
+    except csv.Error as error:
+        raise _malformed(path, number, str(error)) from None
+
+
+def _malformed(path: Path, number: int, why: str) -> RunError:
+    return RunError(
+        f"{path}:{number}: {why}. The file was changed or damaged; restore it from a copy."
+    )

@@ -1,0 +1,173 @@
+"""``report.md``: a run on one page, for people."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+
+def report(
+    about: Mapping[str, Any],
+    summary: Mapping[str, Any],
+    vetoes: Mapping[str, int],
+    picture: str = "learning-curve.png",
+) -> str:
+    """Writes the report of a run as plain Markdown.
+
+    Args:
+        about: ``config.json``: the keys that `serp.runs.config.config_text` writes.
+        summary: what `serp.runs.summary.summarize` returns.
+        vetoes: reason → number of vetoes, in the order in which they are to be listed.
+        picture: where the learning curve lies, relative to the report.
+
+    Returns:
+        Markdown with a line break at its end.
+    """
+    sections = [
+        f"# Run: {_plain(_title(about, summary))}",
+        _lead(summary),
+        f"![Learning curve: return per episode, and who decided]({picture})",
+        "## Result\n\n" + _results(summary),
+        "## Safety\n\n" + _safety(summary),
+        "## Vetoes by reason\n\n" + _vetoes(vetoes),
+    ]
+    evaluation = summary.get("evaluation")
+    if evaluation:
+        sections.append("## Evaluation\n\n" + _table(("", "value"), _flat(evaluation)))
+    sections.append("## How it was made\n\n" + _origin(about))
+    return "\n\n".join(sections) + "\n"
+
+
+def _title(about: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
+    domain = summary.get("domain") or next(iter(about["domain_files"].values()), "unnamed")
+    parts = [str(domain)]
+    if summary.get("preset") is not None:
+        parts.append(f"preset {summary['preset']}")
+    if about.get("seed") is not None:
+        parts.append(f"seed {about['seed']}")
+    return ", ".join(parts)
+
+
+def _lead(summary: Mapping[str, Any]) -> str:
+    if not summary["episodes"]:
+        return "No episode has ended yet."
+    returns = summary["return"]
+    return (
+        f"{summary['episodes']:,} episodes, {summary['env_steps']:,} environment steps in "
+        f"{duration(summary['wall_time'])}. The mean return went from "
+        f"{_number(returns['first_10'])} (first 10 episodes) to {_number(returns['last_20'])} "
+        f"(last 20). Unsafe actions executed: {summary['unsafe_executed']:,}."
+    )
+
+
+def _results(summary: Mapping[str, Any]) -> str:
+    shares = summary["shares"]
+    rows: list[tuple[str, str]] = []
+    for key, what in (("return", "return"), ("domain_return", "return by the domain file")):
+        means = summary[key]
+        best_at = means["best_20_at_env_step"]
+        best = _number(means["best_20"]) + (
+            f" (at environment step {best_at:,})" if best_at is not None else ""
+        )
+        rows += [
+            (f"{what}, mean of the first 10 episodes", _number(means["first_10"])),
+            (f"{what}, mean of the last 20 episodes", _number(means["last_20"])),
+            (f"{what}, best mean of 20 episodes", best),
+        ]
+    rows += [
+        ("episodes ended by the environment", f"{summary['terminations']:,}"),
+        ("episodes ended by a limit", f"{summary['truncations']:,}"),
+        ("environment steps per second", _number(summary["steps_per_second"])),
+        ("decided by the planner", _percent(shares["planner"])),
+        ("… of these in place of a vetoed proposal", _percent(shares["fallback"])),
+        ("decided by the learner", _percent(shares["learner"])),
+        ("decided by exploration", _percent(shares["exploration"])),
+        ("learner probability ρ at the end", _number(summary["final_rho"])),
+    ]
+    return _table(("", "value"), rows)
+
+
+def _safety(summary: Mapping[str, Any]) -> str:
+    return _table(
+        ("", "steps"),
+        [
+            ("proposals vetoed", f"{summary['vetoes']:,}"),
+            ("proposals that the model predicted unsafe", f"{summary['unsafe_predicted']:,}"),
+            ("executed actions that the model predicted unsafe", f"{summary['unsafe_executed']:,}"),
+            ("no safe action was left to choose", f"{summary['no_safe_action']:,}"),
+        ],
+    )
+
+
+def _vetoes(vetoes: Mapping[str, int]) -> str:
+    if not vetoes:
+        return "There were none."
+    return _table(
+        ("reason", "vetoes"), [(_plain(why), f"{count:,}") for why, count in vetoes.items()]
+    )
+
+
+def _origin(about: Mapping[str, Any]) -> str:
+    rows = [
+        ("begun", _plain(str(about["created"]))),
+        *((copy, _plain(f"copy of {name}")) for copy, name in about["domain_files"].items()),
+        *((name, _plain(str(value))) for name, value in about["machine"].items()),
+        *(
+            (name, _plain(version))
+            for name, version in about["versions"].items()
+            if version is not None
+        ),
+    ]
+    table = _table(("", ""), rows)
+    command: Sequence[str] = about["command"]
+    if not command:
+        return table
+    return f"```sh\n{shlex.join(command)}\n```\n\n{table}"
+
+
+def _flat(values: Mapping[str, Any], before: str = "") -> Iterable[tuple[str, str]]:
+    """The leaves of nested mappings with the keys that lead to them."""
+    for key, value in values.items():
+        name = f"{before}{key}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{name}, ")
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield _plain(name), _number(value)
+        elif isinstance(value, str | bool) or value is None:
+            yield _plain(name), _plain("–" if value is None else str(value))
+        # Lists (a value an episode) are for programs: they stay in summary.json.
+
+
+def _table(head: tuple[str, str], rows: Iterable[tuple[str, str]]) -> str:
+    lines = [f"| {head[0]} | {head[1]} |", "|---|---:|"]
+    lines += [f"| {what} | {value} |" for what, value in rows]
+    return "\n".join(lines)
+
+
+def duration(seconds: float) -> str:
+    """A time that people read: ``8.2 s``, ``3 min 05 s``, ``2 h 07 min``."""
+    if seconds < 59.95:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02} s"
+    return f"{minutes // 60} h {minutes % 60:02} min"
+
+
+def _number(value: float | None) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, int) or abs(value) >= 1000:
+        return f"{value:,.0f}"
+    return f"{value:.4g}"
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{100 * share:.1f} %"
+
+
+def _plain(text: str) -> str:
+    """Text that Markdown takes as it stands, in one cell of a table."""
+    return re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", " ".join(text.split()))

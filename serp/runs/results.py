@@ -1,0 +1,44 @@
+"""Writes the results of a run into its folder: summary, learning curve, report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from serp.runs import plots
+from serp.runs.folder import DECISIONS, METRICS, RunFolder
+from serp.runs.json_files import finite
+from serp.runs.reading import count_vetoes, read_metrics
+from serp.runs.report import report
+from serp.runs.summary import summarize
+
+
+def write_results(run: RunFolder, evaluation: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Writes ``summary.json``, ``learning-curve.png``, ``learning-curve.svg`` and ``report.md``.
+
+    Args:
+        run: open for writing; its tables are flushed first.
+        evaluation: results of an evaluation, taken into the summary and the report.
+
+    Returns:
+        The summary, as it stands in ``summary.json``.
+
+    Raises:
+        RunError: a table is malformed, or a write failed.
+    """
+    run.flush()
+    metrics = read_metrics(run.path / METRICS)
+    vetoes = count_vetoes(run.path / DECISIONS)
+    summary: dict[str, Any] = finite(summarize(metrics, run.config, evaluation))
+    run.write_summary(summary)
+    figure = plots.learning_curve(metrics, _title(summary))
+    run.write("learning-curve.png", plots.render(figure, "png"))
+    run.write("learning-curve.svg", plots.render(figure, "svg"))
+    run.write("report.md", report(run.about, summary, vetoes))
+    return summary
+
+
+def _title(summary: Mapping[str, Any]) -> str:
+    parts = [str(summary[key]) for key in ("domain",) if key in summary]
+    parts += [f"{key} {summary[key]}" for key in ("preset", "seed") if key in summary]
+    return ", ".join(parts) or "Learning curve"

@@ -1,0 +1,113 @@
+"""What a reader of a run wants first, out of its metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+WINDOW = 20  # episodes: the mean that tells whether a policy is good, as in the learning curve
+
+Metrics = Mapping[str, np.ndarray[Any, Any]]
+"""Column of ``metrics.csv`` → array ``[episodes]``."""
+
+
+def moving_mean(
+    values: np.ndarray[Any, Any], window: int = WINDOW
+) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Mean over the last `window` values, over fewer at the beginning.
+
+    Args:
+        values: ``[n]``.
+        window: at least 1.
+
+    Returns:
+        ``[n]``.
+    """
+    sums = np.concatenate([[0.0], np.cumsum(values, dtype=np.float64)])
+    ends = np.arange(1, len(values) + 1)
+    starts = np.maximum(ends - window, 0)
+    means: np.ndarray[tuple[int], np.dtype[np.float64]] = (sums[ends] - sums[starts]) / (
+        ends - starts
+    )
+    return means
+
+
+def summarize(
+    metrics: Metrics,
+    config: Mapping[str, Any] | None = None,
+    evaluation: Mapping[str, Any] | None = None,
+) -> dict[str, Any]:
+    """Sums up a run; a pure function of its arguments.
+
+    Args:
+        metrics: what `serp.runs.reading.read_metrics` returns.
+        config: the resolved configuration; its ``domain``, ``preset`` and ``seed`` are repeated.
+        evaluation: results of an evaluation after the training, taken over as they are.
+
+    Returns:
+        JSON values. ``return`` and ``domain_return`` hold the mean of the first 10, of the last 20
+        and of the best 20 episodes in a row (of as many as there are, where there are fewer), all
+        null before the first episode. ``shares`` are shares of all steps: the planner's include
+        those in which it stood in for a vetoed proposal, which ``fallback`` counts on their own.
+    """
+    settings = config or {}
+    episodes = len(metrics["episode"])
+    steps = int(metrics["env_steps"][-1]) if episodes else 0
+    seconds = float(metrics["wall_time"][-1]) if episodes else 0.0
+    summary: dict[str, Any] = {
+        key: settings[key] for key in ("domain", "preset", "seed") if key in settings
+    }
+    summary |= {
+        "episodes": episodes,
+        "env_steps": steps,
+        "wall_time": seconds,
+        "steps_per_second": steps / seconds if seconds > 0 else None,
+        "return": _means(metrics["return"], metrics["env_steps"]),
+        "domain_return": _means(metrics["domain_return"], metrics["env_steps"]),
+        "terminations": int(metrics["terminated"].sum()),
+        "truncations": int(metrics["truncated"].sum()),
+        "vetoes": int(metrics["vetoes"].sum()),
+        "unsafe_predicted": int(metrics["unsafe_predicted"].sum()),
+        "unsafe_executed": int(metrics["unsafe_executed"].sum()),
+        "no_safe_action": int(metrics["no_safe_action"].sum()),
+        "shares": _shares(metrics),
+        "final_rho": _last(metrics["rho"]),
+    }
+    if evaluation is not None:
+        summary["evaluation"] = dict(evaluation)
+    return summary
+
+
+def _means(returns: np.ndarray[Any, Any], env_steps: np.ndarray[Any, Any]) -> dict[str, Any]:
+    if not len(returns):
+        return {"first_10": None, "last_20": None, "best_20": None, "best_20_at_env_step": None}
+    # A mean over fewer episodes than the window is none of the candidates for the best one.
+    full = min(WINDOW, len(returns)) - 1
+    means = moving_mean(returns)
+    best = full + int(np.argmax(means[full:]))
+    return {
+        "first_10": float(np.mean(returns[:10])),
+        "last_20": float(np.mean(returns[-WINDOW:])),
+        "best_20": float(means[best]),
+        "best_20_at_env_step": int(env_steps[best]),
+    }
+
+
+def _shares(metrics: Metrics) -> dict[str, float | None]:
+    steps = int(metrics["length"].sum())
+    learner = int(metrics["learner_steps"].sum())
+    exploration = int(metrics["exploration_steps"].sum())
+    fallback = int(metrics["fallback_steps"].sum())
+    counts = {
+        "planner": steps - learner - exploration,
+        "learner": learner,
+        "exploration": exploration,
+        "fallback": fallback,
+    }
+    return {who: count / steps if steps else None for who, count in counts.items()}
+
+
+def _last(values: np.ndarray[Any, Any]) -> float | None:
+    return float(values[-1]) if len(values) and np.isfinite(values[-1]) else None

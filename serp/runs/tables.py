@@ -1,0 +1,263 @@
+"""Append-only CSV tables: rows are collected in the step loop and formatted when flushed.
+
+UTF-8, commas, a header line, one line a row. Floats are written by `repr`, so that they read back
+exactly; booleans as 0 and 1; None as nothing; text is quoted where it has to be, and its line
+breaks become blanks, so that every line is a row and a cut file is mended by dropping its last.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterable, Sequence
+from enum import Enum
+from pathlib import Path
+from types import NoneType, TracebackType
+from typing import Any, Final, Self
+
+import numpy as np
+
+from serp.errors import RunError
+from serp.runs.durable import cannot_write, write_all
+
+_ROWS_HELD: Final = 1024  # formatted in about 5 ms, held in well under 1 MB
+_BLOCK: Final = 65_536
+
+
+class Table:
+    """Writes one CSV file with fixed columns.
+
+    Opening a file that is there checks its header and drops a last line that was cut.
+
+    Args:
+        path: the file, made with its header where it is missing or empty.
+        columns: names of the columns.
+
+    Raises:
+        RunError: the file cannot be opened or written, or has other columns.
+    """
+
+    def __init__(self, path: Path | str, columns: Sequence[str]) -> None:
+        self.path = Path(path)
+        self.columns = tuple(columns)
+        self._width = len(self.columns)
+        self._rows: list[Sequence[Any]] = []
+        self._header = (",".join(map(_text, self.columns)) + "\n").encode()
+        try:
+            self._file = os.open(
+                self.path,
+                os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0),
+                0o666,
+            )
+        except OSError as error:
+            raise cannot_write(self.path, error, "The table is as it was.") from error
+        self._open = True
+        try:
+            self._end = os.fstat(self._file).st_size
+            self._check()
+        except BaseException:
+            self._close()
+            raise
+
+    def append(self, row: Sequence[Any]) -> None:
+        """Adds a row; it reaches the disk at the next `flush`, or when 1,024 rows are held.
+
+        Args:
+            row: a value a column, in their order, not to be changed afterwards.
+
+        Raises:
+            ValueError: the number of values is not that of the columns.
+            RunError: the disk refused the rows held so far; they are still held.
+        """
+        if len(row) != self._width:
+            raise ValueError(
+                f"{len(row)} values for the {len(self.columns)} columns of {self.path}"
+            )
+        rows = self._rows
+        rows.append(row)
+        if len(rows) >= _ROWS_HELD:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hands all rows to the operating system in one write.
+
+        Raises:
+            RunError: the write failed. The file ends with the last row before this write, and
+                the rows are still held, so that a later flush can write them.
+        """
+        if not self._rows:
+            return
+        columns = [_format(values) for values in zip(*self._rows, strict=True)]
+        lines = [*map(",".join, zip(*columns, strict=True)), ""]
+        self._write("\n".join(lines).encode("utf-8", "backslashreplace"))
+        self._rows.clear()
+
+    def sync(self) -> None:
+        """Flushes, and waits until the disk holds the rows.
+
+        Raises:
+            RunError: the write failed.
+        """
+        self.flush()
+        try:
+            os.fsync(self._file)
+        except OSError as error:
+            raise cannot_write(self.path, error, "Its last rows may be missing.") from error
+
+    def position(self) -> int:
+        """Flushes, and returns where the table ends, in bytes: what `truncate` takes.
+
+        Raises:
+            RunError: the write failed.
+        """
+        self.flush()
+        return self._end
+
+    def truncate(self, position: int) -> None:
+        """Goes back to an earlier `position`: drops the rows after it, held ones too.
+
+        Raises:
+            RunError: the file does not reach that far, no row ends there, or the disk failed.
+        """
+        self._rows.clear()
+        if not len(self._header) <= position <= self._end:
+            raise RunError(
+                f"{self.path} has {self._end} bytes, and the checkpoint was made when it had "
+                f"{position}: the table was cut or changed since. Restore it from a copy, or begin "
+                "a new run with another --out."
+            )
+        try:
+            if self._read(position - 1, 1) != b"\n":
+                raise RunError(
+                    f"no row of {self.path} ends at byte {position}, where the checkpoint was "
+                    "made: the table was changed since. Restore it from a copy, or begin a new run "
+                    "with another --out."
+                )
+            os.ftruncate(self._file, position)
+        except OSError as error:
+            raise cannot_write(self.path, error, "The table is as it was.") from error
+        self._end = position
+
+    def close(self) -> None:
+        """Flushes and closes; closing twice does nothing.
+
+        Raises:
+            RunError: the write failed; the file is closed all the same.
+        """
+        if not self._open:
+            return
+        try:
+            self.flush()
+        finally:
+            self._close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _close(self) -> None:
+        self._open = False
+        os.close(self._file)
+
+    def _check(self) -> None:
+        """Writes the header of a new file, checks that of an old one, drops a cut last line."""
+        try:
+            found = self._read(0, len(self._header))
+            if found == self._header:
+                whole = self._end_of_last_line()
+                if whole < self._end:
+                    os.ftruncate(self._file, whole)
+                    self._end = whole
+                return
+            # An empty file, or one cut inside its header.
+            if not self._header.startswith(found):
+                raise RunError(
+                    f"{self.path}:1: has other columns than this serp writes "
+                    f"({', '.join(self.columns)}). Begin a new run with another --out."
+                )
+            if found:
+                os.ftruncate(self._file, 0)
+                self._end = 0
+        except OSError as error:
+            raise cannot_write(self.path, error, "The table is as it was.") from error
+        self._write(self._header)
+
+    def _end_of_last_line(self) -> int:
+        end = self._end
+        while end > 0:
+            start = max(0, end - _BLOCK)
+            newline = self._read(start, end - start).rfind(b"\n")
+            if newline >= 0:
+                return start + newline + 1
+            end = start
+        return 0
+
+    def _read(self, start: int, size: int) -> bytes:
+        """At most `size` bytes from `start`, none beyond the end that the file had."""
+        size = min(size, self._end - start)
+        os.lseek(self._file, start, os.SEEK_SET)
+        return os.read(self._file, size) if size > 0 else b""
+
+    def _write(self, data: bytes) -> None:
+        try:
+            write_all(self._file, data)
+        except BaseException as error:
+            # Half a row must not stay: the next one would be glued to it.
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._file, self._end)
+            if not isinstance(error, OSError):
+                raise
+            kept = f"Its rows up to byte {self._end} are whole."
+            raise cannot_write(self.path, error, kept) from error
+        self._end += len(data)
+
+
+def _text(value: str) -> str:
+    if "\n" in value or "\r" in value:
+        value = " ".join(value.splitlines())
+    if '"' in value:
+        return '"' + value.replace('"', '""') + '"'
+    return f'"{value}"' if "," in value else value
+
+
+def _format(values: Sequence[Any]) -> Iterable[str]:
+    """The cells of one column; by columns this takes half the time that it takes by rows."""
+    kinds = set(map(type, values))
+    if len(kinds) > 1:
+        return [_FORMATS.get(type(value), _other)(value) for value in values]
+    (kind,) = kinds
+    if issubclass(kind, str):  # names, reasons and enums of them, which come again and again
+        texts = values if kind is str else list(map(str.__str__, values))
+        cells = {text: _text(text) for text in set(texts)}
+        return map(cells.__getitem__, texts)
+    return map(_FORMATS.get(kind, _other), values)
+
+
+def _other(value: Any) -> str:
+    """NumPy's scalars, enums and objects that explain themselves by their `str`."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    elif isinstance(value, Enum):
+        value = value.value
+    elif isinstance(value, float):
+        return float.__repr__(value)
+    elif isinstance(value, int):
+        return int.__repr__(value)
+    known = _FORMATS.get(type(value))
+    return known(value) if known else _text(str(value))
+
+
+_FORMATS: Final[dict[type, Callable[[Any], str]]] = {
+    bool: {False: "0", True: "1"}.__getitem__,
+    int: int.__repr__,
+    float: float.__repr__,
+    str: _text,
+    NoneType: lambda _: "",
+}

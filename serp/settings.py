@@ -1,0 +1,163 @@
+"""All settings of a training in one place, and the two presets."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from serp.arbiter import ArbiterSettings
+from serp.domain.source import did_you_mean
+from serp.errors import SettingsError
+from serp.learning.settings import DQNSettings
+from serp.planning.settings import PlannerSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingSettings:
+    """Settings of the training loop.
+
+    Attributes:
+        inputs: What the learner sees: the `observation`, the grounded `state`, or `both`.
+        random_steps: Size of D_0 in env steps: actions drawn uniformly (what is predicted unsafe
+            is refused as ever), on which the learner is pretrained before Algorithm 1 starts.
+        env_steps: Budget of a training for which none is given.
+        checkpoint_seconds: Least time between two checkpoints; they are made between episodes.
+    """
+
+    inputs: Literal["observation", "state", "both"] = "both"
+    random_steps: int = 0
+    env_steps: int = 20_000
+    checkpoint_seconds: float = 15.0
+
+    def __post_init__(self) -> None:
+        if self.inputs not in ("observation", "state", "both"):
+            raise SettingsError(
+                f"training: inputs must be observation, state or both, not {self.inputs!r}"
+            )
+        if self.random_steps < 0:
+            raise SettingsError(f"training: random_steps must be >= 0, not {self.random_steps!r}")
+        if self.env_steps < 1:
+            raise SettingsError(f"training: env_steps must be >= 1, not {self.env_steps!r}")
+        if not self.checkpoint_seconds >= 0:
+            raise SettingsError(
+                f"training: checkpoint_seconds must be >= 0, not {self.checkpoint_seconds!r}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Everything that can be set, by section."""
+
+    planner: PlannerSettings = field(default_factory=PlannerSettings)
+    arbiter: ArbiterSettings = field(default_factory=ArbiterSettings)
+    learner: DQNSettings = field(default_factory=DQNSettings)
+    training: TrainingSettings = field(default_factory=TrainingSettings)
+
+    def replace(self, changes: Mapping[str, Mapping[str, Any]]) -> Settings:
+        """Return the settings with changes: section → setting → value.
+
+        Raises:
+            SettingsError: A section or setting does not exist, or a value is out of range.
+        """
+        sections: dict[str, Any] = {}
+        known = [f.name for f in dataclasses.fields(self)]
+        for section, values in changes.items():
+            if section not in known:
+                raise SettingsError(
+                    f"there is no section `{section}`; {did_you_mean(section, known)}"
+                )
+            current = getattr(self, section)
+            names = [f.name for f in dataclasses.fields(current)]
+            for name in values:
+                if name not in names:
+                    raise SettingsError(
+                        f"there is no setting `{section}.{name}`; {did_you_mean(name, names)}"
+                    )
+            sections[section] = dataclasses.replace(current, **values)
+        return dataclasses.replace(self, **sections)
+
+    def as_dict(self) -> dict[str, dict[str, Any]]:
+        """Return section → setting → JSON value (tuples as lists, infinity as "inf")."""
+        return {
+            section: {name: _to_json(value) for name, value in values.items()}
+            for section, values in dataclasses.asdict(self).items()
+        }
+
+    @classmethod
+    def from_dict(cls, sections: Mapping[str, Mapping[str, Any]]) -> Settings:
+        """Return the settings that `as_dict` wrote.
+
+        Raises:
+            SettingsError: Something in it is unknown or out of range.
+        """
+        return cls().replace(
+            {
+                section: {name: _from_json(value) for name, value in values.items()}
+                for section, values in sections.items()
+            }
+        )
+
+
+def _to_json(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return list(value)
+    return "inf" if value == float("inf") else value
+
+
+def _from_json(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(value)
+    return float("inf") if value == "inf" else value
+
+
+PRESETS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
+    # Algorithm 1 and section 4 to the letter. What the paper leaves open is left plain: one step
+    # of veto, no filter, no target network.
+    "paper": {
+        "planner": {"discount": 0.9},
+        "arbiter": {
+            "rho": 0.0,
+            "rho_increment": 0.01,
+            "rho_unit": "episode",
+            "veto_horizon": "step",
+            "exploration_slack": None,
+            "indifferent": "first",
+        },
+        "learner": {
+            "learning_rate": 1e-3,
+            "discount": 0.9,
+            "epsilon_start": 0.3,
+            "epsilon_end": 0.3,
+            "loss": "mse",
+            "double": False,
+            "n_step": 1,
+            "clip_targets": False,
+            "target_period": None,
+            "target_polyak": None,
+            "protected_share": 0.0,
+        },
+        "training": {"random_steps": 500},
+    },
+    # What gives the best result today; see docs/cartpole.md for what each choice is worth.
+    "default": {},
+}
+
+
+def resolve(
+    preset: str = "default",
+    task_settings: Mapping[str, Mapping[str, Mapping[str, Any]]] | None = None,
+    changes: Mapping[str, Mapping[str, Any]] | None = None,
+) -> Settings:
+    """Return the settings of a preset, as changed by the task and then by the caller.
+
+    Raises:
+        SettingsError: The preset or a setting does not exist, or a value is out of range.
+    """
+    if preset not in PRESETS:
+        raise SettingsError(f"there is no preset `{preset}`; {did_you_mean(preset, PRESETS)}")
+    settings = Settings().replace(PRESETS[preset])
+    for key in ("*", preset):
+        settings = settings.replace((task_settings or {}).get(key, {}))
+    return settings.replace(changes or {})

@@ -1,0 +1,290 @@
+"""Algorithm 1 of the paper: act as the arbiter decides, remember, learn, let ρ grow."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.agent import Agent
+from serp.arbiter import Actor, Decision, Reason
+from serp.domain.model import Vector
+from serp.errors import RunError
+from serp.runs.rows import DecisionRow, MetricsRow
+from serp.runs.tables import Table
+from serp.settings import Settings
+from serp.task import BoundTask
+
+_EPISODES = 1  # spawn key of the environment's seeds
+
+
+@dataclass
+class _Episode:
+    """Counters of the episode that is running; they become its row of the metrics."""
+
+    return_: float = 0.0
+    domain_return: float = 0.0
+    length: int = 0
+    terminated: bool = False
+    truncated: bool = False
+    planner_steps: int = 0
+    learner_steps: int = 0
+    exploration_steps: int = 0
+    fallback_steps: int = 0
+    vetoes: int = 0
+    unsafe_predicted: int = 0
+    unsafe_executed: int = 0
+    no_safe_action: int = 0
+    losses: list[float] = field(default_factory=list)
+
+    def count(self, decision: Decision) -> None:
+        self.length += 1
+        vetoed = decision.vetoed
+        if vetoed:
+            self.vetoes += 1
+            self.fallback_steps += 1
+        elif decision.executed_by is Actor.LEARNER:
+            self.learner_steps += 1
+        elif decision.executed_by is Actor.EXPLORATION:
+            self.exploration_steps += 1
+        else:
+            self.planner_steps += 1
+        self.unsafe_predicted += decision.proposal_unsafe
+        self.unsafe_executed += decision.unsafe
+        self.no_safe_action += decision.reason is Reason.NO_SAFE_ACTION
+
+    def row(self, episode: int, env_steps: int, rho: float, epsilon: float, wall: float) -> MetricsRow:
+        counted = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "losses"}
+        return MetricsRow(
+            episode=episode,
+            env_steps=env_steps,
+            rho=rho,
+            epsilon=epsilon,
+            loss=float(np.mean(self.losses)) if self.losses else None,
+            wall_time=wall,
+            **counted,
+        )
+
+
+class Trainer:
+    """Trains an agent on a task, an episode at a time.
+
+    Every episode begins with `env.reset(seed=...)`, its seed derived from the run's seed and the
+    number of the episode. What an episode is like therefore depends on the agent and that number
+    alone, and a run can be continued exactly from the end of any episode in any environment that
+    honours its seed. An environment whose state outlives `reset` (a game clock) offers
+    `state_dict()` and `load_state_dict(state)` with JSON values.
+
+    Args:
+        task: The task.
+        settings: All settings.
+        seed: Seed of everything random.
+        decisions: Where decisions are logged; None logs none.
+
+    Attributes:
+        on_step: Called after every env step, where it is set.
+    """
+
+    def __init__(
+        self,
+        task: BoundTask,
+        settings: Settings,
+        seed: int,
+        decisions: Table | None = None,
+    ) -> None:
+        self.task = task
+        self.settings = settings
+        self.seed = seed
+        self.agent = Agent(task, settings, seed)
+        self.episode = 0
+        self.env_steps = 0
+        self.vetoes = 0
+        self.unsafe_executed = 0
+        self.recent: deque[float] = deque(maxlen=20)
+        self._decisions = decisions
+        self.on_step: Callable[[], None] | None = None
+        self._pretrained = settings.training.random_steps == 0
+        self._wall_before = 0.0
+        self._clock = time.monotonic()
+        self._unit_value: Any = None
+        self._names = [task.actions.name(a) for a in range(task.actions.size)]
+
+    @property
+    def wall_time(self) -> float:
+        """Seconds of training, pauses between resumptions left out."""
+        return self._wall_before + time.monotonic() - self._clock
+
+    def run_episode(self) -> MetricsRow:
+        """Train for one episode.
+
+        Returns:
+            Its row of the metrics.
+
+        Raises:
+            TaskError: The grounding failed.
+            EnvironmentFailure: The environment raised or gave NaN.
+        """
+        agent, task = self.agent, self.task
+        episode = _Episode()
+        raw, info = task.reset(seed=self._episode_seed())
+        self._notice_unit(info, first=True)
+        state, observation = task.ground(raw), task.observation(raw)
+        x = agent.learner_input(observation, state)
+        random_phase = not self._pretrained
+        decision = self._decide(state, x, random_phase=random_phase)
+        while True:
+            self._log(decision, state)
+            raw, env_reward, terminated, truncated, info = task.step(decision.action)
+            next_state, observation = task.ground(raw), task.observation(raw)
+            reward = self._reward(episode, decision, state, next_state, env_reward)
+            next_x = agent.learner_input(observation, next_state)
+            episode.count(decision)
+            self.env_steps += 1
+            self.vetoes += decision.vetoed
+            self.unsafe_executed += decision.unsafe
+            # The next decision is made before learning: its mask belongs to this transition.
+            following: Decision | None = None
+            if terminated:
+                allowed = None
+            elif truncated:
+                allowed = agent.arbiter.admissible(agent.arbiter.forecast(next_state))
+            else:
+                following = self._decide(next_state, next_x, random_phase=random_phase)
+                allowed = following.admissible
+            agent.learner.remember(
+                x, decision.action, reward, next_x, terminated, truncated, allowed,
+                terminated and reward < 0,
+            )  # fmt: skip
+            if not random_phase:
+                loss = agent.learner.learn()
+                if loss is not None:
+                    episode.losses.append(loss)
+                agent.arbiter.end_unit("step")
+            self._notice_unit(info)
+            if self.on_step is not None:
+                self.on_step()
+            if following is None:
+                episode.terminated, episode.truncated = terminated, truncated
+                return self._end_episode(episode)
+            state, x, decision = next_state, next_x, following
+
+    def _decide(self, state: Vector, x: Vector, *, random_phase: bool) -> Decision:
+        if random_phase:
+            return self.agent.decide_randomly(state)
+        return self.agent.decide(state, x)
+
+    def _reward(
+        self,
+        episode: _Episode,
+        decision: Decision,
+        state: Vector,
+        next_state: Vector,
+        env_reward: float,
+    ) -> float:
+        """Return the reward to learn from, and count both."""
+        episode.return_ += env_reward
+        ground = int(decision.forecast.ground[decision.action])
+        judged = self.task.model.judge(state, ground, next_state).reward
+        episode.domain_return += judged
+        return judged if self.task.rewarded_by == "domain" else env_reward
+
+    def _end_episode(self, episode: _Episode) -> MetricsRow:
+        self.episode += 1
+        agent = self.agent
+        if self._pretrained:
+            agent.arbiter.end_unit("episode")
+        elif self.env_steps >= self.settings.training.random_steps:
+            agent.learner.pretrain()
+            self._pretrained = True
+        self.recent.append(episode.return_)
+        return episode.row(
+            self.episode, self.env_steps, agent.arbiter.rho, agent.learner.epsilon, self.wall_time
+        )
+
+    def _notice_unit(self, info: Mapping[str, Any], *, first: bool = False) -> None:
+        """Let ρ grow when the counter that its unit names has changed."""
+        unit = self.settings.arbiter.rho_unit
+        if unit in ("step", "episode"):
+            return
+        if unit not in info:
+            raise RunError(
+                f"arbiter.rho_unit is `{unit}`, but the environment's info has no such entry; "
+                "use step, episode or one of: " + ", ".join(sorted(map(str, info)))
+            )
+        value = info[unit]
+        if self._unit_value is not None and value != self._unit_value and self._pretrained:
+            self.agent.arbiter.end_unit(unit)
+        self._unit_value = value
+
+    def _log(self, decision: Decision, state: Vector) -> None:
+        if self._decisions is None:
+            return
+        explanation = self.agent.arbiter.explain(decision, state)
+        names = self._names
+        self._decisions.append(
+            DecisionRow(
+                step=self.env_steps,
+                episode=self.episode + 1,
+                proposed_by=decision.proposed_by,
+                proposed=names[decision.proposed] if decision.proposed >= 0 else "",
+                executed=names[decision.action],
+                executed_by=decision.executed_by,
+                reason=decision.reason,
+                predicted_reward=decision.predicted_reward,
+                unsafe=decision.unsafe,
+                rho=decision.rho,
+                explanation=explanation,
+            )
+        )
+
+    def _episode_seed(self) -> int:
+        sequence = np.random.SeedSequence(
+            entropy=self.seed, spawn_key=(_EPISODES, self.episode)
+        )
+        return int(sequence.generate_state(1)[0])
+
+    # State, between episodes ------------------------------------------------------------------
+
+    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return everything that the rest of the run depends on: arrays and JSON values."""
+        arrays, agent = self.agent.state_dict()
+        env = self.task.env.unwrapped
+        meta: dict[str, Any] = {
+            "agent": agent,
+            "episode": self.episode,
+            "env_steps": self.env_steps,
+            "vetoes": self.vetoes,
+            "unsafe_executed": self.unsafe_executed,
+            "recent": list(self.recent),
+            "pretrained": self._pretrained,
+            "unit_value": self._unit_value,
+            "wall_time": self.wall_time,
+            "environment": env.state_dict() if hasattr(env, "state_dict") else None,
+        }
+        return arrays, meta
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It belongs to a learner of another shape or to another environment.
+        """
+        self.agent.load_state_dict(arrays, meta["agent"])
+        for name in ("episode", "env_steps", "vetoes", "unsafe_executed"):
+            setattr(self, name, int(meta[name]))
+        self.recent.clear()
+        self.recent.extend(meta["recent"])
+        self._pretrained = bool(meta["pretrained"])
+        self._unit_value = meta["unit_value"]
+        self._wall_before, self._clock = float(meta["wall_time"]), time.monotonic()
+        saved = meta["environment"]
+        env = self.task.env.unwrapped
+        if saved is not None and not hasattr(env, "load_state_dict"):
+            raise RunError("the saved environment has a state that this one cannot take over")
+        if saved is not None:
+            env.load_state_dict(saved)

@@ -1,0 +1,42 @@
+"""Random domains, problems and states for tests, and a slow reading of the domain language.
+
+    from tests.generated import PLANNABLE, models_with_states
+
+    @given(models_with_states(PLANNABLE))
+    @examples(100)
+    def test_something(drawn): generated, states = drawn; generated.model.step(states, 0)
+
+Outside of hypothesis, `generate(Random(seed), flavour)` and `random_states(...)` do the same.
+"""
+
+from tests.generated.models import (
+    Generated,
+    generate,
+    load_texts,
+    models,
+    models_with_states,
+    random_state,
+    random_states,
+)
+from tests.generated.oracle import Oracle, Prediction
+from tests.generated.profile import examples
+from tests.generated.writer import FULL, PLANNABLE, SIMULATED, Flavour, Texts, write_texts
+
+__all__ = [
+    "FULL",
+    "PLANNABLE",
+    "SIMULATED",
+    "Flavour",
+    "Generated",
+    "Oracle",
+    "Prediction",
+    "Texts",
+    "examples",
+    "generate",
+    "load_texts",
+    "models",
+    "models_with_states",
+    "random_state",
+    "random_states",
+    "write_texts",
+]

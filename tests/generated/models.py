@@ -1,0 +1,114 @@
+"""Loaded random domains, states of them, and the strategies that hypothesis draws both from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from random import Random
+
+import numpy as np
+from hypothesis import strategies as st
+
+from serp.domain.loading import Domain
+from serp.domain.model import TransitionModel, Vector
+from serp.domain.parser import parse_domain, parse_problem
+from serp.domain.source import Source
+from tests.generated.oracle import Oracle, State
+from tests.generated.writer import FULL, Flavour, Texts, write_texts
+
+DOMAIN_FILE = "generated.pddl"
+PROBLEM_FILE = "generated-problem.pddl"
+# So many ground schemas at most: a random domain of the writer has at most a few dozen.
+LIMIT = 1_000
+
+
+def load_texts(texts: Texts) -> Domain:
+    """Load a domain from text, without files.
+
+    Raises:
+        DomainError: As `serp.domain.loading.load_domain`.
+    """
+    source = Source(DOMAIN_FILE, texts.domain)
+    problem_source = Source(PROBLEM_FILE, texts.problem) if texts.problem is not None else None
+    syntax = parse_domain(source)
+    problem = parse_problem(problem_source, syntax) if problem_source else None
+    return Domain(syntax.name, source, problem_source, syntax, problem, LIMIT)
+
+
+@dataclass(frozen=True)
+class Generated:
+    """A random domain, loaded."""
+
+    texts: Texts
+    domain: Domain
+
+    @property
+    def model(self) -> TransitionModel:
+        """The compiled domain."""
+        return self.domain.model
+
+    @cached_property
+    def oracle(self) -> Oracle:
+        """The same domain, read by the book."""
+        return Oracle(self.domain.syntax, self.domain.problem_syntax)
+
+    def spelled(self, state: Vector) -> State:
+        """A state of the model as the oracle has it, with what is static besides."""
+        return self.oracle.initial() | {
+            (f.symbol, *f.arguments): float(v) if f.numeric else bool(v)
+            for f, v in zip(self.model.fluents, state.tolist(), strict=True)
+        }
+
+    def __repr__(self) -> str:
+        return f"<generated domain\n{self.texts}>"
+
+
+def generate(random: Random, flavour: Flavour = FULL) -> Generated:
+    """Return a random domain, loaded. The same random state gives the same domain."""
+    texts = write_texts(random, flavour)
+    return Generated(texts, load_texts(texts))
+
+
+def random_state(random: Random, model: TransitionModel, *, exact: bool = False) -> Vector:
+    """Return a random state: quarters, literals of the files, and, unless exact, any number."""
+    written = [p.value for p in model.parameters] or [0.0]
+
+    def draw(numeric: bool) -> float:
+        if not numeric:
+            return float(random.randint(0, 1))
+        kind = random.randint(0, 9)
+        if kind <= 5 or exact:
+            return random.randint(-12, 12) / 4
+        if kind <= 7:
+            return random.choice(written)
+        if kind == 8:
+            return random.uniform(-100.0, 100.0)
+        return random.choice((-0.0, 1e-310, -1e200, 1e308, 0.1, 1 / 3))
+
+    return np.array([draw(f.numeric) for f in model.fluents], dtype=np.float64)
+
+
+def random_states(
+    random: Random, model: TransitionModel, count: int, *, exact: bool = False
+) -> Vector:
+    """Return random states `[count, F]`."""
+    rows = [random_state(random, model, exact=exact) for _ in range(count)]
+    return np.array(rows, dtype=np.float64).reshape(count, len(model.fluents))
+
+
+# hypothesis ------------------------------------------------------------------------------------
+
+
+def models(flavour: Flavour = FULL) -> st.SearchStrategy[Generated]:
+    """Random domains, loaded; they shrink to smaller ones."""
+    return st.randoms(use_true_random=False).map(lambda random: generate(random, flavour))
+
+
+@st.composite
+def models_with_states(
+    draw: st.DrawFn, flavour: Flavour = FULL, *, count: int = 8, exact: bool = False
+) -> tuple[Generated, Vector]:
+    """Random domains with `count` states of theirs, `[count, F]`."""
+    random = draw(st.randoms(use_true_random=False))
+    generated = generate(random, flavour)
+    return generated, random_states(random, generated.model, count, exact=exact)

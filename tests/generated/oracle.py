@@ -1,0 +1,313 @@
+"""A slow, obvious reading of the domain language, to hold the compiled one against.
+
+It walks the syntax as written, with variables looked up when they are met, and a state is a
+dictionary from ground terms to values. Nothing here is shared with `serp.domain.instantiate` or
+`serp.domain.codegen`; only the parsed syntax is the same.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from serp.domain import syntax as x
+
+Key = tuple[str, ...]
+"""A ground predicate or function: its name and the objects."""
+State = dict[Key, bool | float]
+Binding = dict[str, str]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What one step leads to."""
+
+    state: State
+    reward: float
+    unsafe: bool
+    terminal: bool
+    applicable: bool
+
+
+class NotApplicable(Exception):
+    """The step has no result."""
+
+
+class Oracle:
+    """One domain and problem, stepped by the book."""
+
+    def __init__(self, domain: x.DomainSyntax, problem: x.ProblemSyntax | None = None) -> None:
+        self.domain = domain
+        self.problem = problem
+        self.objects = problem.objects if problem else domain.constants
+
+    # What there is -----------------------------------------------------------------------------
+
+    def bindings(self, parameters: tuple[x.Parameter, ...]) -> Iterator[Binding]:
+        """Every way to bind the parameters to objects, in the order of the files."""
+        choices = [
+            [o.name for o in self.objects.values() if self.fits(o.type, p.types)]
+            for p in parameters
+        ]
+        for chosen in itertools.product(*choices):
+            yield {p.name: name for p, name in zip(parameters, chosen, strict=True)}
+
+    def fits(self, type_name: str, wanted: tuple[str, ...]) -> bool:
+        """Whether something of a type may stand where one of the wanted types is asked for."""
+        while True:
+            if type_name in wanted or x.OBJECT in wanted:
+                return True
+            if type_name not in self.domain.parents:
+                return False
+            type_name = self.domain.parents[type_name]
+
+    def terms(self) -> dict[Key, bool]:
+        """Every ground predicate (False) and function (True), reserved ones left out."""
+        return {
+            (declaration.name, *binding.values()): declaration.numeric
+            for declaration in self.domain.declarations.values()
+            if declaration.name not in (x.REWARD, x.UNSAFE, x.TERMINAL)
+            for binding in self.bindings(declaration.parameters)
+        }
+
+    def initial(self) -> State:
+        """What the problem states; numbers that it leaves open are missing."""
+        state: State = {key: False for key, numeric in self.terms().items() if not numeric}
+        if self.problem is not None:
+            for atom in self.problem.true_atoms:
+                state[ground(atom, {})] = True
+            for function, number in self.problem.values:
+                state[ground(function, {})] = number.value
+        return state
+
+    def instances(self, kind: x.Kind) -> dict[str, tuple[x.Schema, Binding]]:
+        """Printable name → schema and binding, in the order of the file."""
+        return {
+            " ".join((schema.name, *binding.values())): (schema, binding)
+            for schema in self.domain.schemas
+            if schema.kind is kind
+            for binding in self.bindings(schema.parameters)
+        }
+
+    # One step ----------------------------------------------------------------------------------
+
+    def step(self, state: State, action: str, dt: float = 1.0) -> Prediction:
+        """Predict one step of length `dt`."""
+        schema, binding = self.instances(x.Kind.ACTION)[action]
+        try:
+            return self._step(state, schema, binding, dt)
+        except NotApplicable:
+            return Prediction(state, 0.0, False, False, False)
+
+    def _step(self, before: State, schema: x.Schema, binding: Binding, dt: float) -> Prediction:
+        fresh: State = {(x.REWARD,): 0.0, (x.UNSAFE,): False, (x.TERMINAL,): False}
+        state = {**before, **fresh}
+        if not self.enabled(schema, state, binding):
+            raise NotApplicable
+        state = self.changed(state, [(schema, binding)])
+        flowing = [
+            (process, bound)
+            for process, bound in self.instances(x.Kind.PROCESS).values()
+            if self.enabled(process, state, bound)
+        ]
+        state = self.changed(state, flowing, rate_time=dt)
+        state = self._after_events(state)
+        reward = self._reward(before, state, dt)
+        if not math.isfinite(reward):
+            raise NotApplicable
+        goal = self.problem.goal if self.problem else None
+        reached = goal is not None and not is_empty(goal) and self.holds(goal, state, {})
+        after = {key: value for key, value in state.items() if key not in fresh}
+        unsafe = bool(state[(x.UNSAFE,)])
+        return Prediction(after, reward, unsafe, bool(state[(x.TERMINAL,)]) or reached, True)
+
+    def _after_events(self, state: State) -> State:
+        waiting = dict(self.instances(x.Kind.EVENT))
+        while True:
+            fired = []
+            for name, (event, binding) in waiting.items():
+                if self.enabled(event, state, binding):
+                    state = self.changed(state, [(event, binding)])
+                    fired.append(name)
+            if not fired:
+                return state
+            for name in fired:
+                del waiting[name]
+
+    def _reward(self, before: State, after: State, dt: float) -> float:
+        metric = self.problem.metric if self.problem else None
+        if metric is None or x.REWARD in self.domain.declarations:
+            return float(after[(x.REWARD,)])
+        late = self.value(metric.expression, after, {}, total_time=dt)
+        early = self.value(metric.expression, before, {}, total_time=0.0)
+        return late - early if metric.maximize else early - late
+
+    def enabled(self, schema: x.Schema, state: State, binding: Binding) -> bool:
+        """Whether the precondition holds."""
+        return schema.precondition is None or self.holds(schema.precondition, state, binding)
+
+    # Effects -----------------------------------------------------------------------------------
+
+    def changed(
+        self,
+        state: State,
+        together: list[tuple[x.Schema, Binding]],
+        rate_time: float | None = None,
+    ) -> State:
+        """Apply the effects of some schemas together: all are evaluated before any is applied."""
+        deletes: list[Key] = []
+        adds: list[Key] = []
+        numbers: list[tuple[x.Change, Key, float]] = []
+        for schema, binding in together:
+            for effect, bound in self.active(schema.effects, state, binding):
+                if isinstance(effect, x.SetPredicate):
+                    (adds if effect.value else deletes).append(ground(effect.atom, bound))
+                else:
+                    value = self.value(effect.value, state, bound)
+                    if rate_time is not None:
+                        value = rate_time * value
+                    numbers.append((effect.change, ground(effect.function, bound), value))
+        refuse_contradictions(numbers)
+        after = dict(state)
+        after.update({key: False for key in deletes})
+        after.update({key: True for key in adds})
+        for change, key, value in numbers:
+            old = float(after[key])
+            match change:
+                case x.Change.ASSIGN:
+                    after[key] = value
+                case x.Change.INCREASE:
+                    after[key] = old + value
+                case x.Change.DECREASE:
+                    after[key] = old - value
+                case x.Change.SCALE_UP:
+                    after[key] = old * value
+                case x.Change.SCALE_DOWN:
+                    after[key] = quotient(old, value)
+        for _, key, _ in numbers:
+            if key != (x.REWARD,) and not math.isfinite(after[key]):
+                raise NotApplicable
+        return after
+
+    def active(
+        self, effects: tuple[x.Effect, ...], state: State, binding: Binding
+    ) -> Iterator[tuple[x.SetPredicate | x.ChangeFunction, Binding]]:
+        """The simple effects that happen in a state."""
+        for effect in effects:
+            match effect:
+                case x.When(condition, inner):
+                    if self.holds(condition, state, binding):
+                        yield from self.active(inner, state, binding)
+                case x.ForallEffect(parameters, inner):
+                    for more in self.bindings(parameters):
+                        yield from self.active(inner, state, {**binding, **more})
+                case x.SetPredicate() | x.ChangeFunction():
+                    yield effect, binding
+
+    # Conditions and values ---------------------------------------------------------------------
+
+    def holds(self, condition: x.Condition, state: State, binding: Binding) -> bool:
+        """Whether a condition is true in a state."""
+        match condition:
+            case x.Atom():
+                return bool(state[ground(condition, binding)])
+            case x.SameObject(left, right):
+                return bound(left, binding) == bound(right, binding)
+            case x.Comparison(operator, left_side, right_side):
+                left_value = self.value(left_side, state, binding)
+                right_value = self.value(right_side, state, binding)
+                return {
+                    "<": left_value < right_value,
+                    "<=": left_value <= right_value,
+                    "=": left_value == right_value,
+                    ">=": left_value >= right_value,
+                    ">": left_value > right_value,
+                }[operator]
+            case x.Connective(operator, operands):
+                truths = [self.holds(operand, state, binding) for operand in operands]
+                match operator:
+                    case "and":
+                        return all(truths)
+                    case "or":
+                        return any(truths)
+                    case "not":
+                        return not truths[0]
+                    case _:  # imply
+                        return not truths[0] or truths[1]
+            case x.Quantified(operator, parameters, body):
+                truths = [
+                    self.holds(body, state, {**binding, **more})
+                    for more in self.bindings(parameters)
+                ]
+                return all(truths) if operator == "forall" else any(truths)
+
+    def value(
+        self, expression: x.Expression, state: State, binding: Binding, total_time: float = 0.0
+    ) -> float:
+        """The value of a numeric expression; a division by zero has none (NaN)."""
+        match expression:
+            case x.Number(value):
+                return value
+            case x.FunctionTerm():
+                return float(state[ground(expression, binding)])
+            case x.TotalTime():
+                return total_time
+            case x.Arithmetic(operator, operands):
+                values = [self.value(o, state, binding, total_time) for o in operands]
+                if len(values) == 1:
+                    return -values[0]
+                result = values[0]
+                for value in values[1:]:
+                    match operator:
+                        case "+":
+                            result = result + value
+                        case "-":
+                            result = result - value
+                        case "*":
+                            result = result * value
+                        case "/":
+                            result = quotient(result, value)
+                return result
+
+
+def bound(term: x.Term, binding: Binding) -> str:
+    """The object that a term stands for."""
+    return binding[term.name] if term.name.startswith("?") else term.name
+
+
+def ground(term: x.Atom | x.FunctionTerm, binding: Binding) -> Key:
+    """The ground term under a binding."""
+    return (term.name, *(bound(argument, binding) for argument in term.arguments))
+
+
+def quotient(dividend: float, divisor: float) -> float:
+    """Divide; NaN by zero."""
+    return dividend / divisor if divisor != 0.0 else math.nan
+
+
+def is_empty(condition: x.Condition) -> bool:
+    """Whether a condition asks for nothing: `(and)`, `(and (and))`."""
+    return (
+        isinstance(condition, x.Connective)
+        and condition.operator == "and"
+        and all(is_empty(operand) for operand in condition.operands)
+    )
+
+
+def refuse_contradictions(numbers: list[tuple[x.Change, Key, float]]) -> None:
+    """Changes of one number contradict each other unless they commute.
+
+    Increases and decreases do, scalings do, and so do assignments of one and the same value.
+    """
+    for key in {key for _, key, _ in numbers}:
+        changes = {change for change, other, _ in numbers if other == key}
+        assigned = {value for change, other, value in numbers if (change, other) == (A, key)}
+        if not (changes <= ADDITIVE or changes <= SCALING or changes == {A}) or len(assigned) > 1:
+            raise NotApplicable
+
+
+A = x.Change.ASSIGN
+ADDITIVE = {x.Change.INCREASE, x.Change.DECREASE}
+SCALING = {x.Change.SCALE_UP, x.Change.SCALE_DOWN}

@@ -1,0 +1,212 @@
+"""What a user installs is whole, works elsewhere and imports fast; its arrows point one way."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import venv
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = {
+    "serp": ROOT / "serp",
+    "serp_adapters": ROOT / "adapters" / "serp_adapters",
+    "serp_envs": ROOT / "envs" / "serp_envs",
+}
+HEAVY = ("gymnasium", "matplotlib", "networkx", "numba", "torch", "unified_planning")
+
+# The command as its script calls it, and on after it.
+COMMAND = """
+import sys
+import serp.cli
+sys.argv = ["serp", "{option}"]
+try:
+    serp.cli.main()
+except SystemExit:
+    pass
+"""
+
+
+def run(command: list[str], cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run without anything in the environment that points Python at this checkout."""
+    clean = {name: text for name, text in os.environ.items() if not name.startswith("PYTHON")}
+    return subprocess.run(
+        command, cwd=cwd, env=clean, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def output(command: list[str], cwd: Path) -> str:
+    """What a command prints that has to succeed."""
+    done = run(command, cwd)
+    assert done.returncode == 0, f"{command}:\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the source distribution and the wheel that is built from it."""
+    folder = tmp_path_factory.mktemp("dist")
+    output(
+        [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT)],
+        folder,
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(built: Path) -> Path:
+    """The wheel."""
+    (path,) = built.glob("serp-*.whl")
+    return path
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The scripts' folder of an environment with the wheel, its dependencies borrowed from here.
+
+    They come by a .pth file, which is not followed farther: an editable install of this checkout
+    stays invisible. Pip has to install before it is there, or would find serp installed already.
+    """
+    folder = tmp_path_factory.mktemp("elsewhere") / "venv"
+    venv.create(folder, with_pip=False)
+    paths = {"base": str(folder), "platbase": str(folder)}
+    scripts = Path(sysconfig.get_path("scripts", "venv", paths))
+    pip = [sys.executable, "-m", "pip", "--python", str(scripts / "python")]
+    output([*pip, "install", "--quiet", "--no-deps", "--no-index", str(wheel)], folder)
+    here = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
+    site = Path(sysconfig.get_path("purelib", "venv", paths))
+    (site / "borrowed.pth").write_text("\n".join(sorted(here)) + "\n")
+    return scripts
+
+
+# The wheel
+
+
+def source_files() -> set[str]:
+    """Every module of the three packages and every domain, by its name in the wheel."""
+    names = {
+        f"{package}/{path.relative_to(folder).as_posix()}"
+        for package, folder in PACKAGES.items()
+        for path in folder.rglob("*.py")
+    }
+    domains = {f"serp_adapters/domains/{path.name}" for path in (ROOT / "domains").glob("*.pddl")}
+    assert domains
+    return names | domains | {f"{package}/py.typed" for package in PACKAGES}
+
+
+def test_the_wheel_holds_every_module_the_domains_and_the_type_markers(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        held = {name for name in archive.namelist() if ".dist-info/" not in name}
+        assert held == source_files()
+        for path in (ROOT / "domains").glob("*.pddl"):
+            assert archive.read(f"serp_adapters/domains/{path.name}") == path.read_bytes()
+
+
+def test_wheel_and_source_distribution_carry_the_licence(built: Path, wheel: Path) -> None:
+    licence = (ROOT / "LICENSE").read_bytes()
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (name for name in archive.namelist() if name.endswith("licenses/LICENSE"))
+        assert archive.read(name) == licence
+    (source,) = built.glob("serp-*.tar.gz")
+    with tarfile.open(source) as archive:
+        (name,) = (name for name in archive.getnames() if name.endswith("/LICENSE"))
+        held = archive.extractfile(name)
+        assert held is not None
+        assert held.read() == licence
+
+
+# The installation, used from another directory
+
+
+def test_the_installed_packages_are_not_the_checkout(installed: Path, tmp_path: Path) -> None:
+    script = "import serp, serp_adapters, serp_envs as e; print(serp.__file__, e.__file__)"
+    for path in output([str(installed / "python"), "-c", script], tmp_path).split():
+        assert Path(path).is_relative_to(installed.parent)
+
+
+def test_the_installed_command_knows_its_version(
+    installed: Path, wheel: Path, tmp_path: Path
+) -> None:
+    version = wheel.name.split("-")[1]
+    assert version in output([str(installed / "serp"), "--version"], tmp_path).split()
+
+
+def test_the_installed_command_lists_cartpole(installed: Path, tmp_path: Path) -> None:
+    assert "cartpole" in output([str(installed / "serp"), "list"], tmp_path)
+
+
+def test_the_installed_command_checks_the_domain_it_ships(installed: Path, tmp_path: Path) -> None:
+    assert "cartpole" in output([str(installed / "serp"), "check", "cartpole"], tmp_path)
+
+
+def test_the_installed_command_prefers_a_domain_of_the_working_directory(
+    installed: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "domains").mkdir()
+    (tmp_path / "domains" / "cartpole.pddl").write_text("(define (domain cartpole) (:broken))\n")
+    done = run([str(installed / "serp"), "check", "cartpole"], tmp_path)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stdout + done.stderr
+
+
+def test_gymnasium_makes_the_installed_environment_by_its_name(
+    installed: Path, tmp_path: Path
+) -> None:
+    script = "import gymnasium; print(gymnasium.make('serp_envs:serp/CartPole-v0').spec.id)"
+    assert output([str(installed / "python"), "-c", script], tmp_path) == "serp/CartPole-v0\n"
+
+
+# Light imports
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        "import serp",
+        "import serp.errors",
+        COMMAND.format(option="--help"),
+        COMMAND.format(option="--version"),
+    ],
+    ids=["serp", "serp.errors", "--help", "--version"],
+)
+def test_nothing_heavy_is_imported_before_it_is_needed(script: str, tmp_path: Path) -> None:
+    report = "\nimport json, sys; print(); print(json.dumps(sorted(sys.modules)))"
+    printed = output([sys.executable, "-c", script + report], tmp_path)
+    loaded = json.loads(printed.splitlines()[-1])
+    assert "serp" in loaded
+    assert [name for name in HEAVY if name in loaded] == []
+
+
+# Arrows
+
+
+def imports(path: Path) -> Iterator[tuple[str, int]]:
+    """Top-level name and line of everything that a module imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name.partition(".")[0], node.lineno) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+            yield node.module.partition(".")[0], node.lineno
+
+
+@pytest.mark.parametrize(
+    ("package", "others"),
+    [("serp", {"serp_adapters", "serp_envs"}), ("serp_envs", {"serp", "serp_adapters"})],
+)
+def test_arrows_point_one_way(package: str, others: set[str]) -> None:
+    found = [
+        (path, name, line)
+        for path in sorted(PACKAGES[package].rglob("*.py"))
+        for name, line in imports(path)
+    ]
+    assert found
+    assert [f"{path}:{line} imports {name}" for path, name, line in found if name in others] == []
