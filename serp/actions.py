@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -24,7 +25,6 @@ class ActionForecast(NamedTuple):
             model does not know it.
         value, safe_steps, reward, flags: `[E]` as in `Forecast`. An action that the model does not
             know has value -inf, safe steps SAFE, reward 0 and flags 0.
-        indifferent: As in `Forecast`.
     """
 
     choice: int
@@ -33,7 +33,21 @@ class ActionForecast(NamedTuple):
     safe_steps: NDArray[np.int64]
     reward: NDArray[np.float64]
     flags: NDArray[np.int64]
-    indifferent: bool
+
+    @property
+    def indifferent(self) -> bool:
+        """Whether two or more actions are applicable and all of them promise the same."""
+        applicable = (self.flags & APPLICABLE) != 0
+        if np.count_nonzero(applicable) < 2:
+            return False
+        value, steps = self.value[applicable], self.safe_steps[applicable]
+        return bool((value == value[0]).all() and (steps == steps[0]).all())
+
+    @property
+    def safe(self) -> NDArray[np.bool_]:
+        """`[E]` whether the action is applicable and not predicted unsafe."""
+        safe: NDArray[np.bool_] = (self.flags & (APPLICABLE | UNSAFE)) == APPLICABLE
+        return safe
 
 
 class ActionMap:
@@ -66,6 +80,7 @@ class ActionMap:
         self.modelled = np.array([bool(group) for group in groups])
         self._one_to_one = all(len(group) <= 1 for group in groups)
         self._first = np.array([group[0] if group else -1 for group in groups], dtype=np.int64)
+        self._identity = bool((self._first == np.arange(size)).all()) and self._one_to_one
 
     def _resolve(self, mapping: Mapping[str, int] | None) -> list[int]:
         model, size = self.model, self.size
@@ -82,7 +97,7 @@ class ActionMap:
         for index, ground in enumerate(model.actions):
             schemas.setdefault(ground.schema, []).append(index)
         for name, action in mapping.items():
-            if isinstance(action, bool) or not 0 <= int(action) < size:
+            if not _is_position(action, size):
                 raise TaskError(
                     f"actions: `{name}` is mapped to {action!r}, but the environment's actions "
                     f"are 0 ... {size - 1}"
@@ -117,6 +132,11 @@ class ActionMap:
 
     def project(self, forecast: Forecast) -> ActionForecast:
         """Return a forecast over ground actions as one over environment actions."""
+        if self._identity:
+            return ActionForecast(
+                forecast.choice, self._first, forecast.value, forecast.safe_steps,
+                forecast.reward, forecast.flags,
+            )  # fmt: skip
         ground = self._first if self._one_to_one else self._choose(forecast)
         unknown = ground < 0
         choice = self.environment_action[forecast.choice] if forecast.choice >= 0 else -1
@@ -124,14 +144,14 @@ class ActionMap:
             count = self.size
             return ActionForecast(
                 -1, ground, np.full(count, -np.inf), np.full(count, SAFE), np.zeros(count),
-                np.zeros(count, dtype=np.int64), False,
+                np.zeros(count, dtype=np.int64),
             )  # fmt: skip
         value, steps = forecast.value[ground], forecast.safe_steps[ground]
         reward, flags = forecast.reward[ground], forecast.flags[ground]
         if unknown.any():
             value[unknown], steps[unknown] = -np.inf, SAFE
             reward[unknown], flags[unknown] = 0.0, 0
-        return ActionForecast(choice, ground, value, steps, reward, flags, forecast.indifferent)
+        return ActionForecast(choice, ground, value, steps, reward, flags)
 
     def _choose(self, forecast: Forecast) -> NDArray[np.int64]:
         """Return the ground action that counts for every environment action."""
@@ -143,3 +163,11 @@ class ActionMap:
                 unsafe = [k for k in applicable if flags[k] & UNSAFE]
                 chosen[action] = (unsafe or applicable)[0]
         return chosen
+
+
+def _is_position(action: object, size: int) -> bool:
+    """Whether it is a whole number (Python's or NumPy's) from 0 to size - 1."""
+    try:
+        return not isinstance(action, bool) and 0 <= operator.index(action) < size  # type: ignore[arg-type]
+    except TypeError:
+        return False

@@ -43,7 +43,7 @@ def make_planner(model: TransitionModel, settings: PlannerSettings) -> Forecaste
     return Lookahead(model, settings) if model.compiles else _GraphPlanner(model, settings)
 
 
-def learner_input(inputs: str) -> Callable[[Vector, Vector], Vector]:
+def _learner_input(inputs: str) -> Callable[[Vector, Vector], Vector]:
     """Return the function (observation, state) → what the learner sees."""
     if inputs == "observation":
         return lambda observation, state: observation
@@ -64,21 +64,30 @@ class Agent:
     def __init__(self, task: BoundTask, settings: Settings, seed: int) -> None:
         self.task = task
         self.settings = settings
-        arbiter_seed, learner_seed, self._random_seed = np.random.SeedSequence(
+        arbiter_seed, learner_seed, random_seed = np.random.SeedSequence(
             entropy=seed, spawn_key=(0,)
         ).spawn(3)
         planner = make_planner(task.model, settings.planner)
         self.arbiter = Arbiter(planner, task.actions, settings.arbiter, arbiter_seed)
-        self.learner_input = learner_input(settings.training.inputs)
-        self.learner = DQN(
-            self._input_size(), task.actions.size, settings.learner, learner_seed
-        )
-        self._random = np.random.default_rng(self._random_seed)
+        self._learner_input = _learner_input(settings.training.inputs)
+        self.learner = DQN(self._input_size(), task.actions.size, settings.learner, learner_seed)
+        self._random = np.random.default_rng(random_seed)
 
     def _input_size(self) -> int:
         sizes = {"observation": self.task.observation_size, "state": len(self.task.model.fluents)}
         inputs = self.settings.training.inputs
         return sum(sizes.values()) if inputs == "both" else sizes[inputs]
+
+    def perceive(self, raw: Any) -> tuple[Vector, Vector]:
+        """Return the state `[F]` and the learner's input for an observation of the environment.
+
+        Raises:
+            EnvironmentFailure: The observation is none of the space, or holds NaN.
+            TaskError: The grounding failed.
+        """
+        observation = self.task.observation(raw)
+        state = self.task.ground(raw)
+        return state, self._learner_input(observation, state)
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide by the arbiter, exploration included."""

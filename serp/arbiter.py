@@ -105,6 +105,12 @@ class ArbiterSettings:
                 raise SettingsError(
                     f"arbiter: {name} must be in [0, 1], not {getattr(self, name)!r}"
                 )
+        if self.rho > self.rho_max:
+            raise SettingsError(
+                f"arbiter: rho starts at {self.rho!r}, above its maximum rho_max {self.rho_max!r}"
+            )
+        if self.r_min is not None and np.isnan(self.r_min):
+            raise SettingsError("arbiter: r_min must be a number or None, not NaN")
         if self.exploration_slack is not None and not self.exploration_slack >= 0:
             raise SettingsError(
                 f"arbiter: exploration_slack must be >= 0, not {self.exploration_slack!r}"
@@ -200,7 +206,7 @@ class Arbiter:
 
     def admissible(self, forecast: ActionForecast) -> NDArray[np.bool_]:
         """Return `[E]` which actions no veto refuses."""
-        allowed = (forecast.flags & (APPLICABLE | UNSAFE)) == APPLICABLE
+        allowed = forecast.safe
         if self.settings.r_min is not None:
             allowed &= forecast.reward >= self.settings.r_min
         if self.settings.veto_horizon == "lookahead":
@@ -238,12 +244,9 @@ class Arbiter:
 
     # Who acts ----------------------------------------------------------------------------------
 
-    def _planners_turn(
-        self, forecast: ActionForecast, admissible: NDArray[np.bool_]
-    ) -> Decision:
-        return self._planner_acts(
-            forecast, admissible, forecast.choice, Actor.PLANNER, Reason.PLANNER_TURN
-        )
+    def _planners_turn(self, forecast: ActionForecast, admissible: NDArray[np.bool_]) -> Decision:
+        action = self._planners_action(forecast)
+        return self._planner_acts(forecast, admissible, action, Actor.PLANNER, Reason.PLANNER_TURN)
 
     def _consider(
         self, forecast: ActionForecast, admissible: NDArray[np.bool_], proposal: Proposed
@@ -264,8 +267,9 @@ class Arbiter:
             return None
         if slack == np.inf or not admissible.any():
             return admissible
-        best = forecast.value[admissible].max()
-        return admissible & ((forecast.value >= best - slack) | ~self.actions.modelled)
+        good = forecast.value >= forecast.value[admissible].max() - slack
+        explorable: NDArray[np.bool_] = admissible & (good | ~self.actions.modelled)
+        return explorable
 
     def _refusal(self, forecast: ActionForecast, action: int) -> Reason:
         if not self.actions.modelled[action]:
@@ -280,6 +284,22 @@ class Arbiter:
             return Reason.LOW_REWARD
         return Reason.UNSAFE_AHEAD
 
+    def _planners_action(self, forecast: ActionForecast) -> int:
+        """Return the planner's choice (-1: none), or another action where that is unsafe at once.
+
+        Its choice can be unsafe although others are not: where several ground actions share an
+        environment action, and where under `repeat` only later periods of the others are unsafe.
+        """
+        choice = forecast.choice
+        if choice < 0 or not forecast.flags[choice] & UNSAFE:
+            return choice
+        safe = forecast.safe
+        if not safe.any():
+            return choice
+        steps = np.where(safe, forecast.safe_steps, -1)
+        longest = np.flatnonzero(steps == steps.max())
+        return int(longest[forecast.value[longest].argmax()])
+
     def _planner_acts(
         self,
         forecast: ActionForecast,
@@ -288,22 +308,13 @@ class Arbiter:
         proposed_by: Actor,
         reason: Reason,
     ) -> Decision:
-        action, executed_by = forecast.choice, Actor.PLANNER
+        action, executed_by = self._planners_action(forecast), Actor.PLANNER
         if action < 0 or forecast.flags[action] & UNSAFE:
-            safe = (forecast.flags & (APPLICABLE | UNSAFE)) == APPLICABLE
-            if safe.any():  # under `repeat` an edge can be unsafe whose first period is not
-                steps = np.where(safe, forecast.safe_steps, -1)
-                action = int(np.where(steps == steps.max(), forecast.value, -np.inf).argmax())
-            elif self._unmodelled_allowed.any():
+            reason = Reason.NO_APPLICABLE_ACTION if action < 0 else Reason.NO_SAFE_ACTION
+            if self._unmodelled_allowed.any():
                 action, executed_by = int(self._unmodelled_allowed.argmax()), Actor.FALLBACK
-                reason = Reason.NO_SAFE_ACTION if forecast.choice >= 0 else (
-                    Reason.NO_APPLICABLE_ACTION
-                )
-            elif action >= 0:
-                reason = Reason.NO_SAFE_ACTION
-            else:
+            elif action < 0:
                 action, executed_by = max(proposed, 0), Actor.FALLBACK
-                reason = Reason.NO_APPLICABLE_ACTION
         return self._record(
             forecast, admissible, action, executed_by, reason, proposed, proposed_by
         )
@@ -336,7 +347,10 @@ class Arbiter:
     # Explaining --------------------------------------------------------------------------------
 
     def explain(self, decision: Decision, state: Vector) -> str:
-        """Say in the words of the domain file why a proposal was refused; empty if none was."""
+        """Say in the words of the domain file what is wrong with what was proposed.
+
+        Empty where the proposal, the planner's or the learner's, was fine and was executed.
+        """
         if decision.reason in (Reason.PLANNER_TURN, Reason.ACCEPTED):
             return ""
         shown = decision.proposed if decision.proposed >= 0 else decision.action
@@ -355,6 +369,8 @@ class Arbiter:
                 f"R_min {self.settings.r_min:g}"
             )
         steps = int(decision.forecast.safe_steps[shown])
+        if steps == 0:
+            return f"{name}: unsafe when it is repeated as the planner's setting `repeat` says"
         return f"{name}: unsafe after {steps} more step{'' if steps == 1 else 's'} whatever follows"
 
     # State -------------------------------------------------------------------------------------
@@ -363,9 +379,7 @@ class Arbiter:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         return {}, {"rho": self.rho, "random": self._random.bit_generator.state}
 
-    def load_state_dict(
-        self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]
-    ) -> None:
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned."""
         self.rho = float(meta["rho"])
         self._random.bit_generator.state = dict(meta["random"])

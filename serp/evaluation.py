@@ -11,6 +11,8 @@ import numpy as np
 from serp.agent import Agent
 from serp.domain.codegen import UNSAFE
 from serp.domain.model import Vector
+from serp.domain.source import did_you_mean
+from serp.errors import SettingsError
 from serp.task import BoundTask
 
 Policy = Literal["serp", "planner", "learner"]
@@ -70,10 +72,16 @@ def evaluate(
         seed: Seed of the environment; other than any that training uses.
 
     Raises:
+        SettingsError: There is no such policy, or no episode is asked for.
         TaskError: The grounding failed.
         EnvironmentFailure: The environment raised or gave NaN.
     """
-    act = _policies(agent)[policy]
+    policies = _policies(agent)
+    if policy not in policies:
+        raise SettingsError(f"there is no policy `{policy}`; {did_you_mean(policy, policies)}")
+    if episodes < 1:
+        raise SettingsError(f"an evaluation takes at least one episode, not {episodes}")
+    act = policies[policy]
     returns: list[float] = []
     lengths: list[int] = []
     ended = unsafe = vetoes = 0
@@ -82,8 +90,7 @@ def evaluate(
         raw, _ = task.reset(seed=int(sequence.generate_state(1)[0]))
         total, length = 0.0, 0
         while True:
-            state = task.ground(raw)
-            x = agent.learner_input(task.observation(raw), state)
+            state, x = agent.perceive(raw)
             action, was_unsafe, was_vetoed = act(state, x)
             unsafe += was_unsafe
             vetoes += was_vetoed

@@ -8,14 +8,16 @@ from serp.domain.model import TransitionModel, Vector
 
 
 def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> str:
-    """Say why a ground action is not applicable: the failed precondition with the values that it
-    reads, or the effects that contradict each other or give no number.
+    """Say why a ground action is not applicable.
+
+    That is the failed precondition with the values that it reads, or the effects that contradict
+    each other or give no number.
     """
     passed, _ = model.trace(state, action)
     name = model.actions[action].name
     for site in reversed(passed):
-        if site.what == "failed" and site.item is not None:
-            return f"{name}: {_quote(site)} does not hold ({_values(model, state, site.item)})"
+        if site.what == "failed" and isinstance(site.item, g.Test):
+            return f"{name}: {_quote(site)} does not hold{_values(model, state, site.item)}"
         if site.what == "conflict":
             return f"{name}: {_quote(site)} contradicts another effect"
         if site.what == "undefined":
@@ -27,12 +29,16 @@ def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> st
 def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
     """Say which effect makes `(unsafe)` true one step ahead."""
     passed, _ = model.trace(state, action)
+    setter: Site | None = None
     for site in passed:
         if isinstance(site.item, g.SetBoolean) and site.item.target == g.UNSAFE_TARGET:
-            assert site.schema is not None
-            through = "" if site.schema is model.actions[action] else f" through {_of(site.schema)}"
-            return f"{model.actions[action].name}: {_quote(site)}{through}"
-    return f"{model.actions[action].name} is not predicted unsafe"
+            # A later effect may take the flag back.
+            setter = (setter or site) if site.item.value else None
+    if setter is None:
+        return f"{model.actions[action].name} is not predicted unsafe"
+    assert setter.schema is not None
+    through = "" if setter.schema is model.actions[action] else f" through {_of(setter.schema)}"
+    return f"{model.actions[action].name}: {_quote(setter)}{through}"
 
 
 def _of(schema: g.GroundSchema) -> str:
@@ -48,6 +54,7 @@ def _quote(site: Site) -> str:
 
 
 def _values(model: TransitionModel, state: Vector, test: g.Test) -> str:
+    """The values that a test reads, in parentheses; empty where it reads none."""
     names = {"unsafe": g.UNSAFE_TARGET, "terminal": g.TERMINAL_TARGET}
     parts = []
     for index in dict.fromkeys(g.fluents_of(test)):
@@ -58,7 +65,7 @@ def _values(model: TransitionModel, state: Vector, test: g.Test) -> str:
         value = float(state[index])
         shown = f"{value:.4g}" if fluent.numeric else ("true" if value else "false")
         parts.append(f"{fluent.name} = {shown}")
-    return ", ".join(parts)
+    return f" ({', '.join(parts)})" if parts else ""
 
 
 _PLACED = (g.Holds, g.Compare, g.Not, g.All, g.AnyOf, g.SetBoolean, g.SetNumber)

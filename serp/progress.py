@@ -224,9 +224,13 @@ class _Panel(Progress):
         from rich.console import Console
         from rich.live import Live
 
+        class LastingConsole(Console):
+            def on_broken_pipe(self) -> None:  # rich would end the process
+                raise BrokenPipeError
+
         super().__enter__()
         # No thread of rich's own: it would draw while the loop computes.
-        self._live = Live(console=Console(file=self._stream), auto_refresh=False)
+        self._live = Live(console=LastingConsole(file=self._stream), auto_refresh=False)
         self._live.start()
         self._next = self._clock()
         return self

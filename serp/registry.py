@@ -45,8 +45,10 @@ def load_task(name: str) -> Task:
 
 
 def find_domain_file(domain: str) -> Path | None:
-    """Return the file that `--domain` means: a path, `domains/NAME.pddl` or `NAME.pddl` in the
-    working directory; None where the name is left to the installed tasks.
+    """Return the file that `--domain` means.
+
+    That is a path, or `domains/NAME.pddl` or `NAME.pddl` in the working directory; None where the
+    name is left to the installed tasks.
 
     Raises:
         TaskError: It is written as a path, and there is no such file.

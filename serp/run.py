@@ -11,7 +11,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import threadpoolctl
@@ -21,14 +21,15 @@ from numpy.typing import NDArray
 from serp.agent import Agent
 from serp.arbiter import Decision
 from serp.domain.loading import Domain, load_domain
-from serp.errors import RunError, SerpError
+from serp.errors import RunError, SerpError, SettingsError
 from serp.evaluation import EvaluationResult, Policy, evaluate
 from serp.progress import ProgressStats, open_progress
 from serp.registry import find_task, load_task
+from serp.runs.config import CONFIG
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.placement import default_path
 from serp.runs.reading import read_metrics
-from serp.runs.results import write_results
+from serp.runs.tensorboard import EventWriter
 from serp.settings import Settings, resolve
 from serp.task import BoundTask, Task
 from serp.training import Trainer
@@ -74,7 +75,7 @@ def plan_and_learn(
     """
     if isinstance(task, str):
         task = find_task(task)
-    if episodes is not None and episodes < 1 or env_steps is not None and env_steps < 1:
+    if (episodes is not None and episodes < 1) or (env_steps is not None and env_steps < 1):
         raise RunError("the budget (episodes, env steps) must be at least 1")
     if resume:
         if out is None:
@@ -107,9 +108,8 @@ def _sources(domain: Domain) -> list[Any]:
 def _continue(
     folder: RunFolder, task: Task, episodes: int | None, env_steps: int | None, *, quiet: bool
 ) -> Run:
-    bound = _task_of(folder, task).bind()
-    settings = Settings.from_dict(folder.config["settings"])
-    trainer = Trainer(bound, settings, int(folder.config["seed"]), folder.decisions)
+    made = _made_with(folder)
+    trainer = Trainer(_task_of(folder, task).bind(), made.settings, made.seed, folder.decisions)
     checkpoint = folder.resume()
     trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
     if checkpoint.fallback and not quiet:
@@ -117,10 +117,53 @@ def _continue(
     return _train(folder, trainer, episodes, env_steps, quiet=quiet)
 
 
+class _MadeWith(NamedTuple):
+    """What a run was made with, as its `config.json` says."""
+
+    task: str
+    seed: int
+    reward: Literal["domain", "environment"]
+    dt: float
+    settings: Settings
+
+
+def _made_with(folder: RunFolder) -> _MadeWith:
+    """Read a run's configuration.
+
+    Raises:
+        RunError: Something is missing in it, or of the wrong kind.
+    """
+    config = folder.config
+    try:
+        if config["reward"] not in ("domain", "environment"):
+            raise ValueError(f"reward is {config['reward']!r}")
+        return _MadeWith(
+            task=str(config["task"]),
+            seed=int(config["seed"]),
+            reward=config["reward"],
+            dt=float(config["control_period"]),
+            settings=Settings.from_dict(config["settings"]),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError, SettingsError) as error:
+        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise RunError(
+            f"{folder.path / CONFIG} was changed or damaged: {what}; restore it from a copy"
+        ) from error
+
+
 def _task_of(folder: RunFolder, task: Task) -> Task:
-    """Return the task with the domain as the run has it, whatever became of the file since."""
+    """Return the task as the run has it, whatever became of its domain file since.
+
+    Raises:
+        RunError: The run is one of another task.
+    """
+    made = _made_with(folder)
+    if task.name not in (None, made.task):
+        raise RunError(f"{folder.path} is a run of task {made.task}, not of {task.name}")
     domain = load_domain(folder.domain_file, folder.problem_file)
-    return dataclasses.replace(task, domain=domain, problem=None)
+    return dataclasses.replace(
+        task, domain=domain, problem=None, name=made.task, reward=made.reward, dt=made.dt
+    )
 
 
 def _train(
@@ -136,18 +179,33 @@ def _train(
         start=_stats(trainer),
         quiet=quiet,
     )
+    events = EventWriter(folder.path, trainer.env_steps + 1) if settings.tensorboard else None
     saved_at = trainer.wall_time
     trainer.on_step = lambda: progress.update(_stats(trainer)) if progress.due() else None
-    with _one_thread(), _stop_between_episodes() as stopping, progress:
+    with (
+        contextlib.closing(trainer.task),
+        _one_thread(),
+        _stop_between_episodes() as stopping,
+        progress,
+    ):
+        if trainer.episode == 0:
+            # Whatever happens in the first episodes, the run can be continued.
+            folder.save_checkpoint(*trainer.state_dict())
         while not _done(trainer, episodes, env_steps) and not stopping.is_set():
-            folder.metrics.append(trainer.run_episode())
+            row = trainer.run_episode()
+            folder.metrics.append(row)
+            if events is not None:
+                events.append(row)
             progress.update(_stats(trainer))
             if trainer.wall_time - saved_at >= settings.checkpoint_seconds:
                 folder.save_checkpoint(*trainer.state_dict())
                 saved_at = trainer.wall_time
         folder.save_checkpoint(*trainer.state_dict())
+    if events is not None:
+        events.close()
+    from serp.runs.results import write_results  # brings matplotlib, which no step needs
+
     write_results(folder)
-    trainer.task.close()
     if stopping.is_set() and not _done(trainer, episodes, env_steps):
         raise Interrupted(
             f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; everything "
@@ -189,8 +247,9 @@ def _one_thread() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _stop_between_episodes() -> Iterator[threading.Event]:
-    """Turn the first Ctrl-C into a request to stop after the episode; a second one stops at once
-    (the run then goes on from its last checkpoint).
+    """Turn the first Ctrl-C into a request to stop after the episode.
+
+    A second one stops at once; the run then goes on from its last checkpoint.
     """
     stopping = threading.Event()
     if threading.current_thread() is not threading.main_thread():
@@ -222,7 +281,7 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
     """
     opened = RunFolder.open(folder)
     if task is None:
-        task = load_task(str(opened.config["task"]))
+        task = load_task(_made_with(opened).task)
     return Run(Path(folder), _task_of(opened, task))
 
 
@@ -267,12 +326,9 @@ class Run:
         Raises:
             RunError: There is no whole checkpoint.
         """
-        checkpoint = RunFolder.open(self.path).load_checkpoint()
-        agent = Agent(
-            self._bound,
-            Settings.from_dict(self.config["settings"]),
-            int(self.config["seed"]),
-        )
+        folder = RunFolder.open(self.path)
+        made, checkpoint = _made_with(folder), folder.load_checkpoint()
+        agent = Agent(self._bound, made.settings, made.seed)
         agent.load_state_dict(checkpoint.arrays, checkpoint.meta["agent"])
         return agent
 
@@ -282,9 +338,7 @@ class Run:
 
     def decide(self, observation: Any) -> Decision:
         """Decide as the trained agent does, for one observation as the environment gives it."""
-        state = self._bound.ground(observation)
-        x = self.agent.learner_input(self._bound.observation(observation), state)
-        return self.agent.decide_greedily(state, x)
+        return self.agent.decide_greedily(*self.agent.perceive(observation))
 
     def evaluate(
         self, policy: Policy = "serp", *, episodes: int = 20, seed: int = 0

@@ -24,12 +24,14 @@ class TrainingSettings:
             is refused as ever), on which the learner is pretrained before Algorithm 1 starts.
         env_steps: Budget of a training for which none is given.
         checkpoint_seconds: Least time between two checkpoints; they are made between episodes.
+        tensorboard: Whether to write TensorBoard events as well (extra `tensorboard`).
     """
 
     inputs: Literal["observation", "state", "both"] = "both"
     random_steps: int = 0
     env_steps: int = 20_000
     checkpoint_seconds: float = 15.0
+    tensorboard: bool = False
 
     def __post_init__(self) -> None:
         if self.inputs not in ("observation", "state", "both"):
@@ -75,7 +77,12 @@ class Settings:
                     raise SettingsError(
                         f"there is no setting `{section}.{name}`; {did_you_mean(name, names)}"
                     )
-            sections[section] = dataclasses.replace(current, **values)
+            try:
+                sections[section] = dataclasses.replace(current, **values)
+            except TypeError as error:
+                raise SettingsError(
+                    f"{section}: a setting has a value of the wrong kind: {error}"
+                ) from None
         return dataclasses.replace(self, **sections)
 
     def as_dict(self) -> dict[str, dict[str, Any]]:
@@ -137,11 +144,35 @@ PRESETS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
             "target_period": None,
             "target_polyak": None,
             "protected_share": 0.0,
+            "gradient_clip": None,
+            # D aggregates every sample: as many as 1,000 episodes of 500 steps have.
+            "buffer_size": 500_000,
+            "pretrain_updates": 500,
         },
         "training": {"random_steps": 500},
     },
     # What gives the best result today; see docs/cartpole.md for what each choice is worth.
-    "default": {},
+    "default": {
+        # Two control periods an edge see twice as far at the same cost.
+        "planner": {"depth": 5, "repeat": 2, "discount": 0.99},
+        "arbiter": {
+            "rho": 0.3,
+            "rho_increment": 0.00014,
+            "rho_unit": "step",
+            "veto_horizon": "lookahead",
+            "exploration_slack": float("inf"),
+            "indifferent": "learner",
+        },
+        "learner": {
+            "members": 3,
+            "layer_norm": True,
+            "discount": 0.95,
+            "target_period": None,
+            "target_polyak": 0.005,
+            "epsilon_end": 0.02,
+            "epsilon_steps": 3000,
+        },
+    },
 }
 
 

@@ -98,7 +98,7 @@ class BoundTask:
         except StateError as error:
             raise TaskError(f"task {self.name}: {error}") from None
         self.env = self._make_env(render_mode)
-        space = self.env.action_space
+        space = getattr(self.env, "action_space", None)
         if not isinstance(space, spaces.Discrete):
             raise TaskError(
                 f"task {self.name}: serp needs discrete actions, this environment has {space}; "
@@ -106,13 +106,7 @@ class BoundTask:
             )
         self._first_action = int(space.start)
         self.actions = ActionMap(self.model, int(space.n), task.actions)
-        flat = spaces.flatten_space(self.env.observation_space)
-        if not isinstance(flat, spaces.Box) or len(flat.shape or ()) != 1:
-            raise TaskError(
-                f"task {self.name}: observations of {self.env.observation_space} cannot be "
-                "flattened to a vector"
-            )
-        self.observation_size = int(flat.shape[0])
+        self.observation_size = self._size_of(getattr(self.env, "observation_space", None))
         self._flatten_by_space = not isinstance(self.env.observation_space, spaces.Box)
         self.rewarded_by = task.reward or ("domain" if self.model.rewarding else "environment")
         if self.rewarded_by == "domain" and not self.model.rewarding:
@@ -138,17 +132,37 @@ class BoundTask:
             raise TaskError(f"task {self.name}: make_env returned {type(env).__name__}, no gym.Env")
         return env
 
+    def _size_of(self, space: Any) -> int:
+        try:
+            flat = spaces.flatten_space(space)
+        except NotImplementedError:
+            flat = None
+        if not isinstance(flat, spaces.Box):
+            raise TaskError(
+                f"task {self.name}: observations of {space} cannot be flattened to a vector"
+            )
+        return int(flat.shape[0])
+
     # The way of data through a step ------------------------------------------------------------
 
     def observation(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a flat float64 vector.
 
         Raises:
-            EnvironmentFailure: It is of another size than the space says, or holds NaN.
+            EnvironmentFailure: It is no member of the space, of another size than that, or holds
+                NaN.
         """
-        if self._flatten_by_space:
-            raw = spaces.flatten(self.env.observation_space, raw)
-        vector = np.asarray(raw, dtype=np.float64).reshape(-1)
+        try:
+            if self._flatten_by_space:
+                flat = spaces.flatten(self.env.observation_space, raw)
+            else:
+                flat = raw
+            vector = np.asarray(flat, dtype=np.float64).reshape(-1)
+        except Exception as error:
+            raise EnvironmentFailure(
+                f"task {self.name}: an observation {raw!r} that does not fit "
+                f"{self.env.observation_space}: {_short(error)}"
+            ) from error
         if vector.shape[0] != self.observation_size:
             raise EnvironmentFailure(
                 f"task {self.name}: an observation of {vector.shape[0]} numbers, the space "
@@ -181,14 +195,13 @@ class BoundTask:
         """Reset the environment.
 
         Raises:
-            EnvironmentFailure: It raised.
+            EnvironmentFailure: It raised, or returned something else than observation and info.
         """
         try:
-            return self.env.reset(seed=seed)
+            raw, info = self.env.reset(seed=seed)
+            return raw, dict(info)
         except Exception as error:
-            raise EnvironmentFailure(
-                f"task {self.name}: reset failed: {_short(error)}"
-            ) from error
+            raise EnvironmentFailure(f"task {self.name}: reset failed: {_short(error)}") from error
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Carry out an environment action 0 ... E-1.
@@ -197,16 +210,18 @@ class BoundTask:
             Observation, the environment's reward, terminated, truncated, info.
 
         Raises:
-            EnvironmentFailure: The environment raised or gave a reward that is no number.
+            EnvironmentFailure: The environment raised, returned something else than five values,
+                or gave a reward that is no number.
         """
         try:
             raw, reward, terminated, truncated, info = self.env.step(self._first_action + action)
+            number = float(reward)
+            info = dict(info)
         except Exception as error:
             raise EnvironmentFailure(
                 f"task {self.name}: step with action {self.actions.name(action)} failed: "
                 f"{_short(error)}"
             ) from error
-        number = float(reward)
         if number - number != 0.0:
             raise EnvironmentFailure(f"task {self.name}: the environment's reward is {number}")
         return raw, number, bool(terminated), bool(truncated), info

@@ -58,7 +58,9 @@ class _Episode:
         self.unsafe_executed += decision.unsafe
         self.no_safe_action += decision.reason is Reason.NO_SAFE_ACTION
 
-    def row(self, episode: int, env_steps: int, rho: float, epsilon: float, wall: float) -> MetricsRow:
+    def row(
+        self, episode: int, env_steps: int, rho: float, epsilon: float, wall: float
+    ) -> MetricsRow:
         counted = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "losses"}
         return MetricsRow(
             episode=episode,
@@ -132,17 +134,15 @@ class Trainer:
         agent, task = self.agent, self.task
         episode = _Episode()
         raw, info = task.reset(seed=self._episode_seed())
-        self._notice_unit(info, first=True)
-        state, observation = task.ground(raw), task.observation(raw)
-        x = agent.learner_input(observation, state)
+        self._notice_unit(info)
+        state, x = agent.perceive(raw)
         random_phase = not self._pretrained
         decision = self._decide(state, x, random_phase=random_phase)
         while True:
             self._log(decision, state)
             raw, env_reward, terminated, truncated, info = task.step(decision.action)
-            next_state, observation = task.ground(raw), task.observation(raw)
+            next_state, next_x = agent.perceive(raw)
             reward = self._reward(episode, decision, state, next_state, env_reward)
-            next_x = agent.learner_input(observation, next_state)
             episode.count(decision)
             self.env_steps += 1
             self.vetoes += decision.vetoed
@@ -206,7 +206,7 @@ class Trainer:
             self.episode, self.env_steps, agent.arbiter.rho, agent.learner.epsilon, self.wall_time
         )
 
-    def _notice_unit(self, info: Mapping[str, Any], *, first: bool = False) -> None:
+    def _notice_unit(self, info: Mapping[str, Any]) -> None:
         """Let ρ grow when the counter that its unit names has changed."""
         unit = self.settings.arbiter.rho_unit
         if unit in ("step", "episode"):
@@ -214,7 +214,7 @@ class Trainer:
         if unit not in info:
             raise RunError(
                 f"arbiter.rho_unit is `{unit}`, but the environment's info has no such entry; "
-                "use step, episode or one of: " + ", ".join(sorted(map(str, info)))
+                "use " + ", ".join(["step", "episode", *sorted(map(str, info))])
             )
         value = info[unit]
         if self._unit_value is not None and value != self._unit_value and self._pretrained:
@@ -243,9 +243,7 @@ class Trainer:
         )
 
     def _episode_seed(self) -> int:
-        sequence = np.random.SeedSequence(
-            entropy=self.seed, spawn_key=(_EPISODES, self.episode)
-        )
+        sequence = np.random.SeedSequence(entropy=self.seed, spawn_key=(_EPISODES, self.episode))
         return int(sequence.generate_state(1)[0])
 
     # State, between episodes ------------------------------------------------------------------
@@ -283,7 +281,7 @@ class Trainer:
         self._unit_value = meta["unit_value"]
         self._wall_before, self._clock = float(meta["wall_time"]), time.monotonic()
         saved = meta["environment"]
-        env = self.task.env.unwrapped
+        env: Any = self.task.env.unwrapped
         if saved is not None and not hasattr(env, "load_state_dict"):
             raise RunError("the saved environment has a state that this one cannot take over")
         if saved is not None:

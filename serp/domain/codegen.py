@@ -134,7 +134,7 @@ class _Generator:
         self._dispatch(self._action)
         self._processes()
         self._events()
-        self._finish()
+        self._finish("out")
         return self._function(["s", "a", "theta", "dt", "out"])
 
     def judge(self) -> Generated:
@@ -142,7 +142,7 @@ class _Generator:
         self._dispatch(self._judged_action)
         self._judged_processes()
         self._events()
-        self._finish()
+        self._finish("n")
         return self._function(["s", "a", "n", "theta", "dt", "out"])
 
     def _function(self, arguments: list[str]) -> Generated:
@@ -172,16 +172,17 @@ class _Generator:
             _assign("terminal", _const(False)),
         ]
 
-    def _finish(self) -> None:
+    def _finish(self, result: str) -> None:
+        """Emit metric, goal and flags; metric and goal look at the next state, named `result`."""
         metric = self.model.metric
         if metric is not None:
-            after = self._value(metric.value, "out", elapsed=_name("dt"))
+            after = self._value(metric.value, result, elapsed=_name("dt"))
             before = self._value(metric.value, "s", elapsed=_const(0.0))
             pair = (after, before) if metric.maximize else (before, after)
             self.body.append(_assign("reward", ast.BinOp(pair[0], ast.Sub(), pair[1])))
         self._require_finite(_name("reward"), Site("undefined", None, None))
         if self.model.goal is not None:
-            goal = self._test(self.model.goal, "out")
+            goal = self._test(self.model.goal, result)
             self.body.append(ast.If(goal, [_assign("terminal", _const(True))], []))
         flags: ast.expr = ast.Constant(APPLICABLE)
         for name, bit in (("unsafe", UNSAFE), ("terminal", TERMINAL)):

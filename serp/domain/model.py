@@ -283,7 +283,8 @@ class TransitionModel:
         """Read reward and flags off an observed transition, R(s') in the paper's words.
 
         The action's own rewards are evaluated in `state`; processes and events are evaluated in
-        the observed `next_state` instead of the predicted one.
+        the observed `next_state` instead of the predicted one. Goal and metric are those of
+        `next_state` as it is, whatever events would make of it.
 
         Args:
             state: `[F]` before the action.

@@ -207,7 +207,8 @@ class DQN:
 
     def greedy_batch(self, x: npt.NDArray[np.floating]) -> npt.NDArray[np.int64]:
         """As `greedy`, for each of a batch of inputs ``[B, F]``: int64 ``[B]``."""
-        return self.q_values(x).argmax(axis=-1)
+        best: npt.NDArray[np.int64] = self.q_values(x).argmax(axis=-1)
+        return best
 
     def remember(
         self,

@@ -35,7 +35,7 @@ _RELU_FLOOR = np.float32(0.0)
 
 
 class _Layer:
-    """Where one layer lies in the flat parameters, and buffers' views have this shape too.
+    """Where one layer lies in the flat parameters.
 
     Attributes:
         weight: view ``[inputs, outputs]``, or ``[members, inputs, outputs]`` with several members.
@@ -58,11 +58,8 @@ class _Layer:
         self.weight_gradient = self._matrix(network.gradient)
 
     def _matrix(self, flat: torch.Tensor) -> type_F32:
-        block = flat[:, self.start : self.bias].reshape(-1, self.inputs, self.outputs)
-        matrix: type_F32 = _squeezed(block.numpy())
-        if not np.shares_memory(matrix, flat.numpy()):
-            raise AssertionError("a layer's matrix must be a view of the flat parameters")
-        return matrix
+        block = flat[:, self.start : self.bias].view(-1, self.inputs, self.outputs)
+        return _squeezed(block.numpy())
 
 
 class _Buffers:

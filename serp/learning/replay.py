@@ -103,6 +103,8 @@ class ReplayBuffer:
         failing_window: int = 1,
         rng: np.random.Generator,
     ) -> None:
+        if failing_window > capacity:
+            raise ValueError(f"failing_window {failing_window} exceeds the capacity {capacity}")
         self._capacity = capacity
         self._n_step = n_step
         self._powers = [discount**k for k in range(n_step + 1)]

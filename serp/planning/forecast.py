@@ -42,17 +42,17 @@ class Forecast(NamedTuple):
     @property
     def applicable(self) -> NDArray[np.bool_]:
         """`[A]` whether the precondition holds."""
-        return (self.flags & APPLICABLE) != 0
+        return (self.flags & APPLICABLE).astype(np.bool_)
 
     @property
     def unsafe(self) -> NDArray[np.bool_]:
         """`[A]` whether the action is predicted unsafe."""
-        return (self.flags & UNSAFE) != 0
+        return (self.flags & UNSAFE).astype(np.bool_)
 
     @property
     def terminal(self) -> NDArray[np.bool_]:
         """`[A]` whether the action is predicted to end the task."""
-        return (self.flags & TERMINAL) != 0
+        return (self.flags & TERMINAL).astype(np.bool_)
 
     @property
     def safe(self) -> bool:

@@ -1,9 +1,9 @@
-"""The planning graph: layered, rooted, states as nodes and actions as edges (paper, section 3.2)."""
+"""The planning graph: layered, rooted, states as nodes, actions as edges (paper, section 3.2)."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import networkx as nx
@@ -120,8 +120,10 @@ class PlanningGraph:
     def _follow(
         self, nodes: list[int], deadline: float | None
     ) -> tuple[_Layer, list[State]] | None:
-        """Follow every edge of the nodes; return the layer without targets and the states
-        reached, or None at the deadline.
+        """Follow every edge of the nodes.
+
+        Returns:
+            The layer, targets still missing, and the states reached; None at the deadline.
         """
         layer = _Layer(nodes, [], [], [], [], [], [])
         reached: list[State] = []
@@ -163,10 +165,15 @@ class PlanningGraph:
         reached: list[State] = []
         for source in sources:
             for action in range(len(self.model.actions)):
-                state, *numbers = self._edge(list(source), action)
+                state, reward, weight, flags, first_reward, first_flags = self._edge(
+                    list(source), action
+                )
                 reached.append(tuple(state))
-                for column, number in zip(layer[2:], numbers, strict=True):
-                    column.append(number)
+                layer.reward.append(reward)
+                layer.weight.append(weight)
+                layer.flags.append(flags)
+                layer.first_reward.append(first_reward)
+                layer.first_flags.append(first_flags)
         return reached
 
     def _edge(
@@ -252,7 +259,9 @@ class PlanningGraph:
             if action < 0:
                 break
             edge = layer.nodes.index(node) * actions + action
-            path.append(Edge(node, action, layer.target[edge], layer.reward[edge], layer.flags[edge]))
+            path.append(
+                Edge(node, action, layer.target[edge], layer.reward[edge], layer.flags[edge])
+            )
             node = path[-1].target
         return path
 

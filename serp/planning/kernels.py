@@ -3,12 +3,16 @@
 Each takes the address of a compiled transition function (see `serp.domain.native`). The graph is
 expanded layer by layer; equal states of a layer merge; the last layer is never stored. A backward
 pass over the stored layers finds the best path of every first action.
+
+Common arguments: `address` of the transition function; `width` F, `actions` A, `theta` and `dt` of
+the model; `depth`, `repeat`, `gamma` and `max_nodes` of the planner's settings. Rows of states have
+F + 1 entries, the last for the reward.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numba import get_num_threads, get_thread_id, njit, prange
+from numba import get_num_threads, get_thread_id, njit, prange  # type: ignore[attr-defined]
 
 from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
 from serp.domain.native import call_step
@@ -26,11 +30,8 @@ _EXHAUSTED = int(Bound.EXHAUSTED)
 def edge(address, states, node, action, repeat, gamma, theta, dt, out, slot, scratch, width):
     """Follow one edge: `action`, `repeat` times or until it ends.
 
-    Args:
-        states: Flat `[N * (F + 1)]`; the edge starts at row `node`.
-        out: Flat rows of F + 1 as well; row `slot` receives the state reached.
-        scratch: Row of `out` to work in.
-        width: F.
+    The edge starts at row `node` of the flat `states`; row `slot` of the flat `out` receives the
+    state reached, and row `scratch` of it is worked in.
 
     Returns:
         Discounted reward, weight of what follows (γ to the number of periods), flags of the whole
@@ -68,10 +69,8 @@ def expand(address, states, nodes, actions, repeat, gamma, theta, dt, out, rewar
            first_reward, first_flags):  # fmt: skip
     """Follow every edge of `nodes` states.
 
-    Args:
-        states: Flat `[nodes * (F + 1)]`.
-        out: Flat `[(nodes * actions + 1) * (F + 1)]`; receives the states reached.
-        reward, weight, flags, first_reward, first_flags: `[nodes * actions]`; see `edge`.
+    `states` is flat `[nodes * (F + 1)]`; the flat `out`, `[(nodes * A + 1) * (F + 1)]`, receives
+    the states reached; the other five, `[nodes * A]`, what `edge` returns.
     """
     width = states.shape[0] // nodes - 1
     scratch = nodes * actions
@@ -110,15 +109,12 @@ def _same_slot(states, row, width, table, mask, candidate):
 def search(address, state, width, actions, depth, repeat, gamma, max_nodes, theta, dt,
            states, reward, weight, flags, child, best_value, best_steps, table,
            value, steps, first_reward, first_flags):  # fmt: skip
-    """Expand the planning graph of one state and find the best path of every first action.
+    """Expand the planning graph of one state `[F]` and find the best path of every first action.
 
-    Args:
-        state: `[F]`.
-        states: Scratch, flat `[(max_nodes + 2) * (F + 1)]`.
-        reward, weight, flags, child: Scratch, `[max_nodes * A]`.
-        best_value, best_steps: Scratch, `[max_nodes]`.
-        table: Scratch, a power of two of at least twice max_nodes.
-        value, steps, first_reward, first_flags: `[A]` results; see `Forecast`.
+    Scratch: flat `states`, `[(max_nodes + 2) * (F + 1)]`; `reward`, `weight`, `flags`, `child`,
+    `[max_nodes * A]`; `best_value`, `best_steps`, `[max_nodes]`; `table`, a power of two of at
+    least twice max_nodes. Results, `[A]`: `value`, `steps`, `first_reward`, `first_flags`; see
+    `Forecast`.
 
     Returns:
         Chosen action, layers expanded, bound.

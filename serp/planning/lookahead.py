@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from serp.domain.model import TransitionModel
+from serp.domain.model import StateError, TransitionModel
 from serp.domain.native import address_of
 from serp.planning import kernels
 from serp.planning.forecast import Forecast
@@ -78,14 +78,21 @@ class Lookahead:
         )
 
     def forecast(self, state: NDArray[np.float64]) -> Forecast:
-        """Return the planner's view of one state `[F]` (float64, contiguous, checked by the
-        caller; see `TransitionModel.check_state`).
+        """Return the planner's view of one state `[F]`.
+
+        The values are not looked at; see `TransitionModel.check_state`.
+
+        Raises:
+            StateError: The shape is wrong.
         """
         actions = self._actions
+        state = np.ascontiguousarray(state, dtype=np.float64)
+        if state.shape != (self._width,):
+            raise StateError(f"a state is {self._width} numbers, found shape {state.shape}")
         value, reward = np.empty(actions), np.empty(actions)
         steps, flags = np.empty(actions, dtype=np.int64), np.empty(actions, dtype=np.int64)
         settings = self.settings
-        choice, depth, bound = kernels.search(
+        choice, depth, bound = kernels.search(  # type: ignore[call-arg]
             self._address, state, self._width, actions, settings.depth, settings.repeat,
             settings.discount, self._budget, self.model.theta, self.model.dt,
             *self._scratch, value, steps, reward, flags,
@@ -93,8 +100,14 @@ class Lookahead:
         return Forecast(choice, value, steps, reward, flags, depth, _BOUNDS[bound])
 
     def forecast_batch(self, states: ArrayLike) -> BatchForecast:
-        """Return the planner's view of every row of `[B, F]`, computed in parallel."""
+        """Return the planner's view of every row of `[B, F]`, computed in parallel.
+
+        Raises:
+            StateError: The shape is wrong.
+        """
         batch = np.ascontiguousarray(states, dtype=np.float64)
+        if batch.ndim != 2 or batch.shape[1] != self._width:
+            raise StateError(f"states are rows of {self._width} numbers, found shape {batch.shape}")
         rows, actions = batch.shape[0], self._actions
         if self._batch_scratch is None or len(self._batch_scratch[0]) < kernels.threads():
             self._batch_scratch = self._allocate(kernels.threads())
@@ -108,7 +121,7 @@ class Lookahead:
             bound=np.empty(rows, dtype=np.int64),
         )
         settings = self.settings
-        kernels.search_batch(
+        kernels.search_batch(  # type: ignore[call-arg]
             self._address, batch, actions, settings.depth, settings.repeat, settings.discount,
             self._budget, self.model.theta, self.model.dt, *self._batch_scratch, *result,
         )  # fmt: skip

@@ -46,7 +46,8 @@ class PlannerSettings:
             raise SettingsError(f"planner: discount must be in (0, 1], not {self.discount!r}")
 
     def node_budget(self, actions: int) -> int:
-        """Return the most nodes to expand where each has `actions` edges, so that memory stays
-        bounded (at most 4 million edges) whatever the domain.
+        """Return the most nodes to expand where each has `actions` edges.
+
+        Memory stays bounded (at most 4 million edges) whatever the domain.
         """
         return max(1, min(self.max_nodes, MAX_EDGES // max(1, actions)))

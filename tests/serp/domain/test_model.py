@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from serp.domain import syntax as x
 from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE, generate_step
 from serp.domain.ground import REWARD_TARGET, SetBoolean, reads, writes
+from serp.domain.instantiate import instantiate
 from serp.domain.model import StateError, TransitionModel, Vector
 from serp.domain.native import structure_digest
 from serp.domain.source import DomainError
@@ -154,7 +155,7 @@ def with_literal(texts: Texts, generated: Generated, index: int, literal: str) -
 
 
 @given(models_with_states(count=4), st.integers(0, 10**6), st.integers(-12, 12))
-@examples(100)
+@examples(60)
 def test_a_changed_literal_is_a_changed_theta(
     drawn: tuple[Generated, Vector], choice: int, quarters: int
 ) -> None:
@@ -190,8 +191,8 @@ def test_every_parameter_stands_where_its_place_says(generated: Generated) -> No
 # Explanations ----------------------------------------------------------------------------------
 
 
-@given(models_with_states())
-@examples(100)
+@given(models_with_states(count=4))
+@examples(60)
 def test_trace_agrees_with_step_and_names_what_took_part(drawn: tuple[Generated, Vector]) -> None:
     generated, states = drawn
     model = generated.model
@@ -204,9 +205,8 @@ def test_trace_agrees_with_step_and_names_what_took_part(drawn: tuple[Generated,
             if not step.applicable:
                 assert flags == 0
                 assert sites[-1].what in ("failed", "conflict", "undefined")
-                # A failed precondition is the whole story: nothing was applied before it.
-                assert all(site.what == "failed" for site in sites[:-1]) or len(sites) > 1
-                if sites[-1].what == "failed":
+                assert {site.what for site in sites[:-1]} <= {"effect", "rate"}
+                if sites[-1].what == "failed":  # before anything was applied
                     assert len(sites) == 1 and sites[0].item in action.preconditions
                 schema, binding = generated.oracle.instances(x.Kind.ACTION)[action.name]
                 enabled = generated.oracle.enabled(
@@ -331,12 +331,6 @@ def test_a_step_leaves_its_argument_alone() -> None:
 
 
 def test_too_many_instances_are_refused_by_the_limit_given() -> None:
-    generated = generate(Random(0))
+    domain = generate(Random(0)).domain
     with pytest.raises(DomainError, match="more than 0 ground actions"):
-        TransitionModel(
-            load_texts(generated.texts).model.ground
-            if False
-            else __import__("serp.domain.instantiate", fromlist=["instantiate"]).instantiate(
-                generated.domain.syntax, generated.domain.problem_syntax, max_ground_schemas=0
-            )
-        )
+        instantiate(domain.syntax, domain.problem_syntax, max_ground_schemas=0)

@@ -1,0 +1,39 @@
+"""TensorBoard event files of a run, for those who watch their trainings there."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from serp.errors import MissingExtra
+from serp.runs.rows import METRICS_COLUMNS, MetricsRow
+
+
+class EventWriter:
+    """Writes every number of an episode's metrics as a scalar over env steps.
+
+    Args:
+        folder: The run; events go to `tensorboard/` in it. A continued run appends to them.
+        purge_step: Env steps from which a continued run drops what was written before.
+
+    Raises:
+        MissingExtra: TensorBoard is not installed.
+    """
+
+    def __init__(self, folder: Path, purge_step: int | None = None) -> None:
+        try:
+            from torch.utils.tensorboard import SummaryWriter
+        except ImportError:
+            raise MissingExtra("writing TensorBoard events", "tensorboard") from None
+        self._writer: Any = SummaryWriter(str(folder / "tensorboard"), purge_step=purge_step)
+
+    def append(self, row: MetricsRow) -> None:
+        """Write the metrics of one episode."""
+        for name, value in zip(METRICS_COLUMNS, row, strict=True):
+            if name != "env_steps" and value is not None and math.isfinite(value):
+                self._writer.add_scalar(f"episode/{name}", float(value), row.env_steps)
+
+    def close(self) -> None:
+        """Finish the event file."""
+        self._writer.close()

@@ -1,0 +1,131 @@
+"""Learns what is known to be right: the optimal Q of a small deterministic task."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.learning import DQN, DQNSettings
+
+STATES, ACTIONS, DISCOUNT = 5, 2, 0.8
+
+
+def step(state: int, action: int) -> tuple[int, float, bool]:
+    """A corridor: 0 steps left, 1 right. The right end gives 1, the left end -1; both end it."""
+    after = state + (1 if action else -1)
+    if after == STATES:
+        return state, 1.0, True
+    if after < 0:
+        return state, -1.0, True
+    return after, -0.05, False
+
+
+def optimal_q() -> np.ndarray:
+    q = np.zeros((STATES, ACTIONS))
+    for _ in range(200):
+        for state in range(STATES):
+            for action in range(ACTIONS):
+                after, reward, terminated = step(state, action)
+                q[state, action] = reward + (0 if terminated else DISCOUNT * q[after].max())
+    return q
+
+
+INPUTS = np.eye(STATES, dtype=np.float32)
+
+
+def experience(agent: DQN, episodes: int, rng: np.random.Generator) -> None:
+    """Any first action, then the best ones: so n-step returns are those of the optimal policy."""
+    best = optimal_q().argmax(axis=1)
+    for _ in range(episodes):
+        state, action = int(rng.integers(STATES)), int(rng.integers(ACTIONS))
+        terminated = False
+        while not terminated:
+            after, reward, terminated = step(state, action)
+            agent.remember(INPUTS[state], action, reward, INPUTS[after], terminated, False)
+            state, action = after, int(best[after])
+
+
+RECIPES: dict[str, dict[str, Any]] = {
+    "paper": {"target_period": None, "double": False, "n_step": 1, "clip_targets": False},
+    "copied target": {"target_period": 50, "double": False, "n_step": 1},
+    "double": {"target_period": 50, "double": True, "n_step": 1},
+    "polyak": {"target_period": None, "target_polyak": 0.05, "n_step": 1},
+    "n-step": {"target_period": 50, "n_step": 3},
+    "huber": {"target_period": 50, "loss": "huber"},
+    "LayerNorm": {"target_period": 50, "layer_norm": True},
+    "members": {"target_period": 50, "members": 3},
+    "protected": {"target_period": 50, "protected_share": 0.5, "buffer_size": 60},
+}
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+def test_learns_the_optimal_q(recipe: str) -> None:
+    given = {"hidden": (32, 32), "discount": DISCOUNT, "learning_rate": 0.003}
+    agent = DQN(STATES, ACTIONS, DQNSettings(**{**given, **RECIPES[recipe]}), seed=1)
+    experience(agent, 300, np.random.default_rng(0))
+    agent.pretrain(1500)
+    np.testing.assert_allclose(agent.q_values(INPUTS), optimal_q(), atol=0.08)
+    assert agent.greedy_batch(INPUTS).tolist() == optimal_q().argmax(axis=1).tolist()
+
+
+def test_bootstraps_through_a_time_limit_only() -> None:
+    for truncated, value in ((True, 1 / (1 - DISCOUNT)), (False, 1.0)):
+        agent = DQN(1, 1, DQNSettings(discount=DISCOUNT, target_period=20), seed=0)
+        x = np.ones(1, np.float32)
+        for _ in range(50):
+            agent.remember(x, 0, 1.0, x, not truncated, truncated)
+        agent.pretrain(1500)
+        assert agent.q_values(x)[0] == pytest.approx(value, rel=0.03)
+
+
+def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
+    """From values of a thousand, without a target network, in a circle without an end."""
+    reached = {}
+    for clip in (True, False):
+        agent = DQN(
+            STATES,
+            ACTIONS,
+            DQNSettings(
+                discount=0.99,
+                target_period=None,
+                clip_targets=clip,
+                n_step=1,
+                learning_rate=0.003,
+                gradient_clip=None,
+            ),
+            seed=0,
+            reward_range=(-1.0, 1.0),
+        )
+        arrays, meta = agent.state_dict()
+        arrays["parameters"][:, -ACTIONS:] = 1000.0
+        agent.load_state_dict(arrays, meta)
+        for i in range(50):
+            x, next_x = INPUTS[i % STATES], INPUTS[(i + 1) % STATES]
+            agent.remember(x, i % ACTIONS, 0.5, next_x, False, False)
+        agent.pretrain(1500)
+        reached[clip] = float(np.abs(agent.q_values(INPUTS)).max())
+    assert agent.value_bounds == pytest.approx((-100.0, 100.0))
+    assert reached[True] <= 100.0 < 200.0 < reached[False]
+
+
+def test_learns_from_single_steps_while_it_acts() -> None:
+    """The whole loop: propose, remember, learn."""
+    agent = DQN(
+        STATES,
+        ACTIONS,
+        DQNSettings(
+            hidden=(32,), discount=DISCOUNT, n_step=1, epsilon_steps=800, learning_starts=50
+        ),
+        seed=3,
+    )
+    rng = np.random.default_rng(0)
+    state = 2
+    for _ in range(1500):
+        action = agent.propose(INPUTS[state]).action
+        after, reward, terminated = step(state, action)
+        agent.remember(INPUTS[state], action, reward, INPUTS[after], terminated, False)
+        agent.learn()
+        state = int(rng.integers(STATES)) if terminated else after
+    assert agent.greedy_batch(INPUTS).tolist() == optimal_q().argmax(axis=1).tolist()

@@ -1,0 +1,124 @@
+"""Small random domains that are worth planning in: few numbers, many ways to the same state.
+
+Where `tests.generated` is after everything the language has, these have what planning is about:
+actions that commute (so that states merge), rewards that tie, dangers that can be avoided and
+dangers that cannot, ends, dead ends. Equal seeds give equal domains, loaded and compiled once.
+"""
+
+from __future__ import annotations
+
+import functools
+from random import Random
+
+import numpy as np
+
+from serp.domain.model import TransitionModel, Vector
+from tests.generated import Texts, load_texts
+
+WORLDS = 20
+"""Seeds from 0 on that the tests share; each costs a compilation of its own."""
+
+
+def load(domain: str, problem: str | None = None) -> TransitionModel:
+    """Return the model of a domain given as text."""
+    return load_texts(Texts(domain, problem)).model
+
+
+@functools.cache
+def world(seed: int) -> TransitionModel:
+    """Return the random domain of a seed."""
+    return load(_Writer(Random(seed)).domain())
+
+
+def states_of(model: TransitionModel, random: Random, count: int) -> Vector:
+    """Return random states `[count, F]`, halves between -2 and 2."""
+    rows = [
+        [random.randint(-4, 4) / 2 if f.numeric else random.randint(0, 1) for f in model.fluents]
+        for _ in range(count)
+    ]
+    return np.array(rows, dtype=np.float64).reshape(count, len(model.fluents))
+
+
+class _Writer:
+    """Writes one domain."""
+
+    def __init__(self, random: Random) -> None:
+        self.random = random
+        self.numbers = [f"f{k}" for k in range(random.randint(1, 3))]
+        self.facts = [f"p{k}" for k in range(random.randint(0, 2))]
+        # Rewards that are never good, or all alike, are where planners go wrong.
+        self.rewards = random.choice((("1", "2", "0.5"), ("-1", "-2"), ("1",), ("1", "-1", "0.25")))
+
+    def domain(self) -> str:
+        facts = " ".join(f"({name})" for name in (*self.facts, "unsafe", "terminal"))
+        numbers = " ".join(f"({name})" for name in (*self.numbers, "reward"))
+        parts = [self.action(k) for k in range(self.random.choice((1, 2, 3, 3, 4, 5)))]
+        parts += [self.process(k) for k in range(self.random.randint(0, 1))]
+        parts += [self.event(k) for k in range(self.random.randint(1, 3))]
+        return (
+            "(define (domain world)\n"
+            f"  (:predicates {facts})\n  (:functions {numbers})\n" + "\n".join(parts) + ")\n"
+        )
+
+    def action(self, k: int) -> str:
+        conditions = [self.condition()] if self.random.random() < 0.4 else []
+        effects = [self.change() for _ in range(self.random.randint(1, 2))]
+        if self.facts and self.random.random() < 0.4:
+            effects.append(self.toggle())
+        if self.random.random() < 0.4:
+            effects.append(self.reward())
+        if self.random.random() < 0.3:
+            flag = self.random.choice(("unsafe", "unsafe", "terminal"))
+            effects.append(f"(when {self.condition()} ({flag}))")
+        return (
+            f"  (:action a{k} :parameters () :precondition (and {' '.join(conditions)})\n"
+            f"    :effect (and {' '.join(dict.fromkeys(effects))}))"
+        )
+
+    def process(self, k: int) -> str:
+        rate = self.random.choice(("0.5", "1", f"({self.random.choice(self.numbers)})"))
+        return (
+            f"  (:process flow{k} :parameters () :precondition (and {self.condition()})\n"
+            f"    :effect (and (increase ({self.random.choice(self.numbers)}) (* #t {rate}))))"
+        )
+
+    def event(self, k: int) -> str:
+        effects = [self.reward()] if self.random.random() < 0.7 else []
+        kind = self.random.random()
+        if kind < 0.6:
+            effects.append("(unsafe)")
+        if kind < 0.2 or kind > 0.85 or not effects:
+            effects.append("(terminal)")
+        where = self.edge() if kind < 0.6 and self.random.random() < 0.8 else self.condition()
+        return (
+            f"  (:event e{k} :parameters () :precondition (and {where})\n"
+            f"    :effect (and {' '.join(effects)}))"
+        )
+
+    def condition(self) -> str:
+        if self.facts and self.random.random() < 0.3:
+            fact = f"({self.random.choice(self.facts)})"
+            return fact if self.random.random() < 0.5 else f"(not {fact})"
+        operator = self.random.choice(("<", "<=", ">", ">="))
+        return f"({operator} ({self.random.choice(self.numbers)}) {self.random.randint(-4, 4) / 2})"
+
+    def edge(self) -> str:
+        """Somewhere that most states are not, so that what is there can be avoided."""
+        operator, threshold = self.random.choice(((">", 1), (">=", 2), ("<", -1), ("<=", -2)))
+        return f"({operator} ({self.random.choice(self.numbers)}) {threshold})"
+
+    def change(self) -> str:
+        number = self.random.choice(self.numbers)
+        if self.random.random() < 0.15:
+            return f"(assign ({number}) {self.random.randint(-2, 2)})"
+        change = self.random.choice(("increase", "decrease"))
+        return f"({change} ({number}) {self.random.choice((0.5, 1))})"
+
+    def toggle(self) -> str:
+        fact = f"({self.random.choice(self.facts)})"
+        return fact if self.random.random() < 0.5 else f"(not {fact})"
+
+    def reward(self) -> str:
+        if self.random.random() < 0.3:
+            return f"(increase (reward) ({self.random.choice(self.numbers)}))"
+        return f"(increase (reward) {self.random.choice(self.rewards)})"
