@@ -25,6 +25,7 @@ from serp.errors import RunError, SerpError, SettingsError
 from serp.evaluation import EvaluationResult, Policy, evaluate
 from serp.progress import ProgressStats, open_progress
 from serp.registry import find_task, load_task
+from serp.runs.checkpoint import NEWEST, PREVIOUS
 from serp.runs.config import CONFIG
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.placement import default_path
@@ -59,7 +60,8 @@ def plan_and_learn(
         settings: Section → setting → value, over preset and task; see `serp.Settings`.
         episodes: Train until so many episodes have ended since the run began.
         env_steps: Train until so many env steps are done; the episode that reaches the number is
-            finished. With neither, `training.env_steps` of the settings counts.
+            finished. With neither, a resumed run goes on to the budget that it began with, and
+            for a new one `training.env_steps` of the settings counts.
         seed: Seed of everything random.
         out: Folder of the run; by default `runs/<domain>-<time>`.
         resume: Continue the run in `out` with its own domain, settings and seed; the continued
@@ -93,6 +95,7 @@ def plan_and_learn(
         "seed": seed,
         "reward": bound.rewarded_by,
         "control_period": task.dt,
+        "budget": {"episodes": episodes, "env_steps": env_steps},
         "settings": resolved.as_dict(),
     }
     sources = [(s.name, s.text) for s in _sources(bound.domain)]
@@ -110,11 +113,23 @@ def _continue(
 ) -> Run:
     made = _made_with(folder)
     trainer = Trainer(_task_of(folder, task).bind(), made.settings, made.seed, folder.decisions)
-    checkpoint = folder.resume()
-    trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
-    if checkpoint.fallback and not quiet:
-        print(checkpoint.fallback, file=sys.stderr)
+    if episodes is None and env_steps is None:
+        episodes, env_steps = made.episodes, made.env_steps
+    if not _never_began(folder):
+        checkpoint = folder.resume()
+        trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
+        if checkpoint.fallback and not quiet:
+            print(checkpoint.fallback, file=sys.stderr)
     return _train(folder, trainer, episodes, env_steps, quiet=quiet)
+
+
+def _never_began(folder: RunFolder) -> bool:
+    """Whether the run was stopped before its first checkpoint, which precedes all learning."""
+    return not (
+        (folder.path / NEWEST).exists()
+        or (folder.path / PREVIOUS).exists()
+        or len(read_metrics(folder.path / METRICS)["episode"])
+    )
 
 
 class _MadeWith(NamedTuple):
@@ -125,6 +140,8 @@ class _MadeWith(NamedTuple):
     reward: Literal["domain", "environment"]
     dt: float
     settings: Settings
+    episodes: int | None
+    env_steps: int | None
 
 
 def _made_with(folder: RunFolder) -> _MadeWith:
@@ -143,12 +160,18 @@ def _made_with(folder: RunFolder) -> _MadeWith:
             reward=config["reward"],
             dt=float(config["control_period"]),
             settings=Settings.from_dict(config["settings"]),
+            episodes=_count(config["budget"]["episodes"]),
+            env_steps=_count(config["budget"]["env_steps"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError, SettingsError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise RunError(
             f"{folder.path / CONFIG} was changed or damaged: {what}; restore it from a copy"
         ) from error
+
+
+def _count(value: Any) -> int | None:
+    return None if value is None else int(value)
 
 
 def _task_of(folder: RunFolder, task: Task) -> Task:

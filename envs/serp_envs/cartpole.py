@@ -189,11 +189,9 @@ class CartPole(CartPoleEnv):
         if beyond is not None and not (isinstance(beyond, int) and beyond >= 0):
             raise ValueError(f"steps_beyond_terminated must be null or a count, not {beyond!r}")
         generator = self.np_random.bit_generator
-        before = generator.state
         try:
             generator.state = snapshot["np_random"]
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            generator.state = before
             raise ValueError(f"np_random is no state of {type(generator).__name__}") from error
         self.state = state
         self.steps_beyond_terminated = beyond

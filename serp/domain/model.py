@@ -19,7 +19,7 @@ from serp.errors import SerpError
 
 Vector = NDArray[np.float64]
 
-MAX_NATIVE_SIZE = 2_000
+MAX_NATIVE_SIZE = 1_000
 
 
 class StateError(SerpError):

@@ -159,9 +159,8 @@ class DQN:
         Raises:
             ValueError: the input has another shape.
         """
-        if x.shape == (self.input_size,):
-            single: type_F32 = self._mean_q(x[np.newaxis], self._single)[0]
-            return single
+        if x.ndim == 1:
+            return self._q_of_one(x)
         if x.ndim != 2 or x.shape[1] != self.input_size:
             raise ValueError(
                 f"an input must have shape ({self.input_size},) or (batch, {self.input_size}), "
@@ -170,6 +169,12 @@ class DQN:
         if self._many.batch != len(x):
             self._many = Workspace(self._online, len(x))
         return self._mean_q(x, self._many)
+
+    def _q_of_one(self, x: npt.NDArray[np.floating]) -> type_F32:
+        if x.shape != (self.input_size,):
+            raise ValueError(f"an input must have shape ({self.input_size},), not {x.shape}")
+        q: type_F32 = self._mean_q(x[np.newaxis], self._single)[0]
+        return q
 
     def _mean_q(self, x: npt.NDArray[np.floating], work: Workspace) -> type_F32:
         q = self._online.forward(x.astype(np.float32, copy=False), work)
@@ -187,6 +192,9 @@ class DQN:
         Args:
             x: one input ``[F]``.
             explorable: ``[A]``; None, or none True: all.
+
+        Raises:
+            ValueError: the input has another shape.
         """
         rng = self._explore_rng
         if rng.random() < self._epsilon(self._env_steps):
@@ -195,7 +203,7 @@ class DQN:
                 if len(candidates):
                     return Proposal(int(candidates[rng.integers(len(candidates))]), True, None)
             return Proposal(int(rng.integers(self.action_count)), True, None)
-        q = self.q_values(x)
+        q = self._q_of_one(x)
         return Proposal(int(q.argmax()), False, q)
 
     def greedy(self, x: npt.NDArray[np.floating]) -> int:
@@ -203,7 +211,7 @@ class DQN:
 
         Draws nothing at random.
         """
-        return int(self.q_values(x).argmax())
+        return int(self._q_of_one(x).argmax())
 
     def greedy_batch(self, x: npt.NDArray[np.floating]) -> npt.NDArray[np.int64]:
         """As `greedy`, for each of a batch of inputs ``[B, F]``: int64 ``[B]``."""

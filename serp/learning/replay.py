@@ -121,6 +121,7 @@ class ReplayBuffer:
         self._failing_start = capacity + self._early_capacity
         rows = self._failing_start + self._failing_capacity
         self._shape = (observation_size,)
+        self._action_count = action_count
         self._store = Samples.zeros(rows, observation_size, action_count)
         self._fields = self._store.arrays()
         self._size = self._head = 0
@@ -182,13 +183,15 @@ class ReplayBuffer:
             failing: this step is a failure.
 
         Raises:
-            ValueError: an observation has another shape.
+            ValueError: an observation has another shape, or there is no such action.
         """
         if observation.shape != self._shape or next_observation.shape != self._shape:
             raise ValueError(
                 f"observations must have shape {self._shape}, not {observation.shape} and "
                 f"{next_observation.shape}"
             )
+        if not 0 <= action < self._action_count:
+            raise ValueError(f"there are {self._action_count} actions, none is {action}")
         n = self._n_step
         slot = (self._first + self._pending) % n
         self._pending_observation[slot] = observation
@@ -326,7 +329,7 @@ class ReplayBuffer:
         """What must be equal for a state to fit."""
         return {
             "observation_size": self._shape[0],
-            "action_count": len(self._next_forbidden),
+            "action_count": self._action_count,
             "buffer_size": self._capacity,
             "n_step": self._n_step,
             "protected_early": self._early_capacity,
@@ -383,6 +386,8 @@ class ReplayBuffer:
         for name, length in lengths.items():
             if name not in arrays or len(arrays[name]) != length:
                 raise RunError(f"the saved replay memory is incomplete: {name}")
+            if name.endswith(".action") and not _all_within(arrays[name], self._action_count):
+                raise RunError(f"the saved replay memory has actions that do not exist: {name}")
 
         self._size, self._early_size, self._failing_size = sizes
         for memory, start, size in self._memories():
@@ -400,3 +405,7 @@ class ReplayBuffer:
         self._recent.extend([int(value) for value in entry] for entry in meta["recent"])
         self._rng.bit_generator.state = meta["rng"]
         self._dirty = True
+
+
+def _all_within(actions: npt.NDArray[Any], count: int) -> bool:
+    return bool(((actions >= 0) & (actions < count)).all())

@@ -327,6 +327,10 @@ def broken(**change: Any) -> dict[str, Any]:
         (broken(np_random=None), "np_random"),
         (broken(np_random={"bit_generator": "MT19937"}), "np_random"),
         (broken(np_random={"bit_generator": "PCG64", "state": {"state": 1}}), "np_random"),
+        (
+            broken(np_random={"bit_generator": "PCG64", "state": {"state": 1, "inc": 3}}),
+            "np_random",
+        ),
     ],
 )
 def test_a_broken_snapshot_is_refused_and_nothing_changes(

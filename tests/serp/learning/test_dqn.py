@@ -148,8 +148,18 @@ def test_any_float_type_and_layout_gives_the_same_bits() -> None:
 
 @pytest.mark.parametrize("shape", [(), (F + 1,), (2, F - 1), (1, 1, F)])
 def test_an_input_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
-    with pytest.raises(ValueError, match="must have shape"):
-        learner().q_values(np.zeros(shape, np.float32))
+    x = np.zeros(shape, np.float32)
+    agent = learner(epsilon_start=0.0, epsilon_end=0.0)
+    for method in (agent.q_values, agent.greedy, agent.propose):
+        with pytest.raises(ValueError, match="must have shape"):
+            method(x)
+
+
+def test_one_choice_is_made_for_one_input() -> None:
+    agent = learner(epsilon_start=0.0, epsilon_end=0.0)
+    for method in (agent.greedy, agent.propose):
+        with pytest.raises(ValueError, match="must have shape"):
+            method(np.zeros((2, F), np.float32))
 
 
 # --- when it learns ------------------------------------------------------------------------------

@@ -107,7 +107,7 @@ def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
         agent.pretrain(1500)
         reached[clip] = float(np.abs(agent.q_values(INPUTS)).max())
     assert agent.value_bounds == pytest.approx((-100.0, 100.0))
-    assert reached[True] <= 100.0 < 200.0 < reached[False]
+    assert reached[True] <= 100.0 < 150.0 < reached[False], reached
 
 
 def test_learns_from_single_steps_while_it_acts() -> None:

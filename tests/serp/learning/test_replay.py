@@ -268,11 +268,14 @@ def test_sampling_allocates_nothing() -> None:
     assert memory.sample() is first
 
 
-def test_an_empty_buffer_and_a_wrong_shape_are_refused() -> None:
+def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match="no sample"):
         buffer().sample()
     with pytest.raises(ValueError, match=r"must have shape \(2,\)"):
         buffer().add(np.zeros(1), 0, 0.0, np.zeros(F), False, False)
+    for action in (-1, A):
+        with pytest.raises(ValueError, match=f"3 actions, none is {action}"):
+            buffer().add(np.zeros(F), action, 0.0, np.zeros(F), False, False)
     with pytest.raises(ValueError, match="failing_window"):
         buffer(capacity=3, failing_window=4)
 
@@ -366,5 +369,9 @@ def test_an_incomplete_state_is_refused_and_changes_nothing() -> None:
     arrays, meta = memory.state_dict()
     arrays["ring.action"] = arrays["ring.action"][:-1]
     with pytest.raises(RunError, match=r"incomplete: ring\.action"):
+        other.load_state_dict(arrays, meta)
+    arrays, meta = memory.state_dict()
+    arrays["ring.action"][3] = A
+    with pytest.raises(RunError, match=r"actions that do not exist: ring\.action"):
         other.load_state_dict(arrays, meta)
     assert other.size == 0

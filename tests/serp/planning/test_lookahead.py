@@ -1,0 +1,183 @@
+"""The array form decides exactly as the planning graph does."""
+
+from __future__ import annotations
+
+import tracemalloc
+from random import Random
+
+import numba
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.domain.model import StateError, TransitionModel, Vector
+from serp.planning.forecast import Forecast
+from serp.planning.lookahead import Lookahead
+from serp.planning.replanner import MonitorReplanner
+from serp.planning.settings import Bound, PlannerSettings
+from tests.generated import PLANNABLE, generate, random_states
+from tests.generated.profile import examples
+from tests.serp.planning.worlds import WORLDS, load, states_of, world
+
+PLANNERS = st.builds(
+    PlannerSettings,
+    depth=st.integers(1, 4),
+    repeat=st.integers(1, 3),
+    discount=st.sampled_from((1.0, 0.99, 0.9, 0.5)),
+    max_nodes=st.sampled_from((1, 2, 3, 5, 8, 20, 60, 10_000)),
+)
+
+
+def graph_forecast(model: TransitionModel, settings: PlannerSettings, state: Vector) -> Forecast:
+    planner = MonitorReplanner(
+        model,
+        depth=settings.depth,
+        discount=settings.discount,
+        repeat=settings.repeat,
+        max_nodes=settings.max_nodes,
+    )
+    return planner.plan(state).forecast
+
+
+def bits(forecast: Forecast) -> list[object]:
+    """All fields, arrays as their bytes: equal bits, -0.0 and NaN included."""
+    return [
+        (f.dtype, f.shape, f.tobytes()) if isinstance(f, np.ndarray) else int(f) for f in forecast
+    ]
+
+
+def assert_all_forms_agree(
+    model: TransitionModel, settings: PlannerSettings, states: Vector
+) -> list[Forecast]:
+    lookahead = Lookahead(model, settings)
+    singles = [lookahead.forecast(state) for state in states]
+    batch = lookahead.forecast_batch(states)
+    for row, (state, single) in enumerate(zip(states, singles, strict=True)):
+        assert bits(single) == bits(graph_forecast(model, settings, state))
+        assert bits(single) == bits(Forecast(*(column[row] for column in batch)))
+        assert type(single.choice) is int
+        assert single.bound is Bound(batch.bound[row])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp.domain.model.MAX_NATIVE_SIZE", -1)
+        assert not model.compiles
+        for state, single in zip(states, singles, strict=True):
+            assert bits(single) == bits(graph_forecast(model, settings, state))
+    return singles
+
+
+@examples(120)
+@given(st.integers(0, WORLDS - 1), PLANNERS, st.integers(0, 10**6))
+def test_lookahead_graph_batch_and_interpreter_agree_bit_for_bit(
+    seed: int, settings: PlannerSettings, states_seed: int
+) -> None:
+    model = world(seed)
+    assert_all_forms_agree(model, settings, states_of(model, Random(states_seed), 3))
+
+
+@examples(24)
+@given(st.sampled_from((0, 1, 2, 4, 10, 11)), PLANNERS)
+def test_they_agree_on_domains_with_all_that_the_language_has(
+    seed: int, settings: PlannerSettings
+) -> None:
+    random = Random(seed)
+    model = generate(random, PLANNABLE).model
+    assert_all_forms_agree(model, settings, random_states(random, model, 6))
+
+
+def test_the_examples_meet_every_bound_ties_and_danger() -> None:
+    """What the two tests above vary does make a difference."""
+    bounds, ties, unsafe_paths, longest = set(), 0, 0, set()
+    for seed in range(WORLDS):
+        model = world(seed)
+        for max_nodes in (5, 60):
+            lookahead = Lookahead(model, PlannerSettings(depth=4, max_nodes=max_nodes))
+            for state in states_of(model, Random(seed), 10):
+                forecast = lookahead.forecast(state)
+                bounds.add(forecast.bound)
+                values = forecast.value[forecast.applicable]
+                ties += len(values) != len(set(values.tolist()))
+                unsafe_paths += forecast.choice >= 0 and not forecast.safe
+                longest.update(forecast.safe_steps.tolist())
+    assert bounds == {Bound.DEPTH, Bound.NODES, Bound.EXHAUSTED}
+    assert ties > 50
+    assert unsafe_paths > 50
+    assert longest >= {-1, 0, 1, 2, 3}
+
+
+def test_repeated_calls_do_not_depend_on_what_was_computed_before() -> None:
+    model = world(5)
+    states = states_of(model, Random(1), 12)
+    used = Lookahead(model, PlannerSettings(depth=4, max_nodes=50))
+    for state in states[::-1]:
+        used.forecast(state)
+    for state in states:
+        fresh = Lookahead(model, PlannerSettings(depth=4, max_nodes=50))
+        assert bits(used.forecast(state)) == bits(fresh.forecast(state))
+
+
+def test_batches_do_not_depend_on_the_number_of_threads() -> None:
+    model = world(4)
+    states = states_of(model, Random(2), 65)
+    lookahead = Lookahead(model, PlannerSettings(depth=4))
+    before = numba.get_num_threads()
+    try:
+        results = []
+        for threads in (1, before):
+            numba.set_num_threads(threads)
+            results.append([column.tobytes() for column in lookahead.forecast_batch(states)])
+    finally:
+        numba.set_num_threads(before)
+    assert results[0] == results[1]
+
+
+def test_an_empty_batch_gives_empty_columns() -> None:
+    model = world(4)
+    batch = Lookahead(model).forecast_batch(np.empty((0, len(model.fluents))))
+    assert batch.choice.shape == (0,)
+    assert batch.value.shape == (0, len(model.actions))
+
+
+@pytest.mark.parametrize("shape", [(), (1,), (2, 1), (17,)])
+def test_a_state_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
+    model = world(5)
+    with pytest.raises(StateError, match=f"{len(model.fluents)} numbers"):
+        Lookahead(model).forecast(np.zeros(shape))
+    with pytest.raises(StateError, match=f"{len(model.fluents)} numbers"):
+        Lookahead(model).forecast_batch(np.zeros(shape))
+
+
+def test_states_of_another_dtype_or_layout_are_read_right() -> None:
+    model = world(5)
+    state = states_of(model, Random(3), 1)[0]
+    lookahead = Lookahead(model)
+    spread = np.repeat(state, 2)[::2]
+    assert not spread.flags.c_contiguous
+    assert bits(lookahead.forecast(spread)) == bits(lookahead.forecast(state))
+    small = state.astype(np.float32)  # halves are exact in float32
+    assert bits(lookahead.forecast(small)) == bits(lookahead.forecast(state))
+
+
+def test_memory_is_bounded_whatever_the_depth() -> None:
+    """Five actions, depth 60: the whole tree has more nodes than there are atoms in the field."""
+    model = load(
+        "(define (domain wide) (:predicates (unsafe)) (:functions (x) (reward))"
+        + "".join(
+            f"(:action a{k} :parameters () :precondition (and) :effect (and"
+            f" (assign (x) (+ (* (x) {1 + k}.5) 0.1))))"
+            for k in range(5)
+        )
+        + ")"
+    )
+    Lookahead(model).forecast(np.ones(1))  # what is compiled stays out of the measurement
+    tracemalloc.start()
+    try:
+        forecast = Lookahead(model, PlannerSettings(depth=60, max_nodes=20_000)).forecast(
+            np.ones(1)
+        )
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert forecast.bound is Bound.NODES
+    assert forecast.depth == 7  # 1 + 5 + ... + 5^6 nodes; the next layer has 5^7
+    assert peak < 20_000 * 5 * 40 + 20_000 * 60

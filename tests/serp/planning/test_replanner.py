@@ -1,0 +1,313 @@
+"""Monitor-replanning finds the best path: against plain recursion, and on graphs made for it."""
+
+from __future__ import annotations
+
+import time
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.domain.model import StateError, TransitionModel, Vector
+from serp.errors import SettingsError
+from serp.planning.forecast import SAFE
+from serp.planning.replanner import MonitorReplanner, Plan
+from serp.planning.settings import Bound, PlannerSettings
+from tests.generated.profile import examples
+from tests.serp.planning.reference import END, Reference, as_state
+from tests.serp.planning.test_lookahead import PLANNERS
+from tests.serp.planning.worlds import WORLDS, load, states_of, world
+
+
+def plan(model: TransitionModel, settings: PlannerSettings, state: Vector) -> Plan:
+    return MonitorReplanner(
+        model,
+        depth=settings.depth,
+        discount=settings.discount,
+        repeat=settings.repeat,
+        max_nodes=settings.max_nodes,
+    ).plan(state)
+
+
+@examples(150)
+@given(st.integers(0, WORLDS - 1), PLANNERS, st.integers(0, 10**6))
+def test_the_plan_is_the_one_that_plain_recursion_finds(
+    seed: int, settings: PlannerSettings, state_seed: int
+) -> None:
+    model = world(seed)
+    state = states_of(model, Random(state_seed), 1)[0]
+    found = plan(model, settings, state)
+    reference, root = Reference(model, settings), as_state(state)
+    layers, bound = reference.layers(root)
+    assert (found.depth, found.bound) == (layers, bound)
+    best = reference.best(root, layers)
+    assert [step.action for step in found.path] == [model.actions[a.action].name for a in best.arcs]
+    assert [step.state for step in found.path] == [arc.state for arc in best.arcs]
+    assert [step.reward for step in found.path] == [arc.reward for arc in best.arcs]
+    assert [step.unsafe for step in found.path] == [arc.unsafe for arc in best.arcs]
+    assert found.reward == best.value
+    assert found.safe == (best is not END and best.steps == SAFE)
+    assert found.action == (best.arcs[0].action if best.arcs else None)
+    assert found.name == (found.path[0].action if best.arcs else None)
+    for action in range(len(model.actions)):
+        arc = reference.arc(root, action)
+        if arc is None:
+            assert found.forecast.value[action] == -np.inf
+            assert found.forecast.safe_steps[action] == -1
+            continue
+        path = reference.along(arc, layers - 1)
+        assert found.forecast.value[action] == path.value
+        assert found.forecast.safe_steps[action] == path.steps
+        outcome = model.step(state, action)
+        assert found.forecast.reward[action] == outcome.reward
+        assert found.forecast.unsafe[action] == outcome.unsafe
+        assert found.forecast.terminal[action] == outcome.terminal
+
+
+@examples(150)
+@given(st.integers(0, WORLDS - 1), st.integers(1, 4), st.integers(0, 10**6))
+def test_no_path_there_is_stays_safe_for_longer_and_no_safe_one_earns_more(
+    seed: int, depth: int, state_seed: int
+) -> None:
+    model = world(seed)
+    state = states_of(model, Random(state_seed), 1)[0]
+    settings = PlannerSettings(depth=depth)
+    found = plan(model, settings, state)
+    every = list(Reference(model, settings).paths(as_state(state), depth))
+    if found.action is None:
+        assert every == [END]
+        return
+    assert found.forecast.safe_steps[found.action] == max(path.steps for path in every)
+    safe = [path.value for path in every if path.steps == SAFE]
+    assert found.safe == bool(safe) == (not any(step.unsafe for step in found.path))
+    if safe:
+        assert found.reward == max(safe)
+
+
+def test_equal_plans_go_to_the_first_action_in_the_file() -> None:
+    ties = 0
+    for seed in range(WORLDS):
+        model = world(seed)
+        for state in states_of(model, Random(seed), 20):
+            forecast = plan(model, PlannerSettings(depth=3), state).forecast
+            best = [
+                k
+                for k in range(len(model.actions))
+                if forecast.applicable[k]
+                and forecast.value[k] == forecast.value[forecast.choice]
+                and forecast.safe_steps[k] == forecast.safe_steps[forecast.choice]
+            ]
+            assert forecast.choice == (best[0] if best else -1)
+            ties += len(best) > 1
+    assert ties > 30
+
+
+# Made for it ------------------------------------------------------------------------------------
+
+CORRIDOR = """
+(define (domain corridor)
+  (:predicates (unsafe) (terminal) (locked))
+  (:functions (x) (reward))
+  (:action left :parameters () :precondition (and (not (locked)))
+    :effect (and (decrease (x) 1) (decrease (reward) 1)))
+  (:action right :parameters () :precondition (and (not (locked)))
+    :effect (and (increase (x) 1) (decrease (reward) 1)))
+  (:event pit :parameters () :precondition (and (>= (x) 3)) :effect (and (unsafe)))
+  (:event goal :parameters () :precondition (and (<= (x) -3))
+    :effect (and (terminal) (increase (reward) 10))))
+"""
+
+
+def corridor(x: float, *, locked: bool = False, **settings: float) -> Plan:
+    model = load(CORRIDOR)
+    state = model.state({"x": x, "locked": locked})
+    return MonitorReplanner(model, **settings).plan(state)  # type: ignore[arg-type]
+
+
+def test_rewards_that_are_all_negative_still_give_an_action() -> None:
+    """Where the longest path of the whole graph would be the empty one."""
+    decided = corridor(0, depth=2)
+    assert decided.action is not None
+    assert decided.reward == -1 - 0.99
+    assert decided.indifferent
+
+
+def test_a_path_ends_where_the_task_ends() -> None:
+    decided = corridor(-2, depth=5)
+    assert [step.action for step in decided.path] == ["left"]
+    assert decided.reward == 9.0
+    assert decided.safe
+
+
+def test_danger_is_avoided_whatever_it_pays() -> None:
+    model = load(CORRIDOR.replace("(and (unsafe))", "(and (unsafe) (increase (reward) 1000))"))
+    decided = MonitorReplanner(model, depth=3).plan(model.state({"x": 2.0, "locked": False}))
+    assert decided.name == "left"
+    assert decided.safe
+    assert decided.forecast.value[1] > 900
+
+
+def test_where_every_path_is_unsafe_the_longest_safe_one_is_taken() -> None:
+    model = load(
+        """
+        (define (domain falling)
+          (:predicates (unsafe))
+          (:functions (x) (reward))
+          (:action rich :parameters () :precondition (and)
+            :effect (and (decrease (x) 2) (increase (reward) 100)))
+          (:action poor :parameters () :precondition (and) :effect (and (decrease (x) 1)))
+          (:event ground :parameters () :precondition (and (<= (x) 0)) :effect (and (unsafe))))
+        """
+    )
+    decided = MonitorReplanner(model, depth=5).plan([3.0])
+    assert [step.action for step in decided.path[:3]] == ["poor", "poor", "rich"]
+    assert not decided.safe
+    assert decided.forecast.safe_steps.tolist() == [1, 2]
+
+
+def test_nothing_applicable_gives_no_action() -> None:
+    decided = corridor(0, locked=True)
+    assert decided.action is None
+    assert decided.name is None
+    assert decided.path == ()
+    assert decided.reward == 0.0
+    assert not decided.safe
+    assert not decided.indifferent
+    assert decided.bound is Bound.EXHAUSTED
+    assert decided.depth == 1
+    assert decided.graph.number_of_nodes() == 1
+
+
+def test_a_dead_end_is_the_end_of_the_path_and_worth_nothing_more() -> None:
+    model = load(
+        """
+        (define (domain trap)
+          (:predicates (stuck) (unsafe))
+          (:functions (reward))
+          (:action enter :parameters () :precondition (and (not (stuck)))
+            :effect (and (stuck) (increase (reward) 3)))
+          (:action earn :parameters () :precondition (and (not (stuck)))
+            :effect (and (increase (reward) 1))))
+        """
+    )
+    decided = MonitorReplanner(model, depth=4, discount=1.0).plan([0.0])
+    assert [step.action for step in decided.path] == ["earn"] * 3 + ["enter"]
+    assert decided.reward == 6.0
+    assert decided.forecast.value.tolist() == [3.0, 6.0]
+    assert decided.safe
+
+
+def test_an_edge_of_several_periods_looks_as_much_farther() -> None:
+    assert corridor(1, depth=2).indifferent
+    near = corridor(1, depth=2, repeat=2)
+    assert not near.indifferent
+    assert near.name == "left"
+    assert near.path[-1].state == (0.0, -3.0)  # locked, x
+    assert near.reward == pytest.approx(-1 - 0.99 - 0.99**2 + 9 * 0.99**3)
+
+
+def test_a_domain_without_actions_or_fluents_is_planned_too() -> None:
+    empty = load("(define (domain empty) (:predicates (unsafe)))")
+    decided = MonitorReplanner(empty).plan([])
+    assert decided.action is None
+    assert decided.bound is Bound.EXHAUSTED
+    constant = load(
+        "(define (domain constant) (:functions (reward))"
+        " (:action wait :parameters () :precondition (and) :effect (and (increase (reward) 1))))"
+    )
+    decided = MonitorReplanner(constant, depth=3, discount=1.0).plan([])
+    assert decided.reward == 3.0
+    assert decided.graph.number_of_nodes() == 4
+
+
+# Effort -----------------------------------------------------------------------------------------
+
+
+def test_states_that_are_equal_in_a_layer_are_one_node() -> None:
+    """Two commuting steps: 2^d paths, but d + 1 places in layer d."""
+    model = load(
+        "(define (domain line) (:functions (x) (reward))"
+        " (:action left :parameters () :precondition (and) :effect (and (decrease (x) 1)))"
+        " (:action right :parameters () :precondition (and) :effect (and (increase (x) 1))))"
+    )
+    decided = MonitorReplanner(model, depth=100, max_nodes=5_050).plan([0.0])
+    assert decided.bound is Bound.DEPTH
+    assert decided.depth == 100
+    assert decided.graph.number_of_nodes() == sum(range(1, 102))
+    assert decided.graph.number_of_edges() == 2 * sum(range(1, 101))
+    one_less = MonitorReplanner(model, depth=100, max_nodes=5_049).plan([0.0])
+    assert one_less.bound is Bound.NODES
+    assert one_less.depth == 99
+
+
+def test_the_node_bound_drops_the_layer_that_would_exceed_it() -> None:
+    for max_nodes, depth in ((1, 1), (2, 1), (3, 2), (5, 2), (6, 3)):
+        decided = corridor(0, depth=9, max_nodes=max_nodes)
+        assert decided.depth == depth, max_nodes
+        assert decided.bound is Bound.NODES
+        assert len(decided.path) == depth
+
+
+WIDE = (
+    "(define (domain wide) (:functions (x) (reward))"
+    + "".join(
+        f"(:action a{k} :parameters () :precondition (and)"
+        f" :effect (and (assign (x) (+ (* (x) {1 + k}.5) 0.{k + 1}))))"
+        for k in range(5)
+    )
+    + ")"
+)
+
+
+@pytest.mark.parametrize("budget", [1e-9, 0.02])
+def test_a_time_budget_is_met_and_leaves_a_decision(budget: float) -> None:
+    model = load(WIDE)
+    MonitorReplanner(model, depth=2).plan([1.0])  # compiled, where it compiles
+    planner = MonitorReplanner(model, depth=50, max_nodes=800_000, time_budget=budget)
+    start = time.perf_counter()
+    decided = planner.plan([1.0])
+    spent = time.perf_counter() - start
+    assert decided.bound is Bound.TIME
+    assert decided.depth >= 1
+    assert decided.action is not None
+    assert len(decided.path) == decided.depth
+    assert spent < budget + 0.5  # generous: the machine may be busy; the whole graph takes minutes
+
+
+def test_a_generous_time_budget_changes_nothing() -> None:
+    model = world(5)
+    for state in states_of(model, Random(0), 5):
+        free = MonitorReplanner(model, depth=3).plan(state)
+        timed = MonitorReplanner(model, depth=3, time_budget=3600.0).plan(state)
+        assert timed.bound is free.bound
+        assert timed.path == free.path
+        assert timed.forecast.value.tobytes() == free.forecast.value.tobytes()
+
+
+@pytest.mark.parametrize("budget", [0.0, -1.0, float("nan")])
+def test_a_time_budget_is_positive(budget: float) -> None:
+    with pytest.raises(SettingsError, match="time_budget"):
+        MonitorReplanner(world(0), time_budget=budget)
+
+
+# The monitored state ----------------------------------------------------------------------------
+
+
+def test_a_state_that_does_not_fit_is_refused() -> None:
+    planner = MonitorReplanner(load(CORRIDOR))
+    with pytest.raises(StateError, match="2 numbers"):
+        planner.plan([1.0])
+    with pytest.raises(StateError, match="nan"):
+        planner.plan([1.0, float("nan")])
+    with pytest.raises(StateError, match="0 or 1"):
+        planner.plan([0.5, 1.0])
+
+
+def test_planning_leaves_the_state_as_it_was() -> None:
+    model = world(5)
+    state = states_of(model, Random(4), 1)[0]
+    before = state.copy()
+    MonitorReplanner(model).plan(state)
+    assert (state == before).all()

@@ -1,0 +1,286 @@
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import safetensors.numpy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from serp.errors import RunError
+from serp.runs import checkpoint
+from serp.runs.checkpoint import (
+    NEWEST,
+    PREVIOUS,
+    CheckpointDamaged,
+    load,
+    load_newest,
+    save,
+    save_rotating,
+)
+
+DTYPES = [bool, np.int8, np.uint8, np.int32, np.int64, np.uint64, np.float32, np.float64]
+ARRAYS = {"weights": np.arange(6, dtype=np.float32).reshape(2, 3), "filled": np.array(3)}
+META = {"episode": 7, "rho": 0.1, "name": "größer", "list": [1, None, True]}
+
+
+def json_values():
+    plain = (
+        st.none()
+        | st.booleans()
+        | st.integers(min_value=-(2**200), max_value=2**200)
+        | st.floats(allow_nan=False)
+        | st.text()
+    )
+    return st.recursive(
+        plain, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=8
+    )
+
+
+@given(
+    arrays=st.dictionaries(
+        st.text(min_size=1, max_size=8).filter(lambda name: name != "__metadata__"),
+        hnp.arrays(st.sampled_from(DTYPES), hnp.array_shapes(min_dims=0, max_dims=3, min_side=0)),
+        max_size=4,
+    ),
+    meta=st.dictionaries(st.text(), json_values(), max_size=4),
+)
+@settings(max_examples=50, deadline=None)
+def test_everything_comes_back_exactly(tmp_path_factory, arrays, meta):
+    path = tmp_path_factory.getbasetemp() / "round-trip.safetensors"
+    save(path, arrays, meta)
+    loaded, loaded_meta = load(path)
+    assert loaded.keys() == arrays.keys()
+    for name, array in arrays.items():
+        assert loaded[name].dtype == array.dtype
+        assert loaded[name].shape == array.shape
+        assert loaded[name].tobytes() == array.tobytes()  # NaN payloads and -0.0 too
+        assert loaded[name].flags.writeable
+    assert loaded_meta == meta
+    assert json.dumps(loaded_meta) == json.dumps(meta)  # 1, 1.0 and True are equal to Python
+
+
+def test_generator_state_continues_the_same_stream(tmp_path):
+    rng = np.random.default_rng(5)
+    rng.random(3)
+    save(tmp_path / "c", {}, {"rng": rng.bit_generator.state})
+    other = np.random.default_rng(0)
+    other.bit_generator.state = load(tmp_path / "c")[1]["rng"]
+    assert (other.random(100) == rng.random(100)).all()
+
+
+def test_numbers_that_json_has_no_word_for_and_numpy_scalars(tmp_path):
+    meta = {"a": math.inf, "b": -math.inf, "c": math.nan, "d": np.int64(3), "e": np.float64(0.1)}
+    save(tmp_path / "c", {}, meta)
+    loaded = load(tmp_path / "c")[1]
+    assert (loaded["a"], loaded["b"], loaded["d"], loaded["e"]) == (math.inf, -math.inf, 3, 0.1)
+    assert math.isnan(loaded["c"])
+
+
+@pytest.mark.parametrize(
+    "view",
+    [
+        lambda a: a.T,
+        lambda a: a[::2, 1:],
+        lambda a: a[::-1],
+        lambda a: a.astype(">f8"),
+        lambda a: np.asfortranarray(a),
+        lambda a: np.broadcast_to(a[0], (4, 3)),
+    ],
+)
+def test_views_are_saved_as_what_they_show(tmp_path, view):
+    array = view(np.arange(12.0).reshape(4, 3))
+    save(tmp_path / "c", {"x": array}, {})
+    assert (load(tmp_path / "c")[0]["x"] == array).all()
+
+
+def test_equal_states_give_equal_bytes_in_the_open_format(tmp_path):
+    save(tmp_path / "a", ARRAYS, META)
+    save(tmp_path / "b", dict(reversed(ARRAYS.items())), META)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+    plain = safetensors.numpy.load_file(tmp_path / "a")
+    assert (plain["weights"] == ARRAYS["weights"]).all()
+
+
+@pytest.mark.parametrize("array", [np.array(["text"]), np.array([None]), np.zeros(2, complex)])
+def test_arrays_that_the_format_cannot_hold_are_refused(tmp_path, array):
+    with pytest.raises(TypeError, match="'x' has dtype"):
+        save(tmp_path / "c", {"x": array}, {})
+    assert not os.listdir(tmp_path)
+
+
+def test_json_that_the_format_cannot_hold_is_refused(tmp_path):
+    with pytest.raises(TypeError, match="cannot hold a set"):
+        save(tmp_path / "c", {}, {"x": {1, 2}})
+    assert not os.listdir(tmp_path)
+
+
+def test_every_cut_is_noticed(tmp_path):
+    path = tmp_path / "c"
+    save(path, ARRAYS, META)
+    whole = path.read_bytes()
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        with pytest.raises(CheckpointDamaged, match="is damaged"):
+            load(path)
+
+
+def test_a_flipped_bit_anywhere_is_noticed_or_without_effect(tmp_path):
+    path = tmp_path / "c"
+    save(path, ARRAYS, META)
+    whole = path.read_bytes()
+    data_begins = 8 + int.from_bytes(whole[:8], "little")
+    unnoticed = 0
+    rng = np.random.default_rng(0)
+    for bit in 8 * np.arange(len(whole)) + rng.integers(8, size=len(whole)):
+        changed = bytearray(whole)
+        changed[bit // 8] ^= 1 << int(bit % 8)
+        path.write_bytes(changed)
+        try:
+            arrays, meta = load(path)
+        except RunError:
+            continue
+        # A letter of an escape may change its case: the same JSON in other words.
+        unnoticed += 1
+        assert bit // 8 < data_begins
+        assert meta == META
+        assert all((arrays[name] == array).all() for name, array in ARRAYS.items())
+    assert unnoticed < 3
+
+
+def test_newer_format_is_refused_with_the_reason(tmp_path, monkeypatch):
+    with monkeypatch.context() as later:
+        later.setattr(checkpoint, "FORMAT", 2)
+        save(tmp_path / NEWEST, ARRAYS, META)
+    with pytest.raises(RunError, match="has format 2; this serp knows formats up to 1"):
+        load(tmp_path / NEWEST)
+    save(tmp_path / PREVIOUS, ARRAYS, META)
+    with pytest.raises(RunError, match="Install a newer serp"):  # not damaged: no way round it
+        load_newest(tmp_path)
+
+
+def test_other_safetensors_files_are_no_checkpoints(tmp_path):
+    safetensors.numpy.save_file(ARRAYS, tmp_path / "c")
+    with pytest.raises(RunError, match="not a checkpoint of serp"):
+        load(tmp_path / "c")
+
+
+def test_missing_and_unreadable_files_are_run_errors(tmp_path):
+    with pytest.raises(RunError, match="there is no checkpoint"):
+        load_newest(tmp_path)
+    (tmp_path / NEWEST).mkdir()
+    with pytest.raises(RunError, match="cannot read the checkpoint"):
+        load_newest(tmp_path)
+
+
+def test_rotation_keeps_the_one_before(tmp_path):
+    for episode in range(4):
+        save_rotating(tmp_path, ARRAYS, {"episode": episode})
+    assert load(tmp_path / NEWEST)[1] == {"episode": 3}
+    assert load(tmp_path / PREVIOUS)[1] == {"episode": 2}
+    assert sorted(os.listdir(tmp_path)) == [PREVIOUS, NEWEST]
+    found = load_newest(tmp_path)
+    assert (found.meta, found.path, found.fallback) == ({"episode": 3}, tmp_path / NEWEST, None)
+
+
+def test_rotation_works_without_hard_links(tmp_path, monkeypatch):
+    def no_links(*_):
+        raise OSError(95, "Operation not supported")
+
+    monkeypatch.setattr(os, "link", no_links)
+    test_rotation_keeps_the_one_before(tmp_path)
+
+
+def test_rotation_after_a_crash_between_its_two_renames(tmp_path):
+    save_rotating(tmp_path, ARRAYS, {"episode": 0})
+    os.link(tmp_path / NEWEST, tmp_path / PREVIOUS)
+    save_rotating(tmp_path, ARRAYS, {"episode": 1})
+    assert sorted(os.listdir(tmp_path)) == [PREVIOUS, NEWEST]
+    assert load(tmp_path / PREVIOUS)[1] == {"episode": 0}
+
+
+@pytest.mark.parametrize("damage", ["cut", "flipped", "gone"])
+def test_damaged_newest_falls_back_to_the_previous_and_says_so(tmp_path, damage):
+    save_rotating(tmp_path, ARRAYS, {"episode": 0})
+    save_rotating(tmp_path, ARRAYS, {"episode": 1})
+    newest = tmp_path / NEWEST
+    content = bytearray(newest.read_bytes())
+    if damage == "cut":
+        newest.write_bytes(content[: len(content) // 2])
+    elif damage == "flipped":
+        content[-1] ^= 1
+        newest.write_bytes(content)
+    else:
+        newest.unlink()
+    found = load_newest(tmp_path)
+    assert found.meta == {"episode": 0}
+    assert found.path == tmp_path / PREVIOUS
+    assert str(newest) in found.fallback
+
+
+def test_two_damaged_checkpoints_are_both_named(tmp_path):
+    for episode in range(2):
+        save_rotating(tmp_path, ARRAYS, {"episode": episode})
+    for name in (NEWEST, PREVIOUS):
+        (tmp_path / name).write_bytes(b"short")
+    with pytest.raises(CheckpointDamaged) as caught:
+        load_newest(tmp_path)
+    assert NEWEST in str(caught.value) and PREVIOUS in str(caught.value)
+
+
+_FILL_THE_DISK = """
+import resource, sys
+import numpy as np
+from serp.errors import RunError
+from serp.runs.checkpoint import save_rotating
+save_rotating(sys.argv[1], {"x": np.ones(10)}, {"episode": 0})
+resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
+try:
+    save_rotating(sys.argv[1], {"x": np.ones(10_000)}, {"episode": 1})
+except RunError as error:
+    print(error)
+"""
+
+
+def test_write_that_fails_half_way_keeps_the_former_checkpoint(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", _FILL_THE_DISK, str(tmp_path)], capture_output=True, text=True
+    )
+    assert "File too large. The former checkpoint.safetensors is kept whole" in done.stdout
+    assert os.listdir(tmp_path) == [NEWEST]
+    assert load_newest(tmp_path).meta == {"episode": 0}
+
+
+_SAVE_FOR_EVER = """
+import sys
+import numpy as np
+from serp.runs.checkpoint import save_rotating
+for episode in range(10**9):
+    save_rotating(sys.argv[1], {"x": np.full(20_000, float(episode))}, {"episode": episode})
+    if episode == 1:
+        print(flush=True)
+"""
+
+
+def test_killed_at_any_moment_a_whole_checkpoint_is_there(tmp_path):
+    rng = np.random.default_rng(1)
+    for _ in range(4):
+        child = subprocess.Popen(
+            [sys.executable, "-c", _SAVE_FOR_EVER, str(tmp_path)], stdout=subprocess.PIPE
+        )
+        with child:
+            child.stdout.readline()
+            time.sleep(rng.uniform(0, 0.05))
+            child.send_signal(signal.SIGKILL)
+        found = load_newest(tmp_path)
+        assert found.fallback is None
+        assert (found.arrays["x"] == found.meta["episode"]).all()
+        assert load(tmp_path / PREVIOUS)[1]["episode"] <= found.meta["episode"]

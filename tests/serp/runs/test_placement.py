@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+import datetime
+
+import pytest
+
+from serp.runs.placement import default_path
+
+NOW = datetime.datetime(2026, 11, 21, 4, 5, 6)
+
+
+def test_name_and_time_make_the_folder():
+    assert default_path("cartpole", NOW).parts == ("runs", "cartpole-20261121-040506")
+
+
+def test_existing_folders_are_stepped_round(tmp_path):
+    names = []
+    for _ in range(3):
+        path = default_path("cartpole", NOW, tmp_path)
+        path.mkdir()
+        names.append(path.name)
+    first = "cartpole-20261121-040506"
+    assert names == [first, f"{first}-2", f"{first}-3"]
+
+
+def test_a_dangling_link_counts_as_existing(tmp_path):
+    first = default_path("cartpole", NOW, tmp_path)
+    first.symlink_to(tmp_path / "nowhere")
+    assert default_path("cartpole", NOW, tmp_path).name == f"{first.name}-2"
+
+
+@pytest.mark.parametrize("name", ["../../etc/x", "a/b", "..", "", "größe ρ", "-rf", "C:\\x"])
+def test_no_name_leads_out_of_the_root(tmp_path, name):
+    path = default_path(name, NOW, tmp_path)
+    assert path.parent == tmp_path
+    assert not path.name.startswith(("-", "."))
+    path.mkdir()

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from serp.errors import RunError
+from serp.runs.reading import count_vetoes, read_metrics, read_rows
+from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, DecisionRow, MetricsRow
+from serp.runs.tables import Table
+
+ROW = MetricsRow(
+    episode=1,
+    env_steps=23,
+    return_=1 / 3,
+    domain_return=-0.0,
+    length=23,
+    terminated=True,
+    truncated=False,
+    rho=0.01,
+    epsilon=None,
+    planner_steps=20,
+    learner_steps=1,
+    exploration_steps=1,
+    fallback_steps=1,
+    vetoes=1,
+    unsafe_predicted=1,
+    unsafe_executed=0,
+    no_safe_action=0,
+    loss=None,
+    wall_time=0.25,
+)
+
+
+def write(path, rows):
+    with Table(path, METRICS_COLUMNS) as table:
+        for row in rows:
+            table.append(row)
+
+
+def test_columns_are_those_that_the_run_folder_promises():
+    assert ",".join(METRICS_COLUMNS) == (
+        "episode,env_steps,return,domain_return,length,terminated,truncated,rho,epsilon,"
+        "planner_steps,learner_steps,exploration_steps,fallback_steps,vetoes,unsafe_predicted,"
+        "unsafe_executed,no_safe_action,loss,wall_time"
+    )
+    assert ",".join(DECISIONS_COLUMNS) == (
+        "step,episode,proposed_by,proposed,executed,executed_by,reason,predicted_reward,unsafe,"
+        "rho,explanation"
+    )
+
+
+def test_metrics_come_back_exactly_with_their_types(tmp_path):
+    write(tmp_path / "m", [ROW, ROW._replace(episode=2, loss=0.1 + 0.2, terminated=False)])
+    metrics = read_metrics(tmp_path / "m")
+    assert tuple(metrics) == METRICS_COLUMNS
+    assert metrics["episode"].dtype == np.int64
+    assert metrics["terminated"].dtype == bool
+    assert metrics["terminated"].tolist() == [True, False]
+    assert metrics["return"].tolist() == [1 / 3, 1 / 3]
+    assert math.copysign(1, metrics["domain_return"][0]) == -1
+    assert np.isnan(metrics["epsilon"]).all()
+    assert np.isnan(metrics["loss"][0]) and metrics["loss"][1] == 0.1 + 0.2
+
+
+def test_run_without_an_episode_has_empty_columns(tmp_path):
+    write(tmp_path / "m", [])
+    metrics = read_metrics(tmp_path / "m")
+    assert tuple(metrics) == METRICS_COLUMNS
+    assert all(len(column) == 0 for column in metrics.values())
+    assert metrics["episode"].dtype == np.int64 and metrics["rho"].dtype == np.float64
+
+
+def test_wherever_the_file_is_cut_all_whole_rows_are_read(tmp_path):
+    write(tmp_path / "m", [ROW._replace(episode=e) for e in range(1, 4)])
+    whole = (tmp_path / "m").read_bytes()
+    header = whole.index(b"\n") + 1
+    for length in range(header, len(whole)):
+        (tmp_path / "m").write_bytes(whole[:length])
+        expected = whole[:length].count(b"\n") - 1
+        assert read_metrics(tmp_path / "m")["episode"].tolist() == [1, 2, 3][:expected]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"\n2,", b"\ntwo,", r"m:3: episode is 'two'; it has to be a whole number"),
+        (b"\n2,", b"\n,", r"m:3: episode is ''; it has to be a whole number"),
+        (b"\n2,", b"\n99999999999999999999,", r"m:3: episode is .* fit into 64 bits"),
+        (b"\n2,", b"\n2,2,", r"m:3: 20 cells where the header has 19"),
+        (b"\n2,", b"\n\n2,", r"m:3: 0 cells where the header has 19"),
+        (b"\n2,23,", b'\n2,"23,', r"m:3: unexpected end of data"),
+        (b"\n2,23,", b"\n2,\xff,", r"m:3: not UTF-8"),
+        (b",1,0,0.01,", b",yes,0,0.01,", r"m:2: terminated is 'yes'; it has to be 0 or 1"),
+        (b",0,0.01,", b",0,0.0.1,", r"m:2: rho is '0\.0\.1'; it has to be a number"),
+        (b"episode,", b"epsiode,", r"m:1: the columns are not episode, env_steps"),
+    ],
+)
+def test_malformed_rows_are_named_by_file_and_line(tmp_path, old, new, message):
+    path = tmp_path / "m"
+    write(path, [ROW, ROW._replace(episode=2), ROW._replace(episode=3)])
+    content = path.read_bytes()
+    assert old in content
+    path.write_bytes(content.replace(old, new, 1))
+    with pytest.raises(RunError, match=message):
+        read_metrics(path)
+
+
+def test_files_that_are_no_tables_are_run_errors(tmp_path):
+    with pytest.raises(RunError, match=r"cannot read .*: No such file"):
+        read_metrics(tmp_path / "m")
+    (tmp_path / "m").write_bytes(b"")
+    with pytest.raises(RunError, match="is empty"):
+        read_metrics(tmp_path / "m")
+    (tmp_path / "m").write_bytes(b"\x89PNG\r")
+    with pytest.raises(RunError, match="m:1: not UTF-8"):
+        read_metrics(tmp_path / "m")
+
+
+def test_rows_saved_with_windows_line_ends_are_read(tmp_path):
+    write(tmp_path / "m", [ROW])
+    (tmp_path / "m").write_bytes((tmp_path / "m").read_bytes().replace(b"\n", b"\r\n"))
+    assert read_metrics(tmp_path / "m")["env_steps"].tolist() == [23]
+    assert [number for number, _ in read_rows(tmp_path / "m", METRICS_COLUMNS)] == [2]
+
+
+def test_vetoes_are_the_proposals_that_somebody_else_stood_in_for(tmp_path):
+    def decision(proposed_by, executed_by, reason):
+        return DecisionRow(0, 1, proposed_by, "a", "b", executed_by, reason, 0.0, False, 0.5, "")
+
+    with Table(tmp_path / "d", DECISIONS_COLUMNS) as table:
+        table.append(decision("planner", "planner", "planner's turn"))
+        table.append(decision("planner", "fallback", "no action"))
+        table.append(decision("learner", "learner", "accepted"))
+        table.append(decision("exploration", "exploration", "accepted"))
+        table.append(decision("learner", "planner", "unsafe"))
+        table.append(decision("learner", "fallback", "below R_min, by far"))
+        table.append(decision("exploration", "planner", "unsafe"))
+    assert list(count_vetoes(tmp_path / "d").items()) == [("unsafe", 2), ("below R_min, by far", 1)]

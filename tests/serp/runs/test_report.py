@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import pytest
+
+from serp.runs.report import duration, report
+from serp.runs.summary import summarize
+
+ABOUT = {
+    "created": "2026-11-21T04:05:06+00:00",
+    "command": ["serp", "plan-and-learn", "--domain", "my cart.pddl"],
+    "seed": 3,
+    "domain_files": {"domain.pddl": "domains/my_cart.pddl"},
+    "versions": {"numpy": "2.4.0", "torch": None},
+    "machine": {"python": "CPython 3.11.7", "cores": 2},
+}
+
+
+def test_the_report_says_what_the_summary_says(make_metrics):
+    summary = summarize(make_metrics(100), {"domain": "cartpole", "preset": "default"})
+    text = report(ABOUT, summary, {"proposal predicted unsafe": 1234, "below R_min | far": 5})
+    assert text.startswith("# Run: cartpole, preset default, seed 3\n\n100 episodes, ")
+    assert f"{summary['env_steps']:,} environment steps" in text
+    assert "](learning-curve.png)" in text
+    assert "| proposal predicted unsafe | 1,234 |" in text
+    assert r"| below R\_min \| far | 5 |" in text
+    assert f"| proposals vetoed | {summary['vetoes']:,} |" in text
+    assert "serp plan-and-learn --domain 'my cart.pddl'" in text
+    assert "| numpy | 2.4.0 |" in text and "torch" not in text
+    assert r"domains/my\_cart.pddl" in text
+    assert text.endswith("|\n") and "nan" not in text and "None" not in text
+
+
+def test_every_table_has_as_many_cells_in_each_row(make_metrics):
+    summary = summarize(make_metrics(30), evaluation={"planner": {"mean": 160.0, "all": [1, 2]}})
+    text = report(ABOUT, summary, {"a": 1})
+    for block in text.split("\n\n"):
+        if block.startswith("|"):
+            rows = block.strip().splitlines()
+            assert len(rows) >= 3
+            assert {row.replace(r"\|", "").count("|") for row in rows} == {3}
+    assert "| planner, mean | 160 |" in text and "all" not in text.split("## Evaluation")[1][:60]
+
+
+def test_a_run_that_has_just_begun_has_a_report(make_metrics):
+    text = report({**ABOUT, "command": []}, summarize(make_metrics(0)), {})
+    assert "No episode has ended yet." in text and "There were none." in text
+    assert "```" not in text and "None" not in text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0, "0.0 s"),
+        (8.21, "8.2 s"),
+        (59.96, "1 min 00 s"),
+        (185, "3 min 05 s"),
+        (3599.7, "1 h 00 min"),
+        (7620, "2 h 07 min"),
+        (400_000, "111 h 06 min"),
+    ],
+)
+def test_durations_are_written_for_people(seconds, text):
+    assert duration(seconds) == text

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from serp.errors import RunError
+from serp.runs.folder import DECISIONS, RunFolder
+from serp.runs.results import write_results
+from serp.runs.rows import DecisionRow
+
+CONFIG = {"domain": "cartpole", "preset": "default", "seed": 3}
+
+
+def test_results_are_made_from_what_the_run_wrote(tmp_path, make_rows):
+    with RunFolder.create(tmp_path / "x", CONFIG, [("d.pddl", "(define)")]) as run:
+        for row in make_rows(25):
+            run.metrics.append(row)
+        for step in range(7):
+            run.decisions.append(
+                DecisionRow(
+                    step, 1, "learner", "l", "r", "planner", "unsafe", 0.0, False, 0.5, "falls"
+                )
+            )
+        summary = write_results(run, {"mean": 480.0})
+        assert run.read_summary() == summary
+    assert summary["episodes"] == 25 and summary["evaluation"] == {"mean": 480.0}
+    text = (tmp_path / "x" / "report.md").read_text()
+    assert "# Run: cartpole, preset default, seed 3" in text
+    assert "| unsafe | 7 |" in text and "| mean | 480 |" in text
+    assert (tmp_path / "x" / "learning-curve.png").read_bytes().startswith(b"\x89PNG")
+    assert b"<svg" in (tmp_path / "x" / "learning-curve.svg").read_bytes()
+    assert not [name for name in os.listdir(tmp_path / "x") if "aside" in name]
+
+
+def test_a_run_without_an_episode_has_results(tmp_path):
+    with RunFolder.create(tmp_path / "x", CONFIG, [("d.pddl", "(define)")]) as run:
+        assert write_results(run)["episodes"] == 0
+
+
+def test_a_table_that_was_changed_by_hand_is_named(tmp_path):
+    with RunFolder.create(tmp_path / "x", CONFIG, [("d.pddl", "(define)")]) as run:
+        with open(tmp_path / "x" / DECISIONS, "a") as file:
+            file.write("1,2\n")
+        with pytest.raises(RunError, match=r"decisions\.csv:2: 2 cells"):
+            write_results(run)

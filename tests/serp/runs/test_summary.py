@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.runs.summary import moving_mean, summarize
+
+
+@given(st.lists(st.integers(-1000, 1000), max_size=60), st.integers(1, 25))
+def test_moving_mean_is_the_mean_of_what_was_there(values, window):
+    expected = [np.mean(values[max(0, i + 1 - window) : i + 1]) for i in range(len(values))]
+    assert moving_mean(np.array(values), window) == pytest.approx(expected)
+
+
+def test_numbers_are_those_of_the_metrics(make_metrics):
+    metrics = make_metrics(100)
+    returns = metrics["return"]
+    summary = summarize(metrics, {"domain": "cartpole", "preset": "default", "seed": 3, "x": 1})
+    assert summary["domain"] == "cartpole" and summary["seed"] == 3 and "x" not in summary
+    assert summary["episodes"] == 100
+    assert summary["env_steps"] == metrics["length"].sum()
+    assert summary["steps_per_second"] == pytest.approx(2000)
+    assert summary["return"]["first_10"] == pytest.approx(returns[:10].mean())
+    assert summary["return"]["last_20"] == pytest.approx(returns[-20:].mean())
+    windows = np.lib.stride_tricks.sliding_window_view(returns, 20).mean(axis=1)
+    assert summary["return"]["best_20"] == pytest.approx(windows.max())
+    best_end = metrics["env_steps"][19 + windows.argmax()]
+    assert summary["return"]["best_20_at_env_step"] == best_end
+    assert summary["domain_return"]["last_20"] == pytest.approx(0.9 * returns[-20:].mean())
+    assert summary["terminations"] + summary["truncations"] == 100
+    for name in ("vetoes", "unsafe_predicted", "unsafe_executed", "no_safe_action"):
+        assert summary[name] == metrics[name].sum()
+    assert summary["final_rho"] == 1.0
+
+
+def test_shares_of_planner_learner_and_exploration_make_a_whole(make_metrics):
+    metrics = make_metrics(40)
+    shares = summarize(metrics)["shares"]
+    assert shares["planner"] + shares["learner"] + shares["exploration"] == pytest.approx(1)
+    steps = metrics["length"].sum()
+    by_planner = metrics["planner_steps"].sum() + metrics["fallback_steps"].sum()
+    assert shares["planner"] == pytest.approx(by_planner / steps)
+    assert shares["fallback"] == pytest.approx(metrics["fallback_steps"].sum() / steps)
+
+
+def test_a_lucky_first_episode_is_not_the_best_mean_of_twenty(make_metrics):
+    metrics = make_metrics(30)
+    metrics["return"][0] = 1e4
+    assert summarize(metrics)["return"]["best_20"] < 1e4 / 10
+
+
+@pytest.mark.parametrize("episodes", [1, 5, 19])
+def test_a_short_run_is_summed_up_over_what_there_is(make_metrics, episodes):
+    metrics = make_metrics(episodes)
+    returns = summarize(metrics)["return"]
+    mean = pytest.approx(metrics["return"].mean())
+    assert returns["last_20"] == mean and returns["best_20"] == mean
+
+
+def test_no_episode_and_no_learner_give_nulls(make_metrics):
+    summary = summarize(make_metrics(0))
+    assert summary["episodes"] == 0 and summary["return"]["last_20"] is None
+    assert summary["steps_per_second"] is None and summary["shares"]["planner"] is None
+    metrics = make_metrics(3)
+    metrics["rho"][:] = np.nan
+    assert summarize(metrics)["final_rho"] is None
+
+
+def test_evaluation_is_taken_over_and_all_is_json(make_metrics):
+    metrics = make_metrics(3)
+    summary = summarize(metrics, evaluation={"mean": 499.5})
+    assert summary["evaluation"] == {"mean": 499.5}
+    assert json.loads(json.dumps(summary, allow_nan=False)) == summary
+    assert "evaluation" not in summarize(metrics)
