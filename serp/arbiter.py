@@ -109,8 +109,10 @@ class ArbiterSettings:
             raise SettingsError(
                 f"arbiter: rho starts at {self.rho!r}, above its maximum rho_max {self.rho_max!r}"
             )
-        if self.r_min is not None and np.isnan(self.r_min):
-            raise SettingsError("arbiter: r_min must be a number or None, not NaN")
+        if self.r_min is not None and not self.r_min < float("inf"):
+            raise SettingsError(f"arbiter: r_min must be a number or none, not {self.r_min!r}")
+        if not isinstance(self.rho_unit, str):
+            raise SettingsError(f"arbiter: rho_unit must be a name, not {self.rho_unit!r}")
         if self.exploration_slack is not None and not self.exploration_slack >= 0:
             raise SettingsError(
                 f"arbiter: exploration_slack must be >= 0, not {self.exploration_slack!r}"

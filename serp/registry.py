@@ -6,7 +6,7 @@ import dataclasses
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
-from serp.domain.loading import load_domain
+from serp.domain.loading import Domain, load_domain
 from serp.domain.source import did_you_mean
 from serp.errors import SerpError, TaskError
 from serp.task import Task
@@ -78,15 +78,27 @@ def find_task(domain: str) -> Task:
     if path is None:
         return load_task(domain)
     loaded = load_domain(path)
+    task = task_of(loaded, path)
+    if task is None:
+        raise TaskError(
+            f"{path}: no task is installed for domain `{loaded.name}` "
+            f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}); with an "
+            "environment of your own, write a serp.Task and call serp.plan_and_learn"
+        )
+    return task
+
+
+def task_of(domain: Domain, path: Path) -> Task | None:
+    """Return the installed task that a domain file belongs to, with that domain; None for none.
+
+    Raises:
+        TaskError: The package that offers it fails.
+    """
     entries = task_entries()
-    for name in (loaded.name, path.stem, *_shortened(loaded.name), *_shortened(path.stem)):
+    for name in (domain.name, path.stem, *_shortened(domain.name), *_shortened(path.stem)):
         if name in entries:
-            return dataclasses.replace(load_task(name), domain=loaded)
-    raise TaskError(
-        f"{path}: no task is installed for domain `{loaded.name}` "
-        f"({did_you_mean(loaded.name, entries) or 'none is installed'}); with an environment of "
-        "your own, write a serp.Task and call serp.plan_and_learn"
-    )
+            return dataclasses.replace(load_task(name), domain=domain, problem=None)
+    return None
 
 
 def _shortened(name: str) -> list[str]:

@@ -30,7 +30,7 @@ from serp.runs.config import CONFIG
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.placement import default_path
 from serp.runs.reading import read_metrics
-from serp.runs.tensorboard import EventWriter
+from serp.runs.tensorboard import EventWriter, require_tensorboard
 from serp.settings import Settings, resolve
 from serp.task import BoundTask, Task
 from serp.training import Trainer
@@ -87,6 +87,8 @@ def plan_and_learn(
             return _continue(folder, task, episodes, env_steps, quiet=quiet)
     bound = task.bind()
     resolved = resolve(preset, task.settings, settings)
+    if resolved.training.tensorboard:
+        require_tensorboard()
     path = Path(out) if out is not None else default_path(bound.name)
     config = {
         "task": bound.name,
@@ -190,7 +192,13 @@ def _task_of(folder: RunFolder, task: Task) -> Task:
 
 
 def _train(
-    folder: RunFolder, trainer: Trainer, episodes: int | None, env_steps: int | None, *, quiet: bool
+    folder: RunFolder,
+    trainer: Trainer,
+    episodes: int | None,
+    env_steps: int | None,
+    *,
+    quiet: bool,
+    note: str | None = None,
 ) -> Run:
     settings = trainer.settings.training
     if episodes is None and env_steps is None:
@@ -211,6 +219,8 @@ def _train(
         _stop_between_episodes() as stopping,
         progress,
     ):
+        if note is not None:
+            progress.note(note)
         if trainer.episode == 0:
             # Whatever happens in the first episodes, the run can be continued.
             folder.save_checkpoint(*trainer.state_dict())

@@ -3,6 +3,7 @@
 =============  =======================================================================
 ``settings``   `DQNSettings`: every choice, with its range
 ``network``    `QNetwork`: parameters in one flat tensor, forward and backward pass
+``kernels``    the compiled loops of both passes, of the TD loss and of Adam
 ``adam``       `Adam` on that tensor
 ``replay``     `ReplayBuffer`: n-step samples, masks, protected memory
 ``bounds``     `ReturnBounds`: between which values a return can lie

@@ -7,13 +7,14 @@ into a buffer allocated beforehand. On networks of this size that is several tim
 torch's autograd, for which calls cost more than arithmetic. `QNetwork.module` gives an ordinary
 `torch.nn.Module` with equal outputs.
 
-Threads: matrix products of this size lose by being split over threads, most of all where other
-processes want the same cores. Whoever trains should limit NumPy's BLAS to one thread
-(``threadpoolctl.threadpool_limits(1)``, or OPENBLAS_NUM_THREADS=1 in the environment) and call
-``torch.set_num_threads(1)``.
+Threads: up to 64 × 64 × 64 OpenBLAS multiplies on one thread by itself; larger layers or batches
+gain from several where the cores are idle and lose where they are not. NumPy's threads are the
+business of whoever trains (OPENBLAS_NUM_THREADS in the environment), as are torch's
+(``torch.set_num_threads(1)``; torch itself only copies here).
 
-Determinism: equal parameters and inputs of equal shape give equal bits. A row on its own and the
-same row in a batch agree to float32 accuracy only, for BLAS adds up in another order.
+Determinism: equal parameters, inputs of equal shape and equally many BLAS threads give equal bits
+on one kind of machine. A row on its own and the same row in a batch agree to float32 accuracy only,
+for BLAS adds up in another order.
 """
 
 from __future__ import annotations

@@ -40,9 +40,9 @@ class PlannerSettings:
     def __post_init__(self) -> None:
         for name in ("depth", "repeat", "max_nodes"):
             value = getattr(self, name)
-            if not isinstance(value, int) or value < 1:
+            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
                 raise SettingsError(f"planner: {name} must be a whole number >= 1, not {value!r}")
-        if not 0.0 < self.discount <= 1.0:
+        if not (isinstance(self.discount, int | float) and 0 < self.discount <= 1):
             raise SettingsError(f"planner: discount must be in (0, 1], not {self.discount!r}")
 
     def node_budget(self, actions: int) -> int:

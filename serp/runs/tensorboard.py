@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
 from pathlib import Path
 from typing import Any
 
 from serp.errors import MissingExtra
 from serp.runs.rows import METRICS_COLUMNS, MetricsRow
+
+
+def require_tensorboard() -> None:
+    """Check that TensorBoard is installed.
+
+    Raises:
+        MissingExtra: It is not.
+    """
+    if importlib.util.find_spec("tensorboard") is None:
+        raise MissingExtra("writing TensorBoard events", "tensorboard")
 
 
 class EventWriter:
@@ -22,10 +33,9 @@ class EventWriter:
     """
 
     def __init__(self, folder: Path, purge_step: int | None = None) -> None:
-        try:
-            from torch.utils.tensorboard import SummaryWriter
-        except ImportError:
-            raise MissingExtra("writing TensorBoard events", "tensorboard") from None
+        require_tensorboard()
+        from torch.utils.tensorboard import SummaryWriter
+
         self._writer: Any = SummaryWriter(str(folder / "tensorboard"), purge_step=purge_step)
 
     def append(self, row: MetricsRow) -> None:

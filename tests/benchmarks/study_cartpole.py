@@ -119,18 +119,27 @@ def main() -> None:
             print("  ".join(f"{_shown(result[c]):>16}" for c in columns), flush=True)
     never = sum(r["solved_at"] is None for r in results)
     at = sorted(r["solved_at"] if r["solved_at"] is not None else float("inf") for r in results)
-    reached = [v >= SOLVED for r in results if r["solved_at"] for v in r["greedy"][r["solved_at"] // EVERY - 1 :]]
+    reached = [v >= SOLVED for r in results for v in _from_solved(r)]
     print(f"solved at: median {statistics.median(at):g} env steps, range {at[0]:g} to {at[-1]:g}")
     print(f"never solved: {never} of {len(results)}")
     if reached:
         print(f"later checkpoints >= {SOLVED:g}: {sum(reached)} of {len(reached)}")
     falls = sorted(r["falls"] for r in results)
-    print(f"falls in training: median {statistics.median(falls):g}, range {falls[0]} to {falls[-1]}")
+    middle = statistics.median(falls)
+    print(f"falls in training: median {middle:g}, range {falls[0]} to {falls[-1]}")
     print(f"unsafe executed: {sum(r['unsafe_executed'] for r in results)}")
     speed = statistics.median(r["steps_per_second"] for r in results)
     print(f"env steps/s of one process: median {speed:.0f}")
     if options.json:
         options.json.write_text(json.dumps(results, indent=1) + "\n")
+
+
+def _from_solved(result: dict[str, Any]) -> list[float]:
+    """Return the greedy returns from the first checkpoint that counts as solved."""
+    if result["solved_at"] is None:
+        return []
+    greedy: list[float] = result["greedy"]
+    return greedy[result["solved_at"] // EVERY - 1 :]
 
 
 def _shown(value: Any) -> str:

@@ -22,8 +22,10 @@ class Flavour:
     """What the written domains may use.
 
     Attributes:
-        simulated: Keep to what unified-planning's simulator supports: no processes, events,
-            scalings or reserved names, one `forall` an effect, and every number given a value.
+        simulated: Keep to what unified-planning's simulator understands as serp does: no
+            scalings or reserved names, one `forall` an effect and its variable in every change
+            under it (else it is dropped), some effect in every action, no use of the type
+            `object`, and a value for every number.
         rewarding: Every domain declares `(reward)`, `(unsafe)` and `(terminal)`.
         flowing: Processes and events may occur.
     """
@@ -88,12 +90,14 @@ class _Writer:
     def write(self) -> Texts:
         simulated = self.flavour.simulated
         has_problem = simulated or self.maybe(70)
+        if simulated:
+            self.parents["thing"] = "object"
         for name in ("room", "hall", "robot", "tool")[: self.random.randint(0, 4)]:
-            self.parents[name] = self.random.choice(["object", *self.parents])
+            self.parents[name] = self.random.choice(self.known_types())
         names = [f"o{k}" for k in range(self.random.randint(1, 4))]
         for name in names:
             group = self.objects if has_problem and self.maybe(60) else self.constants
-            group[name] = self.random.choice([*self.parents, "object"])
+            group[name] = self.random.choice(self.known_types())
         traps = () if simulated else _TRAPS
         self.predicates = self.symbols("p", traps[:6])
         self.functions = self.symbols("f", traps[6:])
@@ -124,8 +128,12 @@ class _Writer:
             for name in names
         ]
 
+    def known_types(self) -> list[str]:
+        root = [] if self.flavour.simulated else ["object"]
+        return [*self.parents, *root]
+
     def types(self) -> Types:
-        known = [*self.parents, "object"]
+        known = self.known_types()
         if len(known) > 2 and not self.flavour.simulated and self.maybe(10):
             return tuple(known[:2])
         return (self.random.choice(known),)
@@ -134,6 +142,7 @@ class _Writer:
         types = " ".join(f"{name} - {parent}" for name, parent in self.parents.items())
         constants = {name: t for name, t in self.constants.items() if name not in self.objects}
         flags = [f"({name})" for name in ("unsafe", "terminal") if name in self.reserved]
+        flags += ["(acted)"] if self.flavour.simulated else []
         reward = ["(reward)"] if "reward" in self.reserved else []
         lines = [
             "(define (domain generated)",
@@ -151,7 +160,9 @@ class _Writer:
     def schema(self, kind: str, k: int) -> str:
         variables = {f"?v{i}": self.types() for i in range(self.random.choice((0, 1, 1, 2)))}
         conditions = self.some(0, 2, lambda: self.condition(variables, 2))
-        if kind == "process":
+        if self.flavour.simulated:
+            effects = ["(acted)", *self.some(1, 4, lambda: self.effect(variables))]
+        elif kind == "process":
             effects = self.some(1, 2, lambda: self.flow(variables))
         else:
             effects = self.some(1, 4, lambda: self.effect(variables))
@@ -252,7 +263,10 @@ class _Writer:
             return f"(forall ({listed}) (and {' '.join(parts)}))"
         if kind <= 5:
             return self.setting(variables)
-        return self.change(variables)
+        change = self.change(variables)
+        if change and self.flavour.simulated and "forall" in inside:
+            return change if f"{list(variables)[-1]})" in change else None
+        return change
 
     def setting(self, variables: Variables) -> str | None:
         flags = self.reserved - {"reward"}

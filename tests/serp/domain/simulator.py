@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import warnings
 from fractions import Fraction
 
 from unified_planning.engines.sequential_simulator import UPSequentialSimulator
 from unified_planning.io import PDDLReader
 from unified_planning.model import FNode, Problem, UPState
-from unified_planning.shortcuts import get_environment
 
 from serp.domain.model import TransitionModel, Vector
 from tests.generated import Texts
@@ -17,8 +17,9 @@ Key = tuple[str, ...]
 
 def read(texts: Texts) -> Problem:
     """Read a domain and its problem."""
-    get_environment().credits_stream = None
-    return PDDLReader().parse_problem_string(texts.domain, texts.problem)
+    with warnings.catch_warnings():  # it uses old names of pyparsing
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return PDDLReader().parse_problem_string(texts.domain, texts.problem)
 
 
 class Simulator:
@@ -26,7 +27,9 @@ class Simulator:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self.simulator = UPSequentialSimulator(problem, error_on_failed_checks=False)
+        with warnings.catch_warnings():  # it says that it does not know processes and events
+            warnings.simplefilter("ignore", UserWarning)
+            self.simulator = UPSequentialSimulator(problem, error_on_failed_checks=False)
         self.terms: dict[Key, FNode] = {
             (node.fluent().name, *(str(argument) for argument in node.args)): node
             for node in problem.initial_values

@@ -31,7 +31,7 @@ def plan(model: TransitionModel, settings: PlannerSettings, state: Vector) -> Pl
     ).plan(state)
 
 
-@examples(150)
+@examples(300)
 @given(st.integers(0, WORLDS - 1), PLANNERS, st.integers(0, 10**6))
 def test_the_plan_is_the_one_that_plain_recursion_finds(
     seed: int, settings: PlannerSettings, state_seed: int
@@ -66,7 +66,7 @@ def test_the_plan_is_the_one_that_plain_recursion_finds(
         assert found.forecast.terminal[action] == outcome.terminal
 
 
-@examples(150)
+@examples(300)
 @given(st.integers(0, WORLDS - 1), st.integers(1, 4), st.integers(0, 10**6))
 def test_no_path_there_is_stays_safe_for_longer_and_no_safe_one_earns_more(
     seed: int, depth: int, state_seed: int

@@ -24,10 +24,15 @@ def load(domain: str, problem: str | None = None) -> TransitionModel:
     return load_texts(Texts(domain, problem)).model
 
 
+def text_of(seed: int) -> str:
+    """Return the random domain of a seed as text."""
+    return _Writer(Random(seed)).domain()
+
+
 @functools.cache
 def world(seed: int) -> TransitionModel:
-    """Return the random domain of a seed."""
-    return load(_Writer(Random(seed)).domain())
+    """Return the random domain of a seed, loaded."""
+    return load(text_of(seed))
 
 
 def states_of(model: TransitionModel, random: Random, count: int) -> Vector:

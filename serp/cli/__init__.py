@@ -1,0 +1,18 @@
+"""The command `serp`: one module a command, imported when the command is used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NoReturn
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run the command and exit with its status.
+
+    Args:
+        arguments: What follows `serp`; by default what the user typed.
+    """
+    from serp.cli.root import serp
+
+    serp(arguments, prog_name="serp")
+    raise AssertionError("click exits by itself")

@@ -1,0 +1,93 @@
+"""Writing results: tables and lines, in colour on a terminal, plain text elsewhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_UNLIMITED = 10_000  # columns of a file or pipe: nothing is wrapped or cut
+
+
+def open_console() -> Console:
+    """Return a console on standard output that takes text as it stands."""
+    from rich.console import Console
+
+    class QuietlyBroken(Console):
+        def on_broken_pipe(self) -> None:  # rich would end the process
+            raise BrokenPipeError
+
+    console = QuietlyBroken(markup=False, highlight=False, emoji=False)
+    if not console.is_terminal:
+        console.width = _UNLIMITED
+    return console
+
+
+def print_table(
+    console: Console,
+    head: Sequence[str],
+    rows: Iterable[Sequence[str]],
+    *,
+    styles: Sequence[str] = (),
+    right: Iterable[int] = (),
+) -> None:
+    """Print a table without lines.
+
+    Args:
+        console: Where to.
+        head: Titles of the columns; all empty for a table without a head.
+        rows: Cells, as many a row as there are titles.
+        styles: rich's style of each row; none where it is empty or too short.
+        right: Columns that are aligned to the right.
+    """
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    to_the_right = set(right)
+    table = Table(
+        box=box.SIMPLE_HEAD if any(head) else None,
+        show_header=any(head),
+        pad_edge=False,
+        show_edge=False,
+        header_style="bold",
+    )
+    for column, title in enumerate(head):
+        table.add_column(
+            Text(title), justify="right" if column in to_the_right else "left", overflow="fold"
+        )
+    for row, cells in enumerate(rows):
+        table.add_row(*map(Text, cells), style=styles[row] if row < len(styles) else None)
+    if console.is_terminal:
+        console.print(table)
+        return
+    with console.capture() as captured:
+        console.print(table)
+    for line in captured.get().splitlines():
+        console.print(line.rstrip())
+
+
+def print_json(value: Any) -> None:
+    """Print JSON that every reader takes: NaN and infinities become null."""
+    from serp.runs.json_files import finite, json_text
+
+    click.echo(json_text(finite(value)), nl=False)
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """Return a number as people read it: `1,234`, `0.2618`, `–` for none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if isinstance(value, int) or (abs(value) >= 1000 and math.isfinite(value)):
+        return f"{value:,.0f}"
+    return f"{value + 0.0:.{digits}g}"
+
+
+def plural(count: int, noun: str, several: str | None = None) -> str:
+    """Return a count with its noun: `1 action`, `3 actions`."""
+    return f"{count:,} {noun if count == 1 else several or noun + 's'}"

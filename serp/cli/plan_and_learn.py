@@ -1,0 +1,196 @@
+"""`serp plan-and-learn`: train, or continue a training."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from click.core import ParameterSource
+
+from serp.cli.failures import INTERRUPTED, say
+from serp.cli.output import number, open_console, plural, print_table
+from serp.cli.values import parse_settings
+from serp.errors import EnvironmentFailure, SerpError
+
+if TYPE_CHECKING:
+    from serp.run import Run
+    from serp.task import Task
+
+_FROM_OUT = ""
+"""What `--resume` holds without a value of its own."""
+
+
+@click.command(
+    "plan-and-learn", short_help="Train: the planner acts first, the learner takes over."
+)
+@click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
+@click.option("--preset", metavar="default|paper", default="default", show_default=True,
+              help="Settings to begin with.")  # fmt: skip
+@click.option("--episodes", type=click.IntRange(min=1), metavar="N",
+              help="Train until N episodes have ended.")  # fmt: skip
+@click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
+              help="Train for N steps in the environment.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
+              help="Seed of everything random.")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+              help="Folder of the run.  [default: runs/<domain>-<time>]")  # fmt: skip
+@click.option("--resume", is_flag=False, flag_value=_FROM_OUT, metavar="[RUN]",
+              help="Continue a run: this one, or that in --out.")  # fmt: skip
+@click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
+              help="Change a setting; may be repeated.")  # fmt: skip
+@click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    domain: str | None,
+    preset: str,
+    episodes: int | None,
+    env_steps: int | None,
+    seed: int,
+    out: Path | None,
+    resume: str | None,
+    assignments: tuple[str, ...],
+    quiet: bool,
+) -> int | None:
+    """Train on a task: the planner acts from the first step, the learner takes over, and what the
+    domain file flags unsafe is refused.
+
+    \b
+    Examples:
+      serp plan-and-learn --domain cartpole
+      serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven
+      serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7
+      serp plan-and-learn --resume runs/seven --episodes 500
+
+    A run that Ctrl-C stops (exit status 130) has lost nothing: the episode is finished first. A
+    second Ctrl-C stops at once, and the run goes on from its last checkpoint.
+    """
+    settings = parse_settings(assignments)
+    resuming = resume is not None
+    if resuming:
+        path = _run_to_resume(ctx, resume or None, out)
+        task = _task_of_run(path, domain)
+    else:
+        if domain is None:
+            raise click.UsageError(
+                "give --domain (`serp list` names the tasks), or --resume RUN", ctx
+            )
+        path, task = _new_run(domain, out)
+    from serp.run import Interrupted, plan_and_learn
+
+    before = _holds_run(path)
+    try:
+        run = plan_and_learn(
+            task, preset=preset, settings=settings, episodes=episodes, env_steps=env_steps,
+            seed=seed, out=path, resume=resuming, quiet=quiet,
+        )  # fmt: skip
+    except Interrupted as stop:
+        say(f"{stop}.\n{_how_to_resume(path)}")
+        return INTERRUPTED
+    except KeyboardInterrupt:
+        if not _holds_run(path):
+            raise
+        say(f"Stopped at once.\n{_how_to_resume(path)}")
+        return INTERRUPTED
+    except SerpError as error:
+        begun = _holds_run(path) and not before
+        if begun or (resuming and isinstance(error, EnvironmentFailure)):
+            say(f"Saved up to the last checkpoint. {_how_to_resume(path)}")
+        raise
+    if quiet:
+        click.echo(run.path)
+    else:
+        _print_results(run, domain)
+    return None
+
+
+def _run_to_resume(ctx: click.Context, given: str | None, out: Path | None) -> Path:
+    """Return the run that `--resume` means; what belongs to its beginning cannot be given."""
+    for name, option in (("preset", "--preset"), ("seed", "--seed"), ("assignments", "--set")):
+        if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"{option} cannot change in a run that is resumed", ctx)
+    if given is not None and out is not None and Path(given) != out:
+        raise click.UsageError(f"which run: --resume {given} or --out {out}?", ctx)
+    path = Path(given) if given is not None else out
+    if path is None:
+        raise click.UsageError("give the run to continue: --resume RUN", ctx)
+    return path
+
+
+def _task_of_run(path: Path, domain: str | None) -> Task:
+    from serp.registry import find_task, load_task
+    from serp.runs.config import read_config
+
+    name = read_config(path)["config"].get("task")
+    return find_task(domain) if domain is not None else load_task(str(name))
+
+
+def _new_run(domain: str, out: Path | None) -> tuple[Path, Task]:
+    import dataclasses
+
+    from serp.registry import find_task
+    from serp.runs.placement import default_path
+
+    task = find_task(domain)
+    loaded = task.load()
+    path = out if out is not None else default_path(task.name or loaded.name)
+    return path, dataclasses.replace(task, domain=loaded)
+
+
+def _holds_run(path: Path) -> bool:
+    from serp.runs.config import CONFIG
+
+    return (path / CONFIG).is_file()
+
+
+def _how_to_resume(path: Path) -> str:
+    return f"Continue with:\n  serp plan-and-learn --resume {shlex.quote(str(path))}"
+
+
+def _print_results(run: Run, domain: str | None) -> None:
+    summary: dict[str, Any] = run.summary
+    returns = summary["return"]
+    console = open_console()
+    console.print("")
+    print_table(
+        console,
+        ("", ""),
+        [
+            ("run", str(run.path)),
+            (
+                "length",
+                f"{plural(summary['episodes'], 'episode')}, "
+                f"{plural(summary['env_steps'], 'env step')}",
+            ),
+            (
+                "return",
+                f"{number(returns['first_10'])} in the first 10 episodes, "
+                f"{number(returns['last_20'])} in the last 20",
+            ),
+            (
+                "terminated",
+                f"{plural(summary['terminations'], 'episode')} ended by the environment "
+                "(a fall, a crash, the goal)",
+            ),
+            ("vetoes", f"{plural(summary['vetoes'], 'proposal')} refused"),
+            (
+                "unsafe",
+                f"{plural(summary['unsafe_executed'], 'action')} executed that the model "
+                "predicted unsafe",
+            ),
+        ],
+    )
+    quoted = shlex.quote(str(run.path))
+    shown = shlex.quote(domain if domain is not None else str(run.path / "domain.pddl"))
+    console.print("\nNext:")
+    print_table(
+        console,
+        ("", ""),
+        [
+            (f"  serp evaluate {quoted}", "how good it is now, without exploration"),
+            (f"  serp plan --domain {shown}", "what the planner sees, and why"),
+            (f"  {run.path / 'report.md'}", "the whole run on one page, with its learning curve"),
+        ],
+    )

@@ -1,0 +1,39 @@
+from __future__ import annotations
+
+import pytest
+
+from serp.errors import SettingsError
+from serp.planning.settings import MAX_EDGES, PlannerSettings
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("depth", 0),
+        ("depth", 2.0),
+        ("depth", True),
+        ("depth", "5"),
+        ("repeat", 0),
+        ("max_nodes", -1),
+        ("discount", 0.0),
+        ("discount", 1.01),
+        ("discount", float("nan")),
+        ("discount", "high"),
+    ],
+)
+def test_a_value_outside_its_range_is_refused_by_name(name: str, value: object) -> None:
+    with pytest.raises(SettingsError, match=name):
+        PlannerSettings(**{name: value})  # type: ignore[arg-type]
+
+
+def test_the_ends_of_the_ranges_are_allowed() -> None:
+    settings = PlannerSettings(depth=1, discount=1.0, repeat=1, max_nodes=1)
+    assert settings.node_budget(5) == 1
+
+
+@pytest.mark.parametrize("actions", [0, 1, 3, 1_000, 10_000_000])
+def test_the_node_budget_bounds_the_edges(actions: int) -> None:
+    settings = PlannerSettings(max_nodes=10**9)
+    budget = settings.node_budget(actions)
+    assert budget >= 1
+    assert budget == 1 or budget * actions <= MAX_EDGES
