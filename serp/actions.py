@@ -60,8 +60,8 @@ class ActionMap:
     Args:
         model: The transition model.
         size: Number of environment actions.
-        mapping: Name of a ground action, or of a schema for all its instances, → environment
-            action. None: the n-th ground action is environment action n.
+        mapping: Name of a ground action, or of a schema for all its other instances, →
+            environment action. None: the n-th ground action is environment action n.
 
     Raises:
         TaskError: A ground action has no environment action, or a name or number does not exist.
@@ -92,7 +92,8 @@ class ActionMap:
                     "task `actions={name: number}` to say which carries out which"
                 )
             return list(range(count))
-        resolved: dict[int, int] = {}
+        by_schema: dict[int, int] = {}
+        by_name: dict[int, int] = {}
         schemas: dict[str, list[int]] = {}
         for index, ground in enumerate(model.actions):
             schemas.setdefault(ground.schema, []).append(index)
@@ -102,16 +103,17 @@ class ActionMap:
                     f"actions: `{name}` is mapped to {action!r}, but the environment's actions "
                     f"are 0 ... {size - 1}"
                 )
+            if name in schemas:
+                by_schema.update((target, int(action)) for target in schemas[name])
+                continue
             try:
-                targets = [model.action_index(name)]
+                by_name[model.action_index(name)] = int(action)
             except StateError:
-                targets = schemas.get(name, [])
-            if not targets:
-                known = [a.name for a in model.actions]
+                known = [*schemas, *(a.name for a in model.actions)]
                 raise TaskError(
                     f"actions: the domain has no action `{name}`; {did_you_mean(name, known)}"
-                )
-            resolved.update((target, int(action)) for target in targets)
+                ) from None
+        resolved = by_schema | by_name
         missing = [a.name for k, a in enumerate(model.actions) if k not in resolved]
         if missing:
             raise TaskError(

@@ -29,16 +29,12 @@ def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> st
 def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
     """Say which effect makes `(unsafe)` true one step ahead."""
     passed, _ = model.trace(state, action)
-    setter: Site | None = None
     for site in passed:
         if isinstance(site.item, g.SetBoolean) and site.item.target == g.UNSAFE_TARGET:
-            # A later effect may take the flag back.
-            setter = (setter or site) if site.item.value else None
-    if setter is None:
-        return f"{model.actions[action].name} is not predicted unsafe"
-    assert setter.schema is not None
-    through = "" if setter.schema is model.actions[action] else f" through {_of(setter.schema)}"
-    return f"{model.actions[action].name}: {_quote(setter)}{through}"
+            assert site.schema is not None
+            through = "" if site.schema is model.actions[action] else f" through {_of(site.schema)}"
+            return f"{model.actions[action].name}: {_quote(site)}{through}"
+    return f"{model.actions[action].name} is not predicted unsafe"
 
 
 def _of(schema: g.GroundSchema) -> str:

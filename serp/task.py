@@ -116,11 +116,12 @@ class BoundTask:
             )
 
     def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
-        accepts = inspect.signature(self.task.make_env).parameters
-        takes_mode = "render_mode" in accepts or any(
-            p.kind is inspect.Parameter.VAR_KEYWORD for p in accepts.values()
-        )
-        if render_mode is not None and not takes_mode:
+        if not callable(self.task.make_env):
+            raise TaskError(
+                f"task {self.name}: make_env must be a function that returns an environment, "
+                f"not {self.task.make_env!r}"
+            )
+        if render_mode is not None and not _takes(self.task.make_env, "render_mode"):
             raise TaskError(f"task {self.name}: make_env takes no render_mode, so it cannot render")
         try:
             env = self.task.make_env(**({"render_mode": render_mode} if render_mode else {}))
@@ -229,6 +230,15 @@ class BoundTask:
     def close(self) -> None:
         """Close the environment."""
         self.env.close()
+
+
+def _takes(function: Callable[..., Any], name: str) -> bool:
+    """Whether a function takes a keyword argument, as far as it says."""
+    try:
+        accepts = inspect.signature(function).parameters
+    except ValueError:  # some callables that are written in C
+        return True
+    return name in accepts or any(p.kind is inspect.Parameter.VAR_KEYWORD for p in accepts.values())
 
 
 def _short(error: Exception) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from serp.cli.examples import write_examples
 from serp.cli.failures import exit_with
 
 
@@ -18,13 +19,19 @@ class LazyGroup(click.Group):
     Args:
         commands_in: The package that holds the modules, and name → help. The command `a-b` is the
             attribute `command` of the module `a_b`.
+        examples: Command lines for the help.
     """
 
     def __init__(
-        self, *args: Any, commands_in: tuple[str, Mapping[str, str]], **options: Any
+        self,
+        *args: Any,
+        commands_in: tuple[str, Mapping[str, str]],
+        examples: Sequence[str],
+        **options: Any,
     ) -> None:
         super().__init__(*args, **options)
         self._package, self._summaries = commands_in
+        self.examples = tuple(examples)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order in which they are of use."""
@@ -64,7 +71,12 @@ class LazyGroup(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl(list(self._summaries.items()))
 
-    def main(  # type: ignore[override]
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the examples, then what else there is to say."""
+        write_examples(formatter, self.examples)
+        super().format_epilog(ctx, formatter)
+
+    def main(
         self,
         args: Sequence[str] | None = None,
         prog_name: str | None = None,

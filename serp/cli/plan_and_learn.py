@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from serp.cli.examples import ExampledCommand
 from serp.cli.failures import INTERRUPTED, say
 from serp.cli.output import number, open_console, plural, print_table
 from serp.cli.values import parse_settings
@@ -23,7 +24,15 @@ _FROM_OUT = ""
 
 
 @click.command(
-    "plan-and-learn", short_help="Train: the planner acts first, the learner takes over."
+    "plan-and-learn",
+    cls=ExampledCommand,
+    short_help="Train: the planner acts first, the learner takes over.",
+    examples=[
+        "serp plan-and-learn --domain cartpole",
+        "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
+        "serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7",
+        "serp plan-and-learn --resume runs/seven --episodes 500",
+    ],
 )
 @click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
 @click.option("--preset", metavar="default|paper", default="default", show_default=True,
@@ -54,15 +63,10 @@ def command(
     assignments: tuple[str, ...],
     quiet: bool,
 ) -> int | None:
-    """Train on a task: the planner acts from the first step, the learner takes over, and what the
-    domain file flags unsafe is refused.
+    """Train on a task, or continue a training.
 
-    \b
-    Examples:
-      serp plan-and-learn --domain cartpole
-      serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven
-      serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7
-      serp plan-and-learn --resume runs/seven --episodes 500
+    The planner acts from the first step and the learner takes over; what the domain file flags
+    unsafe is refused whenever there is a choice.
 
     A run that Ctrl-C stops (exit status 130) has lost nothing: the episode is finished first. A
     second Ctrl-C stops at once, and the run goes on from its last checkpoint.

@@ -20,20 +20,16 @@ COMMANDS = {
 @click.group(
     cls=LazyGroup,
     commands_in=("serp.cli", COMMANDS),
+    examples=(
+        "serp plan-and-learn --domain cartpole",
+        "serp plan --domain cartpole --svg decision.svg",
+        "serp plan --help",
+    ),
+    epilog="Exit status: 0 done; 1 something in files, names or the environment has to be mended, "
+    "and the message says what; 2 the command line is wrong; 130 stopped by Ctrl-C. With "
+    "SERP_DEBUG=1 an error shows where in the program it arose.",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(__version__, prog_name="serp", message="%(prog)s %(version)s")
 def serp() -> None:
-    """From an expert's PDDL file to a safe, explained, trained policy.
-
-    \b
-    Examples:
-      serp plan-and-learn --domain cartpole
-      serp plan --domain cartpole --svg decision.svg
-      serp COMMAND --help
-
-    \b
-    Exit status: 0 done; 1 something in files, names or the environment has to be mended (the
-    message says what); 2 the command line is wrong; 130 stopped by Ctrl-C. SERP_DEBUG=1 shows
-    where in the program an error arose.
-    """
+    """From an expert's PDDL file to a safe, explained, trained policy."""

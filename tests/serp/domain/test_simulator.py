@@ -15,10 +15,10 @@ from tests.generated import SIMULATED, generate, random_states
 from tests.serp.domain.simulator import Simulator, in_fractions, read
 
 
-@pytest.mark.parametrize("block", range(8))
+@pytest.mark.parametrize("block", range(2))
 def test_model_agrees_with_unified_planning(block: int) -> None:
     compared = applicable = reached = 0
-    for seed in range(block * 10, block * 10 + 10):
+    for seed in range(block * 25, block * 25 + 25):
         random = Random(5000 + seed)
         generated = generate(random, SIMULATED)
         model = generated.model
@@ -46,4 +46,4 @@ def test_model_agrees_with_unified_planning(block: int) -> None:
                 if model.ground.goal is not None:
                     assert found.terminal == simulator.goal_reached(after), name
                     reached += found.terminal
-    assert compared > 40 and applicable > 20 and reached > 0
+    assert compared > 150 and applicable > 100 and reached > 0

@@ -58,7 +58,7 @@ class _Writer:
         facts = " ".join(f"({name})" for name in (*self.facts, "unsafe", "terminal"))
         numbers = " ".join(f"({name})" for name in (*self.numbers, "reward"))
         parts = [self.action(k) for k in range(self.random.choice((1, 2, 3, 3, 4, 5)))]
-        parts += [self.process(k) for k in range(self.random.randint(0, 1))]
+        parts += [self.process(k) for k in range(self.random.choice((0, 1, 1)))]
         parts += [self.event(k) for k in range(self.random.randint(1, 3))]
         return (
             "(define (domain world)\n"
@@ -81,9 +81,11 @@ class _Writer:
         )
 
     def process(self, k: int) -> str:
-        rate = self.random.choice(("0.5", "1", f"({self.random.choice(self.numbers)})"))
+        # What drifts by the value of another number meets its danger some steps later.
+        rate = self.random.choice(("0.5", *[f"({self.random.choice(self.numbers)})"] * 3))
+        condition = self.condition() if self.random.random() < 0.4 else ""
         return (
-            f"  (:process flow{k} :parameters () :precondition (and {self.condition()})\n"
+            f"  (:process flow{k} :parameters () :precondition (and {condition})\n"
             f"    :effect (and (increase ({self.random.choice(self.numbers)}) (* #t {rate}))))"
         )
 

@@ -1,0 +1,220 @@
+"""What one decision of the planner looks like: as text for people, as JSON for programs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from serp.cli.output import number, plural, print_table
+from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
+from serp.explanation import why_not_applicable, why_unsafe
+from serp.planning.forecast import SAFE
+from serp.planning.settings import Bound
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from serp.domain.model import TransitionModel, Vector
+    from serp.planning.replanner import MonitorReplanner, Plan
+
+_ACTIONS_SHOWN = 30
+_FLUENTS_SHOWN = 24
+_COLUMNS = 6  # changing fluents that get a column of their own in the path
+
+
+def describe(
+    domain: str, origin: str, planner: MonitorReplanner, state: Vector, plan: Plan
+) -> dict[str, Any]:
+    """Return a decision as JSON values (infinities and NaN among them).
+
+    Args:
+        domain: Name of the domain.
+        origin: Where the state comes from.
+        planner: The planner that decided.
+        state: `[F]`, what it decided on.
+        plan: The decision.
+    """
+    model, forecast = planner.model, plan.forecast
+    actions = [
+        {
+            "name": action.name,
+            "applicable": bool(forecast.applicable[k]),
+            "unsafe": bool(forecast.unsafe[k]),
+            "terminal": bool(forecast.terminal[k]),
+            "reward": float(forecast.reward[k]) if forecast.applicable[k] else None,
+            "best_return": float(forecast.value[k]),
+            "safe_steps": None if forecast.safe_steps[k] == SAFE else int(forecast.safe_steps[k]),
+            "remark": remark(planner, state, plan, k),
+        }
+        for k, action in enumerate(model.actions)
+    ]
+    return {
+        "domain": domain,
+        "state_from": origin,
+        "state": model.values(state),
+        "action": plan.name,
+        "best_return": plan.reward,
+        "safe": plan.safe,
+        "indifferent": plan.indifferent,
+        "depth": plan.depth,
+        "discount": planner.settings.discount,
+        "repeat": planner.settings.repeat,
+        "control_period": model.dt,
+        "bound": plan.bound.name.lower(),
+        "nodes": plan.graph.number_of_nodes(),
+        "actions": actions,
+        "path": [
+            {
+                "action": step.action,
+                "reward": step.reward,
+                "unsafe": step.unsafe,
+                "state": model.values(step.state),
+            }
+            for step in plan.path
+        ],
+    }
+
+
+def remark(planner: MonitorReplanner, state: Vector, plan: Plan, action: int) -> str:
+    """Return what is to be known of a first action, in the words of the domain file."""
+    model = planner.model
+    name = model.actions[action].name
+    flags, steps = int(plan.forecast.flags[action]), int(plan.forecast.safe_steps[action])
+    if not flags & APPLICABLE:
+        why = why_not_applicable(model, state, action).removeprefix(f"{name}: ")
+        return f"not applicable: {why}"
+    remarks = []
+    if flags & UNSAFE:
+        remarks.append("unsafe: " + why_unsafe(model, state, action).removeprefix(f"{name}: "))
+    elif steps == 0:
+        remarks.append(f"unsafe when repeated for {planner.settings.repeat} control periods")
+    elif steps != SAFE:
+        remarks.append(f"unsafe after {plural(steps, 'step')}, whatever follows")
+    if flags & TERMINAL:
+        remarks.append("ends the task")
+    return "; ".join(remarks)
+
+
+def print_plan(
+    console: Console, domain: str, origin: str, planner: MonitorReplanner, state: Vector, plan: Plan
+) -> None:
+    """Print a decision: the state, what every action promises, and the best path."""
+    console.print(f"{domain}, {origin}", style="bold")
+    _print_state(console, planner.model, state)
+    console.print("")
+    _print_actions(console, planner, state, plan)
+    console.print("")
+    for line in verdict(planner, plan):
+        console.print(line)
+    if plan.path:
+        console.print("")
+        _print_path(console, planner, state, plan)
+
+
+def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
+    """Return the sentences that sum a decision up."""
+    if plan.name is None:
+        if not planner.model.actions:
+            return ["The domain has no ground action: there is nothing to decide."]
+        return ["No action is applicable here."]
+    lines = [f"Chosen: {plan.name}, best return {number(plan.reward)}."]
+    if plan.indifferent:
+        lines.append(
+            "All applicable actions promise the same (the planner is indifferent): what matters "
+            "lies beyond its depth. The first in the file is taken."
+        )
+    if not plan.safe and plan.action is not None:
+        safe = int(plan.forecast.safe_steps[plan.action])
+        lines.append(
+            "Every path leads to something unsafe. The one that stays safe the longest, "
+            f"{plural(safe, 'step')}, is taken."
+        )
+    lines.append(_how_far(planner, plan))
+    return lines
+
+
+def _how_far(planner: MonitorReplanner, plan: Plan) -> str:
+    settings = planner.settings
+    nodes = plural(plan.graph.number_of_nodes(), "state")
+    each = f", each repeated for {settings.repeat} control periods" if settings.repeat > 1 else ""
+    ended = {
+        Bound.DEPTH: "",
+        Bound.NODES: f" The next layer would exceed the limit of {settings.max_nodes:,} nodes.",
+        Bound.TIME: " The time budget ended the lookahead there.",
+        Bound.EXHAUSTED: " Nothing is left to expand after that.",
+    }
+    return (
+        f"Looked ahead {plural(plan.depth, 'action')}{each}: {nodes}, "
+        f"discount {settings.discount:g}.{ended[plan.bound]}"
+    )
+
+
+def _print_state(console: Console, model: TransitionModel, state: Vector) -> None:
+    numeric = [(f.name, number(float(state[f.index]))) for f in model.fluents if f.numeric]
+    true = [f.name for f in model.fluents if not f.numeric and state[f.index]]
+    for name, value in numeric[:_FLUENTS_SHOWN]:
+        console.print(f"  {name} = {value}")
+    if len(numeric) > _FLUENTS_SHOWN:
+        console.print(f"  … and {len(numeric) - _FLUENTS_SHOWN} more numbers (--json has all)")
+    if true:
+        shown = ", ".join(true[:_FLUENTS_SHOWN])
+        more = f" … and {len(true) - _FLUENTS_SHOWN} more" if len(true) > _FLUENTS_SHOWN else ""
+        console.print(f"  true: {shown}{more}")
+
+
+def _print_actions(console: Console, planner: MonitorReplanner, state: Vector, plan: Plan) -> None:
+    model, forecast = planner.model, plan.forecast
+    # The best first where there are too many to show; else as in the file.
+    order = list(range(len(model.actions)))
+    if len(order) > _ACTIONS_SHOWN:
+        order.sort(key=lambda k: (-int(forecast.safe_steps[k]), -float(forecast.value[k])))
+    rows, styles = [], []
+    for k in order[:_ACTIONS_SHOWN]:
+        applicable = bool(forecast.applicable[k])
+        chosen = k == plan.action
+        rows.append(
+            (
+                "→" if chosen else "",
+                model.actions[k].name,
+                number(float(forecast.reward[k])) if applicable else "–",
+                number(float(forecast.value[k])) if applicable else "–",
+                remark(planner, state, plan, k),
+            )
+        )
+        unsafe = forecast.unsafe[k] or forecast.safe_steps[k] != SAFE
+        styles.append(
+            "dim" if not applicable else "red" if unsafe else "bold blue" if chosen else ""
+        )
+    head = ("", "action", "reward", "best return", "remarks")
+    print_table(console, head, rows, styles=styles, right=(2, 3))
+    if len(order) > _ACTIONS_SHOWN:
+        rest = plural(len(order) - _ACTIONS_SHOWN, "more action")
+        console.print(f"  … and {rest}, no better than these (--json has all)")
+
+
+def _print_path(console: Console, planner: MonitorReplanner, state: Vector, plan: Plan) -> None:
+    model = planner.model
+    states = [tuple(state.tolist()), *(step.state for step in plan.path)]
+    changing = [f for f in model.fluents if any(s[f.index] != states[0][f.index] for s in states)]
+    in_columns = 0 < len(changing) <= _COLUMNS
+    head = ["", "best path", "reward"]
+    head += [f.name for f in changing] if in_columns else ["what changes"]
+    rows: list[list[str]] = []
+    for k, step in enumerate(plan.path):
+        before, after = states[k], states[k + 1]
+        mark = " (unsafe)" if step.unsafe else ""
+        row = [str(k + 1), step.action + mark, number(step.reward)]
+        if in_columns:
+            row += [_shown(after[f.index], numeric=f.numeric) for f in changing]
+        else:
+            changed = [f for f in model.fluents if before[f.index] != after[f.index]]
+            texts = [
+                f"{f.name} = {_shown(after[f.index], numeric=f.numeric)}"
+                for f in changed[:_FLUENTS_SHOWN]
+            ]
+            row.append(", ".join(texts) + (" …" if len(changed) > _FLUENTS_SHOWN else ""))
+        rows.append(row)
+    print_table(console, head, rows, right=(2, *(range(3, len(head)) if in_columns else ())))
+
+
+def _shown(value: float, *, numeric: bool) -> str:
+    return number(value) if numeric else ("true" if value else "false")

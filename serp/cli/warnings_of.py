@@ -1,0 +1,192 @@
+"""What a domain file that is right may still have forgotten."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from serp.domain import syntax as x
+from serp.domain.ground import UNSAFE_TARGET, GroundModel, SetBoolean, writes
+from serp.domain.loading import Domain
+from serp.domain.sexpr import Group, Word, read_group
+from serp.portability import Finding
+
+_ADL = (":typing", ":negative-preconditions", ":disjunctive-preconditions", ":equality",
+        ":quantified-preconditions", ":conditional-effects")  # fmt: skip
+_IMPLIED = {
+    ":adl": _ADL,
+    ":quantified-preconditions": (":existential-preconditions", ":universal-preconditions"),
+    ":action-costs": (":numeric-fluents",),
+    ":fluents": (":numeric-fluents",),
+    ":numeric-fluents": (":fluents",),
+    ":hybrid": (":time", ":numeric-fluents"),
+    ":processes": (":time",),
+    ":events": (":time",),
+    ":continuous-effects": (":time",),
+}
+
+
+def warnings_of(domain: Domain) -> list[Finding]:
+    """Return what may have been forgotten or misspelt; none of it stops a training.
+
+    Args:
+        domain: A domain that was loaded, hence free of errors.
+    """
+    return [
+        *_nothing_said(domain),
+        *_schemas_without_use(domain),
+        *_unused_names(domain),
+        *_missing_requirements(domain),
+    ]
+
+
+def _nothing_said(domain: Domain) -> Iterator[Finding]:
+    model = domain.model
+    name = domain.source.name
+    if not model.actions:
+        yield Finding(f"{name}: no ground action, so there is nothing to plan with")
+    if not _makes_unsafe(model.ground):
+        yield Finding(
+            f"{name}: nothing is ever `(unsafe)`, so nothing will be refused for safety's sake"
+        )
+    if not model.rewarding:
+        yield Finding(
+            f"{name}: nothing changes `(reward)`, so the planner has no reason to prefer anything"
+        )
+
+
+def _makes_unsafe(ground: GroundModel) -> bool:
+    schemas = (*ground.actions, *ground.processes, *ground.events)
+    return any(
+        isinstance(effect, SetBoolean) and effect.target == UNSAFE_TARGET and effect.value
+        for schema in schemas
+        for effect in schema.effects
+    )
+
+
+def _schemas_without_use(domain: Domain) -> Iterator[Finding]:
+    ground = domain.model.ground
+    instances: dict[str, list[bool]] = {schema.name: [] for schema in domain.syntax.schemas}
+    for instance in (*ground.actions, *ground.processes, *ground.events):
+        instances[instance.schema].append(bool(writes(instance)))
+    objects = domain.problem_syntax.objects if domain.problem_syntax else domain.syntax.constants
+    for schema in domain.syntax.schemas:
+        what = f"{schema.kind.value} `{schema.name}`"
+        if not instances[schema.name]:
+            empty = _type_without_objects(domain.syntax, schema, objects.values())
+            why = (
+                f"there is no object of type `{empty}`"
+                + ("" if domain.problem_syntax else " (nor a problem file that could name some)")
+                if empty
+                else "its precondition can never hold"
+            )
+            yield Finding(f"{what} has no instance: {why}", schema.place)
+        elif not any(instances[schema.name]):
+            yield Finding(f"{what} changes nothing", schema.place)
+
+
+def _type_without_objects(
+    syntax: x.DomainSyntax, schema: x.Schema, objects: Iterable[x.ObjectDeclaration]
+) -> str | None:
+    types = [declared.type for declared in objects]
+    for parameter in schema.parameters:
+        if not any(syntax.is_a(t, wanted) for t in types for wanted in parameter.types):
+            return "/".join(parameter.types)
+    return None
+
+
+def _unused_names(domain: Domain) -> Iterator[Finding]:
+    """Find what is declared but neither changed nor read, by name."""
+    used = {word.text for word in _words_in_use(domain)}
+    for declaration in domain.syntax.declarations.values():
+        if declaration.name not in used and declaration.name not in (x.REWARD, x.UNSAFE):
+            what = "function" if declaration.numeric else "predicate"
+            yield Finding(
+                f"{what} `{declaration.name}` is declared, but nothing changes or reads it",
+                declaration.place,
+            )
+
+
+def _words_in_use(domain: Domain) -> Iterator[Word]:
+    """Yield the heads of all lists in schemas, goal and metric."""
+    for section in _sections(domain, (":action", ":process", ":event", ":goal", ":metric")):
+        yield from _heads(section)
+
+
+def _heads(group: Group) -> Iterator[Word]:
+    if group.items and isinstance(group.items[0], Word):
+        yield group.items[0]
+    for item in group.items:
+        if isinstance(item, Group):
+            yield from _heads(item)
+
+
+def _sections(domain: Domain, heads: tuple[str, ...]) -> Iterator[Group]:
+    for source in (domain.source, domain.problem_source):
+        if source is not None:
+            for section in read_group(source).items[2:]:
+                if isinstance(section, Group) and section.head in heads:
+                    yield section
+
+
+def _missing_requirements(domain: Domain) -> Iterator[Finding]:
+    section = next(_sections(domain, (":requirements",)), None)
+    listed = {word.text for word in section.items if isinstance(word, Word)} if section else set()
+    declared = set(listed)
+    while more := {i for d in declared for i in _IMPLIED.get(d, ())} - declared:
+        declared |= more
+    missing = [need for need in _needs(domain.syntax) if need not in declared]
+    if missing:
+        place = section.place if section else domain.syntax.place
+        yield Finding(f"used, but not among the :requirements: {' '.join(missing)}", place)
+
+
+def _needs(syntax: x.DomainSyntax) -> list[str]:
+    """Return the requirements that a domain makes use of."""
+    found: dict[str, None] = {}
+    parameters = [
+        *(p for s in syntax.schemas for p in s.parameters),
+        *(p for d in syntax.declarations.values() for p in d.parameters),
+    ]
+    if syntax.parents or any(p.types != (x.OBJECT,) for p in parameters):
+        found[":typing"] = None
+    if any(d.numeric for d in syntax.declarations.values()):
+        found[":numeric-fluents"] = None
+    if any(s.kind is not x.Kind.ACTION for s in syntax.schemas):
+        found[":time"] = None
+    for schema in syntax.schemas:
+        if schema.precondition is not None:
+            found.update(dict.fromkeys(_of_condition(schema.precondition)))
+        found.update(dict.fromkeys(_of_effects(schema.effects)))
+    return list(found)
+
+
+def _of_condition(condition: x.Condition) -> Iterator[str]:
+    match condition:
+        case x.SameObject():
+            yield ":equality"
+        case x.Connective(operator, operands):
+            if operator == "not" and not isinstance(operands[0], x.SameObject):
+                yield ":negative-preconditions"
+            if operator in ("or", "imply"):
+                yield ":disjunctive-preconditions"
+            for operand in operands:
+                yield from _of_condition(operand)
+        case x.Quantified(operator, _, body):
+            yield (
+                ":existential-preconditions"
+                if operator == "exists"
+                else (":universal-preconditions")
+            )
+            yield from _of_condition(body)
+
+
+def _of_effects(effects: tuple[x.Effect, ...]) -> Iterator[str]:
+    for effect in effects:
+        match effect:
+            case x.When(condition, inner):
+                yield ":conditional-effects"
+                yield from _of_condition(condition)
+                yield from _of_effects(inner)
+            case x.ForallEffect(_, inner):
+                yield ":conditional-effects"
+                yield from _of_effects(inner)

@@ -1,0 +1,6 @@
+(define (problem leave-the-dictionary)
+  (:domain briefcase)
+  (:objects dictionary paycheck - portable home office bank - location)
+  (:init (at dictionary home) (at paycheck home) (in paycheck) (is-at home))
+  (:goal (and (at dictionary office) (at paycheck bank) (is-at home)
+              (not (exists (?what - portable) (in ?what))))))

@@ -1,0 +1,8 @@
+(define (problem in-order)
+  (:domain counters)
+  (:objects first second third - counter)
+  (:init (= (value first) 2) (= (value second) 1) (= (value third) 0)
+         (= (step first) 1) (= (step second) 1) (= (step third) 1)
+         (= (limit) 8) (= (total-cost) 0))
+  (:goal (and (< (value first) (value second)) (< (value second) (value third))))
+  (:metric minimize (total-cost)))

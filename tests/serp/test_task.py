@@ -1,0 +1,333 @@
+"""A task fits together, or says what does not; no mistake in one is a traceback."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+from serp.domain.loading import load_domain
+from serp.domain.source import DomainError
+from serp.errors import EnvironmentFailure, SerpError, TaskError
+from serp.task import BoundTask, Task
+from tests.serp.tasks import CORRIDOR, CableCut, Corridor, corridor, corridor_file
+
+
+class Odd(Corridor):
+    """An environment that returns what it is told to."""
+
+    def __init__(self, *, step: Any = None, reset: Any = None, **attributes: Any) -> None:
+        super().__init__()
+        self.answer, self.start = step, reset
+        for name, value in attributes.items():
+            setattr(self, name, value)
+
+    def step(self, action: int) -> Any:
+        return super().step(action) if self.answer is None else self.answer
+
+    def reset(self, **options: Any) -> Any:
+        return super().reset(**options) if self.start is None else self.start
+
+
+def odd(folder: Path, **attributes: Any) -> BoundTask:
+    return corridor(folder, lambda: Odd(**attributes)).bind()
+
+
+SEEN = np.array([0.0, 0.0])
+
+# A task that fits --------------------------------------------------------------------------------
+
+
+def test_everything_is_at_hand_once_bound(tmp_path: Path) -> None:
+    bound = corridor(tmp_path).bind()
+    assert bound.name == bound.domain.name == "corridor"
+    assert bound.actions.size == 4
+    assert bound.observation_size == 2
+    assert bound.rewarded_by == "domain"
+    raw, info = bound.reset(seed=3)
+    assert info == {"game": 0}
+    state = bound.ground(raw)
+    assert state.tolist() == [raw[0]]
+    after, reward, terminated, truncated, _ = bound.step(1)
+    assert after[0] in (raw[0], raw[0] + 1)
+    assert isinstance(reward, float)
+    assert (terminated, truncated) == (False, False)
+    bound.close()
+
+
+def test_the_domain_may_be_a_file_a_text_path_or_loaded(tmp_path: Path) -> None:
+    file = corridor_file(tmp_path)
+    for domain in (file, str(file), load_domain(file)):
+        assert corridor(tmp_path, domain=domain).bind().domain.name == "corridor"
+
+
+def test_the_same_seed_gives_the_same_episode(tmp_path: Path) -> None:
+    bound = corridor(tmp_path).bind()
+    first = [bound.reset(seed=8)[0].tolist(), *(bound.step(1)[0][0] for _ in range(3))]
+    again = [bound.reset(seed=8)[0].tolist(), *(bound.step(1)[0][0] for _ in range(3))]
+    assert first[1:] == again[1:]
+
+
+def test_the_control_period_reaches_the_model(tmp_path: Path) -> None:
+    assert corridor(tmp_path, dt=0.25).bind().model.dt == 0.25
+    with pytest.raises(TaskError, match=r"corridor.*control period"):
+        corridor(tmp_path, dt=0.0).bind()
+
+
+def test_actions_that_do_not_begin_at_zero_are_counted_from_zero(tmp_path: Path) -> None:
+    bound = corridor(tmp_path, lambda: Corridor(start=10)).bind()
+    raw, _ = bound.reset(seed=0)
+    moved = [bound.step(1)[0][0] for _ in range(2)]
+    assert max(moved) > raw[0]
+    assert bound.actions.size == 4
+
+
+def test_other_observations_are_flattened(tmp_path: Path) -> None:
+    space = spaces.Dict({"cell": spaces.Discrete(3), "speed": spaces.Box(-1.0, 1.0, (2, 1))})
+    bound = odd(tmp_path, observation_space=space)
+    assert bound.observation_size == 5
+    seen = {"cell": 1, "speed": np.array([[0.5], [-0.5]], dtype=np.float32)}
+    assert bound.observation(seen).tolist() == [0.0, 1.0, 0.0, 0.5, -0.5]
+    image = odd(tmp_path, observation_space=spaces.Box(0, 255, (2, 3), np.uint8))
+    assert image.observation(np.arange(6, dtype=np.uint8).reshape(2, 3)).tolist() == [*range(6)]
+
+
+def test_a_grounding_may_return_an_array_or_truth_values(tmp_path: Path) -> None:
+    text = CORRIDOR.replace("(unsafe) (terminal)", "(lit) (unsafe) (terminal)", 1).replace(
+        "(and (> (x) -4))\n    :effect (and", "(and (lit))\n    :effect (and (not (lit))"
+    )
+    file = tmp_path / "lit.pddl"
+    file.write_text(text)
+    for ground in (
+        lambda seen: {"lit": True, "x": seen[0]},
+        lambda seen: {"x": np.float32(seen[0]), "lit": np.bool_(True)},
+        lambda seen: np.array([1, seen[0]], dtype=np.float32),
+        lambda seen: [True, seen[0]],
+    ):
+        bound = corridor(tmp_path, domain=file, ground=ground).bind()
+        assert bound.ground(np.array([2.0, 0.0])).tolist() == [1.0, 2.0]
+
+
+def test_a_grounded_array_is_copied(tmp_path: Path) -> None:
+    """Environments reuse their arrays; what was monitored must not change afterwards."""
+    kept = np.array([1.0])
+    bound = corridor(tmp_path, ground=lambda seen: kept).bind()
+    state = bound.ground(SEEN)
+    kept[0] = 9.0
+    assert state.tolist() == [1.0]
+
+
+def test_whose_reward_counts_is_decided_by_who_says_something(tmp_path: Path) -> None:
+    assert corridor(tmp_path, reward="environment").bind().rewarded_by == "environment"
+    silent = tmp_path / "silent.pddl"
+    silent.write_text(
+        "(define (domain silent) (:predicates (unsafe)) (:functions (x))"
+        " (:action left :parameters () :precondition (and) :effect (and (decrease (x) 1))))"
+    )
+    assert corridor(tmp_path, domain=silent).bind().rewarded_by == "environment"
+    with pytest.raises(TaskError, match="says nothing about reward"):
+        corridor(tmp_path, domain=silent, reward="domain").bind()
+
+
+# What does not fit -------------------------------------------------------------------------------
+
+
+def test_continuous_actions_are_refused_with_advice(tmp_path: Path) -> None:
+    with pytest.raises(TaskError, match=r"corridor.*discrete actions.*Box.*wrapper"):
+        odd(tmp_path, action_space=spaces.Box(-1.0, 1.0, (1,)))
+
+
+def test_an_action_name_that_the_domain_does_not_know_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TaskError, match="no action `lef`; did you mean `left`"):
+        corridor(tmp_path, actions={"lef": 0, "right": 1, "wait": 2}).bind()
+
+
+def test_a_ground_action_without_an_environment_action_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TaskError, match="no environment action for `wait`"):
+        corridor(tmp_path, actions={"left": 0, "right": 1}).bind()
+
+
+def test_observations_that_are_no_vector_are_refused(tmp_path: Path) -> None:
+    for space in (spaces.Graph(spaces.Box(-1, 1, (2,)), None), None, "a space"):
+        with pytest.raises(TaskError, match="cannot be flattened"):
+            odd(tmp_path, observation_space=space)
+
+
+def test_an_environment_without_spaces_is_refused(tmp_path: Path) -> None:
+    class Bare(gym.Env[Any, Any]):
+        pass
+
+    with pytest.raises(TaskError, match="discrete actions"):
+        corridor(tmp_path, Bare).bind()
+
+
+def test_what_is_no_environment_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TaskError, match="make_env returned dict"):
+        corridor(tmp_path, dict).bind()
+    with pytest.raises(TaskError, match="make_env must be a function.*not 'CartPole-v1'"):
+        corridor(tmp_path, "CartPole-v1").bind()  # type: ignore[arg-type]
+
+
+def test_an_environment_that_cannot_be_made_is_named_with_its_reason(tmp_path: Path) -> None:
+    def make() -> gym.Env[Any, Any]:
+        raise OSError("no robot on /dev/ttyUSB0")
+
+    with pytest.raises(EnvironmentFailure, match=r"corridor.*OSError: no robot on /dev/ttyUSB0"):
+        corridor(tmp_path, make).bind()
+
+
+def test_a_missing_domain_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DomainError, match=r"nowhere\.pddl"):
+        corridor(tmp_path, domain=tmp_path / "nowhere.pddl").bind()
+
+
+def test_a_render_mode_is_passed_on_where_it_can_be(tmp_path: Path) -> None:
+    modes: list[Any] = []
+
+    def make(**options: Any) -> Corridor:
+        modes.append(options)
+        return Corridor()
+
+    corridor(tmp_path, make).bind()
+    corridor(tmp_path, make).bind(render_mode="rgb_array")
+    assert modes == [{}, {"render_mode": "rgb_array"}]
+    with pytest.raises(TaskError, match="render_mode"):
+        corridor(tmp_path, lambda: Corridor()).bind(render_mode="rgb_array")
+
+
+# Groundings that are wrong ------------------------------------------------------------------------
+
+
+def divide(seen: Any) -> Any:
+    return {"x": seen[0] / 0 if isinstance(seen, list) else [][3]}
+
+
+@pytest.mark.parametrize(
+    ("ground", "said"),
+    [
+        (lambda seen: {}, "no value for fluent `x`"),
+        (lambda seen: {"x": 0.0, "y": 1.0}, "unknown fluent `y`"),
+        (lambda seen: {"x": float("nan")}, "`x` is nan"),
+        (lambda seen: {"x": float("-inf")}, "`x` is -inf"),
+        (lambda seen: {"x": "far"}, "grounding of"),
+        (lambda seen: {"x": None}, "grounding of"),
+        (lambda seen: {"x": [1.0, 2.0]}, "grounding of"),
+        (lambda seen: [0.0, 1.0], "1 numbers, found shape"),
+        (lambda seen: None, "grounding of"),
+        (lambda seen: [[1.0], [2.0, 3.0]], "grounding of"),
+        (divide, "the grounding failed on .*IndexError"),
+    ],
+)
+def test_a_grounding_that_is_wrong_is_a_task_error(
+    tmp_path: Path, ground: Callable[[Any], Any], said: str
+) -> None:
+    bound = corridor(tmp_path, ground=ground).bind()
+    with pytest.raises(TaskError, match=f"task corridor.*{said}"):
+        bound.ground(SEEN)
+
+
+def test_the_cause_of_a_failed_grounding_is_kept_for_its_author(tmp_path: Path) -> None:
+    bound = corridor(tmp_path, ground=divide).bind()
+    with pytest.raises(TaskError) as caught:
+        bound.ground(SEEN)
+    assert isinstance(caught.value.__cause__, IndexError)
+
+
+# Environments that are wrong ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [
+        np.array([0.0, np.nan]),
+        np.array([np.inf, 0.0]),
+        np.zeros(3),
+        np.zeros((2, 2)),
+        0.5,
+        "nothing",
+        None,
+        {"x": 1.0},
+        [[1.0], [2.0, 3.0]],
+        object(),
+    ],
+)
+def test_an_observation_that_is_wrong_is_an_environment_failure(tmp_path: Path, seen: Any) -> None:
+    with pytest.raises(EnvironmentFailure, match="task corridor.*observation"):
+        corridor(tmp_path).bind().observation(seen)
+
+
+@pytest.mark.parametrize("seen", [7, "left", None])
+def test_an_observation_outside_a_discrete_space_is_an_environment_failure(
+    tmp_path: Path, seen: Any
+) -> None:
+    bound = odd(tmp_path, observation_space=spaces.Discrete(3))
+    with pytest.raises(EnvironmentFailure, match="Discrete"):
+        bound.observation(seen)
+
+
+@pytest.mark.parametrize("reward", [np.nan, np.inf, None, "much", np.array([1.0, 2.0])])
+def test_a_reward_that_is_no_number_is_an_environment_failure(tmp_path: Path, reward: Any) -> None:
+    bound = odd(tmp_path, step=(SEEN, reward, False, False, {}))
+    with pytest.raises(EnvironmentFailure, match="task corridor"):
+        bound.step(0)
+
+
+@pytest.mark.parametrize("reward", [1, np.float32(1.0), np.array(1.0), True])
+def test_a_reward_may_be_any_number(tmp_path: Path, reward: Any) -> None:
+    bound = odd(tmp_path, step=(SEEN, reward, np.bool_(True), 0, {}))
+    assert bound.step(0)[1:4] == (1.0, True, False)
+
+
+@pytest.mark.parametrize(
+    "answer", [(SEEN, 0.0, False, {}), "done", 3, (SEEN, 0.0, False, False, 5)]
+)
+def test_a_step_that_returns_something_else_is_an_environment_failure(
+    tmp_path: Path, answer: Any
+) -> None:
+    with pytest.raises(EnvironmentFailure, match="step with action right failed"):
+        odd(tmp_path, step=answer).step(1)
+
+
+@pytest.mark.parametrize("answer", [SEEN[:1], (SEEN, 0.0, {}), 3, (SEEN, 5)])
+def test_a_reset_that_returns_something_else_is_an_environment_failure(
+    tmp_path: Path, answer: Any
+) -> None:
+    with pytest.raises(EnvironmentFailure, match="reset failed"):
+        odd(tmp_path, reset=answer).reset()
+
+
+def test_an_environment_that_raises_is_named_with_action_and_reason(tmp_path: Path) -> None:
+    bound = corridor(tmp_path, lambda: CableCut(Corridor(), at=2)).bind()
+    bound.reset(seed=0)
+    bound.step(0)
+    with pytest.raises(EnvironmentFailure, match=r"action dance|action 3.*cable cut") as caught:
+        bound.step(3)
+    assert isinstance(caught.value.__cause__, ConnectionError)
+
+
+def test_warnings_of_an_environment_are_left_to_the_user(tmp_path: Path) -> None:
+    class Warns(Corridor):
+        def step(self, action: int) -> Any:
+            warnings.warn("battery low", stacklevel=1)
+            return super().step(action)
+
+    bound = corridor(tmp_path, Warns).bind()
+    bound.reset(seed=0)
+    with pytest.warns(UserWarning, match="battery low"):
+        bound.step(0)
+
+
+def test_all_of_these_are_the_users_to_mend() -> None:
+    assert issubclass(TaskError, SerpError)
+    assert issubclass(EnvironmentFailure, SerpError)
+
+
+def test_a_task_is_made_by_keywords_alone() -> None:
+    with pytest.raises(TypeError):
+        Task(Corridor, "corridor.pddl", dict)  # type: ignore[call-arg]

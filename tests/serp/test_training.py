@@ -1,0 +1,448 @@
+"""Algorithm 1: what a step does, and that a run continued equals one that was never interrupted."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.arbiter import Actor
+from serp.errors import EnvironmentFailure, RunError, TaskError
+from serp.registry import load_task
+from serp.runs import checkpoint
+from serp.runs.rows import DECISIONS_COLUMNS, MetricsRow
+from serp.runs.tables import Table
+from serp.settings import Settings, resolve
+from serp.task import Task
+from serp.training import Trainer
+from tests.serp.tasks import CableCut, Corridor, corridor
+
+PRESETS = ("paper", "default")
+CHANGES: dict[str, dict[str, dict[str, Any]]] = {
+    "paper": {"training": {"random_steps": 25}, "arbiter": {"rho_increment": 0.05}},
+    "default": {"arbiter": {"rho_unit": "game", "rho_increment": 0.1, "r_min": -1.0}},
+}
+
+
+def settings_of(task: Task, preset: str) -> Settings:
+    return resolve(preset, task.settings, CHANGES[preset])
+
+
+class Run:
+    """A training without a folder: rows, decisions and checkpoints as they would be written."""
+
+    def __init__(self, folder: Path, task: Task, preset: str, seed: int = 3) -> None:
+        self.folder = folder
+        self.rows: list[MetricsRow] = []
+        self.decisions = Table(folder / "decisions.csv", DECISIONS_COLUMNS)
+        self.trainer = Trainer(task.bind(), settings_of(task, preset), seed, self.decisions)
+
+    def train(self, episodes: int) -> None:
+        while self.trainer.episode < episodes:
+            self.rows.append(self.trainer.run_episode())
+
+    def save(self) -> None:
+        arrays, meta = self.trainer.state_dict()
+        position = self.decisions.position()
+        checkpoint.save(self.folder / "saved", arrays, {**meta, "position": position})
+
+    def restore(self) -> None:
+        arrays, meta = checkpoint.load(self.folder / "saved")
+        self.trainer.load_state_dict(arrays, meta)
+        self.decisions.truncate(meta["position"])
+
+    def everything(self) -> tuple[list[Any], str, dict[str, bytes], str]:
+        """Whatever the run has done and is, but for the time it took."""
+        self.decisions.flush()
+        arrays, meta = self.trainer.state_dict()
+        del meta["wall_time"]
+        return (
+            [row._replace(wall_time=0.0) for row in self.rows],
+            self.decisions.path.read_text(),
+            {name: a.tobytes() + str((a.dtype, a.shape)).encode() for name, a in arrays.items()},
+            json.dumps(meta, sort_keys=True, default=lambda value: value.item()),
+        )
+
+
+def uninterrupted(folder: Path, preset: str, episodes: int, seed: int = 3) -> Run:
+    folder.mkdir()
+    run = Run(folder, corridor(folder), preset, seed)
+    run.train(episodes)
+    return run
+
+
+# Resuming ----------------------------------------------------------------------------------------
+
+EPISODES = 14
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_resume_equals_uninterrupted_from_random_places(tmp_path: Path, preset: str) -> None:
+    expected = uninterrupted(tmp_path / "whole", preset, EPISODES).everything()
+    random = Random(preset)
+    for attempt in range(4):
+        folder = tmp_path / f"cut{attempt}"
+        folder.mkdir()
+        stops = sorted(random.sample(range(1, EPISODES), random.randint(1, 3)))
+        rows: list[MetricsRow] = []
+        for number, stop in enumerate([*stops, EPISODES]):
+            run = Run(folder, corridor(folder), preset)
+            if number:
+                run.restore()
+            run.rows = rows
+            run.train(stop)
+            run.save()
+            run.decisions.close()
+        run = Run(folder, corridor(folder), preset)
+        run.restore()
+        run.rows = rows
+        assert run.everything() == expected, stops
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_resume_equals_uninterrupted_after_dying_in_the_middle_of_an_episode(
+    tmp_path: Path, preset: str
+) -> None:
+    whole = uninterrupted(tmp_path / "whole", preset, EPISODES)
+    expected = whole.everything()
+    random = Random(preset)
+    for attempt in range(4):
+        folder = tmp_path / f"killed{attempt}"
+        folder.mkdir()
+        at = random.randint(2, whole.trainer.env_steps)
+        run = Run(folder, corridor(folder, lambda at=at: CableCut(Corridor(), at)), preset)
+        run.save()
+        kept: list[MetricsRow] = []
+        every = random.randint(1, 3)
+        with pytest.raises(EnvironmentFailure, match="cable cut"):
+            while True:
+                run.train(run.trainer.episode + every)
+                run.save()
+                kept = run.rows[:]
+        run.decisions.close()
+        run = Run(folder, corridor(folder), preset)
+        run.restore()
+        run.rows = kept
+        run.train(EPISODES)
+        assert run.everything() == expected, at
+
+
+def test_resume_equals_uninterrupted_on_cartpole(tmp_path: Path) -> None:
+    changes = {
+        "learner": {"hidden": [16], "batch_size": 8, "learning_starts": 20, "epsilon_start": 0.3},
+        "planner": {"depth": 3},
+        "arbiter": {"rho": 0.5},
+    }
+
+    def run(*stops: int) -> Any:
+        task, state, lengths = load_task("cartpole"), None, []
+        for stop in stops:
+            settings = resolve("default", task.settings, changes)
+            trainer = Trainer(task.bind(), settings, 11)
+            if state is not None:
+                trainer.load_state_dict(*state)
+            while trainer.episode < stop:
+                lengths.append(trainer.run_episode().length)
+            state = trainer.state_dict()
+        assert state is not None
+        arrays, meta = state
+        del meta["wall_time"]
+        return lengths, {name: array.tobytes() for name, array in arrays.items()}, meta
+
+    assert run(1, 2) == run(2)
+
+
+def test_equal_seeds_give_equal_bits_and_others_give_others(tmp_path: Path) -> None:
+    runs = [
+        uninterrupted(tmp_path / str(k), "default", 6, seed).everything()
+        for k, seed in enumerate((1, 1, 2))
+    ]
+    assert runs[0] == runs[1]
+    assert runs[0][1] != runs[2][1]
+
+
+def test_the_number_of_decision_logs_changes_nothing(tmp_path: Path) -> None:
+    logged = uninterrupted(tmp_path / "logged", "default", 6)
+    task = corridor(tmp_path)
+    silent = Trainer(task.bind(), settings_of(task, "default"), 3)
+    rows = [silent.run_episode()._replace(wall_time=0.0) for _ in range(6)]
+    assert rows == [row._replace(wall_time=0.0) for row in logged.rows]
+
+
+def test_a_state_of_another_learner_is_refused(tmp_path: Path) -> None:
+    run = uninterrupted(tmp_path / "run", "default", 2)
+    task = corridor(tmp_path)
+    wider = settings_of(task, "default").replace({"learner": {"hidden": [9]}})
+    with pytest.raises(RunError, match="does not fit"):
+        Trainer(task.bind(), wider, 3).load_state_dict(*run.trainer.state_dict())
+
+
+def test_a_saved_environment_needs_one_that_can_take_it_over(tmp_path: Path) -> None:
+    class Forgetful(Corridor):
+        state_dict = property()  # type: ignore[assignment]
+        load_state_dict = property()  # type: ignore[assignment]
+
+    run = uninterrupted(tmp_path / "run", "default", 2)
+    task = corridor(tmp_path, Forgetful)
+    with pytest.raises(RunError, match="cannot take over"):
+        Trainer(task.bind(), settings_of(task, "default"), 3).load_state_dict(
+            *run.trainer.state_dict()
+        )
+
+
+# What a step does --------------------------------------------------------------------------------
+
+
+class Recorder:
+    """Listens to what the learner is given to remember."""
+
+    def __init__(self, trainer: Trainer) -> None:
+        self.seen: list[tuple[Any, ...]] = []
+        learner = trainer.agent.learner
+        remember = learner.remember
+
+        def record(*transition: Any) -> None:
+            self.seen.append(transition)
+            remember(*transition)
+
+        learner.remember = record  # type: ignore[method-assign]
+
+
+def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
+    recorder = Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(40)]
+    ends = [seen for seen in recorder.seen if seen[4] or seen[5]]
+    assert len(ends) == len(rows)
+    for row, (_, _, _, _, terminated, truncated, allowed, failing) in zip(rows, ends, strict=True):
+        assert (row.terminated, row.truncated) == (terminated, truncated)
+        # A task that ended has no next action; one that was cut short has, and bootstraps on it.
+        assert (allowed is None) == terminated
+        assert not failing or terminated
+    assert any(row.terminated for row in rows)
+    assert any(row.truncated for row in rows)
+    assert sum(seen[7] for seen in ends) == sum(row.domain_return < -4 for row in rows)
+
+
+def test_what_is_remembered_is_what_was_executed(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    run = Run(folder, task, "paper")
+    recorder = Recorder(run.trainer)
+    run.train(20)
+    run.decisions.flush()
+    lines = [line.split(",") for line in run.decisions.path.read_text().splitlines()[1:]]
+    executed = [line[DECISIONS_COLUMNS.index("executed")] for line in lines]
+    names = ["left", "right", "wait", "action 3"]
+    assert [names[seen[1]] for seen in recorder.seen] == executed
+    assert any(line[DECISIONS_COLUMNS.index("proposed")] not in ("", e) for line, e in
+               zip(lines, executed, strict=True))  # fmt: skip
+    for before, after in zip(recorder.seen, recorder.seen[1:], strict=False):
+        if not (before[4] or before[5]):
+            assert (before[3] == after[0]).all()
+
+
+def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path: Path) -> None:
+    """The robot slips: a model that predicts the goal must not pay for it unless it is reached."""
+    task = corridor(tmp_path)
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
+    recorder = Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(15)]
+    for _, action, reward, following, *_ in recorder.seen:
+        x = following[0]
+        step = -0.1 if action < 3 else 0.0  # the domain does not mention the fourth action
+        assert reward == pytest.approx(step + (5 if x >= 4 else -5 if x <= -3 else 0))
+    assert sum(seen[2] for seen in recorder.seen) == pytest.approx(
+        sum(row.domain_return for row in rows if row.domain_return is not None)
+    )
+
+
+def test_the_environments_reward_is_learned_from_where_the_task_says_so(tmp_path: Path) -> None:
+    task = corridor(tmp_path, reward="environment")
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
+    recorder = Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(5)]
+    assert sum(seen[2] for seen in recorder.seen) == pytest.approx(sum(r.return_ for r in rows))
+
+
+@pytest.mark.parametrize(("inputs", "size"), [("observation", 2), ("state", 1), ("both", 3)])
+def test_the_learner_sees_what_it_is_set_to_see(tmp_path: Path, inputs: str, size: int) -> None:
+    task = corridor(tmp_path)
+    settings = resolve("default", task.settings, {"training": {"inputs": inputs}})
+    trainer = Trainer(task.bind(), settings, 0)
+    recorder = Recorder(trainer)
+    trainer.run_episode()
+    assert {seen[0].shape for seen in recorder.seen} == {(size,)}
+    if inputs == "both":
+        assert all(seen[0][0] == seen[0][2] for seen in recorder.seen)
+
+
+def test_every_step_is_counted_once_by_who_acted(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    run = Run(folder, corridor(folder), "paper")
+    run.train(30)
+    run.decisions.flush()
+    lines = [line.split(",") for line in run.decisions.path.read_text().splitlines()[1:]]
+    columns = {name: [line[k] for line in lines] for k, name in enumerate(DECISIONS_COLUMNS)}
+    assert len(lines) == run.trainer.env_steps == sum(row.length for row in run.rows)
+    assert columns["step"] == [str(k) for k in range(len(lines))]
+    for row in run.rows:
+        assert row.length == (
+            row.planner_steps + row.learner_steps + row.exploration_steps + row.fallback_steps
+        )
+        assert row.vetoes == row.fallback_steps
+    for actor, counted in (
+        (Actor.LEARNER, sum(row.learner_steps for row in run.rows)),
+        (Actor.EXPLORATION, sum(row.exploration_steps for row in run.rows)),
+    ):
+        assert columns["executed_by"].count(actor.value) == counted > 0
+    assert columns["unsafe"].count("1") == run.trainer.unsafe_executed
+    assert run.trainer.vetoes == sum(row.vetoes for row in run.rows) > 0
+    assert [int(e) for e in dict.fromkeys(columns["episode"])] == [row.episode for row in run.rows]
+    refused = [
+        text != ""
+        for by, text in zip(columns["proposed_by"], columns["explanation"], strict=True)
+        if by != "planner"
+    ]
+    assert sum(refused) == run.trainer.vetoes
+
+
+def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
+    learner, arbiter = trainer.agent.learner, trainer.agent.arbiter
+    while trainer.env_steps < 25:
+        assert learner.updates == 0
+        row = trainer.run_episode()
+        assert row.planner_steps == row.learner_steps == 0
+        assert row.exploration_steps + row.fallback_steps == row.length
+        assert row.unsafe_executed == 0
+        assert arbiter.rho == 0.0
+    assert learner.updates == 3  # pretrain_updates
+    row = trainer.run_episode()
+    assert row.planner_steps == row.length  # rho is 0
+    assert arbiter.rho == 0.05
+    assert learner.updates == 3 + row.length
+
+
+# The unit of rho ----------------------------------------------------------------------------------
+
+
+def test_rho_grows_with_every_game_whatever_the_episodes(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    settings = settings_of(task, "default")
+    trainer = Trainer(task.bind(), settings, 1)
+    for _ in range(25):
+        row = trainer.run_episode()
+        # A new game is noticed at its first step, or at the reset before it.
+        games = trainer.env_steps // 30
+        assert row.rho == pytest.approx(min(1.0, settings.arbiter.rho + 0.1 * games))
+
+
+def test_rho_grows_with_every_step_or_episode(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    for unit in ("step", "episode"):
+        changes = {"arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001}}
+        trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
+        for _ in range(5):
+            row = trainer.run_episode()
+        units = trainer.env_steps if unit == "step" else trainer.episode
+        assert row.rho == pytest.approx(0.001 * units)
+
+
+def test_a_unit_that_the_environment_does_not_count_is_refused(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    settings = resolve("default", task.settings, {"arbiter": {"rho_unit": "match"}})
+    with pytest.raises(RunError, match=r"`match`.*step, episode, game"):
+        Trainer(task.bind(), settings, 1).run_episode()
+
+
+# Bad input ----------------------------------------------------------------------------------------
+
+
+class Broken(Corridor):
+    """Goes wrong at its fifth step, or at its second reset."""
+
+    def __init__(self, how: str) -> None:
+        super().__init__()
+        self.how, self.steps_made, self.resets = how, 0, 0
+
+    def reset(self, **options: Any) -> Any:
+        self.resets += 1
+        seen, info = super().reset(**options)
+        if self.how == "reset" and self.resets == 2:
+            raise RuntimeError("motor is hot")
+        if self.how == "no info" and self.resets == 2:
+            return seen
+        return seen, info
+
+    def step(self, action: int) -> Any:
+        self.steps_made += 1
+        seen, reward, terminated, truncated, info = super().step(action)
+        if self.steps_made >= 5:
+            match self.how:
+                case "step":
+                    raise RuntimeError("motor is hot")
+                case "observation":
+                    seen = np.array([np.nan, 0.0])
+                case "shape":
+                    seen = np.zeros(7)
+                case "nothing":
+                    seen = None
+                case "reward":
+                    reward = float("nan")
+                case "four":
+                    return seen, reward, terminated or truncated, info
+        return seen, reward, terminated, truncated, info
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("step", "step with action .* RuntimeError: motor is hot"),
+        ("reset", "reset failed: RuntimeError: motor is hot"),
+        ("no info", "reset failed"),
+        ("observation", "observation with NaN"),
+        ("shape", "7 numbers, the space promises 2"),
+        ("nothing", "observation"),
+        ("reward", "reward is nan"),
+        ("four", "step with action .* failed"),
+    ],
+)
+def test_an_environment_that_goes_wrong_in_training_is_named(
+    tmp_path: Path, how: str, said: str
+) -> None:
+    task = corridor(tmp_path, lambda: Broken(how))
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 0)
+    with pytest.raises(EnvironmentFailure, match=f"task corridor: .*{said}"):
+        for _ in range(3):
+            trainer.run_episode()
+    assert trainer.env_steps >= 4
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [lambda seen: {}, lambda seen: {"x": float("nan")}, lambda seen: {"x": seen[9]}],
+    ids=["forgets", "nan", "raises"],
+)
+def test_a_grounding_that_goes_wrong_in_training_is_named(tmp_path: Path, wrong: Any) -> None:
+    calls = 0
+
+    def ground(seen: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        return {"x": seen[0]} if calls < 5 else wrong(seen)
+
+    task = corridor(tmp_path, ground=ground)
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 0)
+    with pytest.raises(TaskError, match="task corridor: .*grounding"):
+        trainer.run_episode()
+        trainer.run_episode()
+    assert calls == 5
