@@ -109,7 +109,9 @@ class ArbiterSettings:
             raise SettingsError(
                 f"arbiter: rho starts at {self.rho!r}, above its maximum rho_max {self.rho_max!r}"
             )
-        if self.r_min is not None and not self.r_min < float("inf"):
+        if self.r_min is not None and not (
+            isinstance(self.r_min, int | float) and abs(self.r_min) < float("inf")
+        ):
             raise SettingsError(f"arbiter: r_min must be a number or none, not {self.r_min!r}")
         if not isinstance(self.rho_unit, str):
             raise SettingsError(f"arbiter: rho_unit must be a name, not {self.rho_unit!r}")

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Curve
 
-from serp.graph_layout import Layout, ShownEdge, lay_out, short
+from serp.graph_layout import Branch, Layout, lay_out, short
 from serp.planning.settings import Bound
 
 if TYPE_CHECKING:
@@ -35,12 +35,19 @@ _SCALE = LinearSegmentedColormap.from_list(
     "promise", [(0, _RED), (0.5, _PALE_RED), (0.5, _PALE_BLUE), (1, _BLUE)]
 )
 _UNSAFE_DASHES, _DOOMED_DASHES = (0, (4, 2.2)), (0, (1, 1.8))
+_CROSS: Final[dict[str, Any]] = {"marker": "X", "color": _RED, "markersize": 6.5}
+_MARKS: Final[dict[str, dict[str, Any]]] = {
+    "ended": {"marker": "s", "color": _INK, "markersize": 4.5},
+    "collapsed": {"marker": ">", "color": _FAINT, "markersize": 4.5},
+    "elsewhere": {"marker": "o", "color": _FAINT, "markersize": 4.2, "fillstyle": "none",
+                  "markeredgewidth": 0.8},
+}  # fmt: skip
 # Inches, where nothing else is said.
 _MARGIN = 0.3
-_NARROWEST = 7.2
+_NARROWEST = 6.4
 _AFTER = 1.0  # right of the last column, for what is written there
 _LINE = 0.17
-_CHARACTERS_AN_INCH = 14.0
+_CHARACTER = 0.061
 _STYLE: Final[dict[str, Any]] = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial"],
@@ -70,7 +77,7 @@ def draw_plan(plan: Plan, planner: MonitorReplanner, *, title: str = "Planning g
     """
     graph, forecast = plan.graph, plan.forecast
     labels = {
-        k: f"{short(action.name, 20)}  {_number(float(forecast.value[k]))}"
+        k: f"{short(action.name, 20)}: {_number(float(forecast.value[k]))}"
         for k, action in enumerate(planner.model.actions)
         if forecast.applicable[k]
     }
@@ -100,12 +107,12 @@ def _draw(
     layout: Layout, graph: nx.MultiDiGraph, plan: Plan, planner: MonitorReplanner, title: str
 ) -> Figure:
     width = max(_NARROWEST, layout.width + 2 * _MARGIN + _AFTER)
-    columns = int((width - 2 * _MARGIN) * _CHARACTERS_AN_INCH)
+    columns = int((width - 2 * _MARGIN) / _CHARACTER)
     head = _head(planner.model, graph, plan, planner, columns)
     foot = _foot(layout, graph, plan, planner, columns)
     handles = _legend(layout, plan)
-    legend_columns = max(1, min(len(handles), int(width / 1.9)))
-    legend_rows = -(-len(handles) // legend_columns)
+    legend_columns = _legend_columns(handles, width - 2 * _MARGIN)
+    legend_rows = -(-len(handles) // max(1, legend_columns))
     above = _MARGIN + 0.3 + _LINE * len(head) + 0.2
     below = 0.25 + 0.2 * legend_rows + _LINE * len(foot) + _MARGIN
     height = above + layout.height + below
@@ -116,14 +123,14 @@ def _draw(
     axes.axis("off")
     axes.text(_MARGIN, _MARGIN, title, fontsize=12, fontweight="bold", color=_INK, va="top")
     _write(axes, head, _MARGIN + 0.3)
-    _draw_edges(axes, layout, graph, above)
-    _draw_nodes(axes, layout, graph, plan, above)
+    _draw_branches(axes, layout, above)
+    _write_return(axes, layout, plan, above)
     axes.legend(
         handles=handles,
         loc="upper left",
         bbox_to_anchor=(_MARGIN, above + layout.height + 0.2),
         bbox_transform=axes.transData,
-        ncols=legend_columns,
+        ncols=max(1, legend_columns),
         frameon=False,
         borderaxespad=0,
         handlelength=2.6,
@@ -137,82 +144,76 @@ def _draw(
 # The graph ---------------------------------------------------------------------------------------
 
 
-def _draw_edges(axes: Axes, layout: Layout, graph: nx.MultiDiGraph, top: float) -> None:
+def _draw_branches(axes: Axes, layout: Layout, top: float) -> None:
     # The best come last, so that they lie on top.
-    for edge in sorted(layout.edges, key=lambda edge: edge.rank, reverse=True):
-        x0, x1 = _MARGIN + layout.x[edge.source], _MARGIN + layout.x[edge.target]
-        y0, y1 = top + layout.y[edge.source], top + layout.y[edge.target]
-        turned = _MARGIN + layout.turns[graph.nodes[edge.source]["layer"]]
+    for branch in sorted(layout.branches, key=lambda branch: branch.rank, reverse=True):
+        before = branch.parent
+        x0 = _MARGIN + (before.x if before else 0.0)
+        y0 = top + (before.y if before else layout.root)
+        turned, x1, y1 = _MARGIN + branch.turned, _MARGIN + branch.x, top + branch.y
         middle = (x0 + turned) / 2
         curve = Curve(
             [(x0, y0), (middle, y0), (middle, y1), (turned, y1), (x1, y1)],
             [Curve.MOVETO, Curve.CURVE4, Curve.CURVE4, Curve.CURVE4, Curve.LINETO],
         )
         axes.add_patch(
-            PathPatch(curve, fill=False, capstyle="butt", joinstyle="round", **_looks(edge))
+            PathPatch(curve, fill=False, capstyle="butt", joinstyle="round", **_looks(branch))
         )
-        if edge.label:
-            _write_label(axes, edge, turned + 0.04, y1)
+        axes.plot(x1, y1, zorder=3, **{"markeredgewidth": 0, **_mark(branch)})
+        if branch.label:
+            _write_label(axes, branch, turned + 0.04, y1 - 0.025, layout.size)
+    axes.plot(_MARGIN, top + layout.root, "o", color=_INK, markersize=7.0, zorder=3)
 
 
-def _looks(edge: ShownEdge) -> dict[str, Any]:
-    if edge.chosen:
-        colour = _RED if edge.unsafe or edge.doomed else _BLUE
-        style: Any = _UNSAFE_DASHES if edge.unsafe else "solid"
-        return {"color": colour, "linewidth": 3.4, "linestyle": style}
-    if edge.unsafe:
-        return {"color": _RED, "linewidth": 1.2, "linestyle": _UNSAFE_DASHES}
-    if edge.doomed:
-        return {"color": _RED, "linewidth": 1.2, "linestyle": _DOOMED_DASHES}
-    return {"color": _SCALE(edge.promise), "linewidth": 0.8 + 1.2 * edge.promise}
+def _looks(branch: Branch) -> dict[str, Any]:
+    """Return how the line of a branch is drawn."""
+    risky = branch.unsafe or branch.doomed
+    if branch.chosen:
+        dashes: Any = (0, (2, 0.8)) if branch.unsafe else "solid"
+        return {"color": _RED if risky else _BLUE, "linewidth": 3.4, "linestyle": dashes}
+    if risky:
+        dashes = _UNSAFE_DASHES if branch.unsafe else _DOOMED_DASHES
+        return {"color": _RED, "linewidth": 1.2, "linestyle": dashes}
+    return {"color": _SCALE(branch.promise), "linewidth": 0.8 + 1.2 * branch.promise}
 
 
-def _write_label(axes: Axes, edge: ShownEdge, x: float, y: float) -> None:
-    colour = _RED if edge.unsafe or edge.doomed else _BLUE if edge.chosen else _FAINT
+def _mark(branch: Branch) -> dict[str, Any]:
+    """Return how the state at the end of a branch is drawn."""
+    if branch.unsafe:
+        return _CROSS
+    if branch.end in _MARKS:
+        return _MARKS[branch.end]
+    if branch.chosen:
+        return {"marker": "o", "color": _RED if branch.doomed else _BLUE, "markersize": 5.0}
+    return {"marker": "o", "color": _FAINT, "markersize": 2.4}
+
+
+def _write_label(axes: Axes, branch: Branch, x: float, y: float, size: float) -> None:
+    risky = branch.unsafe or branch.doomed
     axes.text(
         x,
-        y - 0.025,
-        edge.label,
-        color=colour,
-        fontweight="bold" if edge.chosen else "normal",
-        fontsize=7.0,
+        y,
+        branch.label,
+        color=_RED if risky else _BLUE if branch.chosen else _FAINT,
+        fontweight="bold" if branch.chosen else "normal",
+        fontsize=size,
         va="bottom",
-        ha="left",
     )
 
 
-def _draw_nodes(axes: Axes, layout: Layout, graph: nx.MultiDiGraph, plan: Plan, top: float) -> None:
-    collapsed = set(layout.collapsed)
-    chosen = {0, *(edge.target for edge in layout.edges if edge.chosen)}
-    unsafe = {edge.target for edge in layout.edges if edge.unsafe}
-    for node, x in layout.x.items():
-        at = (_MARGIN + x, top + layout.y[node])
-        if node in unsafe:
-            _mark(axes, at, "X", _RED, 6.5)
-        elif graph.nodes[node]["ended"]:
-            _mark(axes, at, "s", _INK, 4.5)
-        elif node in collapsed:
-            _mark(axes, at, ">", _FAINT, 5.0)
-        elif node == 0:
-            _mark(axes, at, "o", _INK, 7.0)
-        elif node in chosen:
-            _mark(axes, at, "o", _BLUE if plan.safe else _RED, 5.0)
-        else:
-            _mark(axes, at, "o", _FAINT, 2.4)
-    if plan.path:
-        last = max(chosen)
+def _write_return(axes: Axes, layout: Layout, plan: Plan, top: float) -> None:
+    """Write the best return where the best path ends."""
+    path = [branch for branch in layout.branches if branch.chosen]
+    if path:
+        last = max(path, key=lambda branch: branch.layer)
         axes.text(
-            _MARGIN + layout.x[last] + 0.12,
-            top + layout.y[last],
+            _MARGIN + last.x + 0.12,
+            top + last.y,
             f"return {_number(plan.reward)}",
             color=_BLUE if plan.safe else _RED,
             fontweight="bold",
             va="center",
         )
-
-
-def _mark(axes: Axes, at: tuple[float, float], marker: str, colour: str, size: float) -> None:
-    axes.plot(*at, marker=marker, color=colour, markersize=size, markeredgewidth=0, zorder=3)
 
 
 # What is written ---------------------------------------------------------------------------------
@@ -237,24 +238,28 @@ def _foot(
 ) -> list[str]:
     settings = planner.settings
     each = f", each repeated for {settings.repeat} control periods" if settings.repeat > 1 else ""
-    sentences = [
-        f"Lookahead: {plan.depth} action{'' if plan.depth == 1 else 's'}{each}; "
-        f"discount {settings.discount:g}"
-        + (", ended by the limit on nodes." if plan.bound is Bound.NODES else ".")
-    ]
+    sentences = (
+        []
+        if plan.name is None
+        else [
+            f"Lookahead: {plan.depth} action{'' if plan.depth == 1 else 's'}{each}; "
+            f"discount {settings.discount:g}"
+            + (", ended by the limit on nodes." if plan.bound is Bound.NODES else ".")
+        ]
+    )
     if plan.path:
         sentences.append("A number beside a first action is its best return.")
     if plan.indifferent:
         sentences.append("All first actions promise the same: the first in the file is taken.")
     if plan.path and not plan.safe:
         sentences.append("Every path leads to something unsafe: the longest safe one is taken.")
-    left_out = graph.number_of_edges() - len(layout.edges)
+    left_out = graph.number_of_edges() - len(layout.branches)
     if left_out:
+        drawn = f"{len(layout.branches):,} of {graph.number_of_edges():,} edges"
         sentences.append(
-            f"Drawn are {len(layout.edges):,} of {graph.number_of_edges():,} edges: the best path, "
-            "then layer by layer what follows the best states."
+            f"Drawn are {drawn}: the best path, then layer by layer what follows the best states."
         )
-    if layout.bare:
+    if not all(branch.label for branch in layout.branches):
         sentences.append("Edges without a name: the actions as in the file, from top to bottom.")
     names = [a.name for a, ok in zip(planner.model.actions, plan.forecast.applicable, strict=True)
              if not ok]  # fmt: skip
@@ -264,7 +269,8 @@ def _foot(
 
 def _wrapped(before: str, items: list[str], wide: int, most: int, between: str = ", ") -> list[str]:
     """Return items in at most so many lines, the rest of them counted."""
-    lines, line, count = [], before, 0
+    lines: list[str] = []
+    line, count = before, 0
     for item in items:
         if len(line) + len(item) + len(between) > wide and line != before:
             if len(lines) + 1 == most:
@@ -285,12 +291,10 @@ def _write(axes: Axes, lines: list[str], y: float) -> None:
 
 def _legend(layout: Layout, plan: Plan) -> list[Line2D]:
     """Return an entry for each look that occurs."""
-    edges = layout.edges
-    safe = [e for e in edges if not (e.unsafe or e.doomed)]
-    high, low = (
-        [e.total for e in safe if e.promise >= 0.5],
-        [e.total for e in safe if e.promise < 0.5],
-    )
+    branches = layout.branches
+    safe = [branch for branch in branches if not (branch.unsafe or branch.doomed)]
+    high = [branch.total for branch in safe if branch.promise >= 0.5]
+    low = [branch.total for branch in safe if branch.promise < 0.5]
     entries = []
     if plan.path:
         entries.append(_line("best path", color=_BLUE if plan.safe else _RED, linewidth=3.4))
@@ -298,32 +302,31 @@ def _legend(layout: Layout, plan: Plan) -> list[Line2D]:
         entries.append(_line(f"promising: {_span(high)}", color=_SCALE(0.75), linewidth=1.7))
     if low:
         entries.append(_line(f"low: {_span(low)}", color=_SCALE(0.25), linewidth=1.1))
-    if any(edge.unsafe for edge in edges):
-        entries.append(
-            _line(
-                "unsafe",
-                color=_RED,
-                linewidth=1.2,
-                linestyle=_UNSAFE_DASHES,
-                marker="X",
-                markersize=6.5,
-                markeredgewidth=0,
-            )  # fmt: skip
-        )
-    if any(edge.doomed for edge in edges):
-        entries.append(
-            _line(
-                "unsafe later, whatever follows",
-                color=_RED,
-                linewidth=1.2,
-                linestyle=_DOOMED_DASHES,
-            )  # fmt: skip
-        )
+    if any(branch.unsafe for branch in branches):
+        entries.append(_line("unsafe", linewidth=1.2, linestyle=_UNSAFE_DASHES, **_CROSS))
+    if any(branch.doomed for branch in branches):
+        looks = {"color": _RED, "linewidth": 1.2, "linestyle": _DOOMED_DASHES}
+        entries.append(_line("unsafe later, whatever follows", **looks))
+    for end, text in (
+        ("ended", "the task ends"),
+        ("elsewhere", "the same state as another here"),
+        ("collapsed", "goes on, not drawn"),
+    ):
+        if any(branch.end == end and not branch.unsafe for branch in branches):
+            entries.append(_line(text, linestyle="none", **_MARKS[end]))
     return entries
 
 
+def _legend_columns(entries: list[Line2D], width: float) -> int:
+    """Return how many entries stand beside each other: all of them, where they fit."""
+    widths = [_CHARACTER * len(str(entry.get_label())) + 0.75 for entry in entries]
+    if sum(widths) <= width:
+        return len(widths)
+    return max(1, int(width / max(widths)))
+
+
 def _line(label: str, **looks: Any) -> Line2D:
-    return Line2D([], [], label=label, **looks)
+    return Line2D([], [], label=label, **{"markeredgewidth": 0, **looks})
 
 
 def _span(totals: list[float]) -> str:

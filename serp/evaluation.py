@@ -72,7 +72,7 @@ def evaluate(
         seed: Seed of the environment; other than any that training uses.
 
     Raises:
-        SettingsError: There is no such policy, or no episode is asked for.
+        SettingsError: There is no such policy, no episode is asked for, or the seed is negative.
         TaskError: The grounding failed.
         EnvironmentFailure: The environment raised or gave NaN.
     """
@@ -81,6 +81,8 @@ def evaluate(
         raise SettingsError(f"there is no policy `{policy}`; {did_you_mean(policy, policies)}")
     if episodes < 1:
         raise SettingsError(f"an evaluation takes at least one episode, not {episodes}")
+    if seed < 0:
+        raise SettingsError(f"the seed must be 0 or more, not {seed}")
     act = policies[policy]
     returns: list[float] = []
     lengths: list[int] = []

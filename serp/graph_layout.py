@@ -1,59 +1,73 @@
 """What of a planning graph a picture shows, and where: the geometry of `serp.drawing`.
 
 A graph is laid out as a tree from left to right: a column a layer, a row a leaf, everything else
-amid its children. Equal states are one node, so a graph is no tree: the first edge that reaches a
-node places it, the others cross over to it.
+amid what follows it. Equal states of a layer are one node of the graph; what follows such a node is
+shown once, behind the best edge that reaches it, and the other edges end there.
 """
 
 from __future__ import annotations
 
 import heapq
+import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     import networkx as nx
 
-MAX_EDGES: Final = 200
-"""Edges that are shown at most."""
+MAX_EDGES: Final = 160
+"""Edges that are shown at most: five actions three deep are 155."""
 MAX_FAN: Final = 24
 """Edges out of one state that are shown at most, the best ones."""
 
-# Inches.
-LINE: Final = 0.15
-_CHARACTER = 0.068
-_ROOMY, _TIGHT = 0.175, 0.1
-_TURN = 0.45  # in which an edge turns from its source to the row of its target
-_MANY_ROWS = 72  # above which rows are tight
+_LONGEST = 26  # characters of a label
+_DENSITIES = ((72, 0.175, 7.0), (130, 0.13, 6.0))  # up to so many rows: inches, size of labels
+_BARE = 0.09  # inches of a row without a label
+_APART = 0.05  # inches between the branches of two states
+_POINT = 1 / 72  # inches
+_CHARACTER = 0.63  # width of a character by its height
+_TURN = 0.45  # inches in which an edge turns from its source to the row of its target
 
 
-@dataclass
-class ShownEdge:
-    """An edge with what its looks depend on.
+@dataclass(eq=False)
+class Branch:
+    """An edge of the graph with its looks and its place; positions in inches.
 
     Attributes:
         source, target: Nodes.
+        layer: The source's layer.
         action: Position of the action.
-        name: Its name.
+        label: Text above it; may be empty.
         chosen: Whether it is on the best path.
         unsafe: Whether it is predicted unsafe.
         doomed: Whether something unsafe follows later on, whatever is done.
         total: Discounted sum of rewards of the best path through it, from the root.
-        promise: `total` between the worst (0) and the best (1) of the safe edges; 0 for others.
-        label: Text above it; may be empty.
+        promise: `total` between low (0) and the best (1); 0 for what is unsafe or doomed.
+        end: What is at its end: `leaf`, `ended` (the task), `fork` (more branches), `elsewhere`
+            (its state is shown elsewhere with what follows) or `collapsed` (what follows is not
+            shown).
+        parent: The branch before it; None at the root.
+        x, y: Where it ends, from the upper left corner of the graph.
+        turned: Where it has reached its row.
     """
 
     source: int
     target: int
+    layer: int
     action: int
-    name: str
+    label: str
     chosen: bool
     unsafe: bool
     doomed: bool
     total: float
     promise: float = 1.0
-    label: str = ""
+    end: str = "leaf"
+    parent: Branch | None = None
+    children: list[Branch] = field(default_factory=list)
+    x: float = 0.0
+    y: float = 0.0
+    turned: float = 0.0
 
     @property
     def rank(self) -> tuple[bool, bool, bool, float, int]:
@@ -63,27 +77,22 @@ class ShownEdge:
 
 @dataclass(frozen=True)
 class Layout:
-    """What is shown, and where; positions in inches from the upper left corner of the graph.
+    """What is shown, and where; in inches.
 
     Attributes:
-        edges: The edges, by source and action.
-        x, y: Node → position.
-        turns: Layer → where its edges have reached the rows of their targets.
-        collapsed: Nodes whose continuation is not shown.
-        fans_cut: Whether edges are left out beside others of the same source.
-        bare: Whether there are edges without a label.
+        branches: From the root on, each before those that follow it.
+        root: Height of the root.
         width, height: Of the graph.
+        size: Of the labels, in points.
+        cut: Whether edges are left out beside others of the same source.
     """
 
-    edges: list[ShownEdge]
-    x: dict[int, float]
-    y: dict[int, float]
-    turns: list[float]
-    collapsed: list[int]
-    fans_cut: bool
-    bare: bool
+    branches: list[Branch]
+    root: float
     width: float
     height: float
+    size: float
+    cut: bool
 
 
 def lay_out(graph: nx.MultiDiGraph, weight: float, labels: Mapping[int, str]) -> Layout:
@@ -94,144 +103,148 @@ def lay_out(graph: nx.MultiDiGraph, weight: float, labels: Mapping[int, str]) ->
         weight: What a reward one edge later is worth.
         labels: Action → label of its edge out of the root; other edges bear their name.
     """
-    edges = _edges(graph, weight)
-    shown, collapsed, cut = _select(graph, edges)
-    rows = _rows(shown)
-    row = _ROOMY if max(rows.values()) < _MANY_ROWS else _TIGHT
-    drawn = [edge for node in sorted(shown) for edge in shown[node]]
-    layers: dict[int, list[ShownEdge]] = {}
-    for edge in drawn:
-        layers.setdefault(graph.nodes[edge.source]["layer"], []).append(edge)
-    columns, turns = [0.0], []
-    for layer in sorted(layers):
-        room = _least_gap([rows[edge.target] for edge in layers[layer]]) * row >= LINE
-        for edge in layers[layer]:
-            if room or edge.chosen:
-                edge.label = labels[edge.action] if edge.source == 0 else _short(edge.name)
-        longest = max(len(edge.label) for edge in layers[layer])
-        turns.append(columns[-1] + _TURN + (0 if room else 0.35))
-        columns.append(turns[-1] + 0.25 + _CHARACTER * longest)
-    return Layout(
-        edges=drawn,
-        x={node: columns[graph.nodes[node]["layer"]] for node in rows},
-        y={node: row * place for node, place in rows.items()},
-        turns=turns,
-        collapsed=collapsed,
-        fans_cut=cut,
-        bare=not all(edge.label for edge in drawn),
-        width=columns[-1],
-        height=row * max(rows.values()),
-    )
+    first, branches, cut = _select(graph, _leaving(graph, weight))
+    _set_promise(branches)
+    for branch in first:
+        branch.label = labels[branch.action]
+    leaves = sum(not branch.children for branch in branches)
+    row, size = next(((r, s) for most, r, s in _DENSITIES if leaves <= most), (_BARE, 7.0))
+    if row == _BARE:
+        for branch in branches:
+            if branch.layer and not branch.chosen:
+                branch.label = ""
+        row = _DENSITIES[0][1]
+    root = _place_rows(first, branches, row)
+    width = _place_columns(branches, size)
+    height = max((branch.y for branch in branches), default=0.0)
+    return Layout(branches, root, width, height, size, cut)
 
 
-def short(name: str, longest: int = 26) -> str:
+def short(name: str, longest: int = _LONGEST) -> str:
     """Return a name, cut where it is too long for a label."""
     return name if len(name) <= longest else name[: longest - 1] + "…"
 
 
-_short = short
-
-
-def _edges(graph: nx.MultiDiGraph, weight: float) -> dict[int, list[ShownEdge]]:
-    """Return the edges out of every node, by action."""
+def _leaving(graph: nx.MultiDiGraph, weight: float) -> dict[int, list[Branch]]:
+    """Return the edges out of every node."""
     # Nodes are numbered layer by layer, so that a source is reached before it is left.
     reached = dict.fromkeys(graph, float("-inf"))
     reached[0] = 0.0
-    leaving: dict[int, list[ShownEdge]] = {}
+    leaving: dict[int, list[Branch]] = {}
     for source in sorted(graph):
-        scale = weight ** graph.nodes[source]["layer"]
+        layer = graph.nodes[source]["layer"]
+        scale = weight**layer
         for _, target, action, data in graph.out_edges(source, keys=True, data=True):
             so_far = reached[source] + scale * data["reward"]
             reached[target] = max(reached[target], so_far)
             goal = graph.nodes[target]
-            edge = ShownEdge(
+            branch = Branch(
                 source=source,
                 target=target,
+                layer=layer,
                 action=action,
-                name=data["action"],
+                label=short(data["action"]),
                 chosen=data["chosen"],
                 unsafe=data["unsafe"],
                 doomed=goal["safe_steps"] is not None and not data["unsafe"],
                 total=so_far + scale * weight * goal["value"],
+                end="ended" if goal["ended"] else "leaf",
             )
-            leaving.setdefault(source, []).append(edge)
-        leaving.get(source, []).sort(key=lambda edge: edge.action)
-    _set_promise([edge for fan in leaving.values() for edge in fan])
+            leaving.setdefault(source, []).append(branch)
     return leaving
 
 
-def _set_promise(edges: Sequence[ShownEdge]) -> None:
-    safe = [edge.total for edge in edges if not (edge.unsafe or edge.doomed)]
-    low, high = (min(safe), max(safe)) if safe else (0.0, 0.0)
-    for edge in edges:
-        if edge.unsafe or edge.doomed:
-            edge.promise = 0.0
-        elif high > low:
-            edge.promise = (edge.total - low) / (high - low)
-
-
 def _select(
-    graph: nx.MultiDiGraph, leaving: Mapping[int, list[ShownEdge]]
-) -> tuple[dict[int, list[ShownEdge]], list[int], bool]:
+    graph: nx.MultiDiGraph, leaving: Mapping[int, list[Branch]]
+) -> tuple[list[Branch], list[Branch], bool]:
     """Choose edges: those along the best path, then layer by layer those out of the best states.
 
     Returns:
-        The edges shown out of each node, the nodes whose edges are not shown, and whether a node
-        has more edges than are shown of it.
+        The branches out of the root, all branches, and whether a state has more edges than are
+        shown of it.
     """
-    shown: dict[int, list[ShownEdge]] = {}
-    collapsed: list[int] = []
+    branches: list[Branch] = []
+    forked: set[int] = set()
     cut = False
-    count = 0
-    waiting: list[tuple[Any, ...]] = [(False, 0, (), 0)]
-    seen = {0}
-    while waiting:
-        *_, node = heapq.heappop(waiting)
-        fan = sorted(leaving.get(node, ()), key=lambda edge: edge.rank)
-        if not fan:
-            continue
+
+    def fork(node: int, parent: Branch | None) -> list[Branch]:
+        nonlocal cut
+        fan = sorted(leaving.get(node, ()), key=lambda branch: branch.rank)
         cut = cut or len(fan) > MAX_FAN
         fan = fan[:MAX_FAN]
-        if not fan[0].chosen and count + len(fan) > MAX_EDGES:
-            collapsed.append(node)
-            continue
-        count += len(fan)
-        shown[node] = sorted(fan, key=lambda edge: edge.action)
-        for edge in fan:
-            if edge.target not in seen:
-                seen.add(edge.target)
-                layer = graph.nodes[edge.target]["layer"]
-                heapq.heappush(waiting, (not edge.chosen, layer, edge.rank, edge.target))
-    return shown, sorted(collapsed), cut
+        along = bool(fan) and fan[0].chosen
+        if parent is not None and not along and len(branches) + len(fan) > MAX_EDGES:
+            parent.end = "collapsed"
+            return []
+        forked.add(node)
+        fan.sort(key=lambda branch: branch.action)
+        branches.extend(fan)
+        for branch in fan:
+            branch.parent = parent
+            heapq.heappush(
+                waiting, (not branch.chosen, branch.layer, branch.rank, next(ties), branch)
+            )
+        return fan
 
-
-def _rows(shown: Mapping[int, list[ShownEdge]]) -> dict[int, float]:
-    """Return the row of every node: leaves one below the other, others amid their children."""
-    children: dict[int, list[int]] = {}
-    placed = {0}
-    for node in sorted(shown):
-        for edge in shown[node]:
-            if edge.target not in placed:
-                placed.add(edge.target)
-                children.setdefault(node, []).append(edge.target)
-    rows: dict[int, float] = {}
-    leaves = 0
-    waiting = [0]
-    order = []
+    ties = itertools.count()
+    waiting: list[tuple[bool, int, tuple[object, ...], int, Branch]] = []
+    first = fork(0, None)
     while waiting:
-        node = waiting.pop()
-        order.append(node)
-        waiting += reversed(children.get(node, []))
-        if node not in children:
-            rows[node] = float(leaves)
-            leaves += 1
-    for node in reversed(order):
-        if node in children:
-            rows[node] = (rows[children[node][0]] + rows[children[node][-1]]) / 2
-    return rows
+        branch = heapq.heappop(waiting)[-1]
+        if branch.target not in leaving:
+            continue
+        if branch.target in forked:
+            branch.end = "elsewhere"
+            continue
+        branch.children = fork(branch.target, branch)
+        if branch.children:
+            branch.end = "fork"
+    return first, branches, cut
 
 
-def _least_gap(rows: Sequence[float]) -> float:
-    places = sorted(set(rows))
-    gaps = [after - before for before, after in zip(places, places[1:], strict=False)]
-    return min(gaps, default=float("inf"))
+def _set_promise(branches: Sequence[Branch]) -> None:
+    totals = sorted(b.total for b in branches if not (b.unsafe or b.doomed))
+    if not totals:
+        totals = [0.0]
+    # One disaster among the branches must not make all others look alike.
+    high, low = totals[-1], totals[len(totals) // 5]
+    if low == high:
+        low = totals[0]
+    for branch in branches:
+        if branch.unsafe or branch.doomed:
+            branch.promise = 0.0
+        elif high > low:
+            branch.promise = min(1.0, max(0.0, (branch.total - low) / (high - low)))
+
+
+def _place_rows(first: Sequence[Branch], branches: Sequence[Branch], row: float) -> float:
+    """Set the height of every branch; return that of the root."""
+    below = 0.0
+    last: Branch | None = None
+    waiting = list(reversed(first))
+    while waiting:
+        branch = waiting.pop()
+        waiting += reversed(branch.children)
+        if not branch.children:
+            below += row if branch.label else _BARE
+            below += _APART if last is not None and last.parent is not branch.parent else 0.0
+            branch.y, last = below, branch
+    for branch in reversed(branches):
+        if branch.children:
+            branch.y = (branch.children[0].y + branch.children[-1].y) / 2
+    return (first[0].y + first[-1].y) / 2 if first else 0.0
+
+
+def _place_columns(branches: Sequence[Branch], size: float) -> float:
+    """Set where every branch turns and ends; return where the last one ends."""
+    layers: dict[int, list[Branch]] = {}
+    for branch in branches:
+        layers.setdefault(branch.layer, []).append(branch)
+    x = 0.0
+    for layer in sorted(layers):
+        longest = max(len(branch.label) for branch in layers[layer])
+        turned = x + _TURN
+        x = turned + 0.25 + _CHARACTER * size * _POINT * longest
+        for branch in layers[layer]:
+            branch.turned, branch.x = turned, x
+    return x

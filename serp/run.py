@@ -79,6 +79,8 @@ def plan_and_learn(
         task = find_task(task)
     if (episodes is not None and episodes < 1) or (env_steps is not None and env_steps < 1):
         raise RunError("the budget (episodes, env steps) must be at least 1")
+    if seed < 0:
+        raise SettingsError(f"the seed must be 0 or more, not {seed}")
     if resume:
         if out is None:
             raise RunError("to resume, name the run's folder (--out RUN)")

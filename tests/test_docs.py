@@ -10,13 +10,14 @@ Comments in the Markdown tell what a fenced block or a table is:
 `<!-- names of: X -->`     the first column lists exactly what the code has under X
 `<!-- settings of: X -->`  name, meaning, range, `default`, `paper` of every setting of a section
 
-Python blocks run in the order of their document and share their names; a `text` block right after one
-is what it prints.
+Python blocks run in the order of their document and share their names. A `text` block right
+after one of them, or after commands that are run, is what it prints.
 """
 
 from __future__ import annotations
 
 import contextlib
+import csv
 import dataclasses
 import importlib
 import io
@@ -29,11 +30,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import click
 import pytest
 
 import serp
 from serp.arbiter import Actor, Reason
 from serp.cli import main
+from serp.cli.root import serp as group
 from serp.domain.instantiate import MAX_EXPANSION, MAX_FLUENTS, MAX_GROUND_SCHEMAS
 from serp.domain.model import MAX_NATIVE_SIZE
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
@@ -109,26 +112,22 @@ def marks(kind: str) -> list[Any]:
 # Examples
 
 
-def fails_with(status: Any) -> bool:
-    return status not in (None, 0)
-
-
-def run_commands(block: Block) -> None:
-    """Run the `serp` commands of a block as its mark says; others (pip, git) are left out."""
+def run_commands(block: Block) -> str:
+    """Run the `serp` commands of a block as its mark says; returns what they print."""
     added = shlex.split(block.mark.partition("run with:")[2])
     commands = [line for line in block.text.splitlines() if line.startswith("serp ")]
     assert commands
+    output = io.StringIO()
     for line in commands:
         arguments = shlex.split(line, comments=True)[1:] + added
-        with pytest.raises(SystemExit) as end, contextlib.redirect_stdout(io.StringIO()):
+        with pytest.raises(SystemExit) as end, contextlib.redirect_stdout(output):
             main(arguments)
-        assert not fails_with(end.value.code), line
+        assert end.value.code == 0, line
+    return output.getvalue()
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=by_name)
-def test_examples_run(
-    document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_examples_run(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {"__name__": "__main__"}
     printed: str | None = None
@@ -143,11 +142,63 @@ def test_examples_run(
                 exec(program, names)
             printed = output.getvalue()
             continue
+        elif re.match(r"run( with:|$)", block.mark):
+            printed = run_commands(block)
+            continue
         elif block.language == "text" and printed is not None and block.follows <= 2:
             assert printed == block.text
-        elif re.match(r"run( with:|$)", block.mark):
-            run_commands(block)
         printed = None
+
+
+def commands_shown(document: Path) -> list[list[str]]:
+    """The words after `serp` of every command, in blocks and in the text."""
+    text = document.read_text(encoding="utf-8")
+    in_blocks = [
+        line
+        for block in blocks(document)
+        if block.language == "sh"
+        for line in block.text.splitlines()
+        if line.startswith("serp ")
+    ]
+    in_text = re.findall(r"`(serp [^`]+)`", FENCE.sub("", text))
+    return [shlex.split(line, comments=True)[1:] for line in [*in_blocks, *in_text]]
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=by_name)
+def test_commands_and_options_that_are_shown_exist(document: Path) -> None:
+    root = click.Context(group)
+    for words in commands_shown(document):
+        command = group.get_command(root, words[0])
+        assert command is not None, words
+        known = {option for parameter in command.get_params(root) for option in parameter.opts}
+        used = {word for word in words if word.startswith("--")}
+        assert used <= known, words
+
+
+def test_the_example_of_a_decision_log_has_its_columns_and_words() -> None:
+    (example,) = (b for b in blocks(ROOT / "README.md") if b.language == "csv")
+    header, *rows = csv.reader(example.text.splitlines())
+    assert tuple(header) == DECISIONS_COLUMNS
+    for row in rows:
+        cells = dict(zip(header, row, strict=True))
+        assert {cells["proposed_by"], cells["executed_by"]} <= {*Actor}
+        assert cells["reason"] in {*Reason}
+        quoted, line = re.findall(r"`(.+?)` \(line (\d+)\)", cells["explanation"])[0]
+        domain = (ROOT / "domains" / "cartpole.pddl").read_text(encoding="utf-8")
+        assert quoted in domain.splitlines()[int(line) - 1]
+
+
+def test_the_picture_is_what_the_program_draws(tmp_path: Path) -> None:
+    """Its texts, that is: names, returns, legend. Coordinates may differ between versions."""
+    file = tmp_path / "plan.svg"
+    with pytest.raises(SystemExit), contextlib.redirect_stdout(io.StringIO()):
+        main(["plan", "--domain", str(ROOT / "domains" / "cartpole.pddl"), "--svg", str(file)])
+    drawn, shown = (
+        sorted(re.findall(r"<text[^>]*>(.+?)</text>", path.read_text(encoding="utf-8")))
+        for path in (file, ROOT / "docs" / "images" / "plan.svg")
+    )
+    assert drawn
+    assert shown == drawn
 
 
 DOMAINS = [
@@ -273,6 +324,16 @@ def test_code_that_is_named_exists() -> None:
             assert resolves(dotted), f"{document.name}: {dotted}"
 
 
+def test_the_map_of_the_code_names_every_part() -> None:
+    drawn = next(b.text for b in blocks(ROOT / "CONTRIBUTING.md") if not b.language)
+    parts = {
+        path.stem
+        for path in (ROOT / "serp").iterdir()
+        if path.is_dir() != (path.suffix == ".py") and not path.name.startswith("_")
+    }
+    assert {part for part in parts if not re.search(rf"\b{part}\b", drawn)} == set()
+
+
 def resolves(dotted: str) -> bool:
     parts = dotted.split(".")
     for length in range(len(parts), 0, -1):
@@ -350,9 +411,8 @@ def test_settings_are_those_of_the_code(document: Path, section: str) -> None:
 @pytest.mark.parametrize(("document", "section"), marks("settings of"))
 def test_ranges_of_settings_are_those_of_the_code(document: Path, section: str) -> None:
     # A start from which one setting at a time can take any value of its range.
-    start = resolve("default").replace(
-        {"arbiter": {"rho": 0.0}, "learner": {"target_period": None, "target_polyak": None}}
-    )
+    free = {"target_period": None, "target_polyak": None, "failing_window": 1}
+    start = resolve("default").replace({"arbiter": {"rho": 0.0}, "learner": free})
     for row in table_after(document, f"settings of: {section}"):
         name = code(row[0])
         inside, outside = values_of(row[2])

@@ -176,6 +176,8 @@ def _load(check: _Check) -> Domain:
             f"{check.problem}: a problem file, and its domain file is not known; give both, as in "
             f"`serp check domain.pddl {check.problem}`"
         )
+    if Path(check.name).is_dir():
+        raise SerpError(f"{check.name} is a folder; give the files in it, such as `*.pddl`")
     return load_task(check.name).load()
 
 

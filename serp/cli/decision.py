@@ -60,7 +60,7 @@ def describe(
         "repeat": planner.settings.repeat,
         "control_period": model.dt,
         "bound": plan.bound.name.lower(),
-        "nodes": plan.graph.number_of_nodes(),
+        "nodes": plan.nodes,
         "actions": actions,
         "path": [
             {
@@ -123,18 +123,23 @@ def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
             "lies beyond its depth. The first in the file is taken."
         )
     if not plan.safe and plan.action is not None:
-        safe = int(plan.forecast.safe_steps[plan.action])
-        lines.append(
-            "Every path leads to something unsafe. The one that stays safe the longest, "
-            f"{plural(safe, 'step')}, is taken."
-        )
+        lines.append(_why_unsafe_chosen(int(plan.forecast.safe_steps[plan.action])))
     lines.append(_how_far(planner, plan))
     return lines
 
 
+def _why_unsafe_chosen(safe_steps: int) -> str:
+    if safe_steps == 0:
+        return "Every action is predicted unsafe. The one with the best return is taken."
+    return (
+        "Every path leads to something unsafe. The one that stays safe the longest, for "
+        f"{plural(safe_steps, 'step')}, is taken."
+    )
+
+
 def _how_far(planner: MonitorReplanner, plan: Plan) -> str:
     settings = planner.settings
-    nodes = plural(plan.graph.number_of_nodes(), "state")
+    nodes = plural(plan.nodes, "state")
     each = f", each repeated for {settings.repeat} control periods" if settings.repeat > 1 else ""
     ended = {
         Bound.DEPTH: "",

@@ -49,6 +49,8 @@ _NAMED = 6  # missing fluents that a message names
               help="Control periods that an action is repeated for in the lookahead.")  # fmt: skip
 @click.option("--dt", type=click.FloatRange(min=0, min_open=True), metavar="X",
               help="Control period.  [default: the task's, else 1]")  # fmt: skip
+@click.option("--time-budget", type=click.FloatRange(min=0, min_open=True), default=10.0,
+              show_default=True, metavar="S", help="Most seconds to look ahead.")  # fmt: skip
 @click.option("--svg", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.svg",
               help="Draw the planning graph there.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
@@ -64,6 +66,7 @@ def command(
     discount: float | None,
     repeat: int | None,
     dt: float | None,
+    time_budget: float,
     svg: Path | None,
     as_json: bool,
 ) -> None:
@@ -80,7 +83,9 @@ def command(
     period = dt or (loaded.task.dt if loaded.task else 1.0)
     model = loaded.domain.model.replace(dt=period)
     state, origin = _state(loaded, model, assignments, observe=observe, seed=seed)
-    planner = _planner(loaded, model, depth=depth, discount=discount, repeat=repeat)
+    planner = _planner(
+        loaded, model, depth=depth, discount=discount, repeat=repeat, time_budget=time_budget
+    )
     plan = planner.plan(state)
 
     from serp.cli.decision import describe, print_plan
@@ -188,6 +193,7 @@ def _planner(
     depth: int | None,
     discount: float | None,
     repeat: int | None,
+    time_budget: float,
 ) -> MonitorReplanner:
     from serp.planning.replanner import MonitorReplanner
     from serp.planning.settings import PlannerSettings
@@ -200,4 +206,5 @@ def _planner(
         discount=discount or usual.discount,
         repeat=repeat or usual.repeat,
         max_nodes=usual.max_nodes,
+        time_budget=time_budget,
     )

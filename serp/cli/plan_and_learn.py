@@ -85,6 +85,7 @@ def command(
     from serp.run import Interrupted, plan_and_learn
 
     before = _holds_run(path)
+    episodes_before = _episodes(path) if resuming else 0
     try:
         run = plan_and_learn(
             task, preset=preset, settings=settings, episodes=episodes, env_steps=env_steps,
@@ -103,6 +104,8 @@ def command(
         if begun or (resuming and isinstance(error, EnvironmentFailure)):
             say(f"Saved up to the last checkpoint. {_how_to_resume(path)}")
         raise
+    if resuming and _episodes(path) == episodes_before:
+        say("Nothing was left to do. To train on, give more --episodes or --env-steps in all.")
     if quiet:
         click.echo(run.path)
     else:
@@ -147,6 +150,13 @@ def _holds_run(path: Path) -> bool:
     from serp.runs.config import CONFIG
 
     return (path / CONFIG).is_file()
+
+
+def _episodes(path: Path) -> int:
+    from serp.runs.folder import METRICS
+    from serp.runs.reading import read_metrics
+
+    return len(read_metrics(path / METRICS)["episode"])
 
 
 def _how_to_resume(path: Path) -> str:

@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE, Site, generate_judge, generate_step
-from serp.domain.ground import REWARD_TARGET, Fluent, GroundModel, GroundSchema, Parameter
+from serp.domain.ground import (
+    REWARD_TARGET,
+    Fluent,
+    GroundModel,
+    GroundSchema,
+    Parameter,
+    SetNumber,
+    fluents_of,
+)
 from serp.domain.interpreted import load_function
 from serp.domain.source import did_you_mean
 from serp.errors import SerpError
@@ -73,9 +81,15 @@ class _Program:
 
     @functools.cached_property
     def size(self) -> int:
-        """Effects and preconditions of all ground schemas: what compile time grows with."""
-        schemas = (*self.ground.actions, *self.ground.processes, *self.ground.events)
-        return sum(len(s.effects) + len(s.preconditions) for s in schemas)
+        """How often fluents are read and written in all: what compile time grows with."""
+        total = 0
+        for schema in (*self.ground.actions, *self.ground.processes, *self.ground.events):
+            total += sum(1 for test in schema.preconditions for _ in fluents_of(test))
+            for effect in schema.effects:
+                total += 1 + sum(1 for _ in fluents_of(effect.condition))
+                if isinstance(effect, SetNumber):
+                    total += sum(1 for _ in fluents_of(effect.value))
+        return total
 
     @functools.cached_property
     def native(self) -> Any:

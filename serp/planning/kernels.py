@@ -26,7 +26,7 @@ _NODES = int(Bound.NODES)
 _EXHAUSTED = int(Bound.EXHAUSTED)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def edge(address, states, node, action, repeat, gamma, theta, dt, out, slot, scratch, width):
     """Follow one edge: `action`, `repeat` times or until it ends.
 
@@ -82,7 +82,7 @@ def expand(address, states, nodes, actions, repeat, gamma, theta, dt, out, rewar
             )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, forceinline=True)
 def _same_slot(states, row, width, table, mask, candidate):
     """Return the table's slot of the state equal to row `candidate`, or the empty one for it."""
     digest = np.uint64(0xCBF29CE484222325)

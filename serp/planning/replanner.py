@@ -58,6 +58,11 @@ class Plan:
     forecast: Forecast
     _graph: PlanningGraph = field(repr=False)
 
+    @property
+    def nodes(self) -> int:
+        """How many states the planning graph holds."""
+        return len(self._graph.states)
+
     @functools.cached_property
     def graph(self) -> nx.MultiDiGraph:
         """The planning graph; see `PlanningGraph.to_networkx`."""

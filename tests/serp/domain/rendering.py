@@ -23,7 +23,7 @@ def check_rendering(error: DomainError, text: str) -> None:
     assert error.source_line == quoted
     assert rows[1] == f"{error.line:>5} | {quoted}"
     place = text[error.place.start : error.place.end].split("\n")[0].removesuffix("\r")
-    above = caret_text(error)
-    assert above.startswith("".join(c if c.isprintable() else " " for c in place))
-    assert len(above) == max(1, len(place))
+    shown = "".join(c if c.isprintable() else " " for c in place)
+    assert caret_text(error)[: len(shown)] == shown
+    assert rows[2].count("^") == max(1, len(shown))
     assert rows[3:] == ([f"  {error.advice}"] if error.advice else [])

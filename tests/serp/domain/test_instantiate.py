@@ -32,7 +32,7 @@ def with_objects(domain: str, count: int, init: str = "") -> Domain:
         (
             f"(:predicates (p ?a)) (:action go :parameters {EIGHT} :effect (p ?a))",
             "",
-            "more than 20000 ground actions, processes and events; `go` alone has up to 656100000000",
+            "more than 20000 ground actions, processes and events; `go` alone has up to 6561",
             "use fewer objects, more specific types",
         ),
         (
@@ -46,20 +46,20 @@ def with_objects(domain: str, count: int, init: str = "") -> Domain:
             f" :parameters {EIGHT} :precondition (and (static ?h) (not (static ?h)))"
             " :effect (p ?a))",
             "(static o1)",
-            "more than 500000 bindings",
+            "more than 300000 bindings",
             "use fewer objects",
         ),
         (
             "(:predicates (p ?a)) (:action go :effect (forall (?u ?v ?w ?x ?y ?z) (p ?u)))",
             "",
-            "more than 500000 bindings",
+            "more than 300000 bindings",
             "fewer parameters and quantifiers",
         ),
         (
-            "(:predicates (p ?a)) (:action go :effect (when (exists (?u ?v ?w ?x ?y) (p ?u)) (p o)))"
-            " (:constants o)",
+            "(:constants o) (:predicates (p ?a)) (:action go"
+            " :effect (when (exists (?u ?v ?w ?x ?y) (p ?u)) (p o)))",
             "",
-            "more than 500000 bindings",
+            "more than 300000 bindings",
             "fewer parameters and quantifiers",
         ),
     ],

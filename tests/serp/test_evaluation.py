@@ -1,0 +1,136 @@
+"""Evaluating is only looking: nothing of the agent changes."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.errors import EnvironmentFailure, SettingsError, TaskError
+from serp.evaluation import EvaluationResult, evaluate
+from serp.registry import load_task
+from serp.settings import resolve
+from serp.training import Trainer
+from tests.serp.tasks import CableCut, Corridor, corridor
+
+POLICIES = ("serp", "planner", "learner")
+
+
+def trained(folder: Path, episodes: int = 6) -> Trainer:
+    task = corridor(folder)
+    trainer = Trainer(task.bind(), resolve("default", task.settings), 4)
+    for _ in range(episodes):
+        trainer.run_episode()
+    return trainer
+
+
+def state(trainer: Trainer) -> tuple[dict[str, bytes], str]:
+    arrays, meta = trainer.agent.state_dict()
+    return {k: a.tobytes() for k, a in arrays.items()}, json.dumps(meta, sort_keys=True)
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_evaluating_leaves_the_agent_as_it_was(tmp_path: Path, policy: Any) -> None:
+    trainer = trained(tmp_path)
+    before = state(trainer)
+    evaluate(trainer.agent, corridor(tmp_path).bind(), policy, episodes=3)
+    assert state(trainer) == before
+
+
+def test_training_goes_on_as_if_there_had_been_no_evaluation(tmp_path: Path) -> None:
+    one, other = trained(tmp_path), trained(tmp_path)
+    for policy in POLICIES:
+        evaluate(one.agent, corridor(tmp_path).bind(), policy, episodes=2)  # type: ignore[arg-type]
+    for _ in range(4):
+        row, again = one.run_episode(), other.run_episode()
+        assert row._replace(wall_time=0.0) == again._replace(wall_time=0.0)
+    assert state(one) == state(other)
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_equal_seeds_give_equal_results_and_others_give_others(tmp_path: Path, policy: Any) -> None:
+    agent = trained(tmp_path).agent
+    one, same, other = (
+        evaluate(agent, corridor(tmp_path).bind(), policy, episodes=6, seed=seed)
+        for seed in (1, 1, 2)
+    )
+    assert one == same
+    assert one.returns != other.returns
+
+
+def test_the_planner_alone_is_the_planners_choice_in_every_step(tmp_path: Path) -> None:
+    """It walks to the goal and never into the pit; a learner of no training does not know."""
+    agent = trained(tmp_path, episodes=1).agent
+    planner = evaluate(agent, corridor(tmp_path).bind(), "planner", episodes=20)
+    assert planner.unsafe_executed == 0
+    assert planner.vetoes == 0
+    assert planner.terminated > 15
+    assert planner.mean > 3
+
+
+def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path: Path) -> None:
+    trainer = trained(tmp_path, episodes=1)
+    learner = trainer.agent.learner
+    parameters = learner.state_dict()[0]["parameters"]
+    arrays, meta = learner.state_dict()
+    arrays["parameters"] = np.zeros_like(parameters)  # all Q equal: always `left`, into the pit
+    learner.load_state_dict(arrays, meta)
+    alone = evaluate(trainer.agent, corridor(tmp_path).bind(), "learner", episodes=5)
+    mixed = evaluate(trainer.agent, corridor(tmp_path).bind(), "serp", episodes=5)
+    assert alone.unsafe_executed >= 5
+    assert alone.vetoes == 0
+    assert all(value < -4 for value in alone.returns)
+    assert mixed.unsafe_executed == 0
+    assert mixed.vetoes > 0
+
+
+def test_the_result_counts_what_happened(tmp_path: Path) -> None:
+    result = evaluate(trained(tmp_path).agent, corridor(tmp_path).bind(), "serp", episodes=7)
+    assert len(result.returns) == len(result.lengths) == 7
+    assert all(1 <= length <= 12 for length in result.lengths)
+    assert result.terminated >= sum(length < 12 for length in result.lengths)
+    as_dict = json.loads(json.dumps(result.as_dict()))
+    assert as_dict["mean"] == pytest.approx(sum(result.returns) / 7)
+    assert as_dict["std"] == pytest.approx(np.std(result.returns, ddof=1))
+    assert (as_dict["min"], as_dict["max"]) == (min(result.returns), max(result.returns))
+    assert as_dict["episodes"] == 7
+
+
+def test_a_single_episode_has_no_spread() -> None:
+    result = EvaluationResult("serp", (3.0,), (5,), 1, 0, 0)
+    assert result.as_dict()["std"] == 0.0
+    assert result.as_dict()["median"] == 3.0
+    assert not any(math.isnan(v) for v in result.as_dict().values() if isinstance(v, float))
+
+
+def test_the_planner_on_cartpole_stays_up() -> None:
+    task = load_task("cartpole")
+    trainer = Trainer(task.bind(), resolve("default", task.settings), 0)
+    result = evaluate(trainer.agent, task.bind(), "planner", episodes=2)
+    assert result.returns == tuple(float(n) for n in result.lengths)
+    assert result.mean > 100
+    assert result.unsafe_executed <= 2
+
+
+def test_what_cannot_be_evaluated_is_refused(tmp_path: Path) -> None:
+    agent, task = trained(tmp_path, 1).agent, corridor(tmp_path).bind()
+    with pytest.raises(SettingsError, match="no policy `plan`; did you mean `planner`"):
+        evaluate(agent, task, "plan")  # type: ignore[arg-type]
+    with pytest.raises(SettingsError, match="at least one episode"):
+        evaluate(agent, task, episodes=0)
+    with pytest.raises(SettingsError, match="seed"):
+        evaluate(agent, task, seed=-1)
+
+
+def test_what_goes_wrong_in_the_environment_is_named(tmp_path: Path) -> None:
+    agent = trained(tmp_path, 1).agent
+    with pytest.raises(EnvironmentFailure, match="cable cut"):
+        evaluate(agent, corridor(tmp_path, lambda: CableCut(Corridor(), 3)).bind())
+    agent.task.task = dataclasses.replace(agent.task.task, ground=lambda seen: {})
+    with pytest.raises(TaskError, match="no value for fluent"):
+        evaluate(agent, corridor(tmp_path).bind())
