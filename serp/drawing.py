@@ -335,4 +335,5 @@ def _span(totals: list[float]) -> str:
 
 
 def _number(value: float) -> str:
-    return f"{value + 0.0:,.0f}" if abs(value) >= 1000 else f"{value + 0.0:.3g}"
+    value += 0.0  # no negative zero
+    return f"{value:,.0f}" if 1e3 <= abs(value) < 1e9 else f"{value:.3g}"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
@@ -203,18 +204,18 @@ def _select(
 
 
 def _set_promise(branches: Sequence[Branch]) -> None:
-    totals = sorted(b.total for b in branches if not (b.unsafe or b.doomed))
-    if not totals:
-        totals = [0.0]
+    safe = [b.total for b in branches if not (b.unsafe or b.doomed)]
+    totals = sorted(filter(math.isfinite, safe)) or [0.0]
     # One disaster among the branches must not make all others look alike.
     high, low = totals[-1], totals[len(totals) // 5]
     if low == high:
         low = totals[0]
     for branch in branches:
-        if branch.unsafe or branch.doomed:
+        if branch.unsafe or branch.doomed or math.isnan(branch.total):
             branch.promise = 0.0
-        elif high > low:
-            branch.promise = min(1.0, max(0.0, (branch.total - low) / (high - low)))
+        elif high > low:  # the shares are taken before the difference, which may overflow
+            share = min(max(branch.total, low), high)
+            branch.promise = (share / 2 - low / 2) / (high / 2 - low / 2)
 
 
 def _place_rows(first: Sequence[Branch], branches: Sequence[Branch], row: float) -> float:

@@ -83,7 +83,7 @@ def number(value: float | None, digits: int = 4) -> str:
     """Return a number as people read it: `1,234`, `0.2618`, `–` for none."""
     if value is None or math.isnan(value):
         return "–"
-    if isinstance(value, int) or (abs(value) >= 1000 and math.isfinite(value)):
+    if isinstance(value, int) or 1e3 <= abs(value) < 1e9:
         return f"{value:,.0f}"
     return f"{value + 0.0:.{digits}g}"
 

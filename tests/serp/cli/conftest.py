@@ -1,0 +1,89 @@
+"""Running commands as a user does, in an empty folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from serp.cli.root import serp
+
+Run = Callable[..., Result]
+
+# Falls soon and learns fast: what a run holds matters here, not how good it is.
+QUICK = [
+    f"--set={setting}"
+    for setting in (
+        "arbiter.rho=1",
+        "arbiter.exploration_slack=null",
+        "planner.depth=1",
+        "planner.repeat=1",
+        "learner.members=1",
+        "training.checkpoint_seconds=0",
+    )
+]
+
+WALK = """
+(define (domain walk)
+  (:requirements :typing :numeric-fluents :negative-preconditions :conditional-effects)
+  (:types place)
+  (:predicates (at ?p - place) (road ?a - place ?b - place) (mined ?p - place) (unsafe))
+  (:functions (walked) (reward))
+  (:action go
+    :parameters (?a - place ?b - place)
+    :precondition (and (at ?a) (road ?a ?b))
+    :effect (and (not (at ?a)) (at ?b) (increase (walked) 1) (decrease (reward) 1)
+                 (when (mined ?b) (and (unsafe)))))
+  (:action rest
+    :parameters ()
+    :precondition (and (> (walked) 0))
+    :effect (and (assign (walked) 0) (increase (reward) 3))))
+"""
+WALK_PROBLEM = """
+(define (problem village) (:domain walk)
+  (:objects home shop field - place)
+  (:init (at home) (road home shop) (road shop home) (road home field) (mined field)
+         (= (walked) 0))
+  (:goal (and)))
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working directory, empty."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def run(folder: Path) -> Run:
+    """Run a command line in the working directory."""
+
+    def invoke(*arguments: str, expect: int = 0) -> Result:
+        result = CliRunner().invoke(serp, arguments)
+        assert result.exit_code == expect, result.output
+        assert "Traceback" not in result.output
+        return result
+
+    return invoke
+
+
+@pytest.fixture
+def walk(folder: Path) -> Path:
+    """A domain with its problem beside it."""
+    file = folder / "walk.pddl"
+    file.write_text(WALK)
+    (folder / "walk-problem.pddl").write_text(WALK_PROBLEM)
+    return file
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short run of cart-pole."""
+    out = tmp_path_factory.mktemp("runs") / "trained"
+    arguments = ["plan-and-learn", "--domain=cartpole", "--episodes=4", f"--out={out}", *QUICK]
+    result = CliRunner().invoke(serp, [*arguments, "--quiet"])
+    assert result.exit_code == 0, result.output
+    return out

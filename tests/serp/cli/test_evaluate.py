@@ -1,0 +1,54 @@
+"""`serp evaluate`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.run import load_run
+from tests.serp.cli.conftest import Run
+
+
+def measured(run: Run, *arguments: str) -> Any:
+    return json.loads(run("evaluate", *arguments, "--json").stdout)
+
+
+@pytest.mark.parametrize("policy", ["serp", "planner", "learner"])
+def test_json_is_what_the_evaluation_gives(policy: Any, run: Run, trained: Path) -> None:
+    shown = measured(run, str(trained), f"--policy={policy}", "--episodes=2", "--seed=9")
+    result = load_run(trained).evaluate(policy, episodes=2, seed=9)
+    assert shown == {"run": str(trained), "seed": 9, **result.as_dict()}
+    assert shown["mean"] == np.mean(shown["returns"])
+
+
+def test_the_text_has_the_same_numbers(run: Run, trained: Path) -> None:
+    shown = measured(run, str(trained), "--episodes=3")
+    text = run("evaluate", str(trained), "--episodes=3").stdout
+    assert f"{shown['mean']:.4g} ± {shown['std']:.4g} (mean ± std)" in text
+    assert f"{shown['min']:.4g} to {shown['max']:.4g}" in text
+    assert f"{shown['terminated']} of 3 episodes" in text
+
+
+def test_usage_errors(run: Run, trained: Path) -> None:
+    run("evaluate", str(trained), "--policy=best", expect=2)
+    run("evaluate", str(trained), "--episodes=0", expect=2)
+    run("evaluate", expect=2)
+
+
+def test_what_is_no_run_is_refused(run: Run) -> None:
+    assert "no such folder" in run("evaluate", "nosuch", expect=1).stderr
+    Path("empty").mkdir()
+    assert "is no run" in run("evaluate", "empty", expect=1).stderr
+
+
+def test_a_run_of_a_task_that_is_not_installed_is_refused(run: Run, trained: Path) -> None:
+    Path("r").mkdir()
+    for file in trained.iterdir():
+        (Path("r") / file.name).write_bytes(file.read_bytes())
+    text = Path("r/config.json").read_text()
+    Path("r/config.json").write_text(text.replace('"task": "cartpole"', '"task": "juggling"'))
+    assert "there is no task `juggling`" in run("evaluate", "r", expect=1).stderr

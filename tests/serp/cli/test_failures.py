@@ -1,0 +1,56 @@
+"""Exit statuses and messages."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Callable
+from typing import Any
+
+import click
+import pytest
+
+from serp.cli.failures import exit_with
+from serp.errors import RunError
+
+
+def raising(error: BaseException) -> Callable[[], Any]:
+    def run() -> None:
+        raise error
+
+    return run
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "message"),
+    [
+        (RunError("no such run"), 1, "Error: no such run\n"),
+        (FileNotFoundError(2, "No such file", "x.svg"), 1, "Error: x.svg: No such file\n"),
+        (OSError(errno.ENOSPC, "No space left"), 1,
+         "Error: No space left (free some space, then try again)\n"),
+        (OSError("odd"), 1, "Error: odd\n"),
+        (click.ClickException("odd"), 1, "Error: odd\n"),
+        (click.UsageError("what?"), 2, "Error: what?\n"),
+        (click.Abort(), 130, "Stopped.\n"),
+        (KeyboardInterrupt(), 130, "Stopped.\n"),
+        (BrokenPipeError(errno.EPIPE, "Broken pipe"), 141, ""),
+    ],
+)  # fmt: skip
+def test_what_the_user_can_mend_is_a_message(
+    error: BaseException, status: int, message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        exit_with(raising(error))
+    assert end.value.code == status
+    assert capfd.readouterr() == ("", message)
+
+
+def test_a_bug_keeps_its_traceback() -> None:
+    with pytest.raises(ZeroDivisionError):
+        exit_with(raising(ZeroDivisionError()))
+
+
+@pytest.mark.parametrize(("result", "status"), [(None, 0), (0, 0), (1, 1), (130, 130)])
+def test_a_command_may_return_its_status(result: int | None, status: int) -> None:
+    with pytest.raises(SystemExit) as end:
+        exit_with(lambda: result)
+    assert end.value.code == status

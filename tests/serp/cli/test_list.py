@@ -1,0 +1,43 @@
+"""`serp list`."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+
+from serp.cli.list import PRESETS
+from serp.registry import GROUP, load_task, task_entries
+from serp.settings import PRESETS as KNOWN
+from tests.serp.cli.conftest import Run
+
+
+def test_every_task_and_preset_is_listed(run: Run) -> None:
+    shown = run("list").stdout
+    for name in task_entries():
+        assert f"\n{name} " in shown
+        assert load_task(name).description in shown
+    for preset in KNOWN:
+        assert f"\n{preset} " in shown
+
+
+def test_every_preset_is_described() -> None:
+    assert set(PRESETS) == set(KNOWN)
+
+
+def test_a_domain_of_the_working_directory_is_named(run: Run) -> None:
+    Path("domains").mkdir()
+    Path("domains/cartpole.pddl").write_text("")
+    assert f"{Path('domains/cartpole.pddl')} (instead of " in run("list").stdout
+
+
+def test_a_task_that_cannot_be_loaded_hides_no_other(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = EntryPoint("broken", "no_such_package:task", GROUP)
+    entries = {**task_entries(), "broken": broken}
+    monkeypatch.setattr("serp.registry.task_entries", lambda: entries)
+    shown = run("list").stdout
+    assert "No module named 'no_such_package'" in shown
+    assert "\ncartpole " in shown

@@ -1,0 +1,177 @@
+"""`serp plan`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import serp
+from tests.serp.cli.conftest import WALK, Run
+
+EDGE = """
+(define (domain edge)
+  (:predicates (unsafe))
+  (:functions (x) (reward))
+  (:action step :parameters () :precondition (and) :effect (and (increase (x) 1)))
+  (:action leap :parameters () :precondition (and) :effect (and (increase (x) 2)))
+  (:event fall :parameters () :precondition (and (> (x) 3)) :effect (and (unsafe))))
+"""
+
+
+def planned(run: Run, *arguments: str) -> Any:
+    return json.loads(run("plan", *arguments, "--json").stdout)
+
+
+def test_the_problem_gives_the_state(run: Run, walk: Path) -> None:
+    shown = run("plan", "--domain", "walk.pddl").stdout
+    assert "walk, in the initial state of its problem" in shown
+    assert "walked = 0" in shown
+    assert "true: at home, mined field" not in shown  # `mined` is fixed by the problem
+    assert "true: at home" in shown
+
+
+def test_every_action_says_why_it_is_not_taken(run: Run, walk: Path) -> None:
+    lines = run("plan", "--domain", "walk.pddl", "--depth", "2").stdout.splitlines()
+    row = {line.split("  ")[1].strip(): line for line in lines if line.startswith((" ", "→"))}
+    (unsafe,) = (line for line in lines if "go home field" in line)
+    assert "unsafe: `(unsafe)` (line 12)" in unsafe
+    (tired,) = (line for line in lines if " rest " in line and "not applicable" in line)
+    assert "`(> (walked) 0)` (line 15) does not hold (walked = 0)" in tired
+    assert any(line.startswith("→") and "go home shop" in line for line in lines)
+    assert "Chosen: go home shop" in "\n".join(lines)
+    assert row
+
+
+def test_json_is_what_the_planner_says(run: Run, walk: Path) -> None:
+    model = serp.load_domain(walk).model
+    state = model.initial_state
+    assert state is not None
+    planner = serp.MonitorReplanner(model, depth=4, discount=0.8)
+    plan = planner.plan(state)
+    shown = planned(run, "--domain", "walk.pddl", "--depth", "4", "--discount", "0.8")
+    assert shown["state"] == model.values(state)
+    assert shown["action"] == plan.name
+    assert shown["best_return"] == plan.reward
+    assert shown["bound"] == "depth"
+    assert shown["nodes"] == plan.graph.number_of_nodes()
+    assert [step["action"] for step in shown["path"]] == [step.action for step in plan.path]
+    assert [step["state"] for step in shown["path"]] == [model.values(s.state) for s in plan.path]
+    for action, value in zip(shown["actions"], plan.forecast.value.tolist(), strict=True):
+        assert action["best_return"] == (value if action["applicable"] else None)
+
+
+def test_state_changes_what_the_problem_says(run: Run, walk: Path) -> None:
+    shown = planned(run, "--domain", "walk.pddl", "--state", "walked=2")
+    assert shown["state"]["walked"] == 2
+    assert shown["action"] == "rest"
+    assert shown["state_from"].endswith("changed by --state")
+
+
+def test_another_problem_can_be_given(run: Run, walk: Path) -> None:
+    text = Path("walk-problem.pddl").read_text().replace("(at home)", "(at shop)")
+    Path("other.pddl").write_text(text)
+    shown = planned(run, "--domain", "walk.pddl", "--problem", "other.pddl")
+    assert shown["state"]["at shop"] is True
+
+
+def test_a_state_in_parts_names_what_is_missing(run: Run) -> None:
+    message = run("plan", "--domain=cartpole", "--state=pole-angle=0.1", expect=1).stderr
+    assert "`cart-position`, `cart-velocity`, `pole-velocity`" in message
+    assert "--observe" in message
+
+
+def test_what_is_missing_can_be_observed(run: Run) -> None:
+    shown = planned(run, "--domain=cartpole", "--observe", "--seed=4", "--state=pole-angle=0.1")
+    seen = planned(run, "--domain=cartpole", "--seed=4")
+    assert shown["state"] == {**seen["state"], "pole-angle": 0.1}
+    assert planned(run, "--domain=cartpole", "--seed=5")["state"] != seen["state"]
+
+
+def test_the_task_gives_control_period_and_settings(run: Run) -> None:
+    shown = planned(run, "--domain=cartpole")
+    assert shown["control_period"] == 0.02
+    assert (shown["depth"], shown["repeat"]) == (5, 2)
+    shown = planned(run, "--domain=cartpole", "--dt=0.5", "--repeat=1", "--depth=3")
+    assert (shown["control_period"], shown["repeat"], shown["depth"]) == (0.5, 1, 3)
+
+
+def test_a_domain_of_no_task_needs_a_state(run: Run, folder: Path) -> None:
+    Path("edge.pddl").write_text(EDGE)
+    assert "which state?" in run("plan", "--domain=edge.pddl", expect=1).stderr
+    assert "no task is installed for domain `edge`" in (
+        run("plan", "--domain=edge.pddl", "--observe", expect=1).stderr
+    )
+    assert planned(run, "--domain=edge.pddl", "--state=x=0", "--depth=1")["state"] == {"x": 0}
+
+
+@pytest.mark.parametrize(
+    ("x", "depth", "sentence"),
+    [
+        (0, 1, "(the planner is indifferent)"),
+        (4, 3, "Every action is predicted unsafe."),
+        (2, 5, "The one that stays safe the longest, for 1 step, is taken."),
+        (0, 3, "Looked ahead 3 actions: "),
+    ],
+)
+def test_the_verdict_says_what_is_special(
+    x: int, depth: int, sentence: str, run: Run, folder: Path
+) -> None:
+    Path("edge.pddl").write_text(EDGE)
+    shown = run("plan", "--domain=edge.pddl", f"--state=x={x}", f"--depth={depth}").stdout
+    assert sentence in shown
+
+
+def test_a_deadline_is_said(run: Run, folder: Path) -> None:
+    Path("edge.pddl").write_text(EDGE.replace("(> (x) 3)", "(> (x) 1000)"))
+    arguments = ["--domain=edge.pddl", "--state=x=0", "--depth=400", "--time-budget=0.000001"]
+    assert planned(run, *arguments)["bound"] == "time"
+    assert "The time budget ended the lookahead there." in run("plan", *arguments).stdout
+
+
+def test_nothing_to_do_is_said(run: Run, walk: Path) -> None:
+    everything_false = "at home=false"
+    shown = run("plan", "--domain=walk.pddl", f"--state={everything_false}").stdout
+    assert "No action is applicable here." in shown
+
+
+def test_many_actions_are_shown_best_first_and_cut(run: Run, folder: Path) -> None:
+    objects = " ".join(f"p{k}" for k in range(40))
+    Path("walk.pddl").write_text(WALK)
+    Path("walk-problem.pddl").write_text(
+        f"(define (problem big) (:domain walk) (:objects {objects} - place)"
+        " (:init (at p0) (= (walked) 0) "
+        + " ".join(f"(road p0 p{k})" for k in range(1, 40))
+        + "(mined p1)))"
+    )
+    shown = run("plan", "--domain=walk.pddl", "--depth=2").stdout
+    assert "… and 10 more actions, no better than these" in shown
+    assert "go p0 p1 " not in shown
+    assert len(planned(run, "--domain=walk.pddl", "--depth=2")["actions"]) == 40
+
+
+def test_the_picture_is_the_same_for_the_same_decision(run: Run, walk: Path) -> None:
+    for name in ("a.svg", "b.svg"):
+        result = run("plan", "--domain", "walk.pddl", "--svg", name)
+        assert f"drawn in {name}" in result.stderr
+    assert Path("a.svg").read_bytes() == Path("b.svg").read_bytes()
+    assert b"go home shop" in Path("a.svg").read_bytes()
+
+
+def test_a_picture_of_another_kind_is_refused(run: Run, walk: Path) -> None:
+    before = walk.read_bytes()
+    message = run("plan", "--domain=walk.pddl", "--svg=walk.pddl", expect=2).stderr
+    assert "ends in .svg" in message
+    assert walk.read_bytes() == before
+
+
+def test_a_picture_that_cannot_be_written_is_an_error(run: Run, walk: Path) -> None:
+    message = run("plan", "--domain=walk.pddl", "--svg=no/such/a.svg", expect=1).stderr
+    assert "cannot write no/such/a.svg" in message.replace("\\", "/")
+
+
+@pytest.mark.parametrize("option", ["--depth=0", "--discount=0", "--discount=1.5", "--dt=0"])
+def test_values_out_of_range_are_usage_errors(option: str, run: Run, walk: Path) -> None:
+    assert "is not in the range" in run("plan", "--domain=walk.pddl", option, expect=2).stderr

@@ -1,0 +1,117 @@
+"""The command as a whole: its help, what it imports, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner
+
+import serp
+from serp.cli.root import COMMANDS
+from serp.cli.root import serp as group
+from tests.serp.cli.conftest import Run
+
+HEAVY = {"gymnasium", "matplotlib", "networkx", "numba", "numpy", "rich", "torch"}
+
+
+def subcommand(name: str) -> Any:
+    command = group.get_command(click.Context(group), name)
+    assert command is not None
+    return command
+
+
+def test_help_lists_every_command_with_its_own_summary(run: Run) -> None:
+    shown = run("--help").stdout
+    for name, summary in COMMANDS.items():
+        assert f"{name} " in shown
+        assert summary in shown
+        assert subcommand(name).get_short_help_str(limit=100) == summary
+
+
+@pytest.mark.parametrize("name", ["", *COMMANDS])
+def test_examples_of_the_help_are_valid_command_lines(name: str, run: Run) -> None:
+    shown = run(*filter(None, [name]), "--help").stdout
+    examples = (subcommand(name) if name else group).examples
+    assert examples
+    for example in examples:
+        assert f"\n  {example}\n" in shown
+        words = shlex.split(example.partition(">")[0])
+        assert words[0] == "serp"
+        assert not name or words[1] == name
+        if words[-1] != "--help":
+            with group.make_context("serp", words[1:]) as ctx:
+                command = subcommand(words[1])
+                command.make_context(words[1], words[2:], parent=ctx).close()
+
+
+@pytest.mark.parametrize("name", ["", *COMMANDS])
+def test_help_imports_nothing_heavy(name: str, tmp_path: Path) -> None:
+    script = (
+        "import sys; from serp.cli import main\n"
+        "try: main([*filter(None, sys.argv[1:]), '--help'])\n"
+        "finally: import json; print(); print(json.dumps(list(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, name],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert HEAVY.isdisjoint(json.loads(done.stdout.splitlines()[-1]))
+
+
+def test_the_version_is_that_of_the_package(run: Run) -> None:
+    assert run("--version").stdout == f"serp {serp.__version__}\n"
+
+
+def test_python_can_run_the_package(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "serp", "--version"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert done.stdout == f"serp {serp.__version__}\n"
+
+
+def test_a_misspelt_command_names_the_nearest(run: Run) -> None:
+    assert (
+        "there is no command 'evalute'. Did you mean 'evaluate'?" in run("evalute", expect=2).stderr
+    )
+
+
+def test_an_unknown_command_lists_all(run: Run) -> None:
+    message = run("xyzzy", expect=2).stderr
+    assert all(name in message for name in COMMANDS)
+
+
+def test_an_unknown_option_is_a_usage_error(run: Run) -> None:
+    assert "No such option" in run("--nonsense", expect=2).stderr
+
+
+def test_a_mistake_keeps_its_traceback_when_debugging(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SERP_DEBUG", "1")
+    result = CliRunner().invoke(group, ["plan", "--domain", "nosuch.pddl"])
+    assert isinstance(result.exception, serp.SerpError)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="pipes there have no EPIPE")
+def test_a_reader_that_went_away_is_no_error(tmp_path: Path) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "serp", "list"]
+    done = subprocess.run(command, cwd=tmp_path, stdout=write, stderr=subprocess.PIPE, text=True)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_what_the_terminal_cannot_show_is_replaced(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "serp", "list"]
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, env=environment)
+    assert done.returncode == 0
+    assert done.stdout.isascii()

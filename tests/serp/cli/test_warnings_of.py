@@ -1,0 +1,92 @@
+"""What a right domain may have forgotten."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from serp.cli.warnings_of import warnings_of
+from serp.domain.loading import load_domain
+from tests.serp.cli.conftest import WALK, WALK_PROBLEM
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def warned(folder: Path, domain: str, problem: str | None = WALK_PROBLEM) -> list[str]:
+    file = folder / "walk.pddl"
+    file.write_text(domain)
+    if problem is not None:
+        (folder / "walk-problem.pddl").write_text(problem)
+    return [str(finding).replace(str(folder / "walk"), "walk") for finding in
+            warnings_of(load_domain(file))]  # fmt: skip
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "domains").glob("*.pddl")), ids=lambda p: p.name)
+def test_what_is_shipped_has_forgotten_nothing(file: Path) -> None:
+    if not file.stem.endswith("-problem"):
+        assert warnings_of(load_domain(file)) == []
+
+
+def test_a_whole_domain_has_no_warning(tmp_path: Path) -> None:
+    assert warned(tmp_path, WALK) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "warning"),
+    [
+        ("(and (unsafe))", "(and (decrease (reward) 9))", "walk.pddl: nothing is ever `(unsafe)`"),
+        ("(increase (reward) 3)", "(and)", None),
+        ("(:action rest", "(:action idle :parameters () :precondition (and) :effect (and))\n"
+         "(:action rest", "walk.pddl:14:1: action `idle` changes nothing"),
+        ("(:functions (walked)", "(:functions (walked) (slept)",
+         "function `slept` is declared, but nothing changes or reads it"),
+        ("(at ?a) (road ?a ?b)", "(at ?a) (road ?a ?b) (road ?a ?a)",
+         "action `go` has no instance: its precondition can never hold"),
+        (":typing ", "", "used, but not among the :requirements: :typing"),
+        (":conditional-effects", "", ":conditional-effects"),
+        (":numeric-fluents", ":fluents", None),
+        (":typing :numeric-fluents :negative-preconditions :conditional-effects",
+         ":adl :numeric-fluents", None),
+        ("(at ?a) (road", "(at ?a) (or (mined ?a) (at ?a)) (road", ":disjunctive-preconditions"),
+        ("(at ?a) (road", "(at ?a) (not (mined ?a)) (road", None),
+        ("(at ?a) (road", "(at ?a) (not (= ?a ?b)) (road", ":equality"),
+        ("(at ?a) (road", "(at ?a) (exists (?c - place) (road ?b ?c)) (road",
+         ":existential-preconditions"),
+    ],
+)  # fmt: skip
+def test_each_warning(old: str, new: str, warning: str | None, tmp_path: Path) -> None:
+    assert old in WALK
+    found = warned(tmp_path, WALK.replace(old, new))
+    if warning is None:
+        assert found == []
+    else:
+        assert len(found) == 1
+        assert warning in found[0]
+
+
+def test_a_domain_without_reward_is_warned_of(tmp_path: Path) -> None:
+    text = WALK.replace("(decrease (reward) 1)", "").replace("(increase (reward) 3)", "")
+    (found,) = warned(tmp_path, text)
+    assert "nothing changes `(reward)`" in found
+
+
+def test_a_metric_is_a_reward(tmp_path: Path) -> None:
+    text = WALK.replace("(decrease (reward) 1)", "").replace("(increase (reward) 3)", "")
+    text = text.replace("(walked) (reward)", "(walked)")
+    problem = WALK_PROBLEM.replace("(:goal (and))", "(:metric minimize (walked))")
+    assert warned(tmp_path, text, problem) == []
+
+
+def test_parameters_without_objects_are_warned_of(tmp_path: Path) -> None:
+    found = warned(tmp_path, WALK, problem=None)
+    (empty,) = (text for text in found if "`go`" in text)
+    assert "there is no object of type `place` (nor a problem file that could name some)" in empty
+
+
+def test_a_process_needs_time(tmp_path: Path) -> None:
+    process = "(:process p :parameters () :precondition (and) :effect (and (increase (walked) #t)))"
+    text = WALK.replace("(:action rest", process + "(:action rest")
+    (found,) = warned(tmp_path, text)
+    assert found.endswith(":requirements: :time")
+    assert warned(tmp_path, text.replace(":typing", ":typing :processes")) == []
