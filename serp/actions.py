@@ -54,8 +54,8 @@ class ActionMap:
     """The map from ground actions to the actions 0 ... E-1 of an environment.
 
     Several ground actions may share an environment action (`move a b` and `move b c` are both "go
-    east"): the applicable one counts; of several applicable ones an unsafe one counts first, else
-    the first in the file.
+    east"): the applicable one counts; of several applicable ones the worst: an unsafe one first,
+    then the one that stays safe for the shortest time, then the one with the least reward.
 
     Args:
         model: The transition model.
@@ -162,8 +162,14 @@ class ActionMap:
         for action, group in enumerate(self._groups):
             applicable = [k for k in group if flags[k] & APPLICABLE]
             if applicable:
-                unsafe = [k for k in applicable if flags[k] & UNSAFE]
-                chosen[action] = (unsafe or applicable)[0]
+                chosen[action] = min(
+                    applicable,
+                    key=lambda k: (
+                        not flags[k] & UNSAFE,
+                        forecast.safe_steps[k],
+                        forecast.reward[k],
+                    ),
+                )
         return chosen
 
 

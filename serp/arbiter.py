@@ -1,7 +1,8 @@
 """Who acts: planner or learner, and what is refused (paper, Algorithm 1).
 
 Guarantee: no action that the model predicts unsafe is executed while one that it does not is
-available, whoever proposed it. Every decision passes `Arbiter.decide` and leaves one `Decision`.
+available, whoever proposed it. (Available are the applicable actions, and those that the model does
+not know unless they are vetoed.) Every decision passes `Arbiter.decide` and leaves one `Decision`.
 """
 
 from __future__ import annotations
@@ -375,7 +376,7 @@ class Arbiter:
         steps = int(decision.forecast.safe_steps[shown])
         if steps == 0:
             return f"{name}: unsafe when it is repeated as the planner's setting `repeat` says"
-        return f"{name}: unsafe after {steps} more step{'' if steps == 1 else 's'} whatever follows"
+        return f"{name}: unsafe after {steps} more planned step{'' if steps == 1 else 's'} whatever follows"
 
     # State -------------------------------------------------------------------------------------
 

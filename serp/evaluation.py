@@ -99,7 +99,7 @@ def evaluate(
             raw, reward, terminated, truncated, _ = task.step(action)
             total += reward
             length += 1
-            if terminated or truncated:
+            if terminated or truncated or length >= agent.settings.training.episode_steps:
                 break
         ended += terminated
         returns.append(total)

@@ -75,8 +75,6 @@ def plan_and_learn(
         SerpError: Domain, task, settings or folder are wrong, or the environment failed.
         Interrupted: Ctrl-C; what was done is saved and can be resumed.
     """
-    if isinstance(task, str):
-        task = find_task(task)
     if (episodes is not None and episodes < 1) or (env_steps is not None and env_steps < 1):
         raise RunError("the budget (episodes, env steps) must be at least 1")
     if seed < 0:
@@ -86,7 +84,11 @@ def plan_and_learn(
             raise RunError("to resume, name the run's folder (--out RUN)")
         folder = RunFolder.open(out, writing=True)
         with folder:
+            if isinstance(task, str):  # its domain is the run's own, whatever the file says now
+                task = load_task(_made_with(folder).task)
             return _continue(folder, task, episodes, env_steps, quiet=quiet)
+    if isinstance(task, str):
+        task = find_task(task)
     bound = task.bind()
     resolved = resolve(preset, task.settings, settings)
     if resolved.training.tensorboard:
@@ -116,15 +118,19 @@ def _continue(
     folder: RunFolder, task: Task, episodes: int | None, env_steps: int | None, *, quiet: bool
 ) -> Run:
     made = _made_with(folder)
+    if made.settings.training.tensorboard:
+        require_tensorboard()
     trainer = Trainer(_task_of(folder, task).bind(), made.settings, made.seed, folder.decisions)
-    if episodes is None and env_steps is None:
-        episodes, env_steps = made.episodes, made.env_steps
+    budget = [made.episodes, made.env_steps]
+    note = None
     if not _never_began(folder):
         checkpoint = folder.resume()
         trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
-        if checkpoint.fallback and not quiet:
-            print(checkpoint.fallback, file=sys.stderr)
-    return _train(folder, trainer, episodes, env_steps, quiet=quiet)
+        budget = checkpoint.meta["budget"]
+        note = checkpoint.fallback
+    if episodes is None and env_steps is None:
+        episodes, env_steps = budget
+    return _train(folder, trainer, episodes, env_steps, quiet=quiet, note=note)
 
 
 def _never_began(folder: RunFolder) -> bool:
@@ -212,8 +218,18 @@ def _train(
         start=_stats(trainer),
         quiet=quiet,
     )
+
+    def save() -> float:
+        """Save a checkpoint; return when the next one is due, so that they cost 2 % at most."""
+        begun = trainer.wall_time
+        arrays, meta = trainer.state_dict()
+        folder.save_checkpoint(arrays, {**meta, "budget": [episodes, env_steps]})
+        if events is not None:
+            events.flush()
+        cost = trainer.wall_time - begun
+        return trainer.wall_time + min(settings.checkpoint_seconds, 50 * cost)
+
     events = EventWriter(folder.path, trainer.env_steps + 1) if settings.tensorboard else None
-    saved_at = trainer.wall_time
     trainer.on_step = lambda: progress.update(_stats(trainer)) if progress.due() else None
     with (
         contextlib.closing(trainer.task),
@@ -223,19 +239,17 @@ def _train(
     ):
         if note is not None:
             progress.note(note)
-        if trainer.episode == 0:
-            # Whatever happens in the first episodes, the run can be continued.
-            folder.save_checkpoint(*trainer.state_dict())
+        # Whatever happens in the first episodes, the run can be continued.
+        due = save()
         while not _done(trainer, episodes, env_steps) and not stopping.is_set():
             row = trainer.run_episode()
             folder.metrics.append(row)
             if events is not None:
                 events.append(row)
             progress.update(_stats(trainer))
-            if trainer.wall_time - saved_at >= settings.checkpoint_seconds:
-                folder.save_checkpoint(*trainer.state_dict())
-                saved_at = trainer.wall_time
-        folder.save_checkpoint(*trainer.state_dict())
+            if trainer.wall_time >= due:
+                due = save()
+        save()
     if events is not None:
         events.close()
     from serp.runs.results import write_results  # brings matplotlib, which no step needs
@@ -384,5 +398,6 @@ class Run:
             SerpError: The run or its task cannot be loaded, or the environment failed.
         """
         agent = self.agent
-        with _one_thread():
-            return evaluate(agent, self._bound, policy, episodes=episodes, seed=seed)
+        # An environment of its own: what an evaluation leaves behind must not reach the next.
+        with contextlib.closing(self.task.bind()) as task, _one_thread():
+            return evaluate(agent, task, policy, episodes=episodes, seed=seed)

@@ -23,13 +23,17 @@ class TrainingSettings:
         random_steps: Size of D_0 in env steps: actions drawn uniformly (what is predicted unsafe
             is refused as ever), on which the learner is pretrained before Algorithm 1 starts.
         env_steps: Budget of a training for which none is given.
-        checkpoint_seconds: Least time between two checkpoints; they are made between episodes.
+        episode_steps: An episode that the environment does not end is truncated after so many
+            steps: runs are saved and stopped between episodes.
+        checkpoint_seconds: Most time between two checkpoints, which are made between episodes;
+            they are made more often where they are cheap.
         tensorboard: Whether to write TensorBoard events as well (extra `tensorboard`).
     """
 
     inputs: Literal["observation", "state", "both"] = "both"
     random_steps: int = 0
     env_steps: int = 20_000
+    episode_steps: int = 10_000
     checkpoint_seconds: float = 15.0
     tensorboard: bool = False
 
@@ -38,10 +42,16 @@ class TrainingSettings:
             raise SettingsError(
                 f"training: inputs must be observation, state or both, not {self.inputs!r}"
             )
-        if self.random_steps < 0:
-            raise SettingsError(f"training: random_steps must be >= 0, not {self.random_steps!r}")
-        if self.env_steps < 1:
-            raise SettingsError(f"training: env_steps must be >= 1, not {self.env_steps!r}")
+        for name, least in (("random_steps", 0), ("env_steps", 1), ("episode_steps", 1)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or value < least:
+                raise SettingsError(
+                    f"training: {name} must be a whole number >= {least}, not {value!r}"
+                )
+        if not isinstance(self.tensorboard, bool):
+            raise SettingsError(
+                f"training: tensorboard must be true or false, not {self.tensorboard!r}"
+            )
         if not self.checkpoint_seconds >= 0:
             raise SettingsError(
                 f"training: checkpoint_seconds must be >= 0, not {self.checkpoint_seconds!r}"
@@ -145,6 +155,7 @@ PRESETS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
             "target_polyak": None,
             "protected_share": 0.0,
             "gradient_clip": None,
+            "mask_targets": False,
             # D aggregates every sample: as many as 1,000 episodes of 500 steps have.
             "buffer_size": 500_000,
             "pretrain_updates": 500,
@@ -188,6 +199,12 @@ def resolve(
     """
     if preset not in PRESETS:
         raise SettingsError(f"there is no preset `{preset}`; {did_you_mean(preset, PRESETS)}")
+    for key in task_settings or {}:
+        if key != "*" and key not in PRESETS:
+            raise SettingsError(
+                f"the task changes settings of a preset `{key}`, which does not exist; "
+                f"{did_you_mean(key, ['*', *PRESETS])}"
+            )
     settings = Settings().replace(PRESETS[preset])
     for key in ("*", preset):
         settings = settings.replace((task_settings or {}).get(key, {}))

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from serp.actions import ActionMap
 from serp.domain.loading import Domain, load_domain
 from serp.domain.model import StateError, TransitionModel, Vector
-from serp.errors import EnvironmentFailure, TaskError
+from serp.errors import EnvironmentFailure, RunError, TaskError
 
 Grounded = Mapping[str, float | bool] | NDArray[Any]
 Overrides = Mapping[str, Mapping[str, Any]]
@@ -93,6 +94,10 @@ class BoundTask:
         self.task = task
         self.domain = task.load()
         self.name = task.name or self.domain.name
+        if task.reward not in (None, "domain", "environment"):
+            raise TaskError(
+                f"task {self.name}: reward must be 'domain' or 'environment', not {task.reward!r}"
+            )
         try:
             self.model: TransitionModel = self.domain.model.replace(dt=task.dt)
         except StateError as error:
@@ -158,7 +163,7 @@ class BoundTask:
                 flat = spaces.flatten(self.env.observation_space, raw)
             else:
                 flat = raw
-            vector = np.asarray(flat, dtype=np.float64).reshape(-1)
+            vector = np.array(flat, dtype=np.float64).reshape(-1)  # environments reuse buffers
         except Exception as error:
             raise EnvironmentFailure(
                 f"task {self.name}: an observation {raw!r} that does not fit "
@@ -217,6 +222,7 @@ class BoundTask:
         try:
             raw, reward, terminated, truncated, info = self.env.step(self._first_action + action)
             number = float(reward)
+            ended, cut = bool(terminated), bool(truncated)
             info = dict(info)
         except Exception as error:
             raise EnvironmentFailure(
@@ -225,11 +231,70 @@ class BoundTask:
             ) from error
         if number - number != 0.0:
             raise EnvironmentFailure(f"task {self.name}: the environment's reward is {number}")
-        return raw, number, bool(terminated), bool(truncated), info
+        return raw, number, ended, cut, info
 
     def close(self) -> None:
-        """Close the environment."""
-        self.env.close()
+        """Close the environment.
+
+        Raises:
+            EnvironmentFailure: It raised.
+        """
+        try:
+            self.env.close()
+        except Exception as error:
+            raise EnvironmentFailure(
+                f"task {self.name}: closing the environment failed: {_short(error)}"
+            ) from error
+
+    # What outlives a reset ---------------------------------------------------------------------
+
+    def environment_state(self) -> list[Any]:
+        """Return what the environment and its wrappers carry from one episode to the next.
+
+        An entry for every layer, from the outermost wrapper to the environment, that offers
+        `state_dict()` and `load_state_dict(state)`.
+
+        Raises:
+            EnvironmentFailure: A layer raised, or its state is not made of JSON values.
+        """
+        try:
+            states = [layer.state_dict() for layer in self._stateful_layers()]
+            json.dumps(states)
+        except Exception as error:
+            raise EnvironmentFailure(
+                f"task {self.name}: the environment's state_dict() failed, or is not made of JSON "
+                f"values: {_short(error)}"
+            ) from error
+        return states
+
+    def restore_environment(self, states: Sequence[Any]) -> None:
+        """Restore what `environment_state` returned.
+
+        Raises:
+            RunError: This environment cannot take it over.
+        """
+        layers = self._stateful_layers()
+        if len(layers) != len(states):
+            raise RunError(
+                f"task {self.name}: the saved environment has {len(states)} layers with a state, "
+                f"this one {len(layers)}; continue with the environment it was saved with"
+            )
+        try:
+            for layer, state in zip(layers, states, strict=True):
+                layer.load_state_dict(state)
+        except Exception as error:
+            raise RunError(
+                f"task {self.name}: the environment cannot take over its saved state: "
+                f"{_short(error)}"
+            ) from error
+
+    def _stateful_layers(self) -> list[Any]:
+        layers: list[Any] = [self.env]
+        while isinstance(layers[-1], gym.Wrapper):
+            layers.append(layers[-1].env)
+        # A wrapper passes unknown attributes on, so what counts is what its own class offers.
+        names = ("state_dict", "load_state_dict")
+        return [layer for layer in layers if all(hasattr(type(layer), name) for name in names)]
 
 
 def _takes(function: Callable[..., Any], name: str) -> bool:

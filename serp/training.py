@@ -45,8 +45,8 @@ class _Episode:
     def count(self, decision: Decision) -> None:
         self.length += 1
         vetoed = decision.vetoed
-        if vetoed:
-            self.vetoes += 1
+        self.vetoes += vetoed
+        if vetoed or decision.executed_by is Actor.FALLBACK:
             self.fallback_steps += 1
         elif decision.executed_by is Actor.LEARNER:
             self.learner_steps += 1
@@ -134,7 +134,7 @@ class Trainer:
         agent, task = self.agent, self.task
         episode = _Episode()
         raw, info = task.reset(seed=self._episode_seed())
-        self._notice_unit(info)
+        self._notice_unit(info, reset=True)
         state, x = agent.perceive(raw)
         random_phase = not self._pretrained
         decision = self._decide(state, x, random_phase=random_phase)
@@ -142,8 +142,10 @@ class Trainer:
             self._log(decision, state)
             raw, env_reward, terminated, truncated, info = task.step(decision.action)
             next_state, next_x = agent.perceive(raw)
-            reward = self._reward(episode, decision, state, next_state, env_reward)
+            reward, failed = self._judge(episode, decision, state, next_state, env_reward)
             episode.count(decision)
+            limit = self.settings.training.episode_steps
+            truncated = truncated or (episode.length >= limit and not terminated)
             self.env_steps += 1
             self.vetoes += decision.vetoed
             self.unsafe_executed += decision.unsafe
@@ -158,7 +160,7 @@ class Trainer:
                 allowed = following.admissible
             agent.learner.remember(
                 x, decision.action, reward, next_x, terminated, truncated, allowed,
-                terminated and reward < 0,
+                failed,
             )  # fmt: skip
             if not random_phase:
                 loss = agent.learner.learn()
@@ -178,20 +180,21 @@ class Trainer:
             return self.agent.decide_randomly(state)
         return self.agent.decide(state, x)
 
-    def _reward(
+    def _judge(
         self,
         episode: _Episode,
         decision: Decision,
         state: Vector,
         next_state: Vector,
         env_reward: float,
-    ) -> float:
-        """Return the reward to learn from, and count both."""
-        episode.return_ += env_reward
+    ) -> tuple[float, bool]:
+        """Return the reward to learn from and whether the observed step was unsafe."""
         ground = int(decision.forecast.ground[decision.action])
-        judged = self.task.model.judge(state, ground, next_state).reward
-        episode.domain_return += judged
-        return judged if self.task.rewarded_by == "domain" else env_reward
+        judged = self.task.model.judge(state, ground, next_state)
+        episode.return_ += env_reward
+        episode.domain_return += judged.reward
+        by_domain = self.task.rewarded_by == "domain"
+        return judged.reward if by_domain else env_reward, judged.unsafe
 
     def _end_episode(self, episode: _Episode) -> MetricsRow:
         self.episode += 1
@@ -206,17 +209,26 @@ class Trainer:
             self.episode, self.env_steps, agent.arbiter.rho, agent.learner.epsilon, self.wall_time
         )
 
-    def _notice_unit(self, info: Mapping[str, Any]) -> None:
+    def _notice_unit(self, info: Mapping[str, Any], *, reset: bool = False) -> None:
         """Let ρ grow when the counter that its unit names has changed."""
         unit = self.settings.arbiter.rho_unit
         if unit in ("step", "episode"):
             return
         if unit not in info:
+            if reset:  # many environments say more in `step` than in `reset`
+                return
             raise RunError(
                 f"arbiter.rho_unit is `{unit}`, but the environment's info has no such entry; "
                 "use " + ", ".join(["step", "episode", *sorted(map(str, info))])
             )
         value = info[unit]
+        if isinstance(value, np.generic | np.ndarray) and value.size == 1:
+            value = value.item()
+        if not isinstance(value, str | int | float):
+            raise RunError(
+                f"arbiter.rho_unit: the environment's info has {value!r} under `{unit}`; a number "
+                "or a text is needed"
+            )
         if self._unit_value is not None and value != self._unit_value and self._pretrained:
             self.agent.arbiter.end_unit(unit)
         self._unit_value = value
@@ -251,7 +263,6 @@ class Trainer:
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return everything that the rest of the run depends on: arrays and JSON values."""
         arrays, agent = self.agent.state_dict()
-        env = self.task.env.unwrapped
         meta: dict[str, Any] = {
             "agent": agent,
             "episode": self.episode,
@@ -262,7 +273,7 @@ class Trainer:
             "pretrained": self._pretrained,
             "unit_value": self._unit_value,
             "wall_time": self.wall_time,
-            "environment": env.state_dict() if hasattr(env, "state_dict") else None,
+            "environment": self.task.environment_state(),
         }
         return arrays, meta
 
@@ -280,9 +291,4 @@ class Trainer:
         self._pretrained = bool(meta["pretrained"])
         self._unit_value = meta["unit_value"]
         self._wall_before, self._clock = float(meta["wall_time"]), time.monotonic()
-        saved = meta["environment"]
-        env: Any = self.task.env.unwrapped
-        if saved is not None and not hasattr(env, "load_state_dict"):
-            raise RunError("the saved environment has a state that this one cannot take over")
-        if saved is not None:
-            env.load_state_dict(saved)
+        self.task.restore_environment(meta["environment"])

@@ -238,7 +238,7 @@ class DQN:
             next_observation,
             terminated,
             truncated,
-            next_allowed,
+            next_allowed if self.settings.mask_targets else None,
             failing,
         )
         self._bounds.observe(scaled, terminated)

@@ -62,6 +62,10 @@ class DQNSettings:
     """Keep estimated values between the smallest and the largest possible return; see
     `serp.learning.bounds`."""
 
+    mask_targets: bool = True
+    """Value the next state by its best *allowed* action (what no veto refuses); False: by its best
+    action, as in the paper's equation 3."""
+
     loss: Literal["mse", "huber"] = "mse"
     """Loss of one sample: squared error (paper, equation 2), or Huber with its corner at 1."""
 
@@ -109,7 +113,7 @@ class DQNSettings:
             object.__setattr__(self, "hidden", tuple(self.hidden))
         if not isinstance(self.hidden, tuple) or not all(_whole(n, 1) for n in self.hidden):
             self._refuse("hidden", "whole numbers ≥ 1, such as [64, 64]")
-        for name in ("layer_norm", "double", "clip_targets"):
+        for name in ("layer_norm", "double", "clip_targets", "mask_targets"):
             if not isinstance(getattr(self, name), bool):
                 self._refuse(name, "true or false")
         for name in ("members", "batch_size", "n_step", "buffer_size", "failing_window"):

@@ -21,8 +21,8 @@ class MetricsRow(NamedTuple):
         planner_steps: steps in which the planner acted in its turn.
         learner_steps: steps in which the learner's greedy choice was executed.
         exploration_steps: steps in which a random choice was executed.
-        fallback_steps: steps in which another action stood in for a vetoed proposal. The four add
-            up to the length.
+        fallback_steps: steps in which another action stood in for a vetoed proposal, or for that
+            of a planner that had none. The four add up to the length.
         vetoes: proposals refused.
         unsafe_predicted: proposals that the model predicted unsafe.
         unsafe_executed: executed actions that the model predicted unsafe.

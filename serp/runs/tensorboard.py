@@ -44,6 +44,10 @@ class EventWriter:
             if name != "env_steps" and value is not None and math.isfinite(value):
                 self._writer.add_scalar(f"episode/{name}", float(value), row.env_steps)
 
+    def flush(self) -> None:
+        """Put everything on the disk."""
+        self._writer.flush()
+
     def close(self) -> None:
         """Finish the event file."""
         self._writer.close()

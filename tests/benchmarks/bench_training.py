@@ -33,7 +33,7 @@ import serp_envs
 from serp.registry import load_task
 
 HIDDEN, BATCH, STARTS, WANTED = (64, 64), 64, 200, 3.0
-EQUAL = {
+EQUAL: dict[str, dict[str, Any]] = {
     "planner": {"depth": 5},
     "learner": {
         "hidden": HIDDEN,

@@ -66,7 +66,8 @@ class Corridor(gym.Env[NDArray[np.float64], int]):
     observation_space = spaces.Box(-np.inf, np.inf, (2,), np.float64)
 
     def __init__(self, start: int = 0) -> None:
-        self.action_space = spaces.Discrete(4, start=start)
+        self.first_action = start
+        self.action_space = spaces.Discrete(4, start=start)  # type: ignore[assignment]
         self.x = 0
         self.steps = 0
         self.clock = 0
@@ -81,7 +82,7 @@ class Corridor(gym.Env[NDArray[np.float64], int]):
         return self.seen(), self.info()
 
     def step(self, action: int) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
-        action = int(action - self.action_space.start)
+        action = int(action - self.first_action)
         self.clock += 1
         self.steps += 1
         self.wind = float(self.weather.normal())

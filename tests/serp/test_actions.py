@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -57,7 +59,8 @@ def test_an_instance_may_differ_from_its_schema_in_whatever_order(order: int) ->
 
 
 def test_numpy_integers_are_integers() -> None:
-    actions = ActionMap(MODEL, 3, {"move": np.int64(2), "rest": np.uint8(0), "drill": 1})
+    mapping: dict[str, Any] = {"move": np.int64(2), "rest": np.uint8(0), "drill": 1}
+    actions = ActionMap(MODEL, 3, mapping)
     assert actions.environment_action[NAMES.index("rest")] == 0
 
 

@@ -111,14 +111,18 @@ class View:
             outcomes = {k: model.step(state, k) for k in group}
             applicable = [k for k in group if outcomes[k].applicable]
             unsafe = [k for k in applicable if outcomes[k].unsafe]
-            counting = [*unsafe, *applicable]
+            # Which of them the environment would carry out is not known, so the worst counts.
+            rewards = {k: float(outcomes[k].reward) for k in applicable}
+            counting = sorted(
+                unsafe or applicable, key=lambda k: (int(safe_steps[k]), rewards[k], k)
+            )
             kind.append(
                 "unknown" if not group
                 else "not applicable" if not applicable
                 else "unsafe" if unsafe
                 else "safe"
             )  # fmt: skip
-            reward.append(float(outcomes[counting[0]].reward) if counting else math.nan)
+            reward.append(rewards[counting[0]] if counting else math.nan)
             steps.append(int(safe_steps[counting[0]]) if counting else -1)
         return cls(kind, reward, steps)
 
@@ -416,7 +420,7 @@ def test_what_cannot_be_stopped_any_more_is_refused_ahead_of_time() -> None:
     decision, explanation = judged("lookahead", 3)
     assert decision.reason is Reason.UNSAFE_AHEAD
     assert decision.action == GLIDER.action_index("left")
-    assert explanation == "right: unsafe after 1 more step whatever follows"
+    assert explanation == "right: unsafe after 1 more planned step whatever follows"
     assert judged("step", 3)[0].reason is Reason.ACCEPTED
     assert judged("lookahead", 1)[0].reason is Reason.ACCEPTED
 

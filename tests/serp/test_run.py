@@ -322,10 +322,11 @@ def test_two_checkpoints_cut_in_half_are_an_error_and_nothing_is_touched(tmp_pat
     half(out / NEWEST)
     half(out / PREVIOUS)
     before = {file.name: file.read_bytes() for file in out.iterdir() if file.name != ".lock"}
-    for broken in (
+    attempts: tuple[Callable[[], Any], ...] = (
         lambda: resume(corridor(tmp_path), out, episodes=5),
         lambda: load_run(out, corridor(tmp_path)).evaluate(episodes=1),
-    ):
+    )
+    for broken in attempts:
         with pytest.raises(RunError, match="damaged"):
             broken()
     assert before == {f.name: f.read_bytes() for f in out.iterdir() if f.name != ".lock"}
@@ -367,10 +368,11 @@ def test_a_configuration_that_was_broken_is_named_with_what_is_wrong(
     kept = (finished / "run" / "config.json").read_text()
     try:
         changed(finished / "run", change)
-        for broken in (
+        attempts: tuple[Callable[[], Any], ...] = (
             lambda: resume(corridor(finished), finished / "run", episodes=3),
             lambda: load_run(finished / "run", corridor(finished)),
-        ):
+        )
+        for broken in attempts:
             with pytest.raises(RunError, match=r"config\.json was changed or damaged: .+"):
                 broken()
     finally:

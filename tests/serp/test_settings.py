@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -97,12 +98,13 @@ def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
     ],
 )
 def test_what_does_not_exist_or_fit_is_refused_by_name(changes: Any, said: str) -> None:
-    for apply in (
+    applications: tuple[Callable[[], Settings], ...] = (
         lambda: Settings().replace(changes),
         lambda: resolve("default", None, changes),
         lambda: resolve("default", {"*": changes}),
         lambda: Settings.from_dict(changes),
-    ):
+    )
+    for apply in applications:
         with pytest.raises(SettingsError, match=said):
             apply()
 

@@ -169,7 +169,7 @@ def test_an_environment_without_spaces_is_refused(tmp_path: Path) -> None:
 
 def test_what_is_no_environment_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TaskError, match="make_env returned dict"):
-        corridor(tmp_path, dict).bind()
+        corridor(tmp_path, dict).bind()  # type: ignore[arg-type]
     with pytest.raises(TaskError, match="make_env must be a function.*not 'CartPole-v1'"):
         corridor(tmp_path, "CartPole-v1").bind()  # type: ignore[arg-type]
 

@@ -132,7 +132,7 @@ def test_resume_equals_uninterrupted_after_dying_in_the_middle_of_an_episode(
 
 
 def test_resume_equals_uninterrupted_on_cartpole(tmp_path: Path) -> None:
-    changes = {
+    changes: dict[str, dict[str, Any]] = {
         "learner": {"hidden": [16], "batch_size": 8, "learning_starts": 20, "epsilon_start": 0.3},
         "planner": {"depth": 3},
         "arbiter": {"rho": 0.5},
@@ -183,8 +183,8 @@ def test_a_state_of_another_learner_is_refused(tmp_path: Path) -> None:
 
 def test_a_saved_environment_needs_one_that_can_take_it_over(tmp_path: Path) -> None:
     class Forgetful(Corridor):
-        state_dict = property()  # type: ignore[assignment]
-        load_state_dict = property()  # type: ignore[assignment]
+        state_dict = property()
+        load_state_dict = property()
 
     run = uninterrupted(tmp_path / "run", "default", 2)
     task = corridor(tmp_path, Forgetful)
@@ -209,7 +209,7 @@ class Recorder:
             self.seen.append(transition)
             remember(*transition)
 
-        learner.remember = record  # type: ignore[method-assign]
+        learner.remember = record  # type: ignore[assignment]
 
 
 def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> None:
@@ -226,7 +226,7 @@ def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> Non
         assert not failing or terminated
     assert any(row.terminated for row in rows)
     assert any(row.truncated for row in rows)
-    assert sum(seen[7] for seen in ends) == sum(row.domain_return < -4 for row in rows)
+    assert sum(seen[7] for seen in ends) == sum((row.domain_return or 0) < -4 for row in rows)
 
 
 def test_what_is_remembered_is_what_was_executed(tmp_path: Path) -> None:
@@ -385,6 +385,7 @@ class Broken(Corridor):
 
     def step(self, action: int) -> Any:
         self.steps_made += 1
+        seen: Any
         seen, reward, terminated, truncated, info = super().step(action)
         if self.steps_made >= 5:
             match self.how:

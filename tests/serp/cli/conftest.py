@@ -58,8 +58,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def run(folder: Path) -> Run:
+def run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run a command line in the working directory."""
+    # Drawing learning curves would take longer than all the rest.
+    monkeypatch.setattr("serp.runs.plots.render", lambda figure, kind: b"")
 
     def invoke(*arguments: str, expect: int = 0) -> Result:
         result = CliRunner().invoke(serp, arguments)

@@ -13,7 +13,7 @@ def test_a_right_file_is_summed_up(run: Run, walk: Path) -> None:
     shown = run("check", "walk.pddl").stdout
     assert "walk.pddl: right" in shown
     assert "domain walk (walk.pddl, walk-problem.pddl)" in shown
-    assert "4 fluents, 4 ground actions, 0 processes, 0 events, 4 literals, 3 objects" in shown
+    assert "4 fluents, 4 ground actions, 0 processes, 0 events, 5 literals, 3 objects" in shown
     assert "unsafe: action go" in shown
     assert "reward: action go, action rest" in shown
     assert "terminal: nothing" in shown
@@ -86,7 +86,7 @@ def test_what_other_tools_refuse_is_a_warning(run: Run, walk: Path) -> None:
     walk.write_text(WALK.replace("(assign (walked) 0)", "(scale-down (walked) 2.0)"))
     shown = run("check", "walk.pddl").stdout
     assert "unified-planning reads it: no" in shown
-    assert "warning: walk.pddl:16:18: unified-planning cannot read this" in shown
+    assert "warning: walk.pddl:15:18: unified-planning cannot read this" in shown
 
 
 def test_nothing_to_check_is_a_usage_error(run: Run) -> None:

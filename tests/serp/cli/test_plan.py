@@ -35,14 +35,12 @@ def test_the_problem_gives_the_state(run: Run, walk: Path) -> None:
 
 def test_every_action_says_why_it_is_not_taken(run: Run, walk: Path) -> None:
     lines = run("plan", "--domain", "walk.pddl", "--depth", "2").stdout.splitlines()
-    row = {line.split("  ")[1].strip(): line for line in lines if line.startswith((" ", "→"))}
     (unsafe,) = (line for line in lines if "go home field" in line)
-    assert "unsafe: `(unsafe)` (line 12)" in unsafe
+    assert "unsafe: `(unsafe)` (line 11)" in unsafe
     (tired,) = (line for line in lines if " rest " in line and "not applicable" in line)
-    assert "`(> (walked) 0)` (line 15) does not hold (walked = 0)" in tired
+    assert "`(> (walked) 0)` (line 14) does not hold (walked = 0)" in tired
     assert any(line.startswith("→") and "go home shop" in line for line in lines)
-    assert "Chosen: go home shop" in "\n".join(lines)
-    assert row
+    assert any(line.startswith("Chosen: go home shop") for line in lines)
 
 
 def test_json_is_what_the_planner_says(run: Run, walk: Path) -> None:
@@ -137,7 +135,10 @@ def test_nothing_to_do_is_said(run: Run, walk: Path) -> None:
     assert "No action is applicable here." in shown
 
 
-def test_many_actions_are_shown_best_first_and_cut(run: Run, folder: Path) -> None:
+def test_many_actions_are_shown_best_first_and_cut(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("serp.domain.model.MAX_NATIVE_SIZE", 0)  # compiling takes seconds
     objects = " ".join(f"p{k}" for k in range(40))
     Path("walk.pddl").write_text(WALK)
     Path("walk-problem.pddl").write_text(

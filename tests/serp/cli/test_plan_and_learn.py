@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import itertools
 import json
-import os
 import signal
-import subprocess
-import sys
-import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from serp.errors import EnvironmentFailure
 from serp.task import BoundTask
 from tests.serp.cli.conftest import QUICK, Run
 
@@ -58,20 +58,22 @@ def test_a_run_without_a_name_gets_one(run: Run) -> None:
     assert config(out)["task"] == "cartpole"
 
 
-@pytest.mark.parametrize("how", [["--resume", "r"], ["--out", "r", "--resume"], ["--resume=r"]])
-def test_resuming_needs_nothing_but_the_run(how: list[str], run: Run) -> None:
+def test_resuming_needs_nothing_but_the_run(run: Run) -> None:
     run(*TRAIN, "--episodes=2", "--out=r", "--seed=5", "--quiet")
+    run("plan-and-learn", "--resume=r", "--episodes=4", "--quiet")
     run(*TRAIN, "--episodes=4", "--out=whole", "--seed=5", "--quiet")
-    run("plan-and-learn", *how, "--episodes=4", "--quiet")
     assert rows("r", "metrics") == rows("whole", "metrics")
     assert rows("r", "decisions") == rows("whole", "decisions")
 
 
-def test_resuming_a_finished_run_does_nothing_and_says_so(run: Run) -> None:
-    run(*TRAIN, "--episodes=2", "--out=r", "--quiet")
-    result = run("plan-and-learn", "--resume=r")
+@pytest.mark.parametrize("how", ["--resume {}", "--out {} --resume", "--resume --out {}"])
+def test_resuming_a_finished_run_does_nothing_and_says_so(
+    how: str, run: Run, trained: Path
+) -> None:
+    before = rows(trained, "metrics")
+    result = run("plan-and-learn", *how.format(trained).split())
     assert "Nothing was left to do." in result.stderr
-    assert len(rows("r", "metrics")) == 2
+    assert rows(trained, "metrics") == before
 
 
 @pytest.mark.parametrize(
@@ -123,51 +125,61 @@ def test_a_run_of_another_task_is_not_continued(run: Run, trained: Path) -> None
     assert "no task is installed for domain `other`" in message
 
 
-def test_an_environment_that_fails_says_how_to_continue(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@contextlib.contextmanager
+def at_step(number: int, happens: Callable[[], None]) -> Iterator[None]:
+    """Let something happen in every step of the environment from the numbered one on."""
     whole = BoundTask.step
-    steps = iter(range(60))
+    steps = itertools.count(1)
 
-    def failing(self: BoundTask, action: int) -> Any:
-        if next(steps, None) is None:
-            from serp.errors import EnvironmentFailure
-
-            raise EnvironmentFailure("the cable came loose")
+    def step(self: BoundTask, action: int) -> Any:
+        if next(steps) >= number:
+            happens()
         return whole(self, action)
 
-    monkeypatch.setattr(BoundTask, "step", failing)
-    message = run(*TRAIN, "--episodes=9", "--out=r", expect=1).stderr
-    assert "the cable came loose" in message
-    assert "serp plan-and-learn --resume r" in message
-    monkeypatch.undo()
-    run("plan-and-learn", "--resume=r", "--quiet")
-    assert len(rows("r", "metrics")) == 9
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(BoundTask, "step", step)
+        yield
 
 
-@pytest.mark.skipif(os.name == "nt", reason="no SIGINT can be sent there")
-@pytest.mark.parametrize("times", [1, 2])
-def test_ctrl_c_leaves_a_run_that_can_be_continued(times: int, run: Run) -> None:
-    """The continued run equals one that nobody stopped, after one Ctrl-C and after two."""
-    run(*TRAIN, "--episodes=12", "--out=whole", "--seed=2", "--quiet")
-    process = subprocess.Popen(
-        [sys.executable, "-m", "serp", *TRAIN, "--episodes=12", "--out=r", "--seed=2"],
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    metrics = Path("r/metrics.csv")
-    deadline = time.monotonic() + 60
-    while not metrics.exists() or metrics.read_text().count("\n") < 3:
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-    for _ in range(times):
-        process.send_signal(signal.SIGINT)
-        time.sleep(0.02)
-    _, shown = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "Traceback" not in shown
+def fail() -> None:
+    raise EnvironmentFailure("the cable came loose")
+
+
+def press_ctrl_c() -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+@pytest.mark.parametrize(
+    ("happens", "status", "message"),
+    [
+        (fail, 1, "the cable came loose"),
+        (press_ctrl_c, 130, "Stopped at once."),  # each step presses: the second counts
+    ],
+)
+def test_a_run_that_is_cut_off_says_how_to_continue(
+    happens: Callable[[], None], status: int, message: str, run: Run
+) -> None:
+    with at_step(60, happens):
+        shown = run(*TRAIN, "--episodes=6", "--out=r", expect=status).stderr
+    assert message in shown
     assert "serp plan-and-learn --resume r" in shown
-    assert len(rows("r", "metrics")) < 12
     run("plan-and-learn", "--resume=r", "--quiet")
-    assert rows("r", "metrics") == rows("whole", "metrics")
-    assert rows("r", "decisions") == rows("whole", "decisions")
+    assert len(rows("r", "metrics")) == 6
+
+
+def test_ctrl_c_finishes_the_episode(run: Run) -> None:
+    presses = iter([press_ctrl_c])
+    with at_step(30, lambda: next(presses, lambda: None)()):
+        shown = run(*TRAIN, "--episodes=9", "--out=r", expect=130).stderr
+    assert "everything is saved in r" in shown
+    assert "serp plan-and-learn --resume r" in shown
+    ended = rows("r", "metrics")[-1]
+    assert int(ended["env_steps"]) >= 30
+    assert ended["terminated"] == "1"
+
+
+def test_ctrl_c_before_the_run_leaves_nothing(run: Run) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp.registry.find_task", lambda name: press_ctrl_c())
+        assert run(*TRAIN, "--out=r", expect=130).stderr.strip() == "Stopped."
+    assert not Path("r").exists()

@@ -32,6 +32,7 @@ OUTSIDE: list[tuple[str, Any]] = [
     ("double", None),
     ("n_step", 0),
     ("clip_targets", "yes"),
+    ("mask_targets", 1),
     ("loss", "mae"),
     ("reward_scale", 0),
     ("gradient_clip", 0.0),

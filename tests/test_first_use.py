@@ -1,0 +1,159 @@
+"""What a newcomer does, in an empty folder, with the command as it is installed."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from serp.cli.root import serp as command
+
+SHIPPED = Path(__file__).resolve().parent.parent / "domains" / "cartpole.pddl"
+# An untrained learner acts without help: short episodes, little to wait for.
+QUICK = [
+    "--domain=cartpole", "--seed=2", "--set=arbiter.rho=1", "--set=planner.depth=1",
+    "--set=arbiter.exploration_slack=null", "--set=training.checkpoint_seconds=0",
+]  # fmt: skip
+
+
+def serp(folder: Path, *arguments: str, expect: int = 0) -> Result:
+    """Run a command in a folder, in this process."""
+    with contextlib.chdir(folder):
+        done = CliRunner().invoke(command, arguments)
+    assert done.exit_code == expect, done.output
+    assert "Traceback" not in done.stderr
+    return done
+
+
+def installed(folder: Path, *arguments: str) -> str:
+    """Run a command in a folder, in a process of its own, as a user does."""
+    done = subprocess.run(
+        [sys.executable, "-m", "serp", *arguments],
+        cwd=folder, capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def rows(run: Path, table: str) -> list[dict[str, str]]:
+    """A table of a run, but for the time it took."""
+    with open(run / f"{table}.csv", newline="") as file:
+        return [{**row, "wall_time": ""} for row in csv.DictReader(file)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the newcomer works."""
+    return tmp_path_factory.mktemp("first use")
+
+
+@pytest.fixture(scope="module")
+def whole(folder: Path) -> Path:
+    """A run that nobody stopped."""
+    shown = installed(folder, "plan-and-learn", *QUICK, "--episodes=9", "--out=whole")
+    assert "serp evaluate whole" in shown
+    return folder / "whole"
+
+
+def test_a_run_leaves_everything_a_reader_wants(whole: Path) -> None:
+    names = {path.name for path in whole.iterdir()}
+    assert {"config.json", "domain.pddl", "metrics.csv", "decisions.csv", "summary.json",
+            "report.md", "learning-curve.png", "checkpoint.safetensors"} <= names  # fmt: skip
+    summary = json.loads((whole / "summary.json").read_text())
+    assert summary["episodes"] == len(rows(whole, "metrics")) == 9
+
+
+@pytest.mark.parametrize("policy", ["serp", "planner", "learner"])
+def test_each_policy_of_the_run_can_be_evaluated(policy: str, whole: Path) -> None:
+    done = serp(whole.parent, "evaluate", "whole", f"--policy={policy}", "--episodes=2", "--json")
+    result = json.loads(done.stdout)
+    assert result["policy"] == policy
+    assert len(result["returns"]) == 2
+
+
+def test_a_decision_is_drawn(folder: Path) -> None:
+    shown = installed(folder, "plan", "--domain=cartpole", "--svg=decision.svg")
+    assert "Chosen: push-" in shown
+    picture = ET.parse(folder / "decision.svg").getroot()
+    assert picture.tag == "{http://www.w3.org/2000/svg}svg"
+
+
+def test_the_shipped_domain_is_right(folder: Path) -> None:
+    assert "cartpole: right" in serp(folder, "check", "cartpole").stdout
+
+
+def test_an_edit_in_the_working_directory_takes_effect(tmp_path: Path) -> None:
+    def rewards() -> Any:
+        shown = json.loads(serp(tmp_path, "plan", "--domain=cartpole", "--json").stdout)
+        return [action["reward"] for action in shown["actions"]]
+
+    before = rewards()
+    (tmp_path / "domains").mkdir()
+    text = SHIPPED.read_text()
+    assert "(increase (reward) 1.0)" in text
+    edited = text.replace("(increase (reward) 1.0)", "(increase (reward) 6.0)")
+    (tmp_path / "domains" / "cartpole.pddl").write_text(edited)
+    assert rewards() == pytest.approx([reward + 5.0 for reward in before])
+
+
+def test_a_missing_file_is_an_error(folder: Path) -> None:
+    done = serp(folder, "plan-and-learn", "--domain=domains/soccr.pddl", expect=1)
+    assert done.stderr == "Error: domains/soccr.pddl: there is no such domain file\n"
+
+
+def test_a_misspelt_function_is_pointed_at(tmp_path: Path) -> None:
+    text = SHIPPED.read_text()
+    line = text[: text.index("(* 15.8 (pole-angle))")].count("\n") + 1
+    column = len(text.splitlines()[line - 1].split("pole-angle")[0]) + 1
+    wrong = text.replace("(* 15.8 (pole-angle))", "(* 15.8 (pole-angel))")
+    (tmp_path / "mine.pddl").write_text(wrong)
+    for arguments in (["check", "mine.pddl"], ["plan-and-learn", "--domain=mine.pddl"]):
+        message = serp(tmp_path, *arguments, expect=1).stderr
+        assert f"mine.pddl:{line}:{column}: unknown function `pole-angel`" in message
+        assert "^^^^^^^^^^" in message
+        assert "did you mean `pole-angle`?" in message
+    assert not (tmp_path / "runs").exists()
+
+
+def test_an_existing_run_is_not_overwritten(whole: Path) -> None:
+    before = {path: path.read_bytes() for path in whole.iterdir()}
+    done = serp(whole.parent, "plan-and-learn", *QUICK, "--out=whole", expect=1)
+    assert "whole holds a run already" in done.stderr
+    assert "Nothing was changed" in done.stderr
+    assert {path: path.read_bytes() for path in whole.iterdir()} == before
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGINT can be sent there")
+def test_a_run_stopped_by_ctrl_c_goes_on_as_if_nothing_had_been(whole: Path) -> None:
+    stopped = whole.parent / "stopped"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "serp", "plan-and-learn", *QUICK, "--episodes=9", "--out=stopped"],
+        cwd=whole.parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    metrics = stopped / "metrics.csv"
+    deadline = time.monotonic() + 60
+    while not metrics.exists() or metrics.read_text().count("\n") < 3:
+        assert process.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+    process.send_signal(signal.SIGINT)
+    _, shown = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in shown
+    assert "everything is saved in stopped" in shown
+    assert "serp plan-and-learn --resume stopped" in shown
+    assert 2 <= len(rows(stopped, "metrics")) < 9
+    installed(whole.parent, "plan-and-learn", "--resume=stopped")
+    assert rows(stopped, "metrics") == rows(whole, "metrics")
+    assert rows(stopped, "decisions") == rows(whole, "decisions")
