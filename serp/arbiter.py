@@ -376,7 +376,8 @@ class Arbiter:
         steps = int(decision.forecast.safe_steps[shown])
         if steps == 0:
             return f"{name}: unsafe when it is repeated as the planner's setting `repeat` says"
-        return f"{name}: unsafe after {steps} more planned step{'' if steps == 1 else 's'} whatever follows"
+        more = f"{steps} more planned step{'' if steps == 1 else 's'}"
+        return f"{name}: unsafe after {more} whatever follows"
 
     # State -------------------------------------------------------------------------------------
 

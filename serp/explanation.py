@@ -15,7 +15,7 @@ def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> st
     """
     passed, _ = model.trace(state, action)
     name = model.actions[action].name
-    for site in reversed(passed):
+    for site in passed:
         if site.what == "failed" and isinstance(site.item, g.Test):
             return f"{name}: {_quote(site)} does not hold{_values(model, state, site.item)}"
         if site.what == "conflict":

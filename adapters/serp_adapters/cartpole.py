@@ -23,8 +23,9 @@ def make_env(**options: Any) -> gym.Env[Any, Any]:
 
 
 def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Return cart position (m), cart velocity (m/s), pole angle (rad), pole velocity (rad/s): the
-    observation has them in the order of the domain file.
+    """Return cart position (m), cart velocity (m/s), pole angle (rad), pole velocity (rad/s).
+
+    The observation has them in the order of the domain file.
     """
     return np.asarray(observation, dtype=np.float64)
 

@@ -19,6 +19,7 @@ and two domains that differ in literals alone share one function.
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -273,8 +274,17 @@ class _Generator:
         keep = source == "out" and len(effects) > 1
         ordered: list[g.GroundEffect] = [*booleans, *numbers]
         prepared = []
+        uses = Counter(id(effect.condition) for effect in ordered)
+        shared: dict[int, ast.expr] = {}
         for effect in ordered:
-            condition = self._condition(effect.condition, source)
+            same = id(effect.condition)
+            if same not in shared:
+                tested = self._condition(effect.condition, source)
+                if tested is not None and uses[same] > 1:
+                    tested = self._temporary(tested)
+                if tested is not None:
+                    shared[same] = tested
+            condition = shared.get(same)
             value = self._value(effect.value, source) if isinstance(effect, g.SetNumber) else None
             if keep:
                 condition = self._temporary(condition) if condition is not None else None

@@ -62,6 +62,12 @@ class _Instantiation:
             self.values = {_key(f.name, f.arguments, {}): n for f, n in problem.values}
         stated = {key[0] for key in itertools.chain(self.true_keys, self.values)}
         self.static = stated - _changed_names(domain)
+        self.supported: dict[tuple[str, int, tuple[str | None, ...]], set[str]] = {}
+        self.facts: dict[tuple[str, int, str], list[Key]] = {}
+        for key in self.true_keys:
+            if key[0] in self.static:
+                for i, name in [(-1, ""), *enumerate(key[1:])]:
+                    self.facts.setdefault((key[0], i, name), []).append(key)
         self.by_type = {
             t: tuple(o.name for o in self.objects.values() if domain.is_a(o.type, t))
             for t in [x.OBJECT, *domain.parents]
@@ -159,7 +165,16 @@ class _Instantiation:
 
     def _instances(self, schema: x.Schema) -> Iterator[g.GroundSchema]:
         filters = self._filters(schema)
-        for binding in self._bind(schema, filters, 0, {}):
+        static = [
+            c
+            for c in _conjuncts(schema.precondition)
+            if isinstance(c, x.Atom) and c.name in self.static
+        ]
+        supports = [
+            [a for a in static if any(t.name == p.name for t in a.arguments)]
+            for p in schema.parameters
+        ]
+        for binding in self._bind(schema, filters, supports, 0, {}):
             instance = self._instance(schema, binding)
             if instance is not None:
                 yield instance
@@ -183,7 +198,12 @@ class _Instantiation:
         return filters
 
     def _bind(
-        self, schema: x.Schema, filters: list[list[x.Condition]], depth: int, binding: Binding
+        self,
+        schema: x.Schema,
+        filters: list[list[x.Condition]],
+        supports: list[list[x.Atom]],
+        depth: int,
+        binding: Binding,
     ) -> Iterator[Binding]:
         if any(self._test(c, binding) == g.Constant(False) for c in filters[depth]):
             return
@@ -191,9 +211,31 @@ class _Instantiation:
             yield binding
             return
         parameter = schema.parameters[depth]
-        for name in self._objects_of(parameter.types):
+        names: Iterable[str] = self._objects_of(parameter.types)
+        for atom in supports[depth]:
+            allowed = self._supported(atom, parameter.name, binding)
+            names = [name for name in names if name in allowed]
+        for name in names:
             self._count_work(schema.place)
-            yield from self._bind(schema, filters, depth + 1, {**binding, parameter.name: name})
+            yield from self._bind(
+                schema, filters, supports, depth + 1, {**binding, parameter.name: name}
+            )
+
+    def _supported(self, atom: x.Atom, variable: str, binding: Binding) -> set[str]:
+        """Return the objects with which a static atom, bound so far, can still be true."""
+        at = next(i for i, t in enumerate(atom.arguments) if t.name == variable)
+        pattern = tuple(binding.get(t.name) if t.is_variable else t.name for t in atom.arguments)
+        known = self.supported.get((atom.name, at, pattern))
+        if known is None:
+            bound = [(i, name) for i, name in enumerate(pattern) if name is not None]
+            facts = min(
+                (self.facts.get((atom.name, i, name), []) for i, name in bound),
+                key=len,
+                default=self.facts.get((atom.name, -1, ""), []),
+            )
+            known = {f[at + 1] for f in facts if all(f[i + 1] == name for i, name in bound)}
+            self.supported[atom.name, at, pattern] = known
+        return known
 
     def _count_work(self, place: Place) -> None:
         self.work += 1

@@ -19,6 +19,8 @@ from serp.domain.ground import (
     GroundSchema,
     Parameter,
     SetNumber,
+    Test,
+    Value,
     fluents_of,
 )
 from serp.domain.interpreted import load_function
@@ -28,6 +30,8 @@ from serp.errors import SerpError
 Vector = NDArray[np.float64]
 
 MAX_NATIVE_SIZE = 1_000
+# numba recurses over the branches of one expression: long ones overflow its stack.
+MAX_NATIVE_TEST = 200
 
 
 class StateError(SerpError):
@@ -82,14 +86,24 @@ class _Program:
     @functools.cached_property
     def size(self) -> int:
         """How often fluents are read and written in all: what compile time grows with."""
-        total = 0
-        for schema in (*self.ground.actions, *self.ground.processes, *self.ground.events):
-            total += sum(1 for test in schema.preconditions for _ in fluents_of(test))
+        ground = self.ground
+        expressions: dict[int, Test | Value] = {}
+        writes = 0
+        for schema in (*ground.actions, *ground.processes, *ground.events):
+            expressions.update((id(test), test) for test in schema.preconditions)
             for effect in schema.effects:
-                total += 1 + sum(1 for _ in fluents_of(effect.condition))
+                writes += 1
+                expressions[id(effect.condition)] = effect.condition  # shared ones count once
                 if isinstance(effect, SetNumber):
-                    total += sum(1 for _ in fluents_of(effect.value))
-        return total
+                    expressions[id(effect.value)] = effect.value
+        if ground.goal is not None:
+            expressions[id(ground.goal)] = ground.goal
+        if ground.metric is not None:
+            expressions[id(ground.metric.value)] = ground.metric.value
+        reads = [sum(1 for _ in fluents_of(expression)) for expression in expressions.values()]
+        if max(reads, default=0) > MAX_NATIVE_TEST:
+            return MAX_NATIVE_SIZE + 1
+        return writes + sum(reads)
 
     @functools.cached_property
     def native(self) -> Any:
@@ -125,6 +139,8 @@ class TransitionModel:
         self.initial_state: Vector | None = (
             None if ground.initial is None else np.array(ground.initial, dtype=np.float64)
         )
+        if self.initial_state is not None:
+            self.initial_state.flags.writeable = False
         written = [p.value for p in ground.parameters]
         self._set(written if theta is None else theta, dt)
 
@@ -192,7 +208,10 @@ class TransitionModel:
             index = self._index.get(name)
             if index is None:
                 raise StateError(self._unknown_fluent(name))
-            state[index] = value
+            try:
+                state[index] = value
+            except (TypeError, ValueError):
+                raise StateError(f"the value of fluent `{name}` is no number: {value!r}") from None
             seen += 1
         if seen != len(self.fluents):
             missing = [f.name for f in self.fluents if f.name not in values]

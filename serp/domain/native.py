@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 import platformdirs
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba import cfunc, njit, types
+from numba import cfunc, types
 from numba.extending import intrinsic
 
+from serp.compilation import cached_njit
 from serp.domain.codegen import Generated
 from serp.domain.interpreted import load_function
 
@@ -63,9 +64,9 @@ def _cached_listing(generated: Generated) -> Path | None:
     """
     folder = cache_folder()
     path = folder / f"model_{structure_digest(generated)}.py"
-    if path.exists():
-        return path
     try:
+        if path.exists():
+            return path
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".tmp", delete=False) as file:
             file.write(ast.unparse(generated.tree) + "\n")
@@ -106,7 +107,7 @@ def _call_step(  # type: ignore[no-untyped-def]
 call_step: Any = intrinsic(_call_step)
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def step_batch(  # type: ignore[no-untyped-def]
     address, states, actions, theta, dt, out, flags
 ):

@@ -17,10 +17,11 @@ NaN and infinities keep their meaning.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
-import numba
 import numpy as np
+
+from serp.compilation import cached_njit
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -35,7 +36,8 @@ _NORM_EPSILON = np.float32(NORM_EPSILON)
 
 def _compiled(function: _F) -> _F:
     flags = {"reassoc", "contract", "nsz"}
-    return cast(_F, numba.njit(cache=True, error_model="numpy", fastmath=flags)(function))
+    compiled: _F = cached_njit(error_model="numpy", fastmath=flags)(function)
+    return compiled
 
 
 @_compiled

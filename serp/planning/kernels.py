@@ -12,8 +12,9 @@ F + 1 entries, the last for the reward.
 from __future__ import annotations
 
 import numpy as np
-from numba import get_num_threads, get_thread_id, njit, prange  # type: ignore[attr-defined]
+from numba import get_num_threads, get_thread_id, prange  # type: ignore[attr-defined]
 
+from serp.compilation import cached_njit
 from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
 from serp.domain.native import call_step
 from serp.planning.forecast import SAFE
@@ -26,7 +27,7 @@ _NODES = int(Bound.NODES)
 _EXHAUSTED = int(Bound.EXHAUSTED)
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@cached_njit(nogil=True, forceinline=True)
 def edge(address, states, node, action, repeat, gamma, theta, dt, out, slot, scratch, width):
     """Follow one edge: `action`, `repeat` times or until it ends.
 
@@ -64,7 +65,7 @@ def edge(address, states, node, action, repeat, gamma, theta, dt, out, slot, scr
     return reward, weight, flags, first_reward, first_flags
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def expand(address, states, nodes, actions, repeat, gamma, theta, dt, out, reward, weight, flags,
            first_reward, first_flags):  # fmt: skip
     """Follow every edge of `nodes` states.
@@ -82,7 +83,7 @@ def expand(address, states, nodes, actions, repeat, gamma, theta, dt, out, rewar
             )
 
 
-@njit(cache=True, nogil=True, forceinline=True)
+@cached_njit(nogil=True, forceinline=True)
 def _same_slot(states, row, width, table, mask, candidate):
     """Return the table's slot of the state equal to row `candidate`, or the empty one for it."""
     digest = np.uint64(0xCBF29CE484222325)
@@ -91,6 +92,9 @@ def _same_slot(states, row, width, table, mask, candidate):
         bits = np.float64(states[base + i] + 0.0).view(np.uint64)  # -0.0 equals 0.0
         digest = (digest ^ bits) * np.uint64(0x9E3779B97F4A7C15)
         digest ^= digest >> np.uint64(29)
+    digest ^= digest >> np.uint64(32)
+    digest *= np.uint64(0x9E3779B97F4A7C15)
+    digest ^= digest >> np.uint64(29)
     slot = np.int64(digest & np.uint64(mask))
     while table[slot] >= 0:
         other = table[slot] * row
@@ -105,7 +109,7 @@ def _same_slot(states, row, width, table, mask, candidate):
     return slot
 
 
-@njit(cache=True, nogil=True)
+@cached_njit(nogil=True)
 def search(address, state, width, actions, depth, repeat, gamma, max_nodes, theta, dt,
            states, reward, weight, flags, child, best_value, best_steps, table,
            value, steps, first_reward, first_flags):  # fmt: skip
@@ -207,7 +211,7 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
     return -1, expanded, bound
 
 
-@njit(parallel=True, nogil=True, cache=True)
+@cached_njit(nogil=True, parallel=True)
 def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, theta, dt,
                  states, reward, weight, flags, child, best_value, best_steps, table,
                  choice, value, steps, first_reward, first_flags, expanded, bound):  # fmt: skip

@@ -92,7 +92,7 @@ class Lookahead:
         value, reward = np.empty(actions), np.empty(actions)
         steps, flags = np.empty(actions, dtype=np.int64), np.empty(actions, dtype=np.int64)
         settings = self.settings
-        choice, depth, bound = kernels.search(  # type: ignore[call-arg]
+        choice, depth, bound = kernels.search(
             self._address, state, self._width, actions, settings.depth, settings.repeat,
             settings.discount, self._budget, self.model.theta, self.model.dt,
             *self._scratch, value, steps, reward, flags,
@@ -121,7 +121,7 @@ class Lookahead:
             bound=np.empty(rows, dtype=np.int64),
         )
         settings = self.settings
-        kernels.search_batch(  # type: ignore[call-arg]
+        kernels.search_batch(
             self._address, batch, actions, settings.depth, settings.repeat, settings.discount,
             self._budget, self.model.theta, self.model.dt, *self._batch_scratch, *result,
         )  # fmt: skip

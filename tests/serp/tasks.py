@@ -59,8 +59,8 @@ SMALL: Mapping[str, Mapping[str, Any]] = {
 class Corridor(gym.Env[NDArray[np.float64], int]):
     """A noisy walk from the middle of a corridor, with a clock and weather that outlive episodes.
 
-    Actions: left, right, wait, dance (which the domain does not mention). A game lasts 30 steps,
-    whatever the episodes; the weather drifts from step to step.
+    Actions: left, right, wait, dance (which the domain does not mention). A game lasts 30 ticks of
+    the clock, whatever the episodes; a step takes one, and so does a reset. The weather drifts.
     """
 
     observation_space = spaces.Box(-np.inf, np.inf, (2,), np.float64)
@@ -71,6 +71,7 @@ class Corridor(gym.Env[NDArray[np.float64], int]):
         self.x = 0
         self.steps = 0
         self.clock = 0
+        self.made = 0
         self.weather = np.random.default_rng(5)
         self.wind = 0.0
 
@@ -78,12 +79,14 @@ class Corridor(gym.Env[NDArray[np.float64], int]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float64], dict[str, Any]]:
         super().reset(seed=seed)
+        self.clock += 1
         self.x, self.steps = int(self.np_random.integers(-1, 2)), 0
         return self.seen(), self.info()
 
     def step(self, action: int) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
         action = int(action - self.first_action)
         self.clock += 1
+        self.made += 1
         self.steps += 1
         self.wind = float(self.weather.normal())
         if self.np_random.random() > 0.2:

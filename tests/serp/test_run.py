@@ -28,7 +28,10 @@ EPISODES = 12
 PRESETS = ("paper", "default")
 CHANGES: dict[str, dict[str, dict[str, Any]]] = {
     "paper": {"training": {"random_steps": 25}, "arbiter": {"rho_increment": 0.05}},
-    "default": {"arbiter": {"rho_unit": "game", "rho_increment": 0.1, "r_min": -1.0}},
+    "default": {
+        "arbiter": {"rho_unit": "game", "rho_increment": 0.1, "r_min": -1.0},
+        "learner": {"updates_per_step": 0.7},
+    },
 }
 
 
@@ -130,7 +133,7 @@ from tests.serp.test_run import EPISODES, train
 
 class Killed(Corridor):
     def step(self, action):
-        if self.clock == 40:
+        if self.made == 40:
             os.kill(os.getpid(), signal.SIGKILL)
         return super().step(action)
 
@@ -159,7 +162,7 @@ def test_ctrl_c_finishes_the_episode_and_leaves_a_run_that_continues(
 ) -> None:
     class Stopped(Corridor):
         def step(self, action: int) -> Any:
-            if self.clock == 20:
+            if self.made == 20:
                 os.kill(os.getpid(), signal.SIGINT)
             return super().step(action)
 
@@ -175,7 +178,7 @@ def test_ctrl_c_finishes_the_episode_and_leaves_a_run_that_continues(
 def test_a_second_ctrl_c_stops_at_once(tmp_path: Path, whole: Whole) -> None:
     class Stopped(Corridor):
         def step(self, action: int) -> Any:
-            if self.clock in (20, 21):
+            if self.made in (20, 21):
                 os.kill(os.getpid(), signal.SIGINT)
             return super().step(action)
 

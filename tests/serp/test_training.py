@@ -7,6 +7,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -24,7 +25,10 @@ from tests.serp.tasks import CableCut, Corridor, corridor
 PRESETS = ("paper", "default")
 CHANGES: dict[str, dict[str, dict[str, Any]]] = {
     "paper": {"training": {"random_steps": 25}, "arbiter": {"rho_increment": 0.05}},
-    "default": {"arbiter": {"rho_unit": "game", "rho_increment": 0.1, "r_min": -1.0}},
+    "default": {
+        "arbiter": {"rho_unit": "game", "rho_increment": 0.1, "r_min": -1.0},
+        "learner": {"updates_per_step": 0.7},
+    },
 }
 
 
@@ -171,6 +175,44 @@ def test_the_number_of_decision_logs_changes_nothing(tmp_path: Path) -> None:
     silent = Trainer(task.bind(), settings_of(task, "default"), 3)
     rows = [silent.run_episode()._replace(wall_time=0.0) for _ in range(6)]
     assert rows == [row._replace(wall_time=0.0) for row in logged.rows]
+
+
+class Drifting(gym.Wrapper[Any, Any, Any, Any]):
+    """A wrapper that carries something from one episode to the next."""
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self.drift = 0.0
+
+    def step(self, action: Any) -> Any:
+        seen, reward, *rest = super().step(action)
+        self.drift += 0.01
+        return seen + np.array([0.0, self.drift]), reward, *rest
+
+    def state_dict(self) -> dict[str, float]:
+        return {"drift": self.drift}
+
+    def load_state_dict(self, state: dict[str, float]) -> None:
+        self.drift = state["drift"]
+
+
+def test_what_a_wrapper_carries_is_resumed_too(tmp_path: Path) -> None:
+    def run(*stops: int) -> Any:
+        task, state = corridor(tmp_path, lambda: Drifting(Corridor())), None
+        for stop in stops:
+            trainer = Trainer(task.bind(), settings_of(task, "default"), 2)
+            if state is not None:
+                trainer.load_state_dict(*state)
+            while trainer.episode < stop:
+                trainer.run_episode()
+            state = trainer.state_dict()
+        assert state is not None
+        arrays, meta = state
+        return {name: a.tobytes() for name, a in arrays.items()}, {**meta, "wall_time": 0}
+
+    whole = run(8)
+    assert len(whole[1]["environment"]) == 2
+    assert run(3, 5, 8) == whole
 
 
 def test_a_state_of_another_learner_is_refused(tmp_path: Path) -> None:
@@ -341,8 +383,7 @@ def test_rho_grows_with_every_game_whatever_the_episodes(tmp_path: Path) -> None
     trainer = Trainer(task.bind(), settings, 1)
     for _ in range(25):
         row = trainer.run_episode()
-        # A new game is noticed at its first step, or at the reset before it.
-        games = trainer.env_steps // 30
+        games = trainer.task.env.unwrapped.clock // 30  # type: ignore[attr-defined]
         assert row.rho == pytest.approx(min(1.0, settings.arbiter.rho + 0.1 * games))
 
 
@@ -364,7 +405,48 @@ def test_a_unit_that_the_environment_does_not_count_is_refused(tmp_path: Path) -
         Trainer(task.bind(), settings, 1).run_episode()
 
 
+class Endless(Corridor):
+    """Neither ends nor cuts an episode."""
+
+    def step(self, action: int) -> Any:
+        seen, reward, _, _, info = super().step(action)
+        self.x = max(-1, min(1, self.x))
+        return seen, reward, False, False, info
+
+
+def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path: Path) -> None:
+    task = corridor(tmp_path, Endless)
+    settings = resolve("default", task.settings, {"training": {"episode_steps": 17}})
+    trainer = Trainer(task.bind(), settings, 0)
+    recorder = Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(2)]
+    assert [(row.length, row.terminated, row.truncated) for row in rows] == [(17, False, True)] * 2
+    assert [seen[5] for seen in recorder.seen] == ([False] * 16 + [True]) * 2
+    assert not any(seen[4] for seen in recorder.seen)
+
+
 # Bad input ----------------------------------------------------------------------------------------
+
+
+def test_an_environment_whose_state_is_no_json_is_named(tmp_path: Path) -> None:
+    class Opaque(Corridor):
+        def state_dict(self) -> dict[str, Any]:
+            return {"weather": self.weather}
+
+    task = corridor(tmp_path, Opaque)
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 0)
+    with pytest.raises(EnvironmentFailure, match=r"state_dict\(\).*JSON"):
+        trainer.state_dict()
+
+
+def test_a_unit_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    class Odd(Corridor):
+        def info(self) -> dict[str, Any]:
+            return {"game": [self.clock // 30]}
+
+    task = corridor(tmp_path, Odd)
+    with pytest.raises(RunError, match=r"\[0\] under `game`"):
+        Trainer(task.bind(), settings_of(task, "default"), 0).run_episode()
 
 
 class Broken(Corridor):

@@ -153,7 +153,6 @@ def over_and_over(wrapping: str, inner: str, times: int) -> str:
 
 COMPILED = [
     over_and_over("(not (and (q) %s))", "(p)", 45),
-    over_and_over("(imply %s (q))", "(p)", 90),
     f"(= (x) {over_and_over('(/ %s 3)', '(x)', 20)})",
     f"(= (x) (+ {'1 ' * 100}))",
 ]
@@ -164,6 +163,7 @@ COMPILED = [
     [
         *COMPILED,
         over_and_over("(not %s)", "(p)", 90),
+        over_and_over("(imply %s (q))", "(p)", 90),
         over_and_over("(or (q) (and (p) %s))", "(p)", 45),
         over_and_over("(forall (?x) %s)", "(p)", 90),
         f"(= (x) {over_and_over('(+ 1 %s)', '(x)', 90)})",

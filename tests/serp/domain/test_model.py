@@ -53,7 +53,7 @@ def check_step(generated: Generated, state: Vector, dt: float) -> None:
 
 
 @given(models_with_states(), st.sampled_from((1.0, 0.25, 0.02)))
-@examples(150)
+@examples(80)
 def test_model_equals_the_slow_reading(drawn: tuple[Generated, Vector], dt: float) -> None:
     generated, states = drawn
     for state in states:
@@ -70,7 +70,7 @@ def test_model_equals_the_slow_reading_on_seeded_domains(block: int) -> None:
 
 
 @given(models_with_states(count=4))
-@examples(100)
+@examples(60)
 def test_what_instantiation_leaves_out_is_never_applicable(
     drawn: tuple[Generated, Vector],
 ) -> None:
@@ -84,7 +84,7 @@ def test_what_instantiation_leaves_out_is_never_applicable(
 
 
 @given(models())
-@examples(100)
+@examples(60)
 def test_fluents_are_all_terms_but_the_static_ones(generated: Generated) -> None:
     model = generated.model
     columns = {(f.symbol, *f.arguments): f.numeric for f in model.fluents}
@@ -133,7 +133,7 @@ def test_judging_the_predicted_result_gives_the_predicted_reward() -> None:
 
 
 @given(models_with_states(count=2))
-@examples(100)
+@examples(60)
 def test_judging_an_unknown_action_is_defined(drawn: tuple[Generated, Vector]) -> None:
     generated, (before, after) = drawn
     try:
@@ -155,7 +155,7 @@ def with_literal(texts: Texts, generated: Generated, index: int, literal: str) -
 
 
 @given(models_with_states(count=4), st.integers(0, 10**6), st.integers(-12, 12))
-@examples(60)
+@examples(40)
 def test_a_changed_literal_is_a_changed_theta(
     drawn: tuple[Generated, Vector], choice: int, quarters: int
 ) -> None:
@@ -180,7 +180,7 @@ def test_a_changed_literal_is_a_changed_theta(
 
 
 @given(models())
-@examples(100)
+@examples(60)
 def test_every_parameter_stands_where_its_place_says(generated: Generated) -> None:
     model = generated.model
     for parameter in model.parameters:
@@ -192,7 +192,7 @@ def test_every_parameter_stands_where_its_place_says(generated: Generated) -> No
 
 
 @given(models_with_states(count=4))
-@examples(60)
+@examples(40)
 def test_trace_agrees_with_step_and_names_what_took_part(drawn: tuple[Generated, Vector]) -> None:
     generated, states = drawn
     model = generated.model

@@ -138,6 +138,18 @@ def test_an_empty_batch_gives_empty_columns() -> None:
     assert batch.value.shape == (0, len(model.actions))
 
 
+def test_positive_and_negative_zero_are_one_state() -> None:
+    """One node a layer, so that four nodes are enough for depth 4."""
+    model = load(
+        "(define (domain zeros) (:functions (x) (reward))"
+        " (:action plus :parameters () :precondition (and) :effect (and (scale-up (x) 1)))"
+        " (:action minus :parameters () :precondition (and) :effect (and (scale-up (x) -1))))"
+    )
+    settings = PlannerSettings(depth=4, max_nodes=4)
+    (forecast,) = assert_all_forms_agree(model, settings, np.zeros((1, 1)))
+    assert (forecast.depth, forecast.bound) == (4, Bound.DEPTH)
+
+
 @pytest.mark.parametrize("shape", [(), (1,), (2, 1), (17,)])
 def test_a_state_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
     model = world(5)
