@@ -31,7 +31,6 @@ APPLICABLE = 1
 UNSAFE = 2
 TERMINAL = 4
 
-_LARGEST = 1.7976931348623157e308
 _FLAG_NAMES = {g.UNSAFE_TARGET: "unsafe", g.TERMINAL_TARGET: "terminal"}
 _COMPARISONS: dict[str, ast.cmpop] = {
     "<": ast.Lt(),
@@ -213,8 +212,9 @@ class _Generator:
         self.body.append(ast.If(test, [*self._report(site), ast.Return(ast.Constant(0))], []))
 
     def _require_finite(self, value: ast.expr, site: Site) -> None:
-        bounded = ast.Compare(_const(-_LARGEST), [ast.LtE(), ast.LtE()], [value, _const(_LARGEST)])
-        self._refuse(_not(bounded), site)
+        # x - x is 0 for every finite x, and NaN for the others.
+        difference = ast.BinOp(value, ast.Sub(), value)
+        self._refuse(ast.Compare(difference, [ast.NotEq()], [_const(0.0)]), site)
 
     def _under(self, condition: ast.expr | None, statements: list[ast.stmt]) -> None:
         if condition is None:

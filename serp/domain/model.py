@@ -29,7 +29,7 @@ from serp.errors import SerpError
 
 Vector = NDArray[np.float64]
 
-MAX_NATIVE_SIZE = 1_000
+MAX_NATIVE_SIZE = 400
 # numba recurses over the branches of one expression: long ones overflow its stack.
 MAX_NATIVE_TEST = 200
 
