@@ -284,7 +284,12 @@ class TransitionModel:
         Raises:
             StateError: State or action do not fit the model.
         """
-        states = np.asarray(state, dtype=np.float64)
+        try:
+            states = np.asarray(state, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise StateError(f"a state is numbers, found {state!r}") from None
+        if not np.isfinite(states).all():
+            raise StateError("a state with NaN or infinity cannot be stepped")
         if states.ndim == 2:
             return self._step_batch(states, action)
         if states.shape != (len(self.fluents),):

@@ -60,8 +60,24 @@ def test_equal_seeds_give_equal_results_and_others_give_others(tmp_path: Path, p
         for seed in (1, 1, 2)
     )
     assert one == same
-    assert len(set(one.returns)) > 1  # the episodes of one evaluation are not all alike
     assert one.returns != other.returns
+
+
+def test_every_episode_has_a_seed_of_its_own_that_training_does_not_use(tmp_path: Path) -> None:
+    seeds: list[Any] = []
+
+    class Noting(Corridor):
+        def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+            seeds.append(seed)
+            return super().reset(seed=seed, options=options)
+
+    task = corridor(tmp_path, Noting)
+    trainer = Trainer(task.bind(), resolve("default", task.settings), 0)
+    for _ in range(5):
+        trainer.run_episode()
+    evaluate(trainer.agent, task.bind(), episodes=5, seed=0)  # the seed of the training
+    assert len(set(seeds)) == 10
+    assert None not in seeds
 
 
 def test_the_planner_alone_is_the_planners_choice_in_every_step(tmp_path: Path) -> None:
