@@ -76,34 +76,40 @@ def _cached_listing(generated: Generated) -> Path | None:
     return path
 
 
-def _call_step(  # type: ignore[no-untyped-def]
-    typing_context, address, states, offset, action, theta, dt, out, out_offset
-):
+def _pointer_to(typing_context, array, position):  # type: ignore[no-untyped-def]
+    """Return a pointer to one entry of a flat float64 array, for compiled code.
+
+    Loops over rows are written with pointers: unlike slices and array arguments they cost neither
+    reference counts nor checks for negative positions. The array has to be an argument of the
+    calling function, whose caller keeps it alive.
+    """
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        made = context.make_array(signature.args[0])(context, builder, arguments[0])
+        return builder.gep(made.data, [arguments[1]])
+
+    return _POINTER(array, position), generate
+
+
+def _call_step(typing_context, address, state, action, theta, dt, out):  # type: ignore[no-untyped-def]
     """Call a compiled `step` from other compiled code.
 
-    Args (as seen by the caller): address of the callback (intp), flat float64 array and offset
-    of the state, action, θ array, Δt, flat float64 array and offset of the copy to change.
-    Returns its flags (int64).
+    Args (as seen by the caller): address of the callback (intp); pointers to the state, θ and the
+    copy of the state to change, see `pointer_to`; position of the action; Δt. Returns its flags
+    (int64).
     """
-    signature = types.int64(address, states, offset, action, theta, dt, out, out_offset)
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         real, integer = ir.DoubleType(), ir.IntType(64)
         pointer = real.as_pointer()
         kind = ir.FunctionType(integer, [pointer, integer, pointer, real, pointer])
-
-        def data(position: int) -> Any:
-            array = context.make_array(signature.args[position])
-            return array(context, builder, arguments[position]).data
-
         callee = builder.inttoptr(arguments[0], kind.as_pointer())
-        state = builder.gep(data(1), [arguments[2]])
-        target = builder.gep(data(6), [arguments[7]])
-        return builder.call(callee, [state, arguments[3], data(4), arguments[5], target])
+        return builder.call(callee, arguments[1:])
 
-    return signature, generate
+    return types.int64(address, state, action, theta, dt, out), generate
 
 
+pointer_to: Any = intrinsic(_pointer_to)
 call_step: Any = intrinsic(_call_step)
 
 
@@ -124,11 +130,12 @@ def step_batch(  # type: ignore[no-untyped-def]
     """
     batch = actions.shape[0]
     width = states.shape[0] // max(batch, 1)
+    literals = pointer_to(theta, 0)
     for row in range(batch):
-        base, target = row * width, row * (width + 1)
+        state, target = pointer_to(states, row * width), pointer_to(out, row * (width + 1))
         for column in range(width):
-            out[target + column] = states[base + column]
-        flags[row] = call_step(address, states, base, actions[row], theta, dt, out, target)
+            target[column] = state[column]
+        flags[row] = call_step(address, state, actions[row], literals, dt, target)
 
 
 def address_of(callback: Any) -> np.intp:

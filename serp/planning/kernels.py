@@ -16,7 +16,7 @@ from numba import get_num_threads, get_thread_id, prange  # type: ignore[attr-de
 
 from serp.compilation import cached_njit
 from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
-from serp.domain.native import call_step
+from serp.domain.native import call_step, pointer_to
 from serp.planning.forecast import SAFE
 from serp.planning.settings import Bound
 
@@ -28,24 +28,20 @@ _EXHAUSTED = int(Bound.EXHAUSTED)
 
 
 @cached_njit(nogil=True, forceinline=True)
-def edge(address, states, node, action, repeat, gamma, theta, dt, out, slot, scratch, width):
+def edge(address, state, action, repeat, gamma, theta, dt, target, scratch, width):
     """Follow one edge: `action`, `repeat` times or until it ends.
 
-    The edge starts at row `node` of the flat `states`; row `slot` of the flat `out` receives the
-    state reached, and row `scratch` of it is worked in.
+    `state`, `theta`, `target` and `scratch` are pointers: to the state that the edge leaves, the
+    literals, the row that receives the state reached, and a row to work in.
 
     Returns:
         Discounted reward, weight of what follows (γ to the number of periods), flags of the whole
         edge, reward and flags of its first period.
     """
-    row = width + 1
-    source = node * row
-    target = slot * row
-    spare = scratch * row
     for i in range(width):
-        out[target + i] = states[source + i]
-    flags = call_step(address, states, source, action, theta, dt, out, target)
-    reward = out[target + width]
+        target[i] = state[i]
+    flags = call_step(address, state, action, theta, dt, target)
+    reward = target[width]
     first_reward = reward
     first_flags = flags
     weight = gamma
@@ -53,14 +49,14 @@ def edge(address, states, node, action, repeat, gamma, theta, dt, out, slot, scr
         if not flags & APPLICABLE or flags & TERMINAL:
             break
         for i in range(width):
-            out[spare + i] = out[target + i]
-        again = call_step(address, out, spare, action, theta, dt, out, target)
+            scratch[i] = target[i]
+        again = call_step(address, scratch, action, theta, dt, target)
         if not again & APPLICABLE:
             for i in range(width):
-                out[target + i] = out[spare + i]
+                target[i] = scratch[i]
             break
         flags |= again
-        reward += weight * out[target + width]
+        reward += weight * target[width]
         weight *= gamma
     return reward, weight, flags, first_reward, first_flags
 
@@ -73,14 +69,17 @@ def expand(address, states, nodes, actions, repeat, gamma, theta, dt, out, rewar
     `states` is flat `[nodes * (F + 1)]`; the flat `out`, `[(nodes * A + 1) * (F + 1)]`, receives
     the states reached; the other five, `[nodes * A]`, what `edge` returns.
     """
-    width = states.shape[0] // nodes - 1
-    scratch = nodes * actions
+    row = states.shape[0] // nodes
+    literals = pointer_to(theta, 0)
+    scratch = pointer_to(out, nodes * actions * row)
     for node in range(nodes):
+        state = pointer_to(states, node * row)
         for action in range(actions):
             e = node * actions + action
             reward[e], weight[e], flags[e], first_reward[e], first_flags[e] = edge(
-                address, states, node, action, repeat, gamma, theta, dt, out, e, scratch, width
-            )
+                address, state, action, repeat, gamma, literals, dt,
+                pointer_to(out, e * row), scratch, row - 1,
+            )  # fmt: skip
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -124,7 +123,8 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
         Chosen action, layers expanded, bound.
     """
     row = width + 1
-    spare = max_nodes + 1
+    literals = pointer_to(theta, 0)
+    scratch = pointer_to(states, (max_nodes + 1) * row)
     for i in range(width):
         states[i] = state[i]
     start = 0
@@ -149,12 +149,13 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
             for i in range(mask + 1):
                 table[i] = -1
         for node in range(start, end):
+            source = pointer_to(states, node * row)
             for action in range(actions):
                 e = node * actions + action
                 slot = min(stored, max_nodes)
                 reward[e], weight[e], flags[e], one_reward, one_flags = edge(
-                    address, states, node, action, repeat, gamma, theta, dt,
-                    states, slot, spare, width,
+                    address, source, action, repeat, gamma, literals, dt,
+                    pointer_to(states, slot * row), scratch, width,
                 )  # fmt: skip
                 child[e] = -1
                 if expanded == 0:
