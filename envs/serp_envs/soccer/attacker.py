@@ -1,0 +1,192 @@
+"""The opponent's predefined policy: dribble towards the goal, shoot where a lane is open."""
+
+from __future__ import annotations
+
+from math import atan2, cos, hypot, pi, radians, sin
+from typing import Final
+
+import numpy as np
+
+from serp_envs.soccer.geometry import segment_distance, wrap
+from serp_envs.soccer.robot import Robot
+from serp_envs.soccer.timing import TICK, ticks
+from serp_envs.soccer.world import World
+
+RANGE: Final = 3.0
+"""It shoots when the ball is nearer to the goal centre than this, m."""
+TARGETS: Final = (0.0, 0.3, -0.3, 0.55, -0.55)
+"""Where it aims: y on the goal line, m, for a goal 1.5 wide; others in proportion."""
+LANE_MARGIN: Final = 0.02
+"""A lane is open when the middle of the opponent is farther from it than contact + this, m."""
+LANE_ENOUGH: Final = 0.6
+"""More clearance than this is not worth more, m."""
+TURN_COST: Final = 0.1
+"""What walking round the ball costs a lane, m of clearance per rad."""
+SHOT_SPEED: Final = 1.5
+"""m/s."""
+SHOT_SIGMA: Final = radians(4.0)
+"""Standard deviation of a shot's direction, rad."""
+WIND_UP: Final = 0.6
+"""It stands this long with the ball in reach before a shot leaves, s."""
+SHOT_COOLDOWN: Final = ticks(0.8)
+TAP_SPEED: Final = 0.55
+"""m/s."""
+TAP_SIGMA: Final = radians(8.0)
+"""Standard deviation of a tap's direction, rad."""
+TAP_COOLDOWN: Final = ticks(0.5)
+EVADE_DISTANCE: Final = 0.9
+"""An opponent this near to the ball is dribbled round, m."""
+EVADE_ANGLE: Final = 1.2
+"""… when it is this near to the goal line's direction, rad at the ball."""
+EVADE_TURN: Final = radians(60.0)
+"""By how much a tap passes it, rad."""
+WRONG_SIDE: Final = 0.15
+"""Probability of passing it on the side where it stands."""
+SIDE_HELD: Final = ticks(1.5)
+WIDE: Final = 0.6
+"""Farther out than this share of the half width it evades towards the middle only."""
+PRESS_MARGIN: Final = 0.12
+"""An opponent nearer to the ball than contact + this is pressed against, m."""
+STAND_MARGIN: Final = 0.10
+"""Radius of the circle round the ball on which it gets behind it: contact + this, m."""
+CIRCLE_STEP: Final = 0.7
+"""How far ahead on that circle it aims, rad."""
+ALIGNED_SHOT: Final = 0.30
+"""It shoots with the ball this near to its line, rad."""
+ALIGNED_TAP: Final = 0.60
+"""It taps with the ball this near to its line, rad."""
+
+_WIND_UP_TICKS: Final = ticks(WIND_UP)
+
+
+class Attacker:
+    """Plays one robot of a world for one situation, a tick at a time."""
+
+    __slots__ = ("_lanes", "_shot", "_side", "_side_until", "_winding", "may_shoot", "robot")
+
+    def __init__(self, world: World, robot: Robot) -> None:
+        """An attacker that has decided nothing yet.
+
+        Args:
+            world: Where it plays.
+            robot: The robot it plays.
+        """
+        self.robot = robot
+        self.may_shoot = True
+        """Clear it to have the attacker dribble only."""
+        scale = world.field.goal_width / 1.5
+        self._lanes = tuple(scale * y for y in TARGETS)
+        self._side = 1.0
+        self._side_until = 0
+        self._winding = 0
+        self._shot = 0.0
+
+    @property
+    def wind_up(self) -> float:
+        """Seconds for which it has been winding up for a shot; 0 when it is not."""
+        return TICK * self._winding
+
+    def act(self, world: World, opponent: Robot, rng: np.random.Generator) -> None:
+        """Command the robot for a tick.
+
+        Args:
+            world: Where it plays, just looked at.
+            opponent: The robot in the way.
+            rng: Draws what is left to chance.
+        """
+        robot = self.robot
+        if robot.down_until > world.tick:
+            self._winding = 0
+            robot.stop()
+            return
+        x, y = world.ball_x, world.ball_y
+        dx, dy = x - robot.x, y - robot.y
+        distance = hypot(dx, dy)
+        if self._winding:
+            self._wind_up(world, distance, rng)
+            return
+        bearing = atan2(dy, dx)
+        rival_x, rival_y = opponent.x - x, opponent.y - y
+        rival = hypot(rival_x, rival_y)
+        ready = robot.kick_ready <= world.tick
+        goal_x = world.field.own_goal_x
+        if self.may_shoot and hypot(x - goal_x, y) < RANGE:
+            shot = self._best_shot(world, opponent, bearing)
+            if shot is not None:
+                aligned = self._get_behind(world, shot, bearing, distance, ALIGNED_SHOT)
+                if aligned and ready and distance < world.reach:
+                    self._winding = 1
+                    self._shot = shot
+                    robot.stop()
+                return
+        if rival < world.contact + PRESS_MARGIN:
+            robot.go_to(x, y, x, y)
+            return
+        direction = atan2(-y, goal_x - x)
+        if rival < EVADE_DISTANCE:
+            off = wrap(atan2(rival_y, rival_x) - direction)
+            if -EVADE_ANGLE < off < EVADE_ANGLE:
+                direction += EVADE_TURN * self._evade(world, off, direction, rng)
+        aligned = self._get_behind(world, direction, bearing, distance, ALIGNED_TAP)
+        if aligned and ready and distance < world.reach:
+            world.kick(rng.normal(direction, TAP_SIGMA), TAP_SPEED, rng)
+            robot.kick_ready = world.tick + TAP_COOLDOWN
+
+    def _wind_up(self, world: World, distance: float, rng: np.random.Generator) -> None:
+        """Go on winding up; shoot when it is time, give up when the ball is gone."""
+        robot = self.robot
+        robot.stop()
+        if distance >= world.reach:
+            self._winding = 0
+        elif self._winding < _WIND_UP_TICKS:
+            self._winding += 1
+        else:
+            self._winding = 0
+            world.kick(rng.normal(self._shot, SHOT_SIGMA), SHOT_SPEED, rng)
+            robot.kick_ready = world.tick + SHOT_COOLDOWN
+
+    def _best_shot(self, world: World, opponent: Robot, bearing: float) -> float | None:
+        """Direction of the lane with the best clearance, or None where all are closed."""
+        x, y, goal_x = world.ball_x, world.ball_y, world.field.own_goal_x
+        best, found = world.contact + LANE_MARGIN, None
+        for target in self._lanes:
+            clearance = segment_distance(opponent.x, opponent.y, x, y, goal_x, target)
+            if clearance <= best:
+                continue
+            direction = atan2(target - y, goal_x - x)
+            turn = wrap(direction - bearing)
+            clearance = LANE_ENOUGH if clearance > LANE_ENOUGH else clearance
+            clearance -= TURN_COST * (turn if turn > 0.0 else -turn)
+            if clearance > best:
+                best, found = clearance, direction
+        return found
+
+    def _evade(
+        self, world: World, off: float, direction: float, rng: np.random.Generator
+    ) -> float:
+        """The side, +1 left or −1 right, on which to pass an opponent at angle `off`."""
+        if world.tick >= self._side_until:
+            side = -1.0 if off > 0.0 else 1.0
+            self._side = -side if rng.random() < WRONG_SIDE else side
+            self._side_until = world.tick + SIDE_HELD
+        y = world.ball_y
+        if abs(y) > 0.5 * WIDE * world.field.width:
+            outwards = sin(direction + EVADE_TURN * self._side) * y > 0.0
+            if outwards:
+                self._side = -self._side
+        return self._side
+
+    def _get_behind(
+        self, world: World, direction: float, bearing: float, distance: float, tolerance: float
+    ) -> bool:
+        """Walk so as to have the ball in that direction; whether it is there within tolerance."""
+        x, y = world.ball_x, world.ball_y
+        turn = wrap(wrap(direction - bearing))
+        if -tolerance < turn < tolerance:
+            self.robot.go_to(x, y, x, y)
+            return True
+        step = CIRCLE_STEP if turn > CIRCLE_STEP else -CIRCLE_STEP if turn < -CIRCLE_STEP else turn
+        at = bearing + pi + step
+        radius = world.contact + STAND_MARGIN
+        self.robot.go_to(x + radius * cos(at), y + radius * sin(at), x, y)
+        return False

@@ -1,0 +1,73 @@
+"""The game clock: contests and the dead times between them fill games of ten minutes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+GAME: Final = 600.0
+"""Length of a game, s (paper, section 4.2: "games lasting ten minutes")."""
+
+_KEYS: Final = ("game", "seconds", "contest")
+
+
+class GameClock:
+    """Which game is on, how old it is, which of its contests comes next.
+
+    Only contests that were played to their end count. The clock does not cut a contest short: the
+    last one of a game ends after the 600th second, and the next one opens a new game.
+    """
+
+    __slots__ = ("contest", "game", "seconds")
+
+    def __init__(self) -> None:
+        """The kick-off of the first game."""
+        self.game = 0
+        """Number of the game, from 0."""
+        self.seconds = 0.0
+        """Age of the game when the last contest ended, dead time included, s."""
+        self.contest = 0
+        """Contests of this game that were played."""
+
+    def start(self) -> None:
+        """Before a contest: open a new game where this one is over."""
+        if self.seconds >= GAME:
+            self.new_game()
+
+    def new_game(self) -> None:
+        """Go to the kick-off of the next game."""
+        self.game += 1
+        self.seconds = 0.0
+        self.contest = 0
+
+    def end(self, seconds: float) -> None:
+        """After a contest.
+
+        Args:
+            seconds: What it took of the game, approach and dead time included.
+        """
+        # Times are multiples of the tick; sums of 0.1 are not exact, these are.
+        self.seconds = round(self.seconds + seconds, 6)
+        self.contest += 1
+
+    def state_dict(self) -> dict[str, Any]:
+        """Game, seconds and contest as JSON values."""
+        return {key: getattr(self, key) for key in _KEYS}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Set the clock to what `state_dict` returned.
+
+        Raises:
+            ValueError: It is no state of a clock.
+        """
+        counts = (state.get("game"), state.get("contest"))
+        seconds = state.get("seconds")
+        if set(state) != set(_KEYS) or not all(
+            isinstance(count, int) and not isinstance(count, bool) and count >= 0
+            for count in counts
+        ):
+            raise ValueError(f"a game clock has the counts game and contest, not {dict(state)}")
+        if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not seconds >= 0.0:
+            raise ValueError(f"seconds of a game must be a number from 0 on, not {seconds!r}")
+        self.game, self.contest = state["game"], state["contest"]
+        self.seconds = float(seconds)

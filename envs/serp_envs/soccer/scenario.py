@@ -1,0 +1,84 @@
+"""What a scenario adds to the world: a start, a policy, actions, rules, what is seen."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from serp_envs.soccer.fields import Field
+from serp_envs.soccer.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class Ruling:
+    """How an episode ended."""
+
+    outcome: str
+    """One word for it."""
+    reward: float
+    """What it is worth to the learning robot."""
+    dead_time: float
+    """Until the game goes on, s."""
+    truncated: bool = False
+    """It was only cut off: nothing that the state shows made it end."""
+
+
+PLAYING = "playing"
+"""The outcome of an episode that has none yet."""
+
+
+class Scenario(ABC):
+    """One situation of a game, played over and over; `SoccerEnv` makes an environment of it.
+
+    The environment calls `start`, then for each decision `begin`, for each tick of it `command`
+    and, after the physics, `judge`, and at its end `reward`, `observe` and `facts`.
+    """
+
+    actions: ClassVar[tuple[str, ...]]
+    """The actions in words; their numbers are their places."""
+    unsafe: ClassVar[frozenset[int]] = frozenset()
+    """Actions that can damage a robot."""
+    teams: ClassVar[tuple[str, ...]]
+    """A word for each robot of the world; the first is the one that learns."""
+
+    def __init__(self, field: Field) -> None:
+        """The scenario on that field, before its first `start`."""
+        self.field = field
+        self.world: World
+        """The world of the running episode, from `start` on."""
+        self.hits = 0
+        """Damaging hits by the learning robot in this episode."""
+
+    @property
+    @abstractmethod
+    def observation_space(self) -> spaces.Box:
+        """Where `observe` lies."""
+
+    @abstractmethod
+    def start(self, rng: np.random.Generator) -> None:
+        """Set `world` to a new one in which an episode begins. Its `tick` may be above 0."""
+
+    @abstractmethod
+    def command(self, action: int, rng: np.random.Generator) -> None:
+        """Command every robot for a tick; the learning one does `action`."""
+
+    @abstractmethod
+    def judge(self) -> Ruling | None:
+        """Look at the world after a tick; a ruling ends the episode."""
+
+    @abstractmethod
+    def reward(self) -> float:
+        """The reward of a decision now over, without that of a ruling."""
+
+    @abstractmethod
+    def observe(self) -> NDArray[np.float32]:
+        """A new observation."""
+
+    @abstractmethod
+    def facts(self) -> dict[str, Any]:
+        """The situation in metres, radians and seconds, for `info`."""

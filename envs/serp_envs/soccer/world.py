@@ -1,0 +1,152 @@
+"""The physics: a pitch seen from above, a ball that rolls, robots that walk, kicks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import cos, pi, sin
+from typing import Final
+
+import numpy as np
+import pymunk
+
+from serp_envs.soccer.fields import Field
+from serp_envs.soccer.geometry import wrap
+from serp_envs.soccer.robot import Robot, Walk
+from serp_envs.soccer.timing import PHYSICS_STEP, STEPS_PER_TICK
+
+ITERATIONS: Final = 10
+"""Of the solver, each physics step."""
+REACH: Final = 0.065
+"""A robot can kick a ball that it nearly touches: the gap between them is below this, m."""
+KICK_SPREAD: Final = 0.1
+"""The speed of a kick is uniform within ± this share."""
+
+Pose = tuple[float, float, float]
+"""x, y in metres, heading in radians."""
+
+
+class World:
+    """Ball and robots on a field, one situation long.
+
+    A situation starts with a new world, never with an old one put in order: a pymunk space carries
+    contacts and joint impulses from step to step, and what came before would show. Positions and
+    velocities are plain floats that `look` brings up to date, once a tick.
+    """
+
+    __slots__ = (
+        "_ball",
+        "_space",
+        "ball_vx",
+        "ball_vy",
+        "ball_x",
+        "ball_y",
+        "contact",
+        "field",
+        "reach",
+        "robots",
+        "tick",
+    )
+
+    def __init__(
+        self, field: Field, walk: Walk, ball: tuple[float, float], poses: Sequence[Pose]
+    ) -> None:
+        """A world at rest.
+
+        Args:
+            field: The pitch.
+            walk: The robots' legs and bodies, all alike.
+            ball: Where the ball lies.
+            poses: Where the robots stand, one each, in the order of `robots`.
+        """
+        self.field = field
+        self.contact = walk.radius + field.ball_radius
+        """Distance from the middle of a robot to that of a ball that it touches, m."""
+        self.reach = self.contact + REACH
+        """The same distance, of a ball that it can just kick, m."""
+        self.tick = 0
+        """Ticks since the situation started."""
+        self._space = space = pymunk.Space()
+        space.iterations = ITERATIONS
+        self._ball = self._add_ball(ball)
+        self.robots = tuple(self._add_robot(walk, pose) for pose in poses)
+        """The robots in the order of their poses."""
+        self._add_posts()
+        self.ball_x = self.ball_y = self.ball_vx = self.ball_vy = 0.0
+        self.look()
+
+    def _add_ball(self, position: tuple[float, float]) -> pymunk.Body:
+        field = self.field
+        moment = pymunk.moment_for_circle(field.ball_mass, 0.0, field.ball_radius)
+        body = pymunk.Body(field.ball_mass, moment)
+        body.position = position
+        shape = pymunk.Circle(body, field.ball_radius)
+        shape.elasticity, shape.friction = 0.4, 0.4
+        force = field.ball_mass * field.ball_deceleration
+        self._space.add(
+            body, shape, *_drag(self._space.static_body, body, force, field.ball_spin_torque)
+        )
+        return body
+
+    def _add_robot(self, walk: Walk, pose: Pose) -> Robot:
+        x, y, heading = pose
+        body = pymunk.Body(walk.mass, pymunk.moment_for_circle(walk.mass, 0.0, walk.radius))
+        body.position, body.angle = (x, y), heading
+        shape = pymunk.Circle(body, walk.radius)
+        shape.elasticity, shape.friction = 0.1, 0.4
+        control = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        drag = _drag(control, body, walk.grip, walk.turning_grip)
+        self._space.add(control, body, shape, *drag)
+        return Robot(walk, body, control, self.field.max_x, self.field.max_y)
+
+    def _add_posts(self) -> None:
+        field = self.field
+        y = field.half_goal + field.post_radius
+        for post in ((field.own_goal_x, -y), (field.own_goal_x, y)):
+            shape = pymunk.Circle(self._space.static_body, field.post_radius, post)
+            shape.elasticity, shape.friction = 0.4, 0.4
+            self._space.add(shape)
+
+    def advance(self) -> None:
+        """Let one tick of physics pass and look."""
+        step = self._space.step
+        for _ in range(STEPS_PER_TICK):
+            step(PHYSICS_STEP)
+        self.tick += 1
+        self.look()
+
+    def look(self) -> None:
+        """Read positions, headings and the ball's velocity off the physics."""
+        ball = self._ball
+        self.ball_x, self.ball_y = ball.position
+        self.ball_vx, self.ball_vy = ball.velocity
+        for robot in self.robots:
+            body = robot.body
+            robot.x, robot.y = body.position
+            heading = body.angle
+            robot.heading = heading if -pi <= heading <= pi else wrap(heading % (2.0 * pi))
+
+    def kick(self, direction: float, speed: float, rng: np.random.Generator) -> None:
+        """Give the ball a velocity.
+
+        Args:
+            direction: Where it goes, rad.
+            speed: How fast on average, m/s; `KICK_SPREAD` around it by chance.
+            rng: Draws the speed.
+        """
+        speed *= rng.uniform(1.0 - KICK_SPREAD, 1.0 + KICK_SPREAD)
+        self.ball_vx, self.ball_vy = speed * cos(direction), speed * sin(direction)
+        self._ball.velocity = (self.ball_vx, self.ball_vy)
+
+
+def _drag(
+    leader: pymunk.Body, body: pymunk.Body, force: float, torque: float
+) -> tuple[pymunk.Constraint, pymunk.Constraint]:
+    """Joints that bring a body to the velocity of its leader with limited force.
+
+    They ignore where the leader is (`max_bias` 0); after a static body this is dry friction.
+    """
+    linear = pymunk.PivotJoint(leader, body, (0.0, 0.0), (0.0, 0.0))
+    angular = pymunk.GearJoint(leader, body, 0.0, 1.0)
+    linear.max_bias = angular.max_bias = 0.0
+    linear.max_force, angular.max_force = force, torque
+    return linear, angular
