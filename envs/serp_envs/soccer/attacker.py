@@ -110,7 +110,8 @@ class Attacker:
         rival = hypot(rival_x, rival_y)
         ready = robot.kick_ready <= world.tick
         goal_x = world.field.own_goal_x
-        if self.may_shoot and hypot(x - goal_x, y) < RANGE:
+        near = rival <= world.contact + LANE_MARGIN  # then it closes every lane
+        if self.may_shoot and not near and hypot(x - goal_x, y) < RANGE:
             shot = self._best_shot(world, opponent, bearing)
             if shot is not None:
                 aligned = self._get_behind(world, shot, bearing, distance, ALIGNED_SHOT)

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from math import atan2, cos, sin, sqrt
 from typing import Final
 
-import pymunk
-
+from serp_envs.soccer.engine import Engine
 from serp_envs.soccer.geometry import wrap
 
 
@@ -50,10 +49,10 @@ class Robot:
     """
 
     __slots__ = (
-        "_control",
+        "_engine",
         "_max_x",
         "_max_y",
-        "body",
+        "_number",
         "down_until",
         "heading",
         "hit_ready",
@@ -64,20 +63,20 @@ class Robot:
     )
 
     def __init__(
-        self, walk: Walk, body: pymunk.Body, control: pymunk.Body, max_x: float, max_y: float
+        self, walk: Walk, engine: Engine, number: int, max_x: float, max_y: float
     ) -> None:
-        """A robot of that body.
+        """A robot whose bodies are in the physics already.
 
         Args:
             walk: What its legs can do.
-            body: What collides.
-            control: What the body is dragged after.
+            engine: What moves it.
+            number: Which robot of the engine it is.
             max_x: Targets beyond ± this are taken to be there.
             max_y: Targets beyond ± this are taken to be there.
         """
         self.walk = walk
-        self.body = body
-        self._control = control
+        self._engine = engine
+        self._number = number
         self._max_x = max_x
         self._max_y = max_y
         self.x = self.y = self.heading = 0.0
@@ -90,8 +89,7 @@ class Robot:
 
     def stop(self) -> None:
         """Stand still."""
-        self._control.velocity = (0.0, 0.0)
-        self._control.angular_velocity = 0.0
+        self._engine.drive(self._number, 0.0, 0.0, 0.0)
 
     def go_to(self, x: float, y: float, face_x: float, face_y: float, pace: float = 1.0) -> None:
         """Walk straight towards (x, y) with the face towards (face_x, face_y).
@@ -120,8 +118,7 @@ class Robot:
             shrink = 1.0 / sqrt(excess)
             ahead *= shrink
             left *= shrink
-        self._control.velocity = (c * ahead - s * left, s * ahead + c * left)
         turn = TURN_GAIN * wrap(atan2(face_y - self.y, face_x - self.x) - heading)
         limit = walk.turn
         turn = limit if turn > limit else -limit if turn < -limit else turn
-        self._control.angular_velocity = turn
+        self._engine.drive(self._number, c * ahead - s * left, s * ahead + c * left, turn)

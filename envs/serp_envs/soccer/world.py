@@ -9,10 +9,10 @@ from typing import Final
 import numpy as np
 import pymunk
 
+from serp_envs.soccer import engine
 from serp_envs.soccer.fields import Field
 from serp_envs.soccer.geometry import wrap
 from serp_envs.soccer.robot import Robot, Walk
-from serp_envs.soccer.timing import PHYSICS_STEP, STEPS_PER_TICK
 
 ITERATIONS: Final = 10
 """Of the solver, each physics step."""
@@ -34,8 +34,7 @@ class World:
     """
 
     __slots__ = (
-        "_ball",
-        "_space",
+        "_engine",
         "ball_vx",
         "ball_vy",
         "ball_x",
@@ -65,65 +64,32 @@ class World:
         """The same distance, of a ball that it can just kick, m."""
         self.tick = 0
         """Ticks since the situation started."""
-        self._space = space = pymunk.Space()
+        space = pymunk.Space()
         space.iterations = ITERATIONS
-        self._ball = self._add_ball(ball)
-        self.robots = tuple(self._add_robot(walk, pose) for pose in poses)
-        """The robots in the order of their poses."""
-        self._add_posts()
-        self.ball_x = self.ball_y = self.ball_vx = self.ball_vy = 0.0
-        self.look()
-
-    def _add_ball(self, position: tuple[float, float]) -> pymunk.Body:
-        field = self.field
-        moment = pymunk.moment_for_circle(field.ball_mass, 0.0, field.ball_radius)
-        body = pymunk.Body(field.ball_mass, moment)
-        body.position = position
-        shape = pymunk.Circle(body, field.ball_radius)
-        shape.elasticity, shape.friction = 0.4, 0.4
-        force = field.ball_mass * field.ball_deceleration
-        self._space.add(
-            body, shape, *_drag(self._space.static_body, body, force, field.ball_spin_torque)
+        body = _add_ball(space, field, ball)
+        bodies = [_add_robot(space, walk, pose) for pose in poses]
+        _add_posts(space, field)
+        self._engine = engine.ENGINE(space, body, bodies)
+        self.robots = tuple(
+            Robot(walk, self._engine, number, field.max_x, field.max_y)
+            for number in range(len(bodies))
         )
-        return body
-
-    def _add_robot(self, walk: Walk, pose: Pose) -> Robot:
-        x, y, heading = pose
-        body = pymunk.Body(walk.mass, pymunk.moment_for_circle(walk.mass, 0.0, walk.radius))
-        body.position, body.angle = (x, y), heading
-        shape = pymunk.Circle(body, walk.radius)
-        shape.elasticity, shape.friction = 0.1, 0.4
-        control = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-        drag = _drag(control, body, walk.grip, walk.turning_grip)
-        self._space.add(control, body, shape, *drag)
-        return Robot(walk, body, control, self.field.max_x, self.field.max_y)
-
-    def _add_posts(self) -> None:
-        field = self.field
-        y = field.half_goal + field.post_radius
-        for post in ((field.own_goal_x, -y), (field.own_goal_x, y)):
-            shape = pymunk.Circle(self._space.static_body, field.post_radius, post)
-            shape.elasticity, shape.friction = 0.4, 0.4
-            self._space.add(shape)
+        """The robots in the order of their poses."""
+        self.look()
 
     def advance(self) -> None:
         """Let one tick of physics pass and look."""
-        step = self._space.step
-        for _ in range(STEPS_PER_TICK):
-            step(PHYSICS_STEP)
+        self._engine.advance()
         self.tick += 1
         self.look()
 
     def look(self) -> None:
         """Read positions, headings and the ball's velocity off the physics."""
-        ball = self._ball
-        self.ball_x, self.ball_y = ball.position
-        self.ball_vx, self.ball_vy = ball.velocity
-        for robot in self.robots:
-            body = robot.body
-            robot.x, robot.y = body.position
-            heading = body.angle
-            robot.heading = heading if -pi <= heading <= pi else wrap(heading % (2.0 * pi))
+        read = self._engine.robot
+        self.ball_x, self.ball_y, self.ball_vx, self.ball_vy = self._engine.ball()
+        for number, robot in enumerate(self.robots):
+            robot.x, robot.y, angle = read(number)
+            robot.heading = angle if -pi <= angle <= pi else wrap(angle % (2.0 * pi))
 
     def kick(self, direction: float, speed: float, rng: np.random.Generator) -> None:
         """Give the ball a velocity.
@@ -135,7 +101,37 @@ class World:
         """
         speed *= rng.uniform(1.0 - KICK_SPREAD, 1.0 + KICK_SPREAD)
         self.ball_vx, self.ball_vy = speed * cos(direction), speed * sin(direction)
-        self._ball.velocity = (self.ball_vx, self.ball_vy)
+        self._engine.kick(self.ball_vx, self.ball_vy)
+
+
+def _add_ball(space: pymunk.Space, field: Field, position: tuple[float, float]) -> pymunk.Body:
+    moment = pymunk.moment_for_circle(field.ball_mass, 0.0, field.ball_radius)
+    body = pymunk.Body(field.ball_mass, moment)
+    body.position = position
+    shape = pymunk.Circle(body, field.ball_radius)
+    shape.elasticity, shape.friction = 0.4, 0.4
+    force = field.ball_mass * field.ball_deceleration
+    space.add(body, shape, *_drag(space.static_body, body, force, field.ball_spin_torque))
+    return body
+
+
+def _add_robot(space: pymunk.Space, walk: Walk, pose: Pose) -> tuple[pymunk.Body, pymunk.Body]:
+    x, y, heading = pose
+    body = pymunk.Body(walk.mass, pymunk.moment_for_circle(walk.mass, 0.0, walk.radius))
+    body.position, body.angle = (x, y), heading
+    shape = pymunk.Circle(body, walk.radius)
+    shape.elasticity, shape.friction = 0.1, 0.4
+    control = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+    space.add(control, body, shape, *_drag(control, body, walk.grip, walk.turning_grip))
+    return body, control
+
+
+def _add_posts(space: pymunk.Space, field: Field) -> None:
+    y = field.half_goal + field.post_radius
+    for post in ((field.own_goal_x, -y), (field.own_goal_x, y)):
+        shape = pymunk.Circle(space.static_body, field.post_radius, post)
+        shape.elasticity, shape.friction = 0.4, 0.4
+        space.add(shape)
 
 
 def _drag(

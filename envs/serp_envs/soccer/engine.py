@@ -1,0 +1,163 @@
+"""The way into pymunk that is walked many thousand times a second.
+
+`Portable` uses what pymunk documents. Its checks and conversions take longer than the physics
+itself, so `Native` calls the C library under pymunk directly, for the same results to the last bit.
+`ENGINE` is the faster one that this pymunk has.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final, Protocol
+
+import pymunk
+
+from serp_envs.soccer.timing import PHYSICS_STEP, STEPS_PER_TICK
+
+_lib: Any
+try:
+    from pymunk._chipmunk_cffi import lib as _lib
+except ImportError:  # pragma: no cover, it is there in pymunk 5 to 7
+    _lib = None
+
+
+class Engine(Protocol):
+    """Steps a space and moves numbers in and out of it."""
+
+    def __init__(
+        self,
+        space: pymunk.Space,
+        ball: pymunk.Body,
+        robots: Sequence[tuple[pymunk.Body, pymunk.Body]],
+    ) -> None:
+        """An engine of that space.
+
+        Args:
+            space: With everything in it that belongs there.
+            ball: The ball's body.
+            robots: Of each robot the body and the control body that it is dragged after.
+        """
+
+    def advance(self) -> None:
+        """Let one tick pass."""
+
+    def ball(self) -> tuple[float, float, float, float]:
+        """The ball's x and y, m, and its velocity in x and y, m/s."""
+
+    def robot(self, number: int) -> tuple[float, float, float]:
+        """A robot's x and y, m, and its angle, rad, turns counted."""
+
+    def drive(self, number: int, vx: float, vy: float, turn: float) -> None:
+        """Set the velocity, m/s and rad/s, of a robot's control body."""
+
+    def kick(self, vx: float, vy: float) -> None:
+        """Set the ball's velocity, m/s."""
+
+
+class Portable:
+    """An engine on pymunk's documented interface."""
+
+    __slots__ = ("_ball", "_robots", "_space")
+
+    def __init__(
+        self,
+        space: pymunk.Space,
+        ball: pymunk.Body,
+        robots: Sequence[tuple[pymunk.Body, pymunk.Body]],
+    ) -> None:
+        """See `Engine`."""
+        self._space = space
+        self._ball = ball
+        self._robots = tuple(robots)
+
+    def advance(self) -> None:
+        """See `Engine`."""
+        step = self._space.step
+        for _ in range(STEPS_PER_TICK):
+            step(PHYSICS_STEP)
+
+    def ball(self) -> tuple[float, float, float, float]:
+        """See `Engine`."""
+        return (*self._ball.position, *self._ball.velocity)
+
+    def robot(self, number: int) -> tuple[float, float, float]:
+        """See `Engine`."""
+        body = self._robots[number][0]
+        return (*body.position, body.angle)
+
+    def drive(self, number: int, vx: float, vy: float, turn: float) -> None:
+        """See `Engine`."""
+        control = self._robots[number][1]
+        control.velocity = (vx, vy)
+        control.angular_velocity = turn
+
+    def kick(self, vx: float, vy: float) -> None:
+        """See `Engine`."""
+        self._ball.velocity = (vx, vy)
+
+
+class Native:
+    """An engine on the functions of Chipmunk, the C library under pymunk."""
+
+    __slots__ = ("_alive", "_ball", "_robots", "_space")
+
+    def __init__(
+        self,
+        space: pymunk.Space,
+        ball: pymunk.Body,
+        robots: Sequence[tuple[pymunk.Body, pymunk.Body]],
+    ) -> None:
+        """See `Engine`."""
+        # The handles do not keep what they point to; pymunk's objects free it when they go.
+        self._alive = (space, ball, tuple(robots))
+        self._space = space._space
+        self._ball = ball._body
+        self._robots = tuple((body._body, control._body) for body, control in robots)
+
+    def advance(self) -> None:
+        """See `Engine`."""
+        step, space = _lib.cpSpaceStep, self._space
+        for _ in range(STEPS_PER_TICK):
+            step(space, PHYSICS_STEP)
+
+    def ball(self) -> tuple[float, float, float, float]:
+        """See `Engine`."""
+        ball = self._ball
+        position, velocity = _lib.cpBodyGetPosition(ball), _lib.cpBodyGetVelocity(ball)
+        return position.x, position.y, velocity.x, velocity.y
+
+    def robot(self, number: int) -> tuple[float, float, float]:
+        """See `Engine`."""
+        body = self._robots[number][0]
+        position = _lib.cpBodyGetPosition(body)
+        return position.x, position.y, _lib.cpBodyGetAngle(body)
+
+    def drive(self, number: int, vx: float, vy: float, turn: float) -> None:
+        """See `Engine`."""
+        control = self._robots[number][1]
+        _lib.cpBodySetVelocity(control, (vx, vy))
+        _lib.cpBodySetAngularVelocity(control, turn)
+
+    def kick(self, vx: float, vy: float) -> None:
+        """See `Engine`."""
+        _lib.cpBodySetVelocity(self._ball, (vx, vy))
+
+
+_NEEDED: Final = (
+    "cpSpaceStep",
+    "cpBodyGetPosition",
+    "cpBodyGetVelocity",
+    "cpBodyGetAngle",
+    "cpBodySetVelocity",
+    "cpBodySetAngularVelocity",
+)
+
+NATIVE: Final = (
+    all(hasattr(_lib, name) for name in _NEEDED)
+    and hasattr(pymunk.Space(), "_space")
+    and hasattr(pymunk.Body(), "_body")
+)
+"""Whether this pymunk has what `Native` needs."""
+
+ENGINE: type[Engine] = Native if NATIVE else Portable
+"""The engine of every new world."""
