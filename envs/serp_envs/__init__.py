@@ -11,8 +11,9 @@ from __future__ import annotations
 import gymnasium
 
 from serp_envs.cartpole import CartPole
+from serp_envs.soccer import SoccerDefender
 
-__all__ = ["CartPole", "register"]
+__all__ = ["CartPole", "SoccerDefender", "register"]
 
 
 def register() -> None:
@@ -26,6 +27,10 @@ def register() -> None:
             entry_point="serp_envs.cartpole:CartPole",
             max_episode_steps=500,
             reward_threshold=475.0,
+        )
+    if "serp/SoccerDefender-v0" not in gymnasium.registry:
+        gymnasium.register(
+            id="serp/SoccerDefender-v0", entry_point="serp_envs.soccer:SoccerDefender"
         )
 
 

@@ -45,6 +45,8 @@ WRONG_SIDE: Final = 0.15
 SIDE_HELD: Final = ticks(1.5)
 WIDE: Final = 0.6
 """Farther out than this share of the half width it evades towards the middle only."""
+GOAL_LINE_LOOK: Final = 0.15
+"""It does not evade across the goal line beside the goal, looking this far ahead of the ball, m."""
 PRESS_MARGIN: Final = 0.12
 """An opponent nearer to the ball than contact + this is pressed against, m."""
 STAND_MARGIN: Final = 0.10
@@ -162,19 +164,20 @@ class Attacker:
                 best, found = clearance, direction
         return found
 
-    def _evade(
-        self, world: World, off: float, direction: float, rng: np.random.Generator
-    ) -> float:
+    def _evade(self, world: World, off: float, direction: float, rng: np.random.Generator) -> float:
         """The side, +1 left or −1 right, on which to pass an opponent at angle `off`."""
         if world.tick >= self._side_until:
             side = -1.0 if off > 0.0 else 1.0
             self._side = -side if rng.random() < WRONG_SIDE else side
             self._side_until = world.tick + SIDE_HELD
-        y = world.ball_y
-        if abs(y) > 0.5 * WIDE * world.field.width:
-            outwards = sin(direction + EVADE_TURN * self._side) * y > 0.0
-            if outwards:
-                self._side = -self._side
+        field, y = world.field, world.ball_y
+        tap = direction + EVADE_TURN * self._side
+        ahead_x = world.ball_x + GOAL_LINE_LOOK * cos(tap)
+        ahead_y = y + GOAL_LINE_LOOK * sin(tap)
+        too_wide = abs(y) > 0.5 * WIDE * field.width and ahead_y * y > y * y
+        behind = ahead_x < field.own_goal_x and abs(ahead_y) > field.half_goal
+        if too_wide or behind:
+            self._side = -self._side
         return self._side
 
     def _get_behind(

@@ -17,7 +17,6 @@ from serp_envs.soccer.geometry import goal_coverage
 from serp_envs.soccer.observation import SPACE, observe
 from serp_envs.soccer.scenario import Ruling, Scenario
 from serp_envs.soccer.timing import TICK, ticks
-from serp_envs.soccer.world import World
 
 GOAL: Final = Ruling("goal", -10.0, dead_time=15.0)
 SECURED: Final = Ruling("secured", 10.0, dead_time=5.0)
@@ -72,7 +71,7 @@ class Contest(Scenario):
         self._last_ball = (0.0, 0.0)
 
     @property
-    def observation_space(self) -> spaces.Box:
+    def observation_space(self) -> spaces.Space[NDArray[np.float32]]:
         """16 numbers, see `serp_envs.soccer.observation`."""
         return SPACE
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar, Final, SupportsInt
+from typing import TYPE_CHECKING, Any, Final, SupportsInt
 
 import gymnasium
 import numpy as np
@@ -29,7 +29,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     `SoccerDefender` says what users need to know; another scenario makes another subclass.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {  # noqa: RUF012, Gymnasium declares it so
         "render_modes": ["human", "rgb_array", "rgb_array_list"],
         "render_fps": 1.0 / TICK,
     }
@@ -66,7 +66,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         self._frames: list[NDArray[np.uint8]] = []
         self.clock = GameClock()
         """The game; it goes on from episode to episode."""
-        self._generator: dict[str, Any] | None = None
+        self._generator: Mapping[str, Any] | None = None
         self._actions: list[int] | None = None
         self._outcome = PLAYING
         self._unsafe_choices = 0

@@ -14,9 +14,7 @@ def wrap(angle: float) -> float:
     return angle
 
 
-def segment_distance(
-    px: float, py: float, ax: float, ay: float, bx: float, by: float
-) -> float:
+def segment_distance(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Distance of the point p from the segment between a and b, which must differ."""
     dx, dy = bx - ax, by - ay
     along = ((px - ax) * dx + (py - ay) * dy) / (dx * dx + dy * dy)

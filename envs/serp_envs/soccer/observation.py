@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import cos, hypot, sin
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -31,7 +31,9 @@ _BOUNDS: Final = (
 _LOW: Final = np.array([low for low, _ in _BOUNDS], dtype=np.float32)
 _HIGH: Final = np.array([high for _, high in _BOUNDS], dtype=np.float32)
 
-SPACE: Final = spaces.Box(_LOW, _HIGH, dtype=np.float32)
+SPACE: Final[spaces.Space[NDArray[np.float32]]] = cast(
+    spaces.Space[NDArray[np.float32]], spaces.Box(_LOW, _HIGH, dtype=np.float32)
+)
 """The space of the observations."""
 
 MIRROR: Final = (1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, 1, 1, 1)

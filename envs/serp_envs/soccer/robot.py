@@ -62,9 +62,7 @@ class Robot:
         "y",
     )
 
-    def __init__(
-        self, walk: Walk, engine: Engine, number: int, max_x: float, max_y: float
-    ) -> None:
+    def __init__(self, walk: Walk, engine: Engine, number: int, max_x: float, max_y: float) -> None:
         """A robot whose bodies are in the physics already.
 
         Args:

@@ -56,7 +56,7 @@ class Scenario(ABC):
 
     @property
     @abstractmethod
-    def observation_space(self) -> spaces.Box:
+    def observation_space(self) -> spaces.Space[NDArray[np.float32]]:
         """Where `observe` lies."""
 
     @abstractmethod
