@@ -1,0 +1,161 @@
+"""The rules of a contest on placed situations."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from serp_envs.soccer.attacker import Attacker
+from serp_envs.soccer.contest import Contest
+from serp_envs.soccer.fields import FIELDS, SPL_2020, Field
+from serp_envs.soccer.observation import MIRROR
+from serp_envs.soccer.robot import NAO
+from serp_envs.soccer.world import Pose, World
+
+
+def placed(
+    ball: tuple[float, float], defender: Pose, attacker: Pose, field: Field = SPL_2020
+) -> Contest:
+    """A contest in that situation; nobody moves unless commanded."""
+    contest = Contest(field)
+    contest.start(np.random.default_rng(0))
+    contest.world = World(field, NAO, ball, (defender, attacker))
+    contest.attacker = Attacker(contest.world, contest.world.robots[1])
+    contest._started = 0
+    contest._last_ball = ball
+    return contest
+
+
+def wait(contest: Contest, looks: int) -> list[str | None]:
+    seen = []
+    for _ in range(looks):
+        contest.world.advance()
+        ruling = contest.judge()
+        seen.append(ruling.outcome if ruling else None)
+    return seen
+
+
+def test_a_ball_held_for_a_second_away_from_the_attacker_is_secured() -> None:
+    contest = placed((-2.0, 0.0), (-2.25, 0.0, 0.0), (-1.4, 0.0, math.pi))
+    assert wait(contest, 10) == [None] * 9 + ["secured"]
+
+
+@pytest.mark.parametrize("attacker_x", [-1.52, -1.6])
+def test_a_ball_near_the_attacker_is_not_secured(attacker_x: float) -> None:
+    contest = placed((-2.0, 0.0), (-2.25, 0.0, 0.0), (attacker_x, 0.0, math.pi))
+    assert wait(contest, 10) == [None] * 10
+
+
+def test_a_robot_that_is_down_secures_nothing_and_moves_nowhere() -> None:
+    contest = placed((-2.0, 0.0), (-2.25, 0.0, 0.0), (-1.4, 0.0, math.pi))
+    defender = contest.world.robots[0]
+    defender.down_until = 100
+    assert wait(contest, 15) == [None] * 15
+    rng = np.random.default_rng(0)
+    contest.attacker.robot.down_until = 100
+    before = (defender.x, defender.y)
+    for _ in range(10):
+        contest.command(1, rng)
+        contest.world.advance()
+    assert (defender.x, defender.y) == pytest.approx(before)
+
+
+@pytest.mark.parametrize(
+    ("defender_x", "attacker_x", "outcome"),
+    [(-2.25, -1.27, "exit-nearer"), (-2.73, -1.7, "exit-farther"), (-2.71, -1.29, None)],
+)
+def test_who_is_nearer_when_one_leaves_wins_the_exit(
+    defender_x: float, attacker_x: float, outcome: str | None
+) -> None:
+    contest = placed((-2.0, 0.0), (defender_x, 0.0, 0.0), (attacker_x, 0.0, 0.0))
+    assert wait(contest, 1) == [outcome]
+
+
+def test_nobody_exits_while_a_shot_rolls() -> None:
+    contest = placed((-2.0, 0.0), (-2.0, 1.0, 0.0), (-1.7, 0.0, math.pi))
+    contest.world.kick(math.pi, 1.5, np.random.default_rng(0))
+    seen = wait(contest, 30)
+    assert seen[:15] == [None] * 15
+    assert "goal" in seen
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_between_the_posts_is_a_goal_and_beside_them_is_out(name: str) -> None:
+    field = FIELDS[name]
+
+    def crossing(y: float) -> str | None:
+        contest = placed((-4.4, y), (-2.0, 2.5, 0.0), (-2.0, -2.5, 0.0), field)
+        contest.world.kick(math.pi, 1.5, np.random.default_rng(0))
+        seen = wait(contest, 5)
+        return next((outcome for outcome in seen if outcome), None)
+
+    inside = field.half_goal - field.ball_radius - 0.01
+    outside = field.half_goal + 2 * field.post_radius + field.ball_radius + 0.01
+    assert [crossing(inside), crossing(-inside)] == ["goal", "goal"]
+    assert [crossing(outside), crossing(-outside)] == ["out", "out"]
+
+
+def test_over_the_touchline_is_out() -> None:
+    contest = placed((-2.0, 2.99), (-2.3, 2.5, 0.0), (-1.7, 2.5, 0.0))
+    contest.world.kick(math.pi / 2, 1.0, np.random.default_rng(0))
+    assert "out" in wait(contest, 3)
+
+
+def test_30_seconds_are_a_timeout() -> None:
+    contest = placed((-2.0, 0.0), (-2.5, 0.0, 0.0), (-1.6, 0.0, 0.0))
+    contest._started = -298
+    assert wait(contest, 2) == [None, "timeout"]
+
+
+def test_the_reward_of_a_decision() -> None:
+    # 0.5 nearer than the attacker: 0.05 · 0.5/0.7. The goal as an angle: 2 · atan(0.75/2.5).
+    contest = placed((-2.0, 0.0), (-2.0, 0.2, 0.0), (-1.3, 0.0, 0.0))
+    assert contest.coverage() == pytest.approx(1.0)  # it touches the ball: no way past
+    contest = placed((-2.0, 0.0), (-3.0, 0.0, 0.0), (-0.5, 0.0, 0.0))
+    coverage = math.asin(0.2) / math.atan2(0.75, 2.5)
+    expected = 0.05 * 0.5 / 0.7 + 0.10 * (coverage - 1.0)
+    assert contest.reward() == pytest.approx(expected)
+
+
+def test_a_push_goes_past_the_robots_line_and_a_charge_hits_the_opponent() -> None:
+    rng = np.random.default_rng(0)
+    for action, side in ((1, 1.0), (2, -1.0)):
+        contest = placed((-2.0, 0.0), (-2.25, 0.0, 0.0), (-1.4, 0.0, math.pi))
+        contest.command(action, rng)
+        world = contest.world
+        assert math.atan2(world.ball_vy, world.ball_vx) == pytest.approx(
+            side * math.radians(50), abs=math.radians(35)
+        )
+        assert contest.hits == 0
+    contest = placed((-2.0, 1.0), (-2.0, 0.0, 0.0), (-1.65, 0.0, math.pi))
+    contest.command(4, rng)
+    assert contest.hits == 1
+    contest.command(4, rng)
+    assert contest.hits == 1  # cooldown
+
+
+def test_the_observation_of_a_hand_computed_situation() -> None:
+    contest = placed((-1.5, 0.0), (-2.0, 0.25, 0.0), (-1.0, 0.0, math.pi))
+    expected = [1.0, -0.5, -1.0, 0.0, 0, 0, -1, 0, 1, 0, 1.0, 0.0, 0, 0, 0, 0]
+    assert contest.observe() == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_mirrored_world_gives_the_mirrored_observation() -> None:
+    contest = placed((-1.5, 0.7), (-2.0, 0.25, 0.3), (-1.0, 0.9, 2.5))
+    mirror = placed((-1.5, -0.7), (-2.0, -0.25, -0.3), (-1.0, -0.9, -2.5))
+    assert mirror.observe() == pytest.approx(contest.observe() * MIRROR, abs=1e-6)
+    assert mirror.reward() == pytest.approx(contest.reward())
+
+
+def test_the_attacker_shoots_at_an_open_goal_after_winding_up() -> None:
+    contest = placed((-2.5, 0.0), (-2.0, 2.0, 0.0), (-2.25, 0.0, math.pi))
+    rng = np.random.default_rng(0)
+    wind_ups = []
+    for _ in range(8):
+        contest.command(0, rng)
+        contest.world.advance()
+        wind_ups.append(contest.attacker.wind_up)
+    assert max(wind_ups) == pytest.approx(0.6)
+    assert contest.world.ball_vx < -1.0
