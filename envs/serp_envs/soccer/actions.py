@@ -40,7 +40,7 @@ CHARGER_FALLS: Final = 0.2
 DOWN: Final = ticks(4.0)
 HIT_COOLDOWN: Final = ticks(1.0)
 SHOVE_TURN: Final = 0.8
-"""A charge that meets the ball kicks it anywhere within ± this of the robot's line, rad."""
+"""A charge that meets the ball kicks it this far to one side of the robot's line, rad."""
 SHOVE_SPEED: Final = 0.6
 """m/s."""
 
@@ -48,7 +48,7 @@ SHOVE_SPEED: Final = 0.6
 def cover_goal(world: World, robot: Robot) -> None:
     """Walk to a point on the line from the ball to the goal centre, facing the ball."""
     x, y = world.ball_x, world.ball_y
-    dx, dy = world.field.own_goal_x - x, -y
+    dx, dy = world.goal_x - x, -y
     share = (world.contact + COVER_MARGIN) / max(hypot(dx, dy), 1e-9)
     robot.go_to(x + share * dx, y + share * dy, x, y)
 
@@ -81,7 +81,7 @@ def charge(world: World, robot: Robot, opponent: Robot, rng: np.random.Generator
     tick = world.tick
     dx, dy = world.ball_x - robot.x, world.ball_y - robot.y
     if robot.kick_ready <= tick and hypot(dx, dy) < world.reach:
-        spread = rng.uniform(-SHOVE_TURN, SHOVE_TURN)
+        spread = SHOVE_TURN if rng.random() < 0.5 else -SHOVE_TURN
         world.kick(atan2(dy, dx) + spread, SHOVE_SPEED, rng)
         robot.kick_ready = tick + KICK_COOLDOWN
     if robot.hit_ready > tick or opponent.down_until > tick:

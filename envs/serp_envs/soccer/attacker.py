@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from serp_envs.soccer.geometry import segment_distance, wrap
+from serp_envs.soccer.geometry import wrap
 from serp_envs.soccer.robot import Robot
 from serp_envs.soccer.timing import TICK, ticks
 from serp_envs.soccer.world import World
@@ -47,13 +47,11 @@ WIDE: Final = 0.6
 """Farther out than this share of the half width it evades towards the middle only."""
 GOAL_LINE_LOOK: Final = 0.15
 """It does not evade across the goal line beside the goal, looking this far ahead of the ball, m."""
-PRESS_MARGIN: Final = 0.12
-"""An opponent nearer to the ball than contact + this is pressed against, m."""
 STAND_MARGIN: Final = 0.10
 """Radius of the circle round the ball on which it gets behind it: contact + this, m."""
 CIRCLE_STEP: Final = 0.7
 """How far ahead on that circle it aims, rad."""
-ALIGNED_SHOT: Final = 0.30
+ALIGNED_SHOT: Final = 0.20
 """It shoots with the ball this near to its line, rad."""
 ALIGNED_TAP: Final = 0.60
 """It taps with the ball this near to its line, rad."""
@@ -111,7 +109,7 @@ class Attacker:
         rival_x, rival_y = opponent.x - x, opponent.y - y
         rival = hypot(rival_x, rival_y)
         ready = robot.kick_ready <= world.tick
-        goal_x = world.field.own_goal_x
+        goal_x = world.goal_x
         near = rival <= world.contact + LANE_MARGIN  # then it closes every lane
         if self.may_shoot and not near and hypot(x - goal_x, y) < RANGE:
             shot = self._best_shot(world, opponent, bearing)
@@ -122,9 +120,6 @@ class Attacker:
                     self._shot = shot
                     robot.stop()
                 return
-        if rival < world.contact + PRESS_MARGIN:
-            robot.go_to(x, y, x, y)
-            return
         direction = atan2(-y, goal_x - x)
         if rival < EVADE_DISTANCE:
             off = wrap(atan2(rival_y, rival_x) - direction)
@@ -150,13 +145,19 @@ class Attacker:
 
     def _best_shot(self, world: World, opponent: Robot, bearing: float) -> float | None:
         """Direction of the lane with the best clearance, or None where all are closed."""
-        x, y, goal_x = world.ball_x, world.ball_y, world.field.own_goal_x
+        x, y = world.ball_x, world.ball_y
+        there_x, there_y = opponent.x - x, opponent.y - y
+        depth = world.goal_x - x
         best, found = world.contact + LANE_MARGIN, None
         for target in self._lanes:
-            clearance = segment_distance(opponent.x, opponent.y, x, y, goal_x, target)
+            side = target - y
+            # Distance of the opponent from the segment between ball and target.
+            along = (there_x * depth + there_y * side) / (depth * depth + side * side)
+            along = 0.0 if along < 0.0 else 1.0 if along > 1.0 else along
+            clearance = hypot(there_x - along * depth, there_y - along * side)
             if clearance <= best:
                 continue
-            direction = atan2(target - y, goal_x - x)
+            direction = atan2(side, depth)
             turn = wrap(direction - bearing)
             clearance = LANE_ENOUGH if clearance > LANE_ENOUGH else clearance
             clearance -= TURN_COST * (turn if turn > 0.0 else -turn)
@@ -175,7 +176,7 @@ class Attacker:
         ahead_x = world.ball_x + GOAL_LINE_LOOK * cos(tap)
         ahead_y = y + GOAL_LINE_LOOK * sin(tap)
         too_wide = abs(y) > 0.5 * WIDE * field.width and ahead_y * y > y * y
-        behind = ahead_x < field.own_goal_x and abs(ahead_y) > field.half_goal
+        behind = ahead_x < world.goal_x and abs(ahead_y) > field.half_goal
         if too_wide or behind:
             self._side = -self._side
         return self._side
@@ -183,7 +184,10 @@ class Attacker:
     def _get_behind(
         self, world: World, direction: float, bearing: float, distance: float, tolerance: float
     ) -> bool:
-        """Walk so as to have the ball in that direction; whether it is there within tolerance."""
+        """Walk so as to have the ball in that direction; whether it is there within tolerance.
+
+        With the ball there the robot walks into it, whoever is behind it: so it presses.
+        """
         x, y = world.ball_x, world.ball_y
         turn = wrap(wrap(direction - bearing))
         if -tolerance < turn < tolerance:

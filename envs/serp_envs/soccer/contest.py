@@ -112,11 +112,9 @@ class Contest(Scenario):
         world, field = self.world, self.field
         defender, attacker = world.robots
         x, y = world.ball_x, world.ball_y
-        if x < field.own_goal_x - field.ball_radius:
+        if x < world.goal_x - field.ball_radius:
             return GOAL if self._between_posts() else OUT
-        if x > field.ball_radius - field.own_goal_x or abs(y) > 0.5 * field.width + (
-            field.ball_radius
-        ):
+        if x > field.ball_radius - world.goal_x or abs(y) > 0.5 * field.width + (field.ball_radius):
             return OUT
         d_rb, d_ob = hypot(defender.x - x, defender.y - y), hypot(attacker.x - x, attacker.y - y)
         speed = hypot(world.ball_vx, world.ball_vy)
@@ -140,7 +138,7 @@ class Contest(Scenario):
         """Whether the ball, now behind the goal line, crossed it in the goal."""
         x0, y0 = self._last_ball
         x1, y1 = self.world.ball_x, self.world.ball_y
-        line = self.field.own_goal_x - self.field.ball_radius
+        line = self.world.goal_x - self.field.ball_radius
         y = y0 + (y1 - y0) * (line - x0) / (x1 - x0) if x1 < x0 else y1
         return abs(y) < self.field.half_goal
 
@@ -154,7 +152,7 @@ class Contest(Scenario):
             defender.x,
             defender.y,
             world.contact,
-            field.own_goal_x,
+            world.goal_x,
             field.half_goal,
         )
 

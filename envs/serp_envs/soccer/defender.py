@@ -39,8 +39,8 @@ class SoccerDefender(SoccerEnv):
 
     | Index  | Observation                                  | Unit  | Min | Max |
     |--------|----------------------------------------------|-------|-----|-----|
-    | 0, 1   | defender x, y                                | 0.5 m | −24 | 24  |
-    | 2, 3   | attacker x, y                                | 0.5 m | −24 | 24  |
+    | 0, 1   | defender x, y                                | 0.5 m | −25 | 25  |
+    | 2, 3   | attacker x, y                                | 0.5 m | −25 | 25  |
     | 4, 5   | velocity of the ball                         | m/s   | −3  | 3   |
     | 6, 7   | cosine and sine of the defender's heading    |       | −1  | 1   |
     | 8, 9   | cosine and sine of the attacker's heading    |       | −1  | 1   |

@@ -14,11 +14,25 @@ import pymunk
 
 from serp_envs.soccer.timing import PHYSICS_STEP, STEPS_PER_TICK
 
-_lib: Any
+_step: Any
+_place: Any
+_velocity: Any
+_angle: Any
+_set_velocity: Any
+_set_turn: Any
 try:
-    from pymunk._chipmunk_cffi import lib as _lib
-except ImportError:  # pragma: no cover, it is there in pymunk 5 to 7
-    _lib = None
+    from pymunk._chipmunk_cffi import lib
+
+    _step = lib.cpSpaceStep
+    _place, _velocity, _angle = lib.cpBodyGetPosition, lib.cpBodyGetVelocity, lib.cpBodyGetAngle
+    _set_velocity, _set_turn = lib.cpBodySetVelocity, lib.cpBodySetAngularVelocity
+except (ImportError, AttributeError):  # a pymunk built otherwise; 5 to 7 have them all
+    _step = None
+
+NATIVE: Final = (
+    _step is not None and hasattr(pymunk.Space(), "_space") and hasattr(pymunk.Body(), "_body")
+)
+"""Whether this pymunk has what `Native` needs."""
 
 
 class Engine(Protocol):
@@ -44,8 +58,8 @@ class Engine(Protocol):
     def ball(self) -> tuple[float, float, float, float]:
         """The ball's x and y, m, and its velocity in x and y, m/s."""
 
-    def robot(self, number: int) -> tuple[float, float, float]:
-        """A robot's x and y, m, and its angle, rad, turns counted."""
+    def poses(self) -> list[tuple[float, float, float]]:
+        """Of each robot x and y, m, and its angle, rad, turns counted."""
 
     def drive(self, number: int, vx: float, vy: float, turn: float) -> None:
         """Set the velocity, m/s and rad/s, of a robot's control body."""
@@ -80,10 +94,9 @@ class Portable:
         """See `Engine`."""
         return (*self._ball.position, *self._ball.velocity)
 
-    def robot(self, number: int) -> tuple[float, float, float]:
+    def poses(self) -> list[tuple[float, float, float]]:
         """See `Engine`."""
-        body = self._robots[number][0]
-        return (*body.position, body.angle)
+        return [(*body.position, body.angle) for body, _ in self._robots]
 
     def drive(self, number: int, vx: float, vy: float, turn: float) -> None:
         """See `Engine`."""
@@ -116,48 +129,31 @@ class Native:
 
     def advance(self) -> None:
         """See `Engine`."""
-        step, space = _lib.cpSpaceStep, self._space
+        step, space = _step, self._space
         for _ in range(STEPS_PER_TICK):
             step(space, PHYSICS_STEP)
 
     def ball(self) -> tuple[float, float, float, float]:
         """See `Engine`."""
         ball = self._ball
-        position, velocity = _lib.cpBodyGetPosition(ball), _lib.cpBodyGetVelocity(ball)
+        position, velocity = _place(ball), _velocity(ball)
         return position.x, position.y, velocity.x, velocity.y
 
-    def robot(self, number: int) -> tuple[float, float, float]:
+    def poses(self) -> list[tuple[float, float, float]]:
         """See `Engine`."""
-        body = self._robots[number][0]
-        position = _lib.cpBodyGetPosition(body)
-        return position.x, position.y, _lib.cpBodyGetAngle(body)
+        place, angle = _place, _angle
+        return [((at := place(body)).x, at.y, angle(body)) for body, _ in self._robots]
 
     def drive(self, number: int, vx: float, vy: float, turn: float) -> None:
         """See `Engine`."""
         control = self._robots[number][1]
-        _lib.cpBodySetVelocity(control, (vx, vy))
-        _lib.cpBodySetAngularVelocity(control, turn)
+        _set_velocity(control, (vx, vy))
+        _set_turn(control, turn)
 
     def kick(self, vx: float, vy: float) -> None:
         """See `Engine`."""
-        _lib.cpBodySetVelocity(self._ball, (vx, vy))
+        _set_velocity(self._ball, (vx, vy))
 
-
-_NEEDED: Final = (
-    "cpSpaceStep",
-    "cpBodyGetPosition",
-    "cpBodyGetVelocity",
-    "cpBodyGetAngle",
-    "cpBodySetVelocity",
-    "cpBodySetAngularVelocity",
-)
-
-NATIVE: Final = (
-    all(hasattr(_lib, name) for name in _NEEDED)
-    and hasattr(pymunk.Space(), "_space")
-    and hasattr(pymunk.Body(), "_body")
-)
-"""Whether this pymunk has what `Native` needs."""
 
 ENGINE: type[Engine] = Native if NATIVE else Portable
 """The engine of every new world."""

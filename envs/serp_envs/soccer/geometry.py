@@ -14,14 +14,6 @@ def wrap(angle: float) -> float:
     return angle
 
 
-def segment_distance(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """Distance of the point p from the segment between a and b, which must differ."""
-    dx, dy = bx - ax, by - ay
-    along = ((px - ax) * dx + (py - ay) * dy) / (dx * dx + dy * dy)
-    along = 0.0 if along < 0.0 else 1.0 if along > 1.0 else along
-    return hypot(px - ax - along * dx, py - ay - along * dy)
-
-
 def goal_coverage(
     ball_x: float,
     ball_y: float,

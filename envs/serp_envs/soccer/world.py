@@ -41,6 +41,7 @@ class World:
         "ball_y",
         "contact",
         "field",
+        "goal_x",
         "reach",
         "robots",
         "tick",
@@ -58,6 +59,8 @@ class World:
             poses: Where the robots stand, one each, in the order of `robots`.
         """
         self.field = field
+        self.goal_x = field.own_goal_x
+        """The x of the defended goal line."""
         self.contact = walk.radius + field.ball_radius
         """Distance from the middle of a robot to that of a ball that it touches, m."""
         self.reach = self.contact + REACH
@@ -85,10 +88,9 @@ class World:
 
     def look(self) -> None:
         """Read positions, headings and the ball's velocity off the physics."""
-        read = self._engine.robot
         self.ball_x, self.ball_y, self.ball_vx, self.ball_vy = self._engine.ball()
-        for number, robot in enumerate(self.robots):
-            robot.x, robot.y, angle = read(number)
+        for robot, pose in zip(self.robots, self._engine.poses(), strict=True):
+            robot.x, robot.y, angle = pose
             robot.heading = angle if -pi <= angle <= pi else wrap(angle % (2.0 * pi))
 
     def kick(self, direction: float, speed: float, rng: np.random.Generator) -> None:

@@ -110,9 +110,7 @@ def test_30_seconds_are_a_timeout() -> None:
 
 
 def test_the_reward_of_a_decision() -> None:
-    # 0.5 nearer than the attacker: 0.05 · 0.5/0.7. The goal as an angle: 2 · atan(0.75/2.5).
-    contest = placed((-2.0, 0.0), (-2.0, 0.2, 0.0), (-1.3, 0.0, 0.0))
-    assert contest.coverage() == pytest.approx(1.0)  # it touches the ball: no way past
+    # 0.5 nearer than the attacker; half the goal is atan(0.75/2.5), half the robot asin(0.2/1).
     contest = placed((-2.0, 0.0), (-3.0, 0.0, 0.0), (-0.5, 0.0, 0.0))
     coverage = math.asin(0.2) / math.atan2(0.75, 2.5)
     expected = 0.05 * 0.5 / 0.7 + 0.10 * (coverage - 1.0)

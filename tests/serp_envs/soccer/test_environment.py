@@ -76,15 +76,14 @@ def test_no_global_generator_is_touched() -> None:
     assert (random.getstate(), np.random.get_state()[1].tolist()) == before  # type: ignore[index]
 
 
-def test_other_environments_in_between_change_nothing() -> None:
+def test_an_environment_in_between_changes_nothing() -> None:
     alone = play(SoccerDefender(), 4, choices(4))
     one, other = SoccerDefender(), SoccerDefender()
-    other.reset(seed=9)
     observation, info = one.reset(seed=4)
     together: list[Any] = [(observation.tobytes(), info)]
     for action in choices(4):
-        if other.step(3)[2]:
-            other.reset()
+        other.reset(seed=9)
+        other.step(3)
         observation, reward, terminated, truncated, info = one.step(action)
         together.append((observation.tobytes(), reward, terminated, truncated, info))
         if terminated or truncated:
@@ -150,9 +149,9 @@ def test_contests_fill_games_of_600_seconds_and_chain_them() -> None:
 def test_a_seed_keeps_the_clock_and_new_game_opens_a_game() -> None:
     env = SoccerDefender()
     env.reset(seed=0)
-    finish(env)
+    played = finish(env)["clock"]
     clock = env.reset(seed=0)[1]["clock"]
-    assert clock > 10.0
+    assert clock > played > 3.0
     assert env.reset(seed=0)[1]["clock"] == clock  # an abandoned contest counts for nothing
     _, info = env.reset(seed=0, options={"new_game": True})
     assert (info["game"], info["contest"]) == (1, 0)
@@ -173,22 +172,24 @@ def test_a_snapshot_before_the_first_contest_continues() -> None:
     assert play(one, None, choices(1)) == play(other, None, choices(1))
 
 
-@pytest.mark.parametrize("steps", [0, 1, 9])
+@pytest.mark.parametrize("steps", [0, 1, 6])
 def test_a_snapshot_in_a_contest_continues_bit_for_bit(steps: int) -> None:
     env = SoccerDefender()
-    env.reset(seed=11)
+    env.reset(seed=12)
     finish(env)
-    env.reset()
+    _, info = env.reset()
     for _ in range(steps):
-        env.step(3)
+        _, _, terminated, _, info = env.step(0)
+        assert not terminated
     snapshot = json.loads(json.dumps(env.state_dict()))
+    rest = _bits(env.step(0))
+    after = play(env, None, choices(5))
+    assert rest[-1]["clock"] > info["clock"]
     for other in (SoccerDefender(), env):
-        rest = [_bits(env.step(3)) for _ in range(2)]
-        after = play(env, None, choices(5))
         other.load_state_dict(snapshot)
-        assert [_bits(other.step(3)) for _ in range(2)] == rest
+        assert other.state_dict() == snapshot
+        assert _bits(other.step(0)) == rest
         assert play(other, None, choices(5)) == after
-        env.load_state_dict(snapshot)
 
 
 def _bits(step: tuple[Any, ...]) -> tuple[Any, ...]:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp_envs.soccer.geometry import goal_coverage, segment_distance, wrap
+from serp_envs.soccer.geometry import goal_coverage, wrap
 
 
 @given(st.floats(-3 * math.pi, 3 * math.pi))
@@ -18,16 +18,6 @@ def test_wrapping_keeps_the_direction(angle: float) -> None:
     assert abs(wrapped) <= math.pi + 1e-12
     assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
     assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("point", "distance"),
-    [((1.0, 2.0), 2.0), ((-3.0, 4.0), 5.0), ((5.0, 4.0), 5.0), ((2.0, 0.0), 0.0)],
-)
-def test_distance_from_a_segment_ends_at_its_ends(
-    point: tuple[float, float], distance: float
-) -> None:
-    assert segment_distance(*point, 0.0, 0.0, 2.0, 0.0) == pytest.approx(distance)
 
 
 def test_a_robot_behind_the_ball_covers_nothing_and_one_in_front_of_it_all() -> None:
