@@ -27,10 +27,11 @@ def rounds(decisions: int, count: int) -> tuple[list[float], list[float]]:
     env.reset(seed=0)
     speeds, physics = [], []
     for _ in range(count):
+        actions = rng.choices(range(5), k=decisions)
         ticks = 0
         start = time.perf_counter()
-        for _ in range(decisions):
-            _, _, terminated, truncated, _ = env.step(rng.randrange(5))
+        for action in actions:
+            _, _, terminated, truncated, _ = env.step(action)
             if terminated or truncated:
                 ticks += env.scenario.world.tick
                 env.reset()

@@ -7,7 +7,7 @@ itself, so `Native` calls the C library under pymunk directly, for the same resu
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final, Protocol
 
 import pymunk
@@ -33,6 +33,12 @@ NATIVE: Final = (
     _step is not None and hasattr(pymunk.Space(), "_space") and hasattr(pymunk.Body(), "_body")
 )
 """Whether this pymunk has what `Native` needs."""
+
+
+Drive = Callable[[float, float, float], None]
+"""Sets a velocity: x, y, turn."""
+
+_STEPS: Final = range(STEPS_PER_TICK)
 
 
 class Engine(Protocol):
@@ -61,8 +67,8 @@ class Engine(Protocol):
     def poses(self) -> list[tuple[float, float, float]]:
         """Of each robot x and y, m, and its angle, rad, turns counted."""
 
-    def drive(self, number: int, vx: float, vy: float, turn: float) -> None:
-        """Set the velocity, m/s and rad/s, of a robot's control body."""
+    def driver(self, number: int) -> Drive:
+        """What sets the velocity (x, y in m/s, turn in rad/s) of a robot's control body."""
 
     def kick(self, vx: float, vy: float) -> None:
         """Set the ball's velocity, m/s."""
@@ -98,11 +104,15 @@ class Portable:
         """See `Engine`."""
         return [(*body.position, body.angle) for body, _ in self._robots]
 
-    def drive(self, number: int, vx: float, vy: float, turn: float) -> None:
+    def driver(self, number: int) -> Drive:
         """See `Engine`."""
         control = self._robots[number][1]
-        control.velocity = (vx, vy)
-        control.angular_velocity = turn
+
+        def drive(vx: float, vy: float, turn: float) -> None:
+            control.velocity = (vx, vy)
+            control.angular_velocity = turn
+
+        return drive
 
     def kick(self, vx: float, vy: float) -> None:
         """See `Engine`."""
@@ -121,17 +131,17 @@ class Native:
         robots: Sequence[tuple[pymunk.Body, pymunk.Body]],
     ) -> None:
         """See `Engine`."""
-        # The handles do not keep what they point to; pymunk's objects free it when they go.
-        self._alive = (space, ball, tuple(robots))
+        # Handles own what they point to, but joints and shapes live with pymunk's space only.
+        self._alive = space
         self._space = space._space
         self._ball = ball._body
         self._robots = tuple((body._body, control._body) for body, control in robots)
 
     def advance(self) -> None:
         """See `Engine`."""
-        step, space = _step, self._space
-        for _ in range(STEPS_PER_TICK):
-            step(space, PHYSICS_STEP)
+        step, space, seconds = _step, self._space, PHYSICS_STEP
+        for _ in _STEPS:
+            step(space, seconds)
 
     def ball(self) -> tuple[float, float, float, float]:
         """See `Engine`."""
@@ -144,11 +154,16 @@ class Native:
         place, angle = _place, _angle
         return [((at := place(body)).x, at.y, angle(body)) for body, _ in self._robots]
 
-    def drive(self, number: int, vx: float, vy: float, turn: float) -> None:
+    def driver(self, number: int) -> Drive:
         """See `Engine`."""
         control = self._robots[number][1]
-        _set_velocity(control, (vx, vy))
-        _set_turn(control, turn)
+        set_velocity, set_turn = _set_velocity, _set_turn
+
+        def drive(vx: float, vy: float, turn: float) -> None:
+            set_velocity(control, (vx, vy))
+            set_turn(control, turn)
+
+        return drive
 
     def kick(self, vx: float, vy: float) -> None:
         """See `Engine`."""

@@ -19,6 +19,9 @@ from serp_envs.soccer.timing import DECISION, TICK, TICKS_PER_DECISION
 if TYPE_CHECKING:
     from serp_envs.soccer.rendering import Viewer
 
+_EACH_TICK: Final = ("human", "rgb_array_list")
+"""The render modes that draw a picture each tick, the other one when asked."""
+
 _SNAPSHOT: Final = ("scenario", "field", "clock", "np_random", "actions")
 """The keys of a snapshot."""
 
@@ -154,13 +157,14 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         scenario, rng = self.scenario, self.np_random
         self._action = action
         self._unsafe_choices += action in scenario.unsafe
+        watched = show and (self._pacer is not None or self.render_mode in _EACH_TICK)
         for _ in range(TICKS_PER_DECISION):
             scenario.command(action, rng)
             scenario.world.advance()
             ruling = scenario.judge()
             if ruling is not None:
                 self._outcome = ruling.outcome
-            if show:
+            if watched:
                 self._show()
             if ruling is not None:
                 return ruling

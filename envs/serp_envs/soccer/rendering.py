@@ -23,7 +23,7 @@ except ImportError as error:
     ) from error
 
 Color = tuple[int, int, int]
-SCALE: Final = 72.0
+SCALE: Final = 100.0
 """Pixels per metre."""
 BANNER: Final = 40
 """Height of the strip of text above the pitch, pixels."""
@@ -37,7 +37,7 @@ BALL: Final[Color] = (255, 255, 255)
 TEAMS: Final[tuple[Color, ...]] = ((66, 133, 244), (234, 97, 60), (150, 180, 250), (244, 160, 130))
 """Colours of the robots, in the order of the world's; the learning one is blue."""
 LINE_WIDTH: Final = 4
-"""Pixels; a line of 5 cm."""
+"""Pixels."""
 
 
 class Viewer:
@@ -57,7 +57,7 @@ class Viewer:
             round(2 * SCALE * field.max_y) + BANNER,
         )
         self._canvas = pygame.Surface(self._size)
-        self._font = pygame.font.Font(None, 26)
+        self._font = pygame.font.Font(None, 28)
         self._pitch = self._draw_pitch()
         self._window = window
         self._screen: Any = None
@@ -156,7 +156,10 @@ class Viewer:
             pygame.draw.circle(self._canvas, colour, centre, pixels)
             nose = self._at(x + radius * cos(heading), y + radius * sin(heading))
             pygame.draw.line(self._canvas, INK, centre, nose, 4)
-        self._write(team, LINE, (centre[0], centre[1] - pixels - 9), "center")
+        # Labels above and below, so that those of two robots in a duel do not meet.
+        away = pixels + 12
+        label = (centre[0], centre[1] + (away if number % 2 == 0 else -away))
+        self._write(team, LINE, label, "center")
 
     def _write(self, text: str, colour: Color, place: tuple[int, int], anchor: str) -> None:
         if text:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from math import atan2, cos, sin, sqrt
 from typing import Final
 
-from serp_envs.soccer.engine import Engine
+from serp_envs.soccer.engine import Drive
 from serp_envs.soccer.geometry import wrap
 
 
@@ -49,10 +49,9 @@ class Robot:
     """
 
     __slots__ = (
-        "_engine",
+        "_drive",
         "_max_x",
         "_max_y",
-        "_number",
         "down_until",
         "heading",
         "hit_ready",
@@ -62,19 +61,17 @@ class Robot:
         "y",
     )
 
-    def __init__(self, walk: Walk, engine: Engine, number: int, max_x: float, max_y: float) -> None:
+    def __init__(self, walk: Walk, drive: Drive, max_x: float, max_y: float) -> None:
         """A robot whose bodies are in the physics already.
 
         Args:
             walk: What its legs can do.
-            engine: What moves it.
-            number: Which robot of the engine it is.
+            drive: What its legs pull at.
             max_x: Targets beyond ± this are taken to be there.
             max_y: Targets beyond ± this are taken to be there.
         """
         self.walk = walk
-        self._engine = engine
-        self._number = number
+        self._drive = drive
         self._max_x = max_x
         self._max_y = max_y
         self.x = self.y = self.heading = 0.0
@@ -87,7 +84,7 @@ class Robot:
 
     def stop(self) -> None:
         """Stand still."""
-        self._engine.drive(self._number, 0.0, 0.0, 0.0)
+        self._drive(0.0, 0.0, 0.0)
 
     def go_to(self, x: float, y: float, face_x: float, face_y: float, pace: float = 1.0) -> None:
         """Walk straight towards (x, y) with the face towards (face_x, face_y).
@@ -119,4 +116,4 @@ class Robot:
         turn = TURN_GAIN * wrap(atan2(face_y - self.y, face_x - self.x) - heading)
         limit = walk.turn
         turn = limit if turn > limit else -limit if turn < -limit else turn
-        self._engine.drive(self._number, c * ahead - s * left, s * ahead + c * left, turn)
+        self._drive(c * ahead - s * left, s * ahead + c * left, turn)

@@ -74,7 +74,7 @@ class World:
         _add_posts(space, field)
         self._engine = engine.ENGINE(space, body, bodies)
         self.robots = tuple(
-            Robot(walk, self._engine, number, field.max_x, field.max_y)
+            Robot(walk, self._engine.driver(number), field.max_x, field.max_y)
             for number in range(len(bodies))
         )
         """The robots in the order of their poses."""
