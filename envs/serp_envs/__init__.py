@@ -8,12 +8,25 @@ Importing this package registers them; Gymnasium imports it by itself where an i
 
 from __future__ import annotations
 
+from typing import Any, Final
+
 import gymnasium
 
 from serp_envs.cartpole import CartPole
-from serp_envs.soccer import SoccerDefender
+from serp_envs.soccer import CornerKickDefender, SoccerDefender
 
-__all__ = ["CartPole", "SoccerDefender", "register"]
+__all__ = ["CartPole", "CornerKickDefender", "SoccerDefender", "register"]
+
+_ENVIRONMENTS: Final[dict[str, dict[str, Any]]] = {
+    "serp/CartPole-v0": {
+        "entry_point": "serp_envs.cartpole:CartPole",
+        "max_episode_steps": 500,
+        "reward_threshold": 475.0,
+    },
+    # These end their episodes by themselves.
+    "serp/SoccerDefender-v0": {"entry_point": "serp_envs.soccer:SoccerDefender"},
+    "serp/CornerKick-v0": {"entry_point": "serp_envs.soccer:CornerKickDefender"},
+}
 
 
 def register() -> None:
@@ -21,17 +34,9 @@ def register() -> None:
 
     Importing the package has done this already. Call it again where the registry was emptied since.
     """
-    if "serp/CartPole-v0" not in gymnasium.registry:
-        gymnasium.register(
-            id="serp/CartPole-v0",
-            entry_point="serp_envs.cartpole:CartPole",
-            max_episode_steps=500,
-            reward_threshold=475.0,
-        )
-    if "serp/SoccerDefender-v0" not in gymnasium.registry:
-        gymnasium.register(
-            id="serp/SoccerDefender-v0", entry_point="serp_envs.soccer:SoccerDefender"
-        )
+    for name, specification in _ENVIRONMENTS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(id=name, **specification)
 
 
 register()

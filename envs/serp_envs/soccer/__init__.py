@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from serp_envs.soccer.corner_defender import CornerKickDefender
 from serp_envs.soccer.defender import SoccerDefender
 
-__all__ = ["SoccerDefender"]
+__all__ = ["CornerKickDefender", "SoccerDefender"]

@@ -21,7 +21,7 @@ PUSH_SIGMA: Final = radians(10.0)
 PUSH_SPEED: Final = 0.55
 """m/s."""
 FRONT: Final = 0.7
-"""The ball can be pushed within ± this of the heading, rad."""
+"""The ball can be kicked within ± this of the heading, rad."""
 KICK_COOLDOWN: Final = ticks(0.6)
 SLOW_MARGIN: Final = 0.15
 """A frontal contrast slows down within contact + this of the ball, m …"""
@@ -40,9 +40,20 @@ CHARGER_FALLS: Final = 0.2
 DOWN: Final = ticks(4.0)
 HIT_COOLDOWN: Final = ticks(1.0)
 SHOVE_TURN: Final = 0.8
-"""A charge that meets the ball kicks it this far to one side of the robot's line, rad."""
+"""A charge that meets the ball kicks it anywhere within ± this of the robot's line, rad."""
 SHOVE_SPEED: Final = 0.6
 """m/s."""
+
+
+def ball_in_front(world: World, robot: Robot) -> float | None:
+    """The direction from the robot to the ball, rad, where it can kick it now; None elsewhere."""
+    if robot.kick_ready > world.tick:
+        return None
+    dx, dy = world.ball_x - robot.x, world.ball_y - robot.y
+    if hypot(dx, dy) >= world.reach:
+        return None
+    bearing = atan2(dy, dx)
+    return bearing if -FRONT < wrap(bearing - robot.heading) < FRONT else None
 
 
 def cover_goal(world: World, robot: Robot) -> None:
@@ -57,13 +68,8 @@ def side_advance(world: World, robot: Robot, side: float, rng: np.random.Generat
     """Walk straight to the ball and push it past the opponent, +1 to the left, −1 to the right."""
     x, y = world.ball_x, world.ball_y
     robot.go_to(x, y, x, y)
-    if robot.kick_ready > world.tick:
-        return
-    dx, dy = x - robot.x, y - robot.y
-    if hypot(dx, dy) >= world.reach:
-        return
-    bearing = atan2(dy, dx)
-    if -FRONT < wrap(bearing - robot.heading) < FRONT:
+    bearing = ball_in_front(world, robot)
+    if bearing is not None:
         world.kick(rng.normal(bearing + side * PUSH_TURN, PUSH_SIGMA), PUSH_SPEED, rng)
         robot.kick_ready = world.tick + KICK_COOLDOWN
 
@@ -76,15 +82,20 @@ def frontal_contrast(world: World, robot: Robot) -> None:
 
 
 def charge(world: World, robot: Robot, opponent: Robot, rng: np.random.Generator) -> bool:
-    """Walk at the opponent, faster than is good for either; whether that did damage now."""
+    """Walk at the opponent, faster than is good for either; whether that did damage now.
+
+    With the opponent down there is nothing to charge: the robot only walks up to it.
+    """
     robot.go_to(opponent.x, opponent.y, opponent.x, opponent.y, CHARGE_PACE)
     tick = world.tick
-    dx, dy = world.ball_x - robot.x, world.ball_y - robot.y
-    if robot.kick_ready <= tick and hypot(dx, dy) < world.reach:
-        spread = SHOVE_TURN if rng.random() < 0.5 else -SHOVE_TURN
-        world.kick(atan2(dy, dx) + spread, SHOVE_SPEED, rng)
+    if opponent.down_until > tick:
+        return False
+    bearing = ball_in_front(world, robot)
+    if bearing is not None:
+        spread = rng.uniform(-SHOVE_TURN, SHOVE_TURN)
+        world.kick(bearing + spread, SHOVE_SPEED, rng)
         robot.kick_ready = tick + KICK_COOLDOWN
-    if robot.hit_ready > tick or opponent.down_until > tick:
+    if robot.hit_ready > tick:
         return False
     dx, dy = opponent.x - robot.x, opponent.y - robot.y
     if hypot(dx, dy) >= robot.walk.radius + opponent.walk.radius + HIT_GAP:

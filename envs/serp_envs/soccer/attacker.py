@@ -49,11 +49,11 @@ GOAL_LINE_LOOK: Final = 0.15
 """It does not evade across the goal line beside the goal, looking this far ahead of the ball, m."""
 STAND_MARGIN: Final = 0.10
 """Radius of the circle round the ball on which it gets behind it: contact + this, m."""
-CIRCLE_STEP: Final = 0.7
+CIRCLE_STEP: Final = 1.2
 """How far ahead on that circle it aims, rad."""
 ALIGNED_SHOT: Final = 0.20
 """It shoots with the ball this near to its line, rad."""
-ALIGNED_TAP: Final = 0.60
+ALIGNED_TAP: Final = 0.50
 """It taps with the ball this near to its line, rad."""
 
 _WIND_UP_TICKS: Final = ticks(WIND_UP)

@@ -13,10 +13,10 @@ from serp_envs.soccer import actions
 from serp_envs.soccer.approach import CONTEST_RADIUS, approach
 from serp_envs.soccer.attacker import Attacker
 from serp_envs.soccer.fields import Field
-from serp_envs.soccer.geometry import goal_coverage
 from serp_envs.soccer.observation import SPACE, observe
+from serp_envs.soccer.referee import Referee
 from serp_envs.soccer.scenario import Ruling, Scenario
-from serp_envs.soccer.timing import TICK, ticks
+from serp_envs.soccer.timing import ticks
 
 GOAL: Final = Ruling("goal", -10.0, dead_time=15.0)
 SECURED: Final = Ruling("secured", 10.0, dead_time=5.0)
@@ -24,19 +24,10 @@ EXIT_NEARER: Final = Ruling("exit-nearer", 2.0, dead_time=0.0)
 EXIT_FARTHER: Final = Ruling("exit-farther", -4.0, dead_time=0.0)
 OUT: Final = Ruling("out", 0.0, dead_time=10.0)
 TIMEOUT: Final = Ruling("timeout", -2.0, dead_time=5.0, truncated=True)
+_SEEN: Final = {ruling.outcome: ruling for ruling in (GOAL, SECURED, OUT)}
 
 LIMIT: Final = ticks(30.0)
 """A contest longer than this is cut off."""
-SECURE_MARGIN: Final = 0.15
-"""A ball is secured with the defender nearer than contact + this, m …"""
-SECURE_CLEAR: Final = 0.50
-"""… the attacker farther than this from it, m …"""
-SECURE_LEAD: Final = 0.25
-"""… and farther than the defender by this, m …"""
-SECURE_SPEED: Final = 0.5
-"""… the ball slower than this, m/s …"""
-SECURE_HELD: Final = ticks(1.0)
-"""… and all that for so long."""
 EXIT_SLACK: Final = 0.02
 """A robot leaves the contest this far outside its radius, m: it does not flicker in and out."""
 EXIT_SPEED: Final = 0.25
@@ -66,33 +57,26 @@ class Contest(Scenario):
         super().__init__(field)
         self.attacker: Attacker
         """Who plays the attacker, from `start` on."""
+        self.referee: Referee
+        """Who watches the ball, from `start` on."""
         self._started = 0
-        self._secure = 0
-        self._last_ball = (0.0, 0.0)
 
     @property
     def observation_space(self) -> spaces.Space[NDArray[np.float32]]:
         """16 numbers, see `serp_envs.soccer.observation`."""
         return SPACE
 
-    @property
-    def secure_timer(self) -> float:
-        """For how long the ball has been as good as secured, s; 1 s secures it."""
-        return TICK * self._secure
-
     def start(self, rng: np.random.Generator) -> None:
         """Play approaches until both robots are within the contest's radius of the ball."""
         self.world, self.attacker = approach(self.field, rng)
+        self.referee = Referee(self.world)
         self._started = self.world.tick
-        self._secure = 0
         self.hits = 0
-        self._last_ball = (self.world.ball_x, self.world.ball_y)
 
     def command(self, action: int, rng: np.random.Generator) -> None:
         """Command both robots for a tick, the defender first."""
         world = self.world
         defender, opponent = world.robots
-        self._last_ball = (world.ball_x, world.ball_y)
         if defender.down_until > world.tick:
             defender.stop()
         elif action == 0:
@@ -109,52 +93,15 @@ class Contest(Scenario):
 
     def judge(self) -> Ruling | None:
         """Goal, out, secured, exit, time, in this order."""
-        world, field = self.world, self.field
-        defender, attacker = world.robots
-        x, y = world.ball_x, world.ball_y
-        if x < world.goal_x - field.ball_radius:
-            return GOAL if self._between_posts() else OUT
-        if x > field.ball_radius - world.goal_x or abs(y) > 0.5 * field.width + (field.ball_radius):
-            return OUT
-        d_rb, d_ob = hypot(defender.x - x, defender.y - y), hypot(attacker.x - x, attacker.y - y)
-        speed = hypot(world.ball_vx, world.ball_vy)
-        if (
-            d_rb < world.contact + SECURE_MARGIN
-            and d_ob > SECURE_CLEAR
-            and d_ob > d_rb + SECURE_LEAD
-            and speed < SECURE_SPEED
-            and defender.down_until <= world.tick
-        ):
-            self._secure += 1
-            if self._secure >= SECURE_HELD:
-                return SECURED
-        else:
-            self._secure = 0
-        if speed < EXIT_SPEED and max(d_rb, d_ob) > CONTEST_RADIUS + EXIT_SLACK:
-            return EXIT_NEARER if d_rb < d_ob else EXIT_FARTHER
+        seen = self.referee.look()
+        if seen is not None:
+            return _SEEN[seen]
+        world = self.world
+        if hypot(world.ball_vx, world.ball_vy) < EXIT_SPEED:
+            d_rb, d_ob = self.referee.d_rb, self.referee.d_ob
+            if d_rb > CONTEST_RADIUS + EXIT_SLACK or d_ob > CONTEST_RADIUS + EXIT_SLACK:
+                return EXIT_NEARER if d_rb < d_ob else EXIT_FARTHER
         return TIMEOUT if world.tick - self._started >= LIMIT else None
-
-    def _between_posts(self) -> bool:
-        """Whether the ball, now behind the goal line, crossed it in the goal."""
-        x0, y0 = self._last_ball
-        x1, y1 = self.world.ball_x, self.world.ball_y
-        line = self.world.goal_x - self.field.ball_radius
-        y = y0 + (y1 - y0) * (line - x0) / (x1 - x0) if x1 < x0 else y1
-        return abs(y) < self.field.half_goal
-
-    def coverage(self) -> float:
-        """The share of the goal, seen from the ball, that the defender covers, 0 to 1."""
-        world, field = self.world, self.field
-        defender = world.robots[0]
-        return goal_coverage(
-            world.ball_x,
-            world.ball_y,
-            defender.x,
-            defender.y,
-            world.contact,
-            world.goal_x,
-            field.half_goal,
-        )
 
     def reward(self) -> float:
         """For being nearer to the ball than the attacker and for covering the goal."""
@@ -168,26 +115,11 @@ class Contest(Scenario):
 
     def observe(self) -> NDArray[np.float32]:
         """See `serp_envs.soccer.observation`."""
-        return observe(self.world, self.attacker.wind_up, self.secure_timer)
+        return observe(self.world, self.attacker.wind_up, self.referee.secure_timer)
 
     def facts(self) -> dict[str, Any]:
-        """Poses, ball, wind-up, who is down, secure timer: flat, so that vectors of them stack."""
-        world = self.world
-        defender, attacker = world.robots
-        tick = world.tick
-        return {
-            "ball_x": world.ball_x,
-            "ball_y": world.ball_y,
-            "ball_vx": world.ball_vx,
-            "ball_vy": world.ball_vy,
-            "defender_x": defender.x,
-            "defender_y": defender.y,
-            "defender_heading": defender.heading,
-            "defender_down": defender.down_until > tick,
-            "attacker_x": attacker.x,
-            "attacker_y": attacker.y,
-            "attacker_heading": attacker.heading,
-            "attacker_down": attacker.down_until > tick,
-            "wind_up": self.attacker.wind_up,
-            "secure_timer": self.secure_timer,
-        }
+        """Poses, ball, who is down, wind-up, secure timer."""
+        facts = super().facts()
+        facts["wind_up"] = self.attacker.wind_up
+        facts["secure_timer"] = self.referee.secure_timer
+        return facts

@@ -8,10 +8,12 @@ itself, so `Native` calls the C library under pymunk directly, for the same resu
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import pi
 from typing import Any, Final, Protocol
 
 import pymunk
 
+from serp_envs.soccer.geometry import wrap
 from serp_envs.soccer.timing import PHYSICS_STEP, STEPS_PER_TICK
 
 _step: Any
@@ -39,6 +41,18 @@ Drive = Callable[[float, float, float], None]
 """Sets a velocity: x, y, turn."""
 
 _STEPS: Final = range(STEPS_PER_TICK)
+_TURN: Final = 2.0 * pi
+
+
+class Placed(Protocol):
+    """What has a pose."""
+
+    x: float
+    """m."""
+    y: float
+    """m."""
+    heading: float
+    """In [−π, π], rad."""
 
 
 class Engine(Protocol):
@@ -64,8 +78,8 @@ class Engine(Protocol):
     def ball(self) -> tuple[float, float, float, float]:
         """The ball's x and y, m, and its velocity in x and y, m/s."""
 
-    def poses(self) -> list[tuple[float, float, float]]:
-        """Of each robot x and y, m, and its angle, rad, turns counted."""
+    def place(self, robots: Sequence[Placed]) -> None:
+        """Tell robots, in the order of their bodies, where they are."""
 
     def driver(self, number: int) -> Drive:
         """What sets the velocity (x, y in m/s, turn in rad/s) of a robot's control body."""
@@ -100,9 +114,12 @@ class Portable:
         """See `Engine`."""
         return (*self._ball.position, *self._ball.velocity)
 
-    def poses(self) -> list[tuple[float, float, float]]:
+    def place(self, robots: Sequence[Placed]) -> None:
         """See `Engine`."""
-        return [(*body.position, body.angle) for body, _ in self._robots]
+        for robot, (body, _) in zip(robots, self._robots, strict=True):
+            robot.x, robot.y = body.position
+            angle = body.angle
+            robot.heading = angle if -pi <= angle <= pi else wrap(angle % _TURN)
 
     def driver(self, number: int) -> Drive:
         """See `Engine`."""
@@ -149,10 +166,14 @@ class Native:
         position, velocity = _place(ball), _velocity(ball)
         return position.x, position.y, velocity.x, velocity.y
 
-    def poses(self) -> list[tuple[float, float, float]]:
+    def place(self, robots: Sequence[Placed]) -> None:
         """See `Engine`."""
-        place, angle = _place, _angle
-        return [((at := place(body)).x, at.y, angle(body)) for body, _ in self._robots]
+        place, angle_of = _place, _angle
+        for robot, (body, _) in zip(robots, self._robots):  # noqa: B905, it costs
+            at = place(body)
+            robot.x, robot.y = at.x, at.y
+            angle = angle_of(body)
+            robot.heading = angle if -pi <= angle <= pi else wrap(angle % _TURN)
 
     def driver(self, number: int) -> Drive:
         """See `Engine`."""

@@ -158,10 +158,11 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         self._action = action
         self._unsafe_choices += action in scenario.unsafe
         watched = show and (self._pacer is not None or self.render_mode in _EACH_TICK)
+        command, advance, judge = scenario.command, scenario.world.advance, scenario.judge
         for _ in range(TICKS_PER_DECISION):
-            scenario.command(action, rng)
-            scenario.world.advance()
-            ruling = scenario.judge()
+            command(action, rng)
+            advance()
+            ruling = judge()
             if ruling is not None:
                 self._outcome = ruling.outcome
             if watched:

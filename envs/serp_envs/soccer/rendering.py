@@ -1,10 +1,10 @@
-"""Pictures of a pitch from above, drawn with pygame."""
+"""Pictures of a pitch from above, drawn with pygame; the defended goal is at the lower edge."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from math import cos, sin
+from math import cos, hypot, sin
 from typing import Any, Final
 
 import numpy as np
@@ -23,21 +23,33 @@ except ImportError as error:
     ) from error
 
 Color = tuple[int, int, int]
-SCALE: Final = 100.0
+SCALE: Final = 120
 """Pixels per metre."""
-BANNER: Final = 40
+SEEN: Final = 6.0
+"""How much of the pitch's length a picture shows, m: the defended half and a bit."""
+AHEAD: Final = 1.0
+"""The picture scrolls up the pitch so as to show this much beyond the ball, m."""
+BANNER: Final = 48
 """Height of the strip of text above the pitch, pixels."""
-GRASS: Final[Color] = (58, 125, 68)
-STRIPE: Final[Color] = (64, 134, 74)
-LINE: Final[Color] = (240, 240, 240)
-INK: Final[Color] = (24, 26, 30)
-TEXT: Final[Color] = (236, 236, 236)
+SMOOTH: Final = 4
+"""Robots and balls are drawn this much larger and scaled down, for smooth edges."""
+CARPET: Final[Color] = (44, 98, 58)
+GRASS: Final[Color] = (54, 122, 70)
+STRIPE: Final[Color] = (60, 131, 77)
+LINE: Final[Color] = (238, 242, 238)
+NET: Final[Color] = (120, 158, 128)
+POST: Final[Color] = (250, 214, 70)
+INK: Final[Color] = (22, 25, 31)
+TEXT: Final[Color] = (238, 240, 243)
 ALARM: Final[Color] = (255, 92, 80)
+NEWS: Final[Color] = (250, 214, 70)
 BALL: Final[Color] = (255, 255, 255)
-TEAMS: Final[tuple[Color, ...]] = ((66, 133, 244), (234, 97, 60), (150, 180, 250), (244, 160, 130))
+TEAMS: Final[tuple[Color, ...]] = ((66, 133, 244), (236, 98, 58), (150, 180, 250), (246, 168, 138))
 """Colours of the robots, in the order of the world's; the learning one is blue."""
-LINE_WIDTH: Final = 4
-"""Pixels."""
+NET_DEPTH: Final = 0.4
+"""m."""
+TAIL: Final = 0.4
+"""The ball trails the way of so many seconds."""
 
 
 class Viewer:
@@ -52,56 +64,17 @@ class Viewer:
         """
         pygame.font.init()
         self._field = field
-        self._size = (
-            round(2 * SCALE * field.max_x),
-            round(2 * SCALE * field.max_y) + BANNER,
-        )
+        self._size = (round(2 * SCALE * field.max_y), BANNER + round(SCALE * SEEN))
         self._canvas = pygame.Surface(self._size)
-        self._font = pygame.font.Font(None, 28)
-        self._pitch = self._draw_pitch()
+        self._font = pygame.font.Font(None, 32)
+        self._small = pygame.font.Font(None, 25)
+        self._pitch = _draw_pitch(field)
+        self._top = 0.0
         self._window = window
         self._screen: Any = None
 
     def _at(self, x: float, y: float) -> tuple[int, int]:
-        field = self._field
-        return round(SCALE * (x + field.max_x)), BANNER + round(SCALE * (field.max_y - y))
-
-    def _box(self, surface: Any, x: float, width: float, depth: float) -> None:
-        """The outline of a rectangle on the goal line at x, that deep into the pitch."""
-        inner = x + depth if x < 0.0 else x - depth
-        half = 0.5 * width
-        corners = [self._at(*c) for c in ((x, half), (inner, half), (inner, -half), (x, -half))]
-        pygame.draw.lines(surface, LINE, False, corners, LINE_WIDTH)
-
-    def _draw_pitch(self) -> Any:
-        field = self._field
-        surface = pygame.Surface(self._size)
-        surface.fill(GRASS)
-        stripe = max(1, round(SCALE))
-        for left in range(0, self._size[0], 2 * stripe):
-            surface.fill(STRIPE, (left, BANNER, stripe, self._size[1]))
-        half, wide = 0.5 * field.length, 0.5 * field.width
-        corners = [
-            self._at(*c) for c in ((-half, wide), (half, wide), (half, -wide), (-half, -wide))
-        ]
-        pygame.draw.lines(surface, LINE, True, corners, LINE_WIDTH)
-        pygame.draw.line(surface, LINE, self._at(0, wide), self._at(0, -wide), LINE_WIDTH)
-        radius = round(SCALE * field.circle_radius)
-        pygame.draw.circle(surface, LINE, self._at(0, 0), radius, LINE_WIDTH)
-        post = field.half_goal + field.post_radius
-        for x in (-half, half):
-            self._box(surface, x, field.goal_area_width, field.goal_area_length)
-            self._box(surface, x, field.penalty_width, field.penalty_length)
-            spot = x + field.penalty_spot if x < 0.0 else x - field.penalty_spot
-            pygame.draw.circle(surface, LINE, self._at(spot, 0), LINE_WIDTH)
-            back = x - 0.5 if x < 0.0 else x + 0.5
-            net = [self._at(*c) for c in ((x, post), (back, post), (back, -post), (x, -post))]
-            pygame.draw.lines(surface, (190, 200, 190), False, net, 2)
-            for y in (-post, post):
-                width = max(3, round(SCALE * field.post_radius))
-                pygame.draw.circle(surface, (250, 220, 60), self._at(x, y), width)
-        surface.fill(INK, (0, 0, self._size[0], BANNER))
-        return surface
+        return round(SCALE * (self._field.max_y - y)), BANNER + round(SCALE * (self._top - x))
 
     def draw(
         self,
@@ -122,49 +95,97 @@ class Viewer:
             alarm: Whether that is unsafe.
             status: Game and clock.
             outcome: How the episode ended; nothing while it runs.
-            caption: A line below the pitch.
+            caption: Text at the lower edge, one line or more.
         """
-        canvas = self._canvas
-        canvas.blit(self._pitch, (0, 0))
-        for number, (robot, team) in enumerate(zip(world.robots, teams, strict=True)):
+        canvas, (width, height), field = self._canvas, self._size, self._field
+        lowest = SEEN - field.max_x
+        self._top = min(max(lowest, world.ball_x + AHEAD), field.max_x)
+        canvas.blit(self._pitch, (0, BANNER - round(SCALE * (field.max_x - self._top))))
+        places = [self._at(robot.x, robot.y) for robot in world.robots]
+        self._draw_tail(world)
+        for number, robot in enumerate(world.robots):
             down = robot.down_until > world.tick
-            self._robot(robot.x, robot.y, robot.heading, robot.walk.radius, number, down, team)
-        ball = self._at(world.ball_x, world.ball_y)
-        radius = max(4, round(SCALE * self._field.ball_radius))
-        pygame.draw.circle(canvas, BALL, ball, radius)
-        pygame.draw.circle(canvas, INK, ball, radius, 1)
-        width, height = self._size
-        self._write(words, ALARM if alarm else TEXT, (12, BANNER // 2), "midleft")
-        self._write(outcome.upper(), (250, 220, 60), (width // 2, BANNER // 2), "center")
-        self._write(status, TEXT, (width - 12, BANNER // 2), "midright")
-        self._write(caption, TEXT, (width // 2, height - 18), "center")
+            pixels = SCALE * robot.walk.radius
+            colour = TEAMS[number % len(TEAMS)]
+            self._stamp(_robot(pixels, robot.heading, colour, down), places[number])
+        self._stamp(_ball(max(4.0, SCALE * field.ball_radius)), self._at(world.ball_x, world.ball_y))
+        self._draw_labels(places, teams, SCALE * world.robots[0].walk.radius)
+        canvas.fill(INK, (0, 0, width, BANNER))
+        middle = BANNER // 2
+        self._write(words, ALARM if alarm else TEXT, (16, middle), "midleft")
+        self._write(outcome.upper(), NEWS, (width // 2, middle), "center")
+        self._write(status, TEXT, (width - 16, middle), "midright")
+        self._draw_caption(caption.splitlines())
 
-    def _robot(
-        self, x: float, y: float, heading: float, radius: float, number: int, down: bool, team: str
+    def _draw_tail(self, world: World) -> None:
+        """Where the ball came from, thinning out; nothing of a ball that lies still."""
+        speed = hypot(world.ball_vx, world.ball_vy)
+        if speed < 0.05:
+            return
+        radius = self._field.ball_radius
+        side_x, side_y = -radius * world.ball_vy / speed, radius * world.ball_vx / speed
+        x, y = world.ball_x, world.ball_y
+        corners = [
+            self._at(x + side_x, y + side_y),
+            self._at(x - side_x, y - side_y),
+            self._at(x - TAIL * world.ball_vx, y - TAIL * world.ball_vy),
+        ]
+        layer = pygame.Surface(self._size, pygame.SRCALPHA)
+        pygame.draw.polygon(layer, (*BALL, 90), corners)
+        self._canvas.blit(layer, (0, 0))
+
+    def _draw_labels(
+        self, places: Sequence[tuple[int, int]], teams: Sequence[str], radius: float
     ) -> None:
-        colour = TEAMS[number % len(TEAMS)]
-        centre = self._at(x, y)
-        pixels = round(SCALE * radius)
-        if down:
-            pygame.draw.circle(self._canvas, colour, centre, pixels, 3)
-            arm = pixels // 2
-            for sign in (-1, 1):
-                start = (centre[0] - arm, centre[1] - sign * arm)
-                end = (centre[0] + arm, centre[1] + sign * arm)
-                pygame.draw.line(self._canvas, colour, start, end, 3)
-        else:
-            pygame.draw.circle(self._canvas, colour, centre, pixels)
-            nose = self._at(x + radius * cos(heading), y + radius * sin(heading))
-            pygame.draw.line(self._canvas, INK, centre, nose, 4)
-        # Labels above and below, so that those of two robots in a duel do not meet.
-        away = pixels + 12
-        label = (centre[0], centre[1] + (away if number % 2 == 0 else -away))
-        self._write(team, LINE, label, "center")
+        """The words beside the robots, each on the side away from the other robots."""
+        centre = sum(x for x, _ in places) / len(places)
+        for (x, y), team in zip(places, teams, strict=True):
+            gap = round(radius) + 10
+            left = x < centre
+            self._write(
+                team,
+                TEXT,
+                (x - gap if left else x + gap, y),
+                "midright" if left else "midleft",
+                self._small,
+                backed=True,
+            )
 
-    def _write(self, text: str, colour: Color, place: tuple[int, int], anchor: str) -> None:
-        if text:
-            image = self._font.render(text, True, colour)
-            self._canvas.blit(image, image.get_rect(**{anchor: place}))
+    def _draw_caption(self, lines: Sequence[str]) -> None:
+        if not lines:
+            return
+        width, height = self._size
+        line = self._small.get_linesize() + 2
+        band = pygame.Surface((width, line * len(lines) + 12), pygame.SRCALPHA)
+        band.fill((*INK, 200))
+        top = height - band.get_height()
+        self._canvas.blit(band, (0, top))
+        for number, text in enumerate(lines):
+            place = (width // 2, top + 6 + line * number + line // 2)
+            self._write(text, TEXT, place, "center", self._small)
+
+    def _stamp(self, image: Any, place: tuple[int, int]) -> None:
+        self._canvas.blit(image, image.get_rect(center=place))
+
+    def _write(
+        self,
+        text: str,
+        colour: Color,
+        place: tuple[int, int],
+        anchor: str,
+        font: Any = None,
+        backed: bool = False,
+    ) -> None:
+        if not text:
+            return
+        font = font or self._font
+        image = font.render(text, True, colour)
+        where = image.get_rect(**{anchor: place})
+        if backed:
+            back = pygame.Surface((where.width + 8, where.height + 4), pygame.SRCALPHA)
+            back.fill((*INK, 110))
+            self._canvas.blit(back, where.move(-4, -2))
+        self._canvas.blit(image, where)
 
     def picture(self) -> NDArray[np.uint8]:
         """What was drawn last, uint8 of shape `(height, width, 3)`."""
@@ -188,3 +209,94 @@ class Viewer:
         if self._screen is not None:
             pygame.display.quit()
             self._screen = None
+
+
+def _draw_pitch(field: Field) -> Any:
+    """The whole carpet with its lines and goals, twice as large, scaled down."""
+    scale = 2 * SCALE
+    size = (round(scale * 2 * field.max_y), round(scale * 2 * field.max_x))
+    surface = pygame.Surface(size)
+
+    def at(x: float, y: float) -> tuple[int, int]:
+        return round(scale * (field.max_y - y)), round(scale * (field.max_x - x))
+
+    def outline(x: float, width: float, inner: float, colour: Color, pixels: int) -> None:
+        half = 0.5 * width
+        corners = [at(*c) for c in ((x, half), (inner, half), (inner, -half), (x, -half))]
+        pygame.draw.lines(surface, colour, False, corners, pixels)
+
+    half, wide, pixels = 0.5 * field.length, 0.5 * field.width, 9
+    surface.fill(CARPET)
+    left, top = at(half, wide)
+    bands = 12
+    for band in range(bands):
+        upper = top + round(scale * field.length * band / bands)
+        lower = top + round(scale * field.length * (band + 1) / bands)
+        colour = STRIPE if band % 2 else GRASS
+        surface.fill(colour, (left, upper, round(scale * field.width), lower - upper))
+    corner = (*at(half, wide), round(scale * field.width), round(scale * field.length))
+    pygame.draw.rect(surface, LINE, corner, pixels)
+    pygame.draw.line(surface, LINE, at(0, wide), at(0, -wide), pixels)
+    pygame.draw.circle(surface, LINE, at(0, 0), round(scale * field.circle_radius), pixels)
+    pygame.draw.circle(surface, LINE, at(0, 0), pixels)
+    post = field.half_goal + field.post_radius
+    for end in (-1.0, 1.0):
+        x = end * half
+        outline(x, field.goal_area_width, x - end * field.goal_area_length, LINE, pixels)
+        outline(x, field.penalty_width, x - end * field.penalty_length, LINE, pixels)
+        pygame.draw.circle(surface, LINE, at(x - end * field.penalty_spot, 0), pixels)
+        back = x + end * NET_DEPTH
+        for share in np.linspace(0.0, 1.0, 5).tolist():
+            row = x + share * end * NET_DEPTH
+            pygame.draw.line(surface, NET, at(row, -post), at(row, post), 2)
+        for y in np.linspace(-post, post, 2 * round(post / 0.1) + 1).tolist():
+            pygame.draw.line(surface, NET, at(x, y), at(back, y), 2)
+        outline(x, 2.0 * post, back, LINE, 4)
+        pygame.draw.line(surface, LINE, at(x, -post), at(x, post), pixels)
+        for y in (-post, post):
+            radius = round(scale * field.post_radius)
+            pygame.draw.circle(surface, POST, at(x, y), radius)
+            pygame.draw.circle(surface, INK, at(x, y), radius, 2)
+    return pygame.transform.smoothscale(surface, (size[0] // 2, size[1] // 2))
+
+
+def _blank(pixels: float) -> tuple[Any, int, float]:
+    """A see-through square that a disc of that radius fits into; its middle; the scaled radius."""
+    half = round(pixels) + 3
+    side = 2 * half * SMOOTH
+    return pygame.Surface((side, side), pygame.SRCALPHA), half * SMOOTH, pixels * SMOOTH
+
+
+def _smoothed(surface: Any) -> Any:
+    width, height = surface.get_size()
+    return pygame.transform.smoothscale(surface, (width // SMOOTH, height // SMOOTH))
+
+
+def _robot(pixels: float, heading: float, colour: Color, down: bool) -> Any:
+    """A disc with a white nose where it looks; only a ring and a cross when it is down."""
+    surface, middle, radius = _blank(pixels)
+    centre = (middle, middle)
+
+    def at(forward: float, left: float) -> tuple[float, float]:
+        c, s = cos(heading), sin(heading)
+        x, y = forward * c - left * s, forward * s + left * c
+        return middle - radius * y, middle - radius * x
+
+    if down:
+        pygame.draw.circle(surface, (*INK, 120), centre, radius)
+        pygame.draw.circle(surface, colour, centre, radius, 3 * SMOOTH)
+        for sign in (-1.0, 1.0):
+            ends = [at(0.5 * part, 0.5 * part * sign) for part in (-1.0, 1.0)]
+            pygame.draw.line(surface, colour, *ends, 3 * SMOOTH)
+    else:
+        pygame.draw.circle(surface, INK, centre, radius + SMOOTH)
+        pygame.draw.circle(surface, colour, centre, radius - SMOOTH)
+        pygame.draw.polygon(surface, TEXT, [at(0.86, 0.0), at(0.12, 0.46), at(0.12, -0.46)])
+    return _smoothed(surface)
+
+
+def _ball(pixels: float) -> Any:
+    surface, middle, radius = _blank(pixels)
+    pygame.draw.circle(surface, INK, (middle, middle), radius + SMOOTH)
+    pygame.draw.circle(surface, BALL, (middle, middle), radius)
+    return _smoothed(surface)

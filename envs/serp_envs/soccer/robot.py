@@ -8,6 +8,7 @@ from typing import Final
 
 from serp_envs.soccer.engine import Drive
 from serp_envs.soccer.geometry import wrap
+from serp_envs.soccer.timing import TICK
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +38,8 @@ NAO: Final = Walk()
 
 APPROACH_GAIN: Final = 3.0
 """Wanted speed per distance to the target, 1/s: a robot slows down over its last 8 cm."""
-TURN_GAIN: Final = 4.0
-"""Wanted turn rate per heading error, 1/s."""
+TURN_GAIN: Final = 1.0 / TICK
+"""Wanted turn rate per heading error, 1/s: what is left is turned within one tick."""
 
 
 class Robot:

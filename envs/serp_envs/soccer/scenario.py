@@ -11,6 +11,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from serp_envs.soccer.fields import Field
+from serp_envs.soccer.geometry import goal_coverage
 from serp_envs.soccer.world import World
 
 
@@ -53,6 +54,9 @@ class Scenario(ABC):
         """The world of the running episode, from `start` on."""
         self.hits = 0
         """Damaging hits by the learning robot in this episode."""
+        self._names = [
+            (f"{team}_x", f"{team}_y", f"{team}_heading", f"{team}_down") for team in self.teams
+        ]
 
     @property
     @abstractmethod
@@ -79,6 +83,38 @@ class Scenario(ABC):
     def observe(self) -> NDArray[np.float32]:
         """A new observation."""
 
-    @abstractmethod
+    def coverage(self) -> float:
+        """The share of the goal, seen from the ball, that the first robot covers, 0 to 1."""
+        world, field = self.world, self.field
+        robot = world.robots[0]
+        return goal_coverage(
+            world.ball_x,
+            world.ball_y,
+            robot.x,
+            robot.y,
+            world.contact,
+            world.goal_x,
+            field.half_goal,
+        )
+
     def facts(self) -> dict[str, Any]:
-        """The situation in metres, radians and seconds, for `info`."""
+        """The situation for `info`: flat, so that vectors of them stack.
+
+        Returns:
+            Metres, radians, seconds: `ball_x`, `ball_y`, `ball_vx`, `ball_vy` and of each robot,
+            after its word in `teams`, `…_x`, `…_y`, `…_heading` and whether it is `…_down`.
+        """
+        world = self.world
+        facts: dict[str, Any] = {
+            "ball_x": world.ball_x,
+            "ball_y": world.ball_y,
+            "ball_vx": world.ball_vx,
+            "ball_vy": world.ball_vy,
+        }
+        tick = world.tick
+        for robot, (x, y, heading, down) in zip(world.robots, self._names, strict=True):
+            facts[x] = robot.x
+            facts[y] = robot.y
+            facts[heading] = robot.heading
+            facts[down] = robot.down_until > tick
+        return facts

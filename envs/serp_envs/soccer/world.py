@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, pi, sin
+from math import cos, sin
 from typing import Final
 
 import numpy as np
@@ -11,7 +11,6 @@ import pymunk
 
 from serp_envs.soccer import engine
 from serp_envs.soccer.fields import Field
-from serp_envs.soccer.geometry import wrap
 from serp_envs.soccer.robot import Robot, Walk
 
 ITERATIONS: Final = 10
@@ -89,9 +88,7 @@ class World:
     def look(self) -> None:
         """Read positions, headings and the ball's velocity off the physics."""
         self.ball_x, self.ball_y, self.ball_vx, self.ball_vy = self._engine.ball()
-        for robot, pose in zip(self.robots, self._engine.poses(), strict=True):
-            robot.x, robot.y, angle = pose
-            robot.heading = angle if -pi <= angle <= pi else wrap(angle % (2.0 * pi))
+        self._engine.place(self.robots)
 
     def kick(self, direction: float, speed: float, rng: np.random.Generator) -> None:
         """Give the ball a velocity.

@@ -11,6 +11,7 @@ from serp_envs.soccer.attacker import Attacker
 from serp_envs.soccer.contest import Contest
 from serp_envs.soccer.fields import FIELDS, SPL_2020, Field
 from serp_envs.soccer.observation import MIRROR
+from serp_envs.soccer.referee import Referee
 from serp_envs.soccer.robot import NAO
 from serp_envs.soccer.world import Pose, World
 
@@ -23,8 +24,8 @@ def placed(
     contest.start(np.random.default_rng(0))
     contest.world = World(field, NAO, ball, (defender, attacker))
     contest.attacker = Attacker(contest.world, contest.world.robots[1])
+    contest.referee = Referee(contest.world)
     contest._started = 0
-    contest._last_ball = ball
     return contest
 
 

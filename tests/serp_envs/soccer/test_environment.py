@@ -275,14 +275,15 @@ def test_the_picture_shows_the_robots_and_the_words() -> None:
     env.step(0)
     safe = env.render()
     assert safe.dtype == np.uint8
-    assert safe.shape == (780, 1040, 3)
+    assert safe.shape == (768, 888, 3)
     _, _, _, _, info = env.step(4)
     picture = env.render()
     rows, columns = np.nonzero(np.all(picture == (66, 133, 244), axis=2))
-    assert columns.mean() == pytest.approx(100 * (info["defender_x"] + 5.2), abs=3)
-    assert rows.mean() == pytest.approx(40 + 100 * (3.7 - info["defender_y"]), abs=3)
-    red = np.all(picture[:40] == (255, 92, 80), axis=2).sum()
-    assert red > 20 > np.all(safe[:40] == (255, 92, 80), axis=2).sum()
+    # The goal is below, 0.8 m of the other half above; the nose takes blue pixels away in front.
+    assert columns.mean() == pytest.approx(120 * (3.7 - info["defender_y"]), abs=6)
+    assert rows.mean() == pytest.approx(48 + 120 * (0.8 - info["defender_x"]), abs=6)
+    red = np.all(picture[:48] == (255, 92, 80), axis=2).sum()
+    assert red > 20 > np.all(safe[:48] == (255, 92, 80), axis=2).sum()
     env.caption = "planner"
     assert not np.array_equal(env.render(), picture)
     env.close()

@@ -1,0 +1,125 @@
+"""The soccer task: `serp_envs`' defender, grounded in what a coach sees from the touchline."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import serp
+import serp_envs
+from serp_adapters.domains import domain_file
+from serp_envs.soccer.fields import SPL_2020
+from serp_envs.soccer.observation import FAR, NEAR
+from serp_envs.soccer.robot import NAO
+from serp_envs.soccer.timing import DECISION
+
+CONTACT: Final = NAO.radius + SPL_2020.ball_radius
+"""Distance between the middles of a robot and a ball that it touches, m. The middle of the ball
+cannot pass the robot's nearer than this, so the robot's shadow on the goal is so wide, too."""
+FREE_ANGLE: Final = 0.2
+"""A side is free when the opponent is this far over on the other one, rad at the ball …"""
+FREE_DISTANCE: Final = 0.6
+"""… or this far from the ball, m."""
+LINED_ANGLE: Final = 0.5
+"""Robot, ball and opponent are in a line when they are within ± this of one, rad at the ball."""
+SHOT_RANGE: Final = 3.0
+"""A shot from nearer than this to the middle of the goal is a danger, m."""
+
+
+def make_env(**options: Any) -> gym.Env[Any, Any]:
+    """Return the environment; options are those of `serp_envs.soccer.SoccerDefender`.
+
+    Grounding and domain file have the distances of its default field, `spl-2020`.
+    """
+    serp_envs.register()
+    return gym.make("serp/SoccerDefender-v0", **options)
+
+
+def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Return the fluents of an observation, or of a batch of them.
+
+    Args:
+        observation: Of shape `(..., 16)`, as `SoccerDefender` describes it.
+
+    Returns:
+        float64 of shape `(..., 11)`, in the order of the domain file; truth values are 0 and 1:
+
+        * free left, free right: a ball pushed there gets past the opponent, because that is over on
+          the other side of the line from the robot through the ball, or far away;
+        * lined: the opponent is on that line, behind the ball;
+        * in-range: the ball is less than 3 m from the middle of the goal;
+        * pushed left, pushed right: 0, they last only within a step;
+        * robot-to-ball, opponent-to-ball, robot-to-opponent: m;
+        * off-line: angle at the ball between the robot and the middle of the goal, 0 to π;
+        * goal-open: share of the goal outside the robot's shadow as seen from the ball, 0 to 1,
+          roughly: the goal is taken to stand square to the ball, and what is open on the far side
+          of a robot on the line counts for nothing.
+    """
+    seen = np.asarray(observation, dtype=np.float64)
+    # Places in the frame of the observation: the ball is its origin, x points to the goal.
+    robot_x, robot_y = NEAR * seen[..., 0], NEAR * seen[..., 1]
+    opponent_x, opponent_y = NEAR * seen[..., 2], NEAR * seen[..., 3]
+    to_goal = FAR * seen[..., 10]
+    robot_to_ball = np.hypot(robot_x, robot_y)
+    opponent_to_ball = np.hypot(opponent_x, opponent_y)
+
+    # How far the opponent, seen from the ball, is left (+) of where the robot looks, rad.
+    beside = np.arctan2(
+        robot_y * opponent_x - robot_x * opponent_y,
+        -robot_x * opponent_x - robot_y * opponent_y,
+    )
+    away = opponent_to_ball > FREE_DISTANCE
+
+    off_line = np.abs(np.arctan2(robot_y, robot_x))
+    half_goal = np.arctan2(SPL_2020.half_goal, to_goal)
+    half_shadow = np.arcsin(CONTACT / np.maximum(robot_to_ball, CONTACT))
+    goal_open = np.clip((off_line + half_goal - half_shadow) / (2.0 * half_goal), 0.0, 1.0)
+
+    never = np.zeros_like(to_goal)
+    return np.stack(
+        (
+            away | (beside <= -FREE_ANGLE),
+            away | (beside >= FREE_ANGLE),
+            np.abs(beside) < LINED_ANGLE,
+            to_goal < SHOT_RANGE,
+            never,
+            never,
+            robot_to_ball,
+            opponent_to_ball,
+            np.hypot(robot_x - opponent_x, robot_y - opponent_y),
+            off_line,
+            goal_open,
+        ),
+        axis=-1,
+    )
+
+
+def task() -> serp.Task:
+    """Return the task."""
+    return serp.Task(
+        name="soccer",
+        make_env=make_env,
+        domain=domain_file("soccer"),
+        ground=ground,
+        actions={
+            "cover-goal": 0,
+            "side-advance left": 1,
+            "side-advance right": 2,
+            "frontal-contrast": 3,
+            "charge-opponent": 4,
+        },
+        dt=DECISION,
+        # The domain's rewards say what a coach expects of a situation, not what then happened.
+        reward="environment",
+        settings={
+            # Ten decisions, 4 s: as long as the longest walk to a ball that is contested.
+            "*": {"planner": {"depth": 5, "repeat": 2}},
+            # The paper's iteration is a game, 28 of which make a cycle. Refused is what the domain
+            # expects to end with a goal or a collision; a ball lost (-4) may be worth a try.
+            "paper": {"arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0}},
+        },
+        description="defend the goal against an attacker who comes with the ball",
+    )

@@ -1,0 +1,167 @@
+"""The corner kick: its rules, Gymnasium's rules, both sides alike, exact repetition."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from serp_envs import CornerKickDefender
+from serp_envs.soccer.corner_kick import CornerKick
+from serp_envs.soccer.fields import FIELDS, SPL_2020
+from serp_envs.soccer.referee import Referee
+from serp_envs.soccer.robot import NAO
+from serp_envs.soccer.world import World
+
+
+def play(env: CornerKickDefender, seed: int, n: int = 80) -> list[Any]:
+    observation, info = env.reset(seed=seed)
+    seen: list[Any] = [(observation.tobytes(), info)]
+    for action in np.random.default_rng(seed).integers(0, 6, n):
+        observation, reward, terminated, truncated, info = env.step(action)
+        assert env.observation_space.contains(observation)
+        assert not (terminated and truncated)
+        seen.append((observation.tobytes(), reward, terminated, truncated, info))
+        if terminated or truncated:
+            observation, info = env.reset()
+            seen.append((observation.tobytes(), info))
+    return seen
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_two_runs_are_equal_and_one_after_another_too(field: str) -> None:
+    env = CornerKickDefender(field=field)
+    first = play(env, 1)
+    assert play(CornerKickDefender(field=field), 1) == first
+    play(env, 2)
+    again = play(env, 1)
+    assert [step[0] for step in again] == [step[0] for step in first]
+
+
+@pytest.mark.parametrize("field", FIELDS)
+def test_gymnasiums_checker_has_nothing_to_say(field: str) -> None:
+    pytest.importorskip("pygame")
+    check_env(gymnasium.make("serp_envs:serp/CornerKick-v0", field=field).unwrapped)
+
+
+def test_a_snapshot_continues_bit_for_bit() -> None:
+    env, other = CornerKickDefender(), CornerKickDefender()
+    env.reset(seed=4)
+    for _ in range(8):
+        env.step(2)
+    other.load_state_dict(json.loads(json.dumps(env.state_dict())))
+    one, two = env.step(4), other.step(4)
+    assert one[0].tobytes() == two[0].tobytes()
+    assert one[1:] == two[1:]
+
+
+def test_the_ball_lies_at_a_corner_of_the_own_side_until_it_is_kicked() -> None:
+    env = CornerKickDefender()
+    sides = set()
+    for seed in range(20):
+        _, info = env.reset(seed=seed)
+        assert info["ball_x"] == pytest.approx(-4.45)
+        assert info["ball_y"] == pytest.approx(2.95 * info["corner"])
+        waited = 0
+        while not info["kicked"]:
+            assert math.hypot(info["ball_vx"], info["ball_vy"]) == 0.0
+            _, _, terminated, truncated, info = env.step(2)
+            assert not (terminated or truncated)
+            waited += 1
+        assert 2 <= waited <= 8  # 1 to 3 s
+        assert info["ball_vy"] * info["corner"] < 0.0
+        sides.add(info["corner"])
+    assert sides == {1.0, -1.0}
+
+
+def placed(
+    ball: tuple[float, float], defender: tuple[float, float], attacker: tuple[float, float]
+) -> CornerKick:
+    """A corner that was taken, in that situation; the ball is between defender and far away."""
+    corner = CornerKick(SPL_2020)
+    corner.start(np.random.default_rng(0))
+    poses = [(*place, 0.0) for place in (defender, attacker, (4.0, 2.0))]
+    corner.world = corner.attack.world = World(SPL_2020, NAO, ball, poses)
+    corner.attack.kicked = True
+    corner.referee = Referee(corner.world)
+    return corner
+
+
+def test_a_clearance_that_rolls_away_is_cleared_and_another_ball_is_not() -> None:
+    rng = np.random.default_rng(0)
+    for kicks in (True, False):
+        corner = placed((-3.0, 0.0), (-3.22, 0.0), (-3.0, 2.0))
+        if kicks:
+            corner._clear(corner.world.robots[0], rng)
+            corner._touched = True
+        else:
+            corner.world.kick(0.0, 1.1, rng)
+        ended = None
+        for _ in range(40):
+            corner.world.robots[0].stop()
+            corner.world.advance()
+            ruling = corner.judge()
+            ended = ended or (ruling.outcome if ruling else None)
+        assert ended == ("cleared" if kicks else None)
+
+
+def test_a_clearance_leaves_away_from_the_goal_but_not_behind_the_robot() -> None:
+    rng = np.random.default_rng(0)
+    directions = []
+    for _ in range(200):
+        corner = placed((-3.0, 0.0), (-3.0, -0.21), (-3.0, 2.0))
+        robot = corner.world.robots[0]
+        robot.heading = math.pi / 2
+        corner._clear(robot, rng)
+        directions.append(math.atan2(corner.world.ball_vy, corner.world.ball_vx))
+    # The ball is straight ahead (90°), the goal behind its right: 60° further right at most.
+    assert np.mean(directions) == pytest.approx(math.radians(30), abs=math.radians(4))
+    assert np.std(directions) == pytest.approx(math.radians(20), rel=0.2)
+
+
+def test_marks_are_where_they_are_said_to_be() -> None:
+    corner = placed((-4.4, 2.9), (-3.9, 0.0), (-2.5, 0.5))
+    corner.attack.side = 1.0
+    robot = corner.world.robots[0]
+    for action, place in ((0, (-4.15, 0.45)), (1, (-4.15, -0.45))):
+        for _ in range(80):
+            corner.world.look()
+            corner._mark_post(robot, 1.0 if action == 0 else -1.0)
+            corner.world.advance()
+        assert (robot.x, robot.y) == pytest.approx(place, abs=0.02)
+    for _ in range(120):
+        corner._mark(robot, corner.world.robots[1])
+        corner.world.advance()
+    gap = math.hypot(robot.x + 2.5, robot.y - 0.5)
+    assert gap == pytest.approx(0.45, abs=0.02)
+    assert robot.x < -2.5
+
+
+def test_corners_of_both_sides_look_alike() -> None:
+    one = placed((-3.5, 1.0), (-4.0, 0.4), (-3.0, 1.3))
+    other = placed((-3.5, -1.0), (-4.0, -0.4), (-3.0, -1.3))
+    one.attack.side, other.attack.side = 1.0, -1.0
+    assert one.observe() == pytest.approx(other.observe(), abs=1e-6)
+    assert one.reward() == pytest.approx(other.reward())
+
+
+def test_the_open_goal_costs_nothing_before_the_kick() -> None:
+    corner = placed((-3.5, 1.0), (-3.0, 2.4), (-3.0, 1.3))
+    assert corner.reward() == pytest.approx(-0.10)
+    corner.attack.kicked = False
+    assert corner.reward() == 0.0
+
+
+def test_unsafe_choices_and_hits_are_counted_apart() -> None:
+    env = CornerKickDefender()
+    env.reset(seed=0)
+    info: dict[str, Any] = {}
+    for _ in range(4):
+        info = env.step(5)[4]
+    assert info["unsafe_choices"] == 4
+    assert info["damaging_hits"] <= 1
