@@ -19,7 +19,7 @@ from serp.actions import ActionForecast, ActionMap
 from serp.domain.codegen import APPLICABLE, UNSAFE
 from serp.domain.model import TransitionModel, Vector
 from serp.errors import SettingsError
-from serp.explanation import why_not_applicable, why_unsafe
+from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.planning.forecast import SAFE, Forecast
 
 
@@ -250,7 +250,7 @@ class Arbiter:
     # Who acts ----------------------------------------------------------------------------------
 
     def _planners_turn(self, forecast: ActionForecast, admissible: NDArray[np.bool_]) -> Decision:
-        action = self._planners_action(forecast)
+        action = forecast.choice
         return self._planner_acts(forecast, admissible, action, Actor.PLANNER, Reason.PLANNER_TURN)
 
     def _consider(
@@ -289,22 +289,6 @@ class Arbiter:
             return Reason.LOW_REWARD
         return Reason.UNSAFE_AHEAD
 
-    def _planners_action(self, forecast: ActionForecast) -> int:
-        """Return the planner's choice (-1: none), or another action where that is unsafe at once.
-
-        Its choice can be unsafe although others are not: where several ground actions share an
-        environment action, and where under `repeat` only later periods of the others are unsafe.
-        """
-        choice = forecast.choice
-        if choice < 0 or not forecast.flags[choice] & UNSAFE:
-            return choice
-        safe = forecast.safe
-        if not safe.any():
-            return choice
-        steps = np.where(safe, forecast.safe_steps, -1)
-        longest = np.flatnonzero(steps == steps.max())
-        return int(longest[forecast.value[longest].argmax()])
-
     def _planner_acts(
         self,
         forecast: ActionForecast,
@@ -313,7 +297,7 @@ class Arbiter:
         proposed_by: Actor,
         reason: Reason,
     ) -> Decision:
-        action, executed_by = self._planners_action(forecast), Actor.PLANNER
+        action, executed_by = forecast.choice, Actor.PLANNER
         if action < 0 or forecast.flags[action] & UNSAFE:
             reason = Reason.NO_APPLICABLE_ACTION if action < 0 else Reason.NO_SAFE_ACTION
             if self._unmodelled_allowed.any():
@@ -374,10 +358,7 @@ class Arbiter:
                 f"R_min {self.settings.r_min:g}"
             )
         steps = int(decision.forecast.safe_steps[shown])
-        if steps == 0:
-            return f"{name}: unsafe when it is repeated as the planner's setting `repeat` says"
-        more = f"{steps} more planned step{'' if steps == 1 else 's'}"
-        return f"{name}: unsafe after {more} whatever follows"
+        return f"{name}: {unsafe_ahead(steps)}"
 
     # State -------------------------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from serp.cli.output import number, plural, print_table
 from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
-from serp.explanation import why_not_applicable, why_unsafe
+from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.planning.forecast import SAFE
 from serp.planning.settings import Bound
 
@@ -85,10 +85,8 @@ def remark(planner: MonitorReplanner, state: Vector, plan: Plan, action: int) ->
     remarks = []
     if flags & UNSAFE:
         remarks.append("unsafe: " + why_unsafe(model, state, action).removeprefix(f"{name}: "))
-    elif steps == 0:
-        remarks.append(f"unsafe when repeated for {planner.settings.repeat} control periods")
     elif steps != SAFE:
-        remarks.append(f"unsafe after {plural(steps, 'step')}, whatever follows")
+        remarks.append(unsafe_ahead(steps))
     if flags & TERMINAL:
         remarks.append("ends the task")
     return "; ".join(remarks)
@@ -133,7 +131,7 @@ def _why_unsafe_chosen(safe_steps: int) -> str:
         return "Every action is predicted unsafe. The one with the best return is taken."
     return (
         "Every path leads to something unsafe. The one that stays safe the longest, for "
-        f"{plural(safe_steps, 'step')}, is taken."
+        f"{plural(safe_steps, 'control period')}, is taken."
     )
 
 

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE, Site, generate_judge, generate_step
+from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE, generate_judge, generate_step
+from serp.domain.emit import Site
 from serp.domain.ground import (
     REWARD_TARGET,
     Fluent,
@@ -46,7 +47,8 @@ class Outcome(NamedTuple):
         reward: Change of `(reward)` in the step; 0 where not applicable.
         unsafe: Whether `(unsafe)` became true in the step.
         terminal: Whether `(terminal)` became true or the problem's goal is reached.
-        applicable: Whether the precondition holds and the result is defined and finite.
+        applicable: Whether the precondition holds, every condition that matters is true or false
+            and every result is a finite number.
     """
 
     state: Vector
@@ -186,10 +188,11 @@ class TransitionModel:
 
     @property
     def rewarding(self) -> bool:
-        """Whether the domain says anything about reward: `(reward)` changes, or a metric."""
-        schemas = (*self.ground.actions, *self.ground.processes, *self.ground.events)
+        """Whether the domain gives reward: `(reward)` changes, or a metric, or a goal."""
+        ground = self.ground
+        schemas = (*ground.actions, *ground.processes, *ground.events)
         changed = any(e.target == REWARD_TARGET for s in schemas for e in s.effects)
-        return changed or self.ground.metric is not None
+        return changed or ground.metric is not None or ground.goal_rewarded
 
     # States ------------------------------------------------------------------------------------
 
@@ -334,7 +337,8 @@ class TransitionModel:
         flags = self._program.judge(state.tolist(), action, n, self._theta_list, self.dt, out)
         if not flags & APPLICABLE:
             raise StateError(
-                "the reward of an observed transition is no finite number; "
+                "the reward of an observed transition is no finite number, or a condition is "
+                "neither true nor false there (a division by zero?); "
                 f"observed state: {self.values(next_state)}"
             )
         return Judgement(out[-1], bool(flags & UNSAFE), bool(flags & TERMINAL))

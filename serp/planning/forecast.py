@@ -11,7 +11,7 @@ from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
 from serp.planning.settings import Bound
 
 SAFE = 1 << 30
-"""Number of safe steps of a path on which nothing is predicted unsafe."""
+"""Safe control periods of a path on which nothing is predicted unsafe."""
 
 
 class Forecast(NamedTuple):
@@ -20,11 +20,13 @@ class Forecast(NamedTuple):
     Attributes:
         choice: The first action of the best path; -1 where no action is applicable. Best means:
             safe for the longest time, then the largest discounted sum of rewards, then first in
-            the file.
+            the file. Both hold at every node, so that what follows an unsafe edge is again the
+            best that is left.
         value: `[A]` discounted sum of rewards of the best path that begins with each action;
             -inf where not applicable.
-        safe_steps: `[A]` edges before the first unsafe one on that path; SAFE where there is none,
-            -1 where not applicable.
+        safe_steps: `[A]` control periods before the first unsafe one on that path (an edge of the
+            planner's setting `repeat` has several); SAFE where there is none, -1 where not
+            applicable.
         reward: `[A]` predicted reward of one control period.
         flags: `[A]` APPLICABLE, UNSAFE and TERMINAL, predicted for one control period.
         depth: Layers that were expanded.

@@ -41,6 +41,7 @@ class _Layer(NamedTuple):
     reward: list[float]
     weight: list[float]
     flags: list[int]
+    periods: list[int]
     first_reward: list[float]
     first_flags: list[int]
 
@@ -125,7 +126,7 @@ class PlanningGraph:
         Returns:
             The layer, targets still missing, and the states reached; None at the deadline.
         """
-        layer = _Layer(nodes, [], [], [], [], [], [])
+        layer = _Layer(nodes, [], [], [], [], [], [], [])
         reached: list[State] = []
         follow = self._follow_native if self.model.compiles else self._follow_interpreted
         # Without a deadline there is no reason to stop in between.
@@ -147,17 +148,18 @@ class PlanningGraph:
         states[:, :width] = sources
         out = np.empty((edges + 1, width + 1))
         numbers = np.empty((3, edges))
-        flags = np.empty((2, edges), dtype=np.int64)
+        flags = np.empty((3, edges), dtype=np.int64)
         kernels.expand(
             address_of(model.native_step()), states.reshape(-1), len(sources), actions,
             settings.repeat, settings.discount, model.theta, model.dt, out.reshape(-1),
-            numbers[0], numbers[1], flags[0], numbers[2], flags[1],
+            numbers[0], numbers[1], flags[0], flags[1], numbers[2], flags[2],
         )  # fmt: skip
         layer.reward.extend(numbers[0].tolist())
         layer.weight.extend(numbers[1].tolist())
         layer.flags.extend(flags[0].tolist())
+        layer.periods.extend(flags[1].tolist())
         layer.first_reward.extend(numbers[2].tolist())
-        layer.first_flags.extend(flags[1].tolist())
+        layer.first_flags.extend(flags[2].tolist())
         return map(tuple, out[:-1, :width].tolist())
 
     def _follow_interpreted(self, sources: list[State], layer: _Layer) -> Iterable[State]:
@@ -165,24 +167,26 @@ class PlanningGraph:
         reached: list[State] = []
         for source in sources:
             for action in range(len(self.model.actions)):
-                state, reward, weight, flags, first_reward, first_flags = self._edge(
+                state, reward, weight, flags, periods, first_reward, first_flags = self._edge(
                     list(source), action
                 )
                 reached.append(tuple(state))
                 layer.reward.append(reward)
                 layer.weight.append(weight)
                 layer.flags.append(flags)
+                layer.periods.append(periods)
                 layer.first_reward.append(first_reward)
                 layer.first_flags.append(first_flags)
         return reached
 
     def _edge(
         self, source: list[float], action: int
-    ) -> tuple[list[float], float, float, int, float, int]:
+    ) -> tuple[list[float], float, float, int, int, float, int]:
         """Follow one edge; see `serp.planning.kernels.edge`, which does the same."""
         state, flags = self.model.transition(source, action)
         reward = first_reward = state.pop()
         first_flags, weight = flags, self.settings.discount
+        periods = 0 if flags & UNSAFE else 1
         for _ in range(self.settings.repeat - 1):
             if not flags & APPLICABLE or flags & TERMINAL:
                 break
@@ -192,8 +196,10 @@ class PlanningGraph:
             reward += weight * further.pop()
             weight *= self.settings.discount
             flags |= again
+            if not flags & UNSAFE:
+                periods += 1
             state = further
-        return state, reward, weight, flags, first_reward, first_flags
+        return state, reward, weight, flags, periods, first_reward, first_flags
 
     def evaluate(self) -> Forecast:
         """Value every node from the last layer back to the root.
@@ -215,9 +221,9 @@ class PlanningGraph:
                         total = layer.reward[edge] + layer.weight[edge] * values[target]
                         safe = steps[target]
                         if layer.flags[edge] & UNSAFE:
-                            safe = 0
+                            safe = layer.periods[edge]
                         elif safe != SAFE:
-                            safe += 1
+                            safe += layer.periods[edge]
                         if (
                             chosen < 0
                             or safe > top_steps
@@ -238,16 +244,16 @@ class PlanningGraph:
             if target < 0:
                 continue
             value[action] = root.reward[action] + root.weight[action] * self._value[target]
-            steps[action] = self._edge_steps(root.flags[action], target)
+            steps[action] = self._edge_steps(root.flags[action], root.periods[action], target)
             reward[action], flags[action] = root.first_reward[action], root.first_flags[action]
         return Forecast(self._best[0], value, steps, reward, flags, self.depth, self.bound)
 
-    def _edge_steps(self, flags: int, target: int) -> int:
-        """Return the safe steps of the best path through an edge."""
+    def _edge_steps(self, flags: int, periods: int, target: int) -> int:
+        """Return the safe control periods of the best path through an edge."""
         if flags & UNSAFE:
-            return 0
+            return periods
         following = self._safe_steps[target]
-        return SAFE if following == SAFE else following + 1
+        return SAFE if following == SAFE else following + periods
 
     def best_path(self) -> list[Edge]:
         """Return the edges of the best path from the root, after `evaluate`."""

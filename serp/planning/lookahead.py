@@ -72,6 +72,7 @@ class Lookahead:
             np.zeros((threads, edges)),
             np.zeros((threads, edges), dtype=np.uint8),
             np.zeros((threads, edges), dtype=np.int32),
+            np.zeros((threads, edges), dtype=np.int32),
             np.zeros((threads, nodes)),
             np.zeros((threads, nodes), dtype=np.int64),
             np.zeros((threads, size), dtype=np.int32),

@@ -110,7 +110,7 @@ def test_a_domain_of_no_task_needs_a_state(run: Run, folder: Path) -> None:
     [
         (0, 1, "(the planner is indifferent)"),
         (4, 3, "Every action is predicted unsafe."),
-        (2, 5, "The one that stays safe the longest, for 1 step, is taken."),
+        (2, 5, "The one that stays safe the longest, for 1 control period, is taken."),
         (0, 3, "Looked ahead 3 actions: "),
     ],
 )

@@ -24,11 +24,13 @@ class Arc:
     weight: float
     unsafe: bool
     ended: bool
+    steps: int
+    """Control periods before the first unsafe one, or all of them."""
 
 
 @dataclass(frozen=True)
 class Path:
-    """A path with what it promises; `steps` are the safe arcs before the first unsafe one."""
+    """A path with what it promises; `steps`: control periods before the first unsafe one."""
 
     steps: int
     value: float
@@ -51,7 +53,7 @@ class Reference:
 
     def arc(self, state: State, action: int) -> Arc | None:
         """Follow one action; None where it is not applicable."""
-        reward, weight, unsafe, ended = 0.0, 1.0, False, False
+        reward, weight, unsafe, ended, steps = 0.0, 1.0, False, False, 0
         for period in range(self.settings.repeat):
             outcome = self.model.step(state, action)
             if not outcome.applicable:
@@ -62,10 +64,11 @@ class Reference:
             reward = outcome.reward if period == 0 else reward + weight * outcome.reward
             weight *= self.settings.discount
             unsafe |= outcome.unsafe
+            steps += not unsafe
             state, ended = tuple(outcome.state.tolist()), outcome.terminal
             if ended:
                 break
-        return Arc(action, state, reward, weight, unsafe, ended)
+        return Arc(action, state, reward, weight, unsafe, ended, steps)
 
     def arcs(self, state: State) -> list[Arc]:
         """Every action that is applicable, in the order of the file."""
@@ -152,7 +155,7 @@ class Reference:
 
 def put_before(arc: Arc, rest: Path) -> Path:
     """The path that begins with an arc."""
-    steps = 0 if arc.unsafe else rest.steps if rest.steps == SAFE else rest.steps + 1
+    steps = arc.steps if arc.unsafe else SAFE if rest.steps == SAFE else rest.steps + arc.steps
     return Path(steps, arc.reward + arc.weight * rest.value, (arc, *rest.arcs))
 
 
