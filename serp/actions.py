@@ -13,7 +13,7 @@ from serp.domain.codegen import APPLICABLE, UNSAFE
 from serp.domain.model import StateError, TransitionModel
 from serp.domain.source import did_you_mean
 from serp.errors import TaskError
-from serp.planning.forecast import SAFE, Forecast
+from serp.planning.forecast import SAFE, Forecast, all_alike
 
 
 class ActionForecast(NamedTuple):
@@ -37,12 +37,8 @@ class ActionForecast(NamedTuple):
 
     @property
     def indifferent(self) -> bool:
-        """Whether two or more actions are applicable and all of them promise the same."""
-        applicable = (self.flags & APPLICABLE) != 0
-        if np.count_nonzero(applicable) < 2:
-            return False
-        value, steps = self.value[applicable], self.safe_steps[applicable]
-        return bool((value == value[0]).all() and (steps == steps[0]).all())
+        """Whether the planner has no reason to prefer one action; see `all_alike`."""
+        return all_alike(self.value, self.safe_steps, self.flags)
 
     @property
     def safe(self) -> NDArray[np.bool_]:

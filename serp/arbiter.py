@@ -21,6 +21,7 @@ from serp.domain.model import TransitionModel, Vector
 from serp.errors import SettingsError
 from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.planning.forecast import SAFE, Forecast
+from serp.quantities import real
 
 
 class Actor(StrEnum):
@@ -102,24 +103,30 @@ class ArbiterSettings:
 
     def __post_init__(self) -> None:
         for name in ("rho", "rho_max", "rho_increment"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
+            share = real(getattr(self, name))
+            if share is None or not 0.0 <= share <= 1.0:
                 raise SettingsError(
                     f"arbiter: {name} must be in [0, 1], not {getattr(self, name)!r}"
                 )
+            object.__setattr__(self, name, share)
         if self.rho > self.rho_max:
             raise SettingsError(
                 f"arbiter: rho starts at {self.rho!r}, above its maximum rho_max {self.rho_max!r}"
             )
-        if self.r_min is not None and not (
-            isinstance(self.r_min, int | float) and abs(self.r_min) < float("inf")
-        ):
-            raise SettingsError(f"arbiter: r_min must be a number or none, not {self.r_min!r}")
+        if self.r_min is not None:
+            r_min = real(self.r_min)
+            if r_min is None:
+                raise SettingsError(f"arbiter: r_min must be a number or none, not {self.r_min!r}")
+            object.__setattr__(self, "r_min", r_min)
         if not isinstance(self.rho_unit, str):
             raise SettingsError(f"arbiter: rho_unit must be a name, not {self.rho_unit!r}")
-        if self.exploration_slack is not None and not self.exploration_slack >= 0:
-            raise SettingsError(
-                f"arbiter: exploration_slack must be >= 0, not {self.exploration_slack!r}"
-            )
+        if self.exploration_slack is not None:
+            slack = real(self.exploration_slack, infinite=True)
+            if slack is None or slack < 0:
+                raise SettingsError(
+                    f"arbiter: exploration_slack must be >= 0, not {self.exploration_slack!r}"
+                )
+            object.__setattr__(self, "exploration_slack", slack)
         for name, allowed in (
             ("veto_horizon", ("step", "lookahead")),
             ("unmodelled", ("allow", "veto")),

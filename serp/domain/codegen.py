@@ -1,26 +1,34 @@
-"""Generating the transition function of a ground model as a syntax tree.
+"""Generating the transition function of a ground model as syntax trees.
 
-The generated functions are straight-line code over flat sequences of floats:
+The generated functions are straight-line code over flat sequences of floats. The whole step is
 
     step(s, a, theta, dt, out) -> flags
-    judge(s, a, n, theta, dt, out) -> flags
 
-`s` is the state, `a` the position of the action (-1: none that the model knows), `theta` the
-literals, `dt` the control period. `step` expects in `out` a copy of `s` with one more slot and
-leaves there the next state and, in the last slot, the reward. `judge` reads the rewards and flags
-off a transition that was observed: `n` is the observed next state and `out` a copy of it. The
-result is a sum of APPLICABLE, UNSAFE and TERMINAL; 0 means that the action is not applicable.
+and CPython runs it in two parts, so that a domain of thousands of actions costs what is used of it:
 
-The same functions run in CPython on lists and, compiled by numba, on pointers. Every identifier is
-made here and every literal is read from `theta`, so no text of a domain file becomes program text,
-and two domains that differ in literals alone share one function.
+    action(s, theta, dt, out) -> flags               the effects of one action
+    aftermath(s, flags, theta, dt, out) -> flags     processes, events, goal, metric
+
+`s` is the state, `a` the position of the action, `theta` the literals, `dt` the control period;
+`out` comes as a copy of `s` with one more slot, 0, and leaves as the next state and, in the last
+slot, the reward. Flags are a sum of APPLICABLE, UNSAFE and TERMINAL; 0 means that the action is not
+applicable. Two more read the rewards and flags off a transition that was observed:
+
+    judged_action(s, theta, dt, out) -> flags
+    judged_aftermath(s, n, flags, theta, dt, out) -> flags
+
+`n` is the observed next state and `out` comes as a copy of it.
+
+Every identifier is made here and every literal is read from `theta`, so no text of a domain file
+becomes program text, and two domains that differ in literals alone share one `step`, which numba
+compiles for pointers.
 """
 
 from __future__ import annotations
 
 import ast
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from serp.domain import ground as g
@@ -42,6 +50,7 @@ APPLICABLE = 1
 UNSAFE = 2
 TERMINAL = 4
 
+_BITS = (("unsafe", UNSAFE), ("terminal", TERMINAL))
 _GROUP = {Change.ASSIGN: 1, Change.INCREASE: 2, Change.DECREASE: 2}
 _SCALE = 3
 
@@ -51,7 +60,7 @@ class Generated:
     """A generated function.
 
     Attributes:
-        name: `step` or `judge`.
+        name: One of those above.
         tree: A module that defines it.
         sites: What the positions reported to `trace.append` mean; empty unless traced.
     """
@@ -61,48 +70,81 @@ class Generated:
     sites: tuple[Site, ...]
 
 
-def generate_step(model: g.GroundModel, *, traced: bool = False) -> Generated:
-    """Generate the transition function; traced, it takes a list `trace` as last argument."""
-    return _Generator(model, "step", traced=traced).step()
+def generate_step(model: g.GroundModel) -> Generated:
+    """Generate the transition function of all actions."""
+    return _Generator(model).step()
 
 
-def generate_judge(model: g.GroundModel) -> Generated:
-    """Generate the function that reads reward and flags off an observed transition."""
-    return _Generator(model, "judge", traced=False).judge()
+def generate_action(
+    model: g.GroundModel, action: g.GroundSchema, *, traced: bool = False
+) -> Generated:
+    """Generate what an action does; traced, it takes a list `trace` as last argument."""
+    return _Generator(model, traced=traced).action(action)
 
 
-_Emit = Callable[[g.GroundSchema], None]
+def generate_aftermath(model: g.GroundModel, *, traced: bool = False) -> Generated:
+    """Generate what follows an action; traced, it takes a list `trace` as last argument."""
+    return _Generator(model, traced=traced).aftermath()
+
+
+def generate_judged_action(model: g.GroundModel, action: g.GroundSchema) -> Generated:
+    """Generate what an action's own effects say of an observed transition."""
+    return _Generator(model).judged_action(action)
+
+
+def generate_judged_aftermath(model: g.GroundModel) -> Generated:
+    """Generate what processes, events, goal and metric say of an observed transition."""
+    return _Generator(model).judged_aftermath()
 
 
 class _Generator(Emitter):
-    def __init__(self, model: g.GroundModel, name: str, *, traced: bool) -> None:
+    def __init__(self, model: g.GroundModel, *, traced: bool = False) -> None:
         super().__init__(traced=traced)
         self.model = model
-        self.name = name
+        self.reward_slot = len(model.fluents)
 
-    # The two functions -------------------------------------------------------------------------
+    # The functions -----------------------------------------------------------------------------
 
     def step(self) -> Generated:
         self._begin()
-        self._dispatch(self._action)
+        if self.model.actions:
+            self.body += self._search(0, len(self.model.actions))
         self._processes()
         self._events()
         self._finish("out")
-        return self._function(["s", "a", "theta", "dt", "out"])
+        return self._function("step", ["s", "a", "theta", "dt", "out"])
 
-    def judge(self) -> Generated:
+    def action(self, action: g.GroundSchema) -> Generated:
         self._begin()
-        self._dispatch(self._judged_action)
+        self._action(action)
+        self._end()
+        return self._function("action", ["s", "theta", "dt", "out"])
+
+    def aftermath(self) -> Generated:
+        self._resume()
+        self._processes()
+        self._events()
+        self._finish("out")
+        return self._function("aftermath", ["s", "flags", "theta", "dt", "out"])
+
+    def judged_action(self, action: g.GroundSchema) -> Generated:
+        self._begin()
+        self._effects(action, [e for e in action.effects if e.target < 0], "s")
+        self._end()
+        return self._function("judged_action", ["s", "theta", "dt", "out"])
+
+    def judged_aftermath(self) -> Generated:
+        self._resume()
         self._judged_processes()
         self._events()
         self._finish("n")
-        return self._function(["s", "a", "n", "theta", "dt", "out"])
+        return self._function("judged_aftermath", ["s", "n", "flags", "theta", "dt", "out"])
 
-    def _function(self, arguments: list[str]) -> Generated:
+    def _function(self, name: str, arguments: list[str]) -> Generated:
         if self.traced:
             arguments = [*arguments, "trace"]
         function = ast.FunctionDef(
-            name=self.name,
+            name=name,
             args=ast.arguments(
                 posonlyargs=[],
                 args=[ast.arg(a) for a in arguments],
@@ -116,7 +158,7 @@ class _Generator(Emitter):
         if hasattr(function, "type_params"):  # a required field from Python 3.12 on
             function.type_params = []
         tree = ast.fix_missing_locations(ast.Module([function], []))
-        return Generated(self.name, tree, tuple(self.sites))
+        return Generated(name, tree, tuple(self.sites))
 
     def _begin(self) -> None:
         self.body += [
@@ -124,6 +166,21 @@ class _Generator(Emitter):
             assign("unsafe", constant(False)),
             assign("terminal", constant(False)),
         ]
+
+    def _resume(self) -> None:
+        """Emit: go on where a function that ended with `_end` has stopped."""
+        self.body.append(assign("reward", entry("out", self.reward_slot)))
+        for name, bit in _BITS:
+            masked = ast.BinOp(variable("flags"), ast.BitAnd(), ast.Constant(bit))
+            self.body.append(assign(name, ast.Compare(masked, [ast.NotEq()], [ast.Constant(0)])))
+
+    def _end(self) -> None:
+        """Emit: leave the reward in its slot, and return the flags."""
+        flags: ast.expr = ast.Constant(APPLICABLE)
+        for name, bit in _BITS:
+            chosen = ast.IfExp(variable(name), ast.Constant(bit), ast.Constant(0))
+            flags = ast.BinOp(flags, ast.BitOr(), chosen)
+        self.body += [store(self.reward_slot, variable("reward")), ast.Return(flags)]
 
     def _finish(self, result: str) -> None:
         """Emit metric, goal and flags; metric and goal look at the next state, named `result`."""
@@ -139,34 +196,20 @@ class _Generator(Emitter):
                 reached.append(assign("reward", constant(1.0)))
             self.under(self.truth(self.model.goal, result, None), reached)
         self.require_finite(variable("reward"), Site("undefined", None, None))
-        flags: ast.expr = ast.Constant(APPLICABLE)
-        for name, bit in (("unsafe", UNSAFE), ("terminal", TERMINAL)):
-            chosen = ast.IfExp(variable(name), ast.Constant(bit), ast.Constant(0))
-            flags = ast.BinOp(flags, ast.BitOr(), chosen)
-        self.body += [
-            store(len(self.model.fluents), variable("reward")),
-            ast.Return(flags),
-        ]
+        self._end()
 
     # Actions -----------------------------------------------------------------------------------
 
-    def _dispatch(self, emit: _Emit) -> None:
-        """Emit a binary search over the position of the action."""
-        if not self.model.actions:
-            return
-        tree = self._search(0, len(self.model.actions), emit)
-        known = ast.Compare(variable("a"), [ast.GtE()], [ast.Constant(0)])
-        self.body.append(ast.If(known, tree or [ast.Pass()], []))
-
-    def _search(self, start: int, end: int, emit: _Emit) -> list[ast.stmt]:
+    def _search(self, start: int, end: int) -> list[ast.stmt]:
+        """Return a binary search over the position of the action."""
         outer = self.collect()
         if end - start == 1:
-            emit(self.model.actions[start])
+            self._action(self.model.actions[start])
         else:
             middle = (start + end) // 2
             before = ast.Compare(variable("a"), [ast.Lt()], [ast.Constant(middle)])
-            left = self._search(start, middle, emit) or [ast.Pass()]
-            self.body.append(ast.If(before, left, self._search(middle, end, emit)))
+            left = self._search(start, middle) or [ast.Pass()]
+            self.body.append(ast.If(before, left, self._search(middle, end)))
         branch, self.body = self.body, outer
         return branch
 
@@ -174,9 +217,6 @@ class _Generator(Emitter):
         for test in action.preconditions:
             self.refuse(negated(self.truth(test, "s", action)), Site("failed", action, test))
         self._effects(action, action.effects, "s")
-
-    def _judged_action(self, action: g.GroundSchema) -> None:
-        self._effects(action, [e for e in action.effects if e.target < 0], "s")
 
     # Effects -----------------------------------------------------------------------------------
 

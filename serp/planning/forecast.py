@@ -63,9 +63,22 @@ class Forecast(NamedTuple):
 
     @property
     def indifferent(self) -> bool:
-        """Whether two or more actions are applicable and all of them promise the same."""
-        candidates = np.flatnonzero(self.applicable)
-        if len(candidates) < 2:
-            return False
-        values, steps = self.value[candidates], self.safe_steps[candidates]
-        return bool((values == values[0]).all() and (steps == steps[0]).all())
+        """Whether the planner has no reason to prefer one action; see `all_alike`."""
+        return all_alike(self.value, self.safe_steps, self.flags)
+
+
+def all_alike(
+    value: NDArray[np.float64], safe_steps: NDArray[np.int64], flags: NDArray[np.int64]
+) -> bool:
+    """Return whether there are two or more actions to choose from and all promise the same.
+
+    Actions that are predicted unsafe are no choice while there is another.
+    """
+    safe = (flags & (APPLICABLE | UNSAFE)) == APPLICABLE
+    chosen = np.flatnonzero(safe if safe.any() else flags & APPLICABLE)
+    if len(chosen) < 2:
+        return False
+    first = chosen[0]
+    return bool(
+        (value[chosen] == value[first]).all() and (safe_steps[chosen] == safe_steps[first]).all()
+    )

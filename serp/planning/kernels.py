@@ -5,8 +5,8 @@ expanded layer by layer; equal states of a layer merge; the last layer is never 
 pass over the stored layers finds the best path of every first action.
 
 Common arguments: `address` of the transition function; `width` F, `actions` A, `theta` and `dt` of
-the model; `depth`, `repeat`, `gamma` and `max_nodes` of the planner's settings. Rows of states have
-F + 1 entries, the last for the reward.
+the model; `depth`, `repeat`, `gamma` and the budgets `max_nodes` and `max_edges` of the planner's
+settings. Rows of states have F + 1 entries, the last for the reward.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def _same_slot(states, row, width, table, mask, candidate):
 
 
 @cached_njit(nogil=True)
-def search(address, state, width, actions, depth, repeat, gamma, max_nodes, theta, dt,
+def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
            states, reward, weight, flags, periods, child, best_value, best_steps, table,
            value, steps, first_reward, first_flags):  # fmt: skip
     """Expand the planning graph of one state `[F]` and find the best path of every first action.
@@ -134,6 +134,7 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
     start = 0
     end = 1
     expanded = 0
+    applied = 0
     bound = _DEPTH
     while expanded < depth:
         if start == end:
@@ -162,6 +163,7 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
                     pointer_to(states, slot * row), scratch, width,
                 )  # fmt: skip
                 child[e] = -1
+                applied += flags[e] & APPLICABLE
                 if expanded == 0:
                     first_reward[action] = one_reward
                     first_flags[action] = one_flags
@@ -177,6 +179,11 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
                     if stored > max_nodes:
                         continue
                 child[e] = table[place]
+            if applied > max_edges and expanded > 0:
+                break
+        if applied > max_edges and expanded > 0:
+            bound = _NODES
+            break
         start = end
         end = stored
         expanded += 1
@@ -217,7 +224,7 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
 
 
 @cached_njit(nogil=True, parallel=True)
-def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, theta, dt,
+def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
                  states, reward, weight, flags, periods, child, best_value, best_steps, table,
                  choice, value, steps, first_reward, first_flags, expanded, bound):  # fmt: skip
     """Run `search` on every row of `batch` `[B, F]`, in parallel over the rows.
@@ -228,8 +235,8 @@ def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, theta
     for k in prange(rows):
         t = get_thread_id()
         choice[k], expanded[k], bound[k] = search(
-            address, batch[k], width, actions, depth, repeat, gamma, max_nodes, theta, dt,
-            states[t], reward[t], weight[t], flags[t], periods[t], child[t], best_value[t],
+            address, batch[k], width, actions, depth, repeat, gamma, max_nodes, max_edges, theta,
+            dt, states[t], reward[t], weight[t], flags[t], periods[t], child[t], best_value[t],
             best_steps[t], table[t], value[k], steps[k], first_reward[k], first_flags[k],
         )  # fmt: skip
 

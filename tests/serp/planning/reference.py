@@ -78,14 +78,19 @@ class Reference:
     def layers(self, root: State) -> tuple[int, Bound]:
         """How many layers are expanded, and what ends that."""
         budget = self.settings.node_budget(len(self.model.actions))
-        frontier, expanded = {root}, 0
+        edge_budget = self.settings.edge_budget(len(self.model.fluents))
+        frontier, expanded, edges = {root}, 0, 0
         for depth in range(self.settings.depth):
             if not frontier:
                 return depth, Bound.EXHAUSTED
             expanded += len(frontier)
             if depth and expanded > budget:
                 return depth, Bound.NODES
-            frontier = {arc.state for s in frontier for arc in self.arcs(s) if not arc.ended}
+            found = [arc for state in frontier for arc in self.arcs(state)]
+            edges += len(found)
+            if depth and edges > edge_budget:
+                return depth, Bound.NODES
+            frontier = {arc.state for arc in found if not arc.ended}
         return self.settings.depth, Bound.DEPTH
 
     def along(self, arc: Arc, layers: int) -> Path:
