@@ -27,6 +27,7 @@ _HOMES = {
     "Run": "serp.run",
     "SerpError": "serp.errors",
     "Settings": "serp.settings",
+    "StateError": "serp.domain.model",
     "Task": "serp.task",
     "TransitionModel": "serp.domain.model",
     "load_domain": "serp.domain.loading",
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from serp.domain.loading import Domain as Domain
     from serp.domain.loading import load_domain as load_domain
     from serp.domain.model import Outcome as Outcome
+    from serp.domain.model import StateError as StateError
     from serp.domain.model import TransitionModel as TransitionModel
     from serp.domain.source import DomainError as DomainError
     from serp.errors import SerpError as SerpError

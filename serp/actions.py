@@ -13,14 +13,15 @@ from serp.domain.codegen import APPLICABLE, UNSAFE
 from serp.domain.model import StateError, TransitionModel
 from serp.domain.source import did_you_mean
 from serp.errors import TaskError
-from serp.planning.forecast import SAFE, Forecast
+from serp.planning.forecast import SAFE, Forecast, all_alike
 
 
 class ActionForecast(NamedTuple):
     """The planner's `Forecast` in terms of the E environment actions.
 
     Attributes:
-        choice: The planner's action; -1 where it has none.
+        choice: The planner's action, best as in `Forecast`; -1 where it has none. Where several
+            ground actions share an environment action, by what counts for it (see `ActionMap`).
         ground: `[E]` ground action that each environment action would carry out; -1 where the
             model does not know it.
         value, safe_steps, reward, flags: `[E]` as in `Forecast`. An action that the model does not
@@ -36,12 +37,8 @@ class ActionForecast(NamedTuple):
 
     @property
     def indifferent(self) -> bool:
-        """Whether two or more actions are applicable and all of them promise the same."""
-        applicable = (self.flags & APPLICABLE) != 0
-        if np.count_nonzero(applicable) < 2:
-            return False
-        value, steps = self.value[applicable], self.safe_steps[applicable]
-        return bool((value == value[0]).all() and (steps == steps[0]).all())
+        """Whether the planner has no reason to prefer one action; see `all_alike`."""
+        return all_alike(self.value, self.safe_steps, self.flags)
 
     @property
     def safe(self) -> NDArray[np.bool_]:
@@ -92,6 +89,8 @@ class ActionMap:
                     "task `actions={name: number}` to say which carries out which"
                 )
             return list(range(count))
+        if not isinstance(mapping, Mapping):
+            raise TaskError(f"actions must be a mapping {{name: number}}, not {mapping!r}")
         by_schema: dict[int, int] = {}
         by_name: dict[int, int] = {}
         schemas: dict[str, list[int]] = {}
@@ -141,7 +140,10 @@ class ActionMap:
             )  # fmt: skip
         ground = self._first if self._one_to_one else self._choose(forecast)
         unknown = ground < 0
-        choice = self.environment_action[forecast.choice] if forecast.choice >= 0 else -1
+        choice = -1
+        if forecast.choice >= 0:
+            best = forecast.choice if self._one_to_one else _best(forecast, ground)
+            choice = self.environment_action[best]
         if not len(self.model.actions):
             count = self.size
             return ActionForecast(
@@ -171,6 +173,12 @@ class ActionMap:
                     ),
                 )
         return chosen
+
+
+def _best(forecast: Forecast, ground: NDArray[np.int64]) -> int:
+    """Return which of some ground actions is best; the first in the file among equals."""
+    counting: list[int] = [k for k in sorted(ground.tolist()) if k >= 0]
+    return max(counting, key=lambda k: (forecast.safe_steps[k], forecast.value[k]))
 
 
 def _is_position(action: object, size: int) -> bool:

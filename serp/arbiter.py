@@ -19,8 +19,9 @@ from serp.actions import ActionForecast, ActionMap
 from serp.domain.codegen import APPLICABLE, UNSAFE
 from serp.domain.model import TransitionModel, Vector
 from serp.errors import SettingsError
-from serp.explanation import why_not_applicable, why_unsafe
+from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.planning.forecast import SAFE, Forecast
+from serp.quantities import real
 
 
 class Actor(StrEnum):
@@ -102,24 +103,30 @@ class ArbiterSettings:
 
     def __post_init__(self) -> None:
         for name in ("rho", "rho_max", "rho_increment"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
+            share = real(getattr(self, name))
+            if share is None or not 0.0 <= share <= 1.0:
                 raise SettingsError(
                     f"arbiter: {name} must be in [0, 1], not {getattr(self, name)!r}"
                 )
+            object.__setattr__(self, name, share)
         if self.rho > self.rho_max:
             raise SettingsError(
                 f"arbiter: rho starts at {self.rho!r}, above its maximum rho_max {self.rho_max!r}"
             )
-        if self.r_min is not None and not (
-            isinstance(self.r_min, int | float) and abs(self.r_min) < float("inf")
-        ):
-            raise SettingsError(f"arbiter: r_min must be a number or none, not {self.r_min!r}")
+        if self.r_min is not None:
+            r_min = real(self.r_min)
+            if r_min is None:
+                raise SettingsError(f"arbiter: r_min must be a number or none, not {self.r_min!r}")
+            object.__setattr__(self, "r_min", r_min)
         if not isinstance(self.rho_unit, str):
             raise SettingsError(f"arbiter: rho_unit must be a name, not {self.rho_unit!r}")
-        if self.exploration_slack is not None and not self.exploration_slack >= 0:
-            raise SettingsError(
-                f"arbiter: exploration_slack must be >= 0, not {self.exploration_slack!r}"
-            )
+        if self.exploration_slack is not None:
+            slack = real(self.exploration_slack, infinite=True)
+            if slack is None or slack < 0:
+                raise SettingsError(
+                    f"arbiter: exploration_slack must be >= 0, not {self.exploration_slack!r}"
+                )
+            object.__setattr__(self, "exploration_slack", slack)
         for name, allowed in (
             ("veto_horizon", ("step", "lookahead")),
             ("unmodelled", ("allow", "veto")),
@@ -250,7 +257,7 @@ class Arbiter:
     # Who acts ----------------------------------------------------------------------------------
 
     def _planners_turn(self, forecast: ActionForecast, admissible: NDArray[np.bool_]) -> Decision:
-        action = self._planners_action(forecast)
+        action = forecast.choice
         return self._planner_acts(forecast, admissible, action, Actor.PLANNER, Reason.PLANNER_TURN)
 
     def _consider(
@@ -289,22 +296,6 @@ class Arbiter:
             return Reason.LOW_REWARD
         return Reason.UNSAFE_AHEAD
 
-    def _planners_action(self, forecast: ActionForecast) -> int:
-        """Return the planner's choice (-1: none), or another action where that is unsafe at once.
-
-        Its choice can be unsafe although others are not: where several ground actions share an
-        environment action, and where under `repeat` only later periods of the others are unsafe.
-        """
-        choice = forecast.choice
-        if choice < 0 or not forecast.flags[choice] & UNSAFE:
-            return choice
-        safe = forecast.safe
-        if not safe.any():
-            return choice
-        steps = np.where(safe, forecast.safe_steps, -1)
-        longest = np.flatnonzero(steps == steps.max())
-        return int(longest[forecast.value[longest].argmax()])
-
     def _planner_acts(
         self,
         forecast: ActionForecast,
@@ -313,7 +304,7 @@ class Arbiter:
         proposed_by: Actor,
         reason: Reason,
     ) -> Decision:
-        action, executed_by = self._planners_action(forecast), Actor.PLANNER
+        action, executed_by = forecast.choice, Actor.PLANNER
         if action < 0 or forecast.flags[action] & UNSAFE:
             reason = Reason.NO_APPLICABLE_ACTION if action < 0 else Reason.NO_SAFE_ACTION
             if self._unmodelled_allowed.any():
@@ -374,10 +365,7 @@ class Arbiter:
                 f"R_min {self.settings.r_min:g}"
             )
         steps = int(decision.forecast.safe_steps[shown])
-        if steps == 0:
-            return f"{name}: unsafe when it is repeated as the planner's setting `repeat` says"
-        more = f"{steps} more planned step{'' if steps == 1 else 's'}"
-        return f"{name}: unsafe after {more} whatever follows"
+        return f"{name}: {unsafe_ahead(steps)}"
 
     # State -------------------------------------------------------------------------------------
 

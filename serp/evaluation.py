@@ -13,6 +13,7 @@ from serp.domain.codegen import UNSAFE
 from serp.domain.model import Vector
 from serp.domain.source import did_you_mean
 from serp.errors import SettingsError
+from serp.quantities import seed_of, whole
 from serp.task import BoundTask
 
 Policy = Literal["serp", "planner", "learner"]
@@ -72,22 +73,24 @@ def evaluate(
         seed: Seed of the environment; other than any that training uses.
 
     Raises:
-        SettingsError: There is no such policy, no episode is asked for, or the seed is negative.
+        SettingsError: There is no such policy, no episode is asked for, or the seed is none.
         TaskError: The grounding failed.
         EnvironmentFailure: The environment raised or gave NaN.
     """
     policies = _policies(agent)
-    if policy not in policies:
-        raise SettingsError(f"there is no policy `{policy}`; {did_you_mean(policy, policies)}")
-    if episodes < 1:
-        raise SettingsError(f"an evaluation takes at least one episode, not {episodes}")
-    if seed < 0:
-        raise SettingsError(f"the seed must be 0 or more, not {seed}")
+    if not isinstance(policy, str) or policy not in policies:
+        raise SettingsError(f"there is no policy `{policy}`; {did_you_mean(str(policy), policies)}")
+    count = whole(episodes, 1)
+    if count is None:
+        raise SettingsError(
+            f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
+        )
+    seed = seed_of(seed)
     act = policies[policy]
     returns: list[float] = []
     lengths: list[int] = []
     ended = unsafe = vetoes = 0
-    for episode in range(episodes):
+    for episode in range(count):
         sequence = np.random.SeedSequence(entropy=seed, spawn_key=(_SEEDS, episode))
         raw, _ = task.reset(seed=int(sequence.generate_state(1)[0]))
         total, length = 0.0, 0

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from serp.domain import ground as g
-from serp.domain.codegen import Site
+from serp.domain.emit import Site
 from serp.domain.model import TransitionModel, Vector
 
 
 def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> str:
     """Say why a ground action is not applicable.
 
-    That is the failed precondition with the values that it reads, or the effects that contradict
-    each other or give no number.
+    That is the failed precondition with the values that it reads, the effects that contradict
+    each other or give no number, or the condition that divides by zero.
     """
     passed, _ = model.trace(state, action)
     name = model.actions[action].name
@@ -20,6 +20,9 @@ def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> st
             return f"{name}: {_quote(site)} does not hold{_values(model, state, site.item)}"
         if site.what == "conflict":
             return f"{name}: {_quote(site)} contradicts another effect"
+        if site.what == "undefined" and isinstance(site.item, g.Test):
+            through = "" if site.schema is model.actions[action] else f" of {_of(site.schema)}"
+            return f"{name}: {_quote(site)}{through} is neither true nor false, it has no value"
         if site.what == "undefined":
             what = site.schema.name if site.schema else "the reward"
             return f"{name}: {what} gives no finite number"
@@ -31,14 +34,23 @@ def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
     passed, _ = model.trace(state, action)
     for site in passed:
         if isinstance(site.item, g.SetBoolean) and site.item.target == g.UNSAFE_TARGET:
-            assert site.schema is not None
             through = "" if site.schema is model.actions[action] else f" through {_of(site.schema)}"
             return f"{model.actions[action].name}: {_quote(site)}{through}"
     return f"{model.actions[action].name} is not predicted unsafe"
 
 
-def _of(schema: g.GroundSchema) -> str:
-    return f"{schema.kind.value} {schema.name}"
+def unsafe_ahead(safe_steps: int) -> str:
+    """Say that something unsafe follows a first step that is safe.
+
+    Args:
+        safe_steps: Control periods before the first unsafe one on the best path, at least 1.
+    """
+    periods = f"{safe_steps} control period{'' if safe_steps == 1 else 's'}"
+    return f"safe for {periods}, then unsafe whatever the planner does"
+
+
+def _of(schema: g.GroundSchema | None) -> str:
+    return f"{schema.kind.value} {schema.name}" if schema is not None else "the goal"
 
 
 def _quote(site: Site) -> str:

@@ -49,7 +49,7 @@ class ProgressStats:
 
 
 class Progress:
-    """A display; this base class shows nothing, which is what `quiet` asks for.
+    """A display; this base class shows nothing.
 
     Used as a context manager around the training. In the loop::
 
@@ -92,6 +92,10 @@ class Progress:
 
     def note(self, text: str) -> None:
         """Shows one line that stays, such as a warning; nothing where the display is quiet."""
+
+    def answer(self, text: str) -> None:
+        """Shows one line in answer to a key, where somebody sits: even if the display is quiet."""
+        self.note(text)
 
     def __enter__(self) -> Self:
         self._sample()
@@ -147,6 +151,20 @@ class Progress:
             if budget is not None and speed > 0
         ]
         return min(left, default=None)
+
+
+class _Quiet(Progress):
+    """Nothing, but for the answer to a key that was pressed at a terminal."""
+
+    def __init__(self, stream: TextIO | None, **budget: Any) -> None:
+        super().__init__(**budget)
+        self._stream = stream
+
+    def answer(self, text: str) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            if self._stream is not None and self._stream.isatty():
+                self._stream.write(f"\n{text}\n")
+                self._stream.flush()
 
 
 class _Lines(Progress):
@@ -342,7 +360,7 @@ def open_progress(
     stream = stream or sys.stderr
     budget: dict[str, Any] = {"episodes": episodes, "env_steps": env_steps, "start": start}
     if quiet or stream is None:
-        return Progress(**budget)
+        return _Quiet(stream, **budget)
     terminal = stream.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
     if terminal and _can_write(stream, "ρ━╭–"):
         return _Panel(stream, title, **budget)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import signal
+import os
+import shlex
 import sys
-import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import FrameType
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 import threadpoolctl
@@ -21,17 +20,19 @@ from numpy.typing import NDArray
 from serp.agent import Agent
 from serp.arbiter import Decision
 from serp.domain.loading import Domain, load_domain
-from serp.errors import RunError, SerpError, SettingsError
+from serp.errors import RunError, SerpError, SettingsError, TaskError
 from serp.evaluation import EvaluationResult, Policy, evaluate
+from serp.made_with import made_with
 from serp.progress import ProgressStats, open_progress
+from serp.quantities import seed_of, whole
 from serp.registry import find_task, load_task
-from serp.runs.checkpoint import NEWEST, PREVIOUS
-from serp.runs.config import CONFIG
+from serp.runs.checkpoint import NEWEST, PREVIOUS, Checkpoint
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.placement import default_path
 from serp.runs.reading import read_metrics
 from serp.runs.tensorboard import EventWriter, require_tensorboard
-from serp.settings import Settings, resolve
+from serp.settings import resolve
+from serp.stopping import ANSWER, stop_between_episodes
 from serp.task import BoundTask, Task
 from serp.training import Trainer
 
@@ -75,39 +76,56 @@ def plan_and_learn(
         SerpError: Domain, task, settings or folder are wrong, or the environment failed.
         Interrupted: Ctrl-C; what was done is saved and can be resumed.
     """
-    if (episodes is not None and episodes < 1) or (env_steps is not None and env_steps < 1):
-        raise RunError("the budget (episodes, env steps) must be at least 1")
-    if seed < 0:
-        raise SettingsError(f"the seed must be 0 or more, not {seed}")
+    episodes = _at_least_one("episodes", episodes)
+    env_steps = _at_least_one("env_steps", env_steps)
+    seed = seed_of(seed)
+    if not isinstance(out, str | os.PathLike | None):
+        raise SettingsError(f"out must be the name of a folder, not {out!r}")
+    if not isinstance(task, Task | str):
+        raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
     if resume:
         if out is None:
             raise RunError("to resume, name the run's folder (--out RUN)")
         folder = RunFolder.open(out, writing=True)
         with folder:
             if isinstance(task, str):  # its domain is the run's own, whatever the file says now
-                task = load_task(_made_with(folder).task)
-            return _continue(folder, task, episodes, env_steps, quiet=quiet)
+                task = load_task(made_with(folder).task)
+            with _task_of(folder, task).bind() as bound:
+                return _continue(folder, bound, episodes, env_steps, quiet=quiet)
     if isinstance(task, str):
         task = find_task(task)
-    bound = task.bind()
     resolved = resolve(preset, task.settings, settings)
     if resolved.training.tensorboard:
         require_tensorboard()
-    path = Path(out) if out is not None else default_path(bound.name)
-    config = {
-        "task": bound.name,
-        "domain": bound.domain.name,
-        "preset": preset,
-        "seed": seed,
-        "reward": bound.rewarded_by,
-        "control_period": task.dt,
-        "budget": {"episodes": episodes, "env_steps": env_steps},
-        "settings": resolved.as_dict(),
-    }
-    sources = [(s.name, s.text) for s in _sources(bound.domain)]
-    with RunFolder.create(path, config, sources, command=tuple(sys.argv)) as folder:
-        trainer = Trainer(bound, resolved, seed, folder.decisions)
-        return _train(folder, trainer, episodes, env_steps, quiet=quiet)
+    with task.bind() as bound:
+        path = Path(out) if out is not None else default_path(bound.name)
+        config = {
+            "task": bound.name,
+            "domain": bound.domain.name,
+            "preset": preset,
+            "seed": seed,
+            "reward": bound.rewarded_by,
+            "control_period": bound.model.dt,
+            "budget": {"episodes": episodes, "env_steps": env_steps},
+            "settings": resolved.as_dict(),
+        }
+        sources = [(s.name, s.text) for s in _sources(bound.domain)]
+        with RunFolder.create(path, config, sources, command=tuple(sys.argv)) as folder:
+            trainer = Trainer(bound, resolved, seed, folder.decisions)
+            with _advice_to_resume(folder):
+                return _train(folder, trainer, episodes, env_steps, quiet=quiet)
+
+
+def _at_least_one(name: str, value: Any) -> int | None:
+    """Return a budget as an int; None stays None.
+
+    Raises:
+        SettingsError: It is neither.
+    """
+    number = None if value is None else whole(value, 1)
+    if number is None and value is not None:
+        raise SettingsError(f"{name} must be a whole number, at least 1, not {value!r}")
+    return number
 
 
 def _sources(domain: Domain) -> list[Any]:
@@ -115,12 +133,12 @@ def _sources(domain: Domain) -> list[Any]:
 
 
 def _continue(
-    folder: RunFolder, task: Task, episodes: int | None, env_steps: int | None, *, quiet: bool
+    folder: RunFolder, task: BoundTask, episodes: int | None, env_steps: int | None, *, quiet: bool
 ) -> Run:
-    made = _made_with(folder)
+    made = made_with(folder)
     if made.settings.training.tensorboard:
         require_tensorboard()
-    trainer = Trainer(_task_of(folder, task).bind(), made.settings, made.seed, folder.decisions)
+    trainer = Trainer(task, made.settings, made.seed, folder.decisions)
     budget = [made.episodes, made.env_steps]
     note = None
     if not _never_began(folder):
@@ -130,7 +148,28 @@ def _continue(
         note = checkpoint.fallback
     if episodes is None and env_steps is None:
         episodes, env_steps = budget
-    return _train(folder, trainer, episodes, env_steps, quiet=quiet, note=note)
+    with _advice_to_resume(folder):
+        return _train(folder, trainer, episodes, env_steps, quiet=quiet, note=note)
+
+
+@contextlib.contextmanager
+def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
+    """Add to whatever stops a training how it goes on, where it can.
+
+    Settings cannot change in a run, so where one of them is wrong there is nothing to go on with.
+    """
+    try:
+        yield
+    except (SettingsError, Interrupted):
+        raise
+    except (Exception, KeyboardInterrupt) as error:
+        if any((folder.path / name).exists() for name in (NEWEST, PREVIOUS)):
+            error.add_note(
+                f"What was done up to the last checkpoint is kept in {folder.path}. Continue with\n"
+                f"  serp plan-and-learn --resume {shlex.quote(str(folder.path))}\n"
+                f"or, in Python, plan_and_learn(task, out={str(folder.path)!r}, resume=True)"
+            )
+        raise
 
 
 def _never_began(folder: RunFolder) -> bool:
@@ -142,55 +181,13 @@ def _never_began(folder: RunFolder) -> bool:
     )
 
 
-class _MadeWith(NamedTuple):
-    """What a run was made with, as its `config.json` says."""
-
-    task: str
-    seed: int
-    reward: Literal["domain", "environment"]
-    dt: float
-    settings: Settings
-    episodes: int | None
-    env_steps: int | None
-
-
-def _made_with(folder: RunFolder) -> _MadeWith:
-    """Read a run's configuration.
-
-    Raises:
-        RunError: Something is missing in it, or of the wrong kind.
-    """
-    config = folder.config
-    try:
-        if config["reward"] not in ("domain", "environment"):
-            raise ValueError(f"reward is {config['reward']!r}")
-        return _MadeWith(
-            task=str(config["task"]),
-            seed=int(config["seed"]),
-            reward=config["reward"],
-            dt=float(config["control_period"]),
-            settings=Settings.from_dict(config["settings"]),
-            episodes=_count(config["budget"]["episodes"]),
-            env_steps=_count(config["budget"]["env_steps"]),
-        )
-    except (KeyError, TypeError, ValueError, AttributeError, SettingsError) as error:
-        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise RunError(
-            f"{folder.path / CONFIG} was changed or damaged: {what}; restore it from a copy"
-        ) from error
-
-
-def _count(value: Any) -> int | None:
-    return None if value is None else int(value)
-
-
 def _task_of(folder: RunFolder, task: Task) -> Task:
     """Return the task as the run has it, whatever became of its domain file since.
 
     Raises:
         RunError: The run is one of another task.
     """
-    made = _made_with(folder)
+    made = made_with(folder)
     if task.name not in (None, made.task):
         raise RunError(f"{folder.path} is a run of task {made.task}, not of {task.name}")
     domain = load_domain(folder.domain_file, folder.problem_file)
@@ -229,19 +226,28 @@ def _train(
         cost = trainer.wall_time - begun
         return trainer.wall_time + min(settings.checkpoint_seconds, 50 * cost)
 
-    events = EventWriter(folder.path, trainer.env_steps + 1) if settings.tensorboard else None
-    trainer.on_step = lambda: progress.update(_stats(trainer)) if progress.due() else None
+    def after_step() -> None:
+        if stopping.answer_due():
+            progress.answer(ANSWER)
+        if progress.due():
+            progress.update(_stats(trainer))
+
+    trainer.on_step = after_step
+    trainer.task.on_notice = progress.note
+    events: EventWriter | None = None
     with (
-        contextlib.closing(trainer.task),
+        contextlib.ExitStack() as stack,
         _one_thread(),
-        _stop_between_episodes() as stopping,
+        stop_between_episodes() as stopping,
         progress,
     ):
+        if settings.tensorboard:
+            events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
         if note is not None:
             progress.note(note)
         # Whatever happens in the first episodes, the run can be continued.
         due = save()
-        while not _done(trainer, episodes, env_steps) and not stopping.is_set():
+        while not _done(trainer, episodes, env_steps) and not stopping.requested:
             row = trainer.run_episode()
             folder.metrics.append(row)
             if events is not None:
@@ -250,12 +256,10 @@ def _train(
             if trainer.wall_time >= due:
                 due = save()
         save()
-    if events is not None:
-        events.close()
     from serp.runs.results import write_results  # brings matplotlib, which no step needs
 
     write_results(folder)
-    if stopping.is_set() and not _done(trainer, episodes, env_steps):
+    if stopping.requested and not _done(trainer, episodes, env_steps):
         raise Interrupted(
             f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; everything "
             f"is saved in {folder.path}"
@@ -294,29 +298,6 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-@contextlib.contextmanager
-def _stop_between_episodes() -> Iterator[threading.Event]:
-    """Turn the first Ctrl-C into a request to stop after the episode.
-
-    A second one stops at once; the run then goes on from its last checkpoint.
-    """
-    stopping = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stopping
-        return
-    before = signal.getsignal(signal.SIGINT)
-
-    def request(number: int, frame: FrameType | None) -> None:
-        stopping.set()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-
-    signal.signal(signal.SIGINT, request)
-    try:
-        yield stopping
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 def load_run(folder: str | Path, task: Task | None = None) -> Run:
     """Open a run.
 
@@ -330,7 +311,7 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
     """
     opened = RunFolder.open(folder)
     if task is None:
-        task = load_task(_made_with(opened).task)
+        task = load_task(made_with(opened).task)
     return Run(Path(folder), _task_of(opened, task))
 
 
@@ -375,15 +356,17 @@ class Run:
         Raises:
             RunError: There is no whole checkpoint.
         """
-        folder = RunFolder.open(self.path)
-        made, checkpoint = _made_with(folder), folder.load_checkpoint()
-        agent = Agent(self._bound, made.settings, made.seed)
+        checkpoint = self._checkpoint
+        made = made_with(RunFolder.open(self.path))
+        # What the agent has to know of the environment outlives it.
+        with self.task.bind() as bound:
+            agent = Agent(bound, made.settings, made.seed)
         agent.load_state_dict(checkpoint.arrays, checkpoint.meta["agent"])
         return agent
 
     @functools.cached_property
-    def _bound(self) -> BoundTask:
-        return self.task.bind()
+    def _checkpoint(self) -> Checkpoint:
+        return RunFolder.open(self.path).load_checkpoint()
 
     def decide(self, observation: Any) -> Decision:
         """Decide as the trained agent does, for one observation as the environment gives it."""
@@ -399,5 +382,7 @@ class Run:
         """
         agent = self.agent
         # An environment of its own: what an evaluation leaves behind must not reach the next.
-        with contextlib.closing(self.task.bind()) as task, _one_thread():
+        with self.task.bind() as task, _one_thread():
+            saved = self._checkpoint.meta["environment"]
+            task.restore_environment(saved, statistics_only=True)
             return evaluate(agent, task, policy, episodes=episodes, seed=seed)

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+import math
+from collections.abc import ItemsView, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
+
+import numpy as np
 
 from serp.arbiter import ArbiterSettings
 from serp.domain.source import did_you_mean
 from serp.errors import SettingsError
 from serp.learning.settings import DQNSettings
 from serp.planning.settings import PlannerSettings
+from serp.quantities import real, truth, whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,24 +42,23 @@ class TrainingSettings:
     tensorboard: bool = False
 
     def __post_init__(self) -> None:
-        if self.inputs not in ("observation", "state", "both"):
+        if not isinstance(self.inputs, str) or self.inputs not in ("observation", "state", "both"):
             raise SettingsError(
                 f"training: inputs must be observation, state or both, not {self.inputs!r}"
             )
         for name, least in (("random_steps", 0), ("env_steps", 1), ("episode_steps", 1)):
-            value = getattr(self, name)
-            if not isinstance(value, int) or isinstance(value, bool) or value < least:
-                raise SettingsError(
-                    f"training: {name} must be a whole number >= {least}, not {value!r}"
-                )
-        if not isinstance(self.tensorboard, bool):
-            raise SettingsError(
-                f"training: tensorboard must be true or false, not {self.tensorboard!r}"
-            )
-        if not self.checkpoint_seconds >= 0:
-            raise SettingsError(
-                f"training: checkpoint_seconds must be >= 0, not {self.checkpoint_seconds!r}"
-            )
+            self._take(name, whole(getattr(self, name), least), f"a whole number >= {least}")
+        self._take("tensorboard", truth(self.tensorboard), "true or false")
+        seconds = real(self.checkpoint_seconds, infinite=True)
+        self._take(
+            "checkpoint_seconds", seconds if seconds is None or seconds >= 0 else None, ">= 0"
+        )
+
+    def _take(self, name: str, value: Any, allowed: str) -> None:
+        """Put Python's own value in the place of a setting; None stands for one out of range."""
+        if value is None:
+            raise SettingsError(f"training: {name} must be {allowed}, not {getattr(self, name)!r}")
+        object.__setattr__(self, name, value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,29 +70,43 @@ class Settings:
     learner: DQNSettings = field(default_factory=DQNSettings)
     training: TrainingSettings = field(default_factory=TrainingSettings)
 
+    def __post_init__(self) -> None:
+        for section in dataclasses.fields(self):
+            value, made = getattr(self, section.name), section.default_factory
+            if isinstance(made, type) and not isinstance(value, made):
+                raise SettingsError(
+                    f"settings: section `{section.name}` must be a {made.__name__}, not {value!r}"
+                )
+
     def replace(self, changes: Mapping[str, Mapping[str, Any]]) -> Settings:
         """Return the settings with changes: section → setting → value.
 
+        NumPy's numbers are taken over as Python's.
+
         Raises:
-            SettingsError: A section or setting does not exist, or a value is out of range.
+            SettingsError: It is no such mapping, a section or setting does not exist, or a value
+                is out of range.
         """
         sections: dict[str, Any] = {}
         known = [f.name for f in dataclasses.fields(self)]
-        for section, values in changes.items():
+        for section, values in _entries(changes, "settings", '{"planner": {"depth": 5}}'):
             if section not in known:
                 raise SettingsError(
-                    f"there is no section `{section}`; {did_you_mean(section, known)}"
+                    f"there is no section `{section}`; {did_you_mean(str(section), known)}"
                 )
             current = getattr(self, section)
             names = [f.name for f in dataclasses.fields(current)]
-            for name in values:
+            plain: dict[str, Any] = {}
+            example = f'{{"{names[0]}": {getattr(current, names[0])!r}}}'
+            for name, value in _entries(values, f"settings: section `{section}`", example):
                 if name not in names:
                     raise SettingsError(
-                        f"there is no setting `{section}.{name}`; {did_you_mean(name, names)}"
+                        f"there is no setting `{section}.{name}`; {did_you_mean(str(name), names)}"
                     )
+                plain[name] = value.item() if isinstance(value, np.generic) else value
             try:
-                sections[section] = dataclasses.replace(current, **values)
-            except TypeError as error:
+                sections[section] = dataclasses.replace(current, **plain)
+            except (TypeError, ValueError) as error:
                 raise SettingsError(
                     f"{section}: a setting has a value of the wrong kind: {error}"
                 ) from None
@@ -112,21 +129,40 @@ class Settings:
         return cls().replace(
             {
                 section: {name: _from_json(value) for name, value in values.items()}
-                for section, values in sections.items()
+                if isinstance(values, Mapping)
+                else values
+                for section, values in _entries(sections, "settings", "{}")
             }
         )
+
+
+def _entries(value: Any, what: str, example: str) -> ItemsView[Any, Any]:
+    """Return the items of a mapping.
+
+    Raises:
+        SettingsError: It is none.
+    """
+    if not isinstance(value, Mapping):
+        raise SettingsError(f"{what} must be a mapping such as {example}, not {value!r}")
+    return value.items()
+
+
+_INFINITIES = {"inf": math.inf, "-inf": -math.inf}
+"""JSON knows no infinity."""
 
 
 def _to_json(value: Any) -> Any:
     if isinstance(value, tuple):
         return list(value)
-    return "inf" if value == float("inf") else value
+    if isinstance(value, float) and math.isinf(value):
+        return "inf" if value > 0 else "-inf"
+    return value
 
 
 def _from_json(value: Any) -> Any:
     if isinstance(value, list):
         return tuple(value)
-    return float("inf") if value == "inf" else value
+    return _INFINITIES.get(value, value) if isinstance(value, str) else value
 
 
 PRESETS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
@@ -197,15 +233,16 @@ def resolve(
     Raises:
         SettingsError: The preset or a setting does not exist, or a value is out of range.
     """
-    if preset not in PRESETS:
-        raise SettingsError(f"there is no preset `{preset}`; {did_you_mean(preset, PRESETS)}")
-    for key in task_settings or {}:
+    if not isinstance(preset, str) or preset not in PRESETS:
+        raise SettingsError(f"there is no preset `{preset}`; {did_you_mean(str(preset), PRESETS)}")
+    of_task = {} if task_settings is None else task_settings
+    for key, _ in _entries(of_task, "the task's settings", '{"*": {"planner": {"depth": 5}}}'):
         if key != "*" and key not in PRESETS:
             raise SettingsError(
                 f"the task changes settings of a preset `{key}`, which does not exist; "
-                f"{did_you_mean(key, ['*', *PRESETS])}"
+                f"{did_you_mean(str(key), ['*', *PRESETS])}"
             )
     settings = Settings().replace(PRESETS[preset])
     for key in ("*", preset):
-        settings = settings.replace((task_settings or {}).get(key, {}))
-    return settings.replace(changes or {})
+        settings = settings.replace(of_task.get(key, {}))
+    return settings.replace({} if changes is None else changes)

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import json
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from types import TracebackType
+from typing import Any, Literal, Self
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from serp import layers
 from serp.actions import ActionMap
 from serp.domain.loading import Domain, load_domain
 from serp.domain.model import StateError, TransitionModel, Vector
 from serp.errors import EnvironmentFailure, RunError, TaskError
+from serp.quantities import real
 
 Grounded = Mapping[str, float | bool] | NDArray[Any]
 Overrides = Mapping[str, Mapping[str, Any]]
@@ -62,9 +67,15 @@ class Task:
 
         Raises:
             DomainError: The files are missing or wrong.
+            TaskError: They are no names of files.
         """
         if isinstance(self.domain, Domain):
             return self.domain
+        for what, file in (("domain", self.domain), ("problem", self.problem)):
+            if not isinstance(file, str | os.PathLike | None) or (
+                what == "domain" and file is None
+            ):
+                raise TaskError(f"task: {what} must be a file or a loaded domain, not {file!r}")
         return load_domain(self.domain, self.problem)
 
     def bind(self, *, render_mode: str | None = None) -> BoundTask:
@@ -88,21 +99,44 @@ class BoundTask:
         env: The environment.
         actions: The map of actions.
         rewarded_by: `domain` or `environment`.
+        on_notice: Called with a line that the user should read, where it is set.
+
+    As a context manager it closes its environment at the end.
     """
 
     def __init__(self, task: Task, *, render_mode: str | None = None) -> None:
         self.task = task
         self.domain = task.load()
-        self.name = task.name or self.domain.name
-        if task.reward not in (None, "domain", "environment"):
-            raise TaskError(
-                f"task {self.name}: reward must be 'domain' or 'environment', not {task.reward!r}"
-            )
-        try:
-            self.model: TransitionModel = self.domain.model.replace(dt=task.dt)
-        except StateError as error:
-            raise TaskError(f"task {self.name}: {error}") from None
+        self.name = str(task.name or self.domain.name)
+        self._check_fields()
+        self.model: TransitionModel = self.domain.model.replace(dt=float(task.dt))
         self.env = self._make_env(render_mode)
+        try:
+            self._check_environment()
+        except BaseException:
+            with contextlib.suppress(Exception):  # what does not fit is what has to be read
+                self.env.close()
+            raise
+        self._watch = layers.Watch(self.env)
+        self.on_notice: Callable[[str], None] | None = None
+
+    def _check_fields(self) -> None:
+        task = self.task
+        dt = real(task.dt)
+        for wrong, name, allowed in (
+            (not isinstance(task.name, str | None), "name", "a text"),
+            (not callable(task.ground), "ground", "a function of an observation"),
+            (not callable(task.make_env), "make_env", "a function that returns an environment"),
+            (task.reward not in (None, "domain", "environment"), "reward",
+             "'domain' or 'environment'"),
+            (dt is None or dt <= 0, "dt (the control period)", "a number > 0"),
+        ):  # fmt: skip
+            if wrong:
+                value = getattr(task, name.split()[0])
+                raise TaskError(f"task {self.name}: {name} must be {allowed}, not {value!r}")
+
+    def _check_environment(self) -> None:
+        task = self.task
         space = getattr(self.env, "action_space", None)
         if not isinstance(space, spaces.Discrete):
             raise TaskError(
@@ -112,7 +146,8 @@ class BoundTask:
         self._first_action = int(space.start)
         self.actions = ActionMap(self.model, int(space.n), task.actions)
         self.observation_size = self._size_of(getattr(self.env, "observation_space", None))
-        self._flatten_by_space = not isinstance(self.env.observation_space, spaces.Box)
+        self._space = self.env.observation_space
+        self._flatten_by_space = not isinstance(self._space, spaces.Box)
         self.rewarded_by = task.reward or ("domain" if self.model.rewarding else "environment")
         if self.rewarded_by == "domain" and not self.model.rewarding:
             raise TaskError(
@@ -121,11 +156,6 @@ class BoundTask:
             )
 
     def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
-        if not callable(self.task.make_env):
-            raise TaskError(
-                f"task {self.name}: make_env must be a function that returns an environment, "
-                f"not {self.task.make_env!r}"
-            )
         if render_mode is not None and not _takes(self.task.make_env, "render_mode"):
             raise TaskError(f"task {self.name}: make_env takes no render_mode, so it cannot render")
         try:
@@ -159,15 +189,12 @@ class BoundTask:
                 NaN.
         """
         try:
-            if self._flatten_by_space:
-                flat = spaces.flatten(self.env.observation_space, raw)
-            else:
-                flat = raw
+            flat = spaces.flatten(self._space, raw) if self._flatten_by_space else raw
             vector = np.array(flat, dtype=np.float64).reshape(-1)  # environments reuse buffers
         except Exception as error:
             raise EnvironmentFailure(
                 f"task {self.name}: an observation {raw!r} that does not fit "
-                f"{self.env.observation_space}: {_short(error)}"
+                f"{self._space}: {_short(error)}"
             ) from error
         if vector.shape[0] != self.observation_size:
             raise EnvironmentFailure(
@@ -203,11 +230,19 @@ class BoundTask:
         Raises:
             EnvironmentFailure: It raised, or returned something else than observation and info.
         """
+        self._watch.before_reset()
         try:
             raw, info = self.env.reset(seed=seed)
-            return raw, dict(info)
+            info = dict(info)
         except Exception as error:
             raise EnvironmentFailure(f"task {self.name}: reset failed: {_short(error)}") from error
+        for carried in self._watch.after_reset():
+            if self.on_notice is not None:
+                self.on_notice(
+                    f"Wrapper {carried} from one episode to the next and offers no state_dict(): "
+                    "where that matters, a resumed run differs from an uninterrupted one."
+                )
+        return raw, info
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Carry out an environment action 0 ... E-1.
@@ -246,55 +281,63 @@ class BoundTask:
                 f"task {self.name}: closing the environment failed: {_short(error)}"
             ) from error
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.close()
+            return
+        # What went wrong first is what the user has to read.
+        with contextlib.suppress(EnvironmentFailure):
+            self.close()
+
     # What outlives a reset ---------------------------------------------------------------------
 
-    def environment_state(self) -> list[Any]:
+    def environment_state(self) -> dict[str, Any]:
         """Return what the environment and its wrappers carry from one episode to the next.
 
-        An entry for every layer, from the outermost wrapper to the environment, that offers
-        `state_dict()` and `load_state_dict(state)`.
+        See `serp.layers`.
 
         Raises:
             EnvironmentFailure: A layer raised, or its state is not made of JSON values.
         """
         try:
-            states = [layer.state_dict() for layer in self._stateful_layers()]
-            json.dumps(states)
+            saved = layers.save(self.env)
+            json.dumps(saved)
         except Exception as error:
             raise EnvironmentFailure(
                 f"task {self.name}: the environment's state_dict() failed, or is not made of JSON "
                 f"values: {_short(error)}"
             ) from error
-        return states
+        return saved
 
-    def restore_environment(self, states: Sequence[Any]) -> None:
+    def restore_environment(
+        self, saved: Mapping[str, Any], *, statistics_only: bool = False
+    ) -> None:
         """Restore what `environment_state` returned.
+
+        Args:
+            saved: That.
+            statistics_only: Restore running statistics, such as those by which observations are
+                normalised, and nothing else.
 
         Raises:
             RunError: This environment cannot take it over.
         """
-        layers = self._stateful_layers()
-        if len(layers) != len(states):
-            raise RunError(
-                f"task {self.name}: the saved environment has {len(states)} layers with a state, "
-                f"this one {len(layers)}; continue with the environment it was saved with"
-            )
+        take_over = layers.restore_statistics if statistics_only else layers.restore
         try:
-            for layer, state in zip(layers, states, strict=True):
-                layer.load_state_dict(state)
+            take_over(self.env, saved)
         except Exception as error:
             raise RunError(
                 f"task {self.name}: the environment cannot take over its saved state: "
-                f"{_short(error)}"
+                f"{_short(error)}; continue with the environment it was saved with"
             ) from error
-
-    def _stateful_layers(self) -> list[Any]:
-        layers: list[Any] = [self.env]
-        while isinstance(layers[-1], gym.Wrapper):
-            layers.append(layers[-1].env)
-        # A wrapper passes unknown attributes on, so what counts is what its own class offers.
-        names = ("state_dict", "load_state_dict")
-        return [layer for layer in layers if all(hasattr(type(layer), name) for name in names)]
 
 
 def _takes(function: Callable[..., Any], name: str) -> bool:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from serp.agent import Agent
 from serp.arbiter import Actor, Decision, Reason
 from serp.domain.model import Vector
-from serp.errors import RunError
+from serp.errors import SettingsError
 from serp.runs.rows import DecisionRow, MetricsRow
 from serp.runs.tables import Table
 from serp.settings import Settings
@@ -130,6 +130,7 @@ class Trainer:
         Raises:
             TaskError: The grounding failed.
             EnvironmentFailure: The environment raised or gave NaN.
+            SettingsError: The environment has no such unit as `arbiter.rho_unit`.
         """
         agent, task = self.agent, self.task
         episode = _Episode()
@@ -217,7 +218,7 @@ class Trainer:
         if unit not in info:
             if reset:  # many environments say more in `step` than in `reset`
                 return
-            raise RunError(
+            raise SettingsError(
                 f"arbiter.rho_unit is `{unit}`, but the environment's info has no such entry; "
                 "use " + ", ".join(["step", "episode", *sorted(map(str, info))])
             )
@@ -225,7 +226,7 @@ class Trainer:
         if isinstance(value, np.generic | np.ndarray) and value.size == 1:
             value = value.item()
         if not isinstance(value, str | int | float):
-            raise RunError(
+            raise SettingsError(
                 f"arbiter.rho_unit: the environment's info has {value!r} under `{unit}`; a number "
                 "or a text is needed"
             )

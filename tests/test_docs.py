@@ -38,7 +38,7 @@ from serp.arbiter import Actor, Reason
 from serp.cli import main
 from serp.cli.root import serp as group
 from serp.domain.instantiate import MAX_EXPANSION, MAX_FLUENTS, MAX_GROUND_SCHEMAS
-from serp.domain.model import MAX_NATIVE_SIZE
+from serp.domain.program import MAX_NATIVE_SIZE
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.settings import PRESETS, resolve
 

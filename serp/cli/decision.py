@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from serp.cli.output import number, plural, print_table
 from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
-from serp.explanation import why_not_applicable, why_unsafe
+from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.planning.forecast import SAFE
 from serp.planning.settings import Bound
 
@@ -85,10 +85,8 @@ def remark(planner: MonitorReplanner, state: Vector, plan: Plan, action: int) ->
     remarks = []
     if flags & UNSAFE:
         remarks.append("unsafe: " + why_unsafe(model, state, action).removeprefix(f"{name}: "))
-    elif steps == 0:
-        remarks.append(f"unsafe when repeated for {planner.settings.repeat} control periods")
     elif steps != SAFE:
-        remarks.append(f"unsafe after {plural(steps, 'step')}, whatever follows")
+        remarks.append(unsafe_ahead(steps))
     if flags & TERMINAL:
         remarks.append("ends the task")
     return "; ".join(remarks)
@@ -119,7 +117,7 @@ def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
     lines = [f"Chosen: {plan.name}, best return {number(plan.reward)}."]
     if plan.indifferent:
         lines.append(
-            "All applicable actions promise the same (the planner is indifferent): what matters "
+            "All safe actions promise the same (the planner is indifferent): what matters "
             "lies beyond its depth. The first in the file is taken."
         )
     if not plan.safe and plan.action is not None:
@@ -133,7 +131,7 @@ def _why_unsafe_chosen(safe_steps: int) -> str:
         return "Every action is predicted unsafe. The one with the best return is taken."
     return (
         "Every path leads to something unsafe. The one that stays safe the longest, for "
-        f"{plural(safe_steps, 'step')}, is taken."
+        f"{plural(safe_steps, 'control period')}, is taken."
     )
 
 
@@ -143,7 +141,7 @@ def _how_far(planner: MonitorReplanner, plan: Plan) -> str:
     each = f", each repeated for {settings.repeat} control periods" if settings.repeat > 1 else ""
     ended = {
         Bound.DEPTH: "",
-        Bound.NODES: f" The next layer would exceed the limit of {settings.max_nodes:,} nodes.",
+        Bound.NODES: f" The next layer would exceed {_most(planner)}.",
         Bound.TIME: " The time budget ended the lookahead there.",
         Bound.EXHAUSTED: " Nothing is left to expand after that.",
     }
@@ -151,6 +149,16 @@ def _how_far(planner: MonitorReplanner, plan: Plan) -> str:
         f"Looked ahead {plural(plan.depth, 'action')}{each}: {nodes}, "
         f"discount {settings.discount:g}.{ended[plan.bound]}"
     )
+
+
+def _most(planner: MonitorReplanner) -> str:
+    """The limit on nodes, and what else bounds them where it is lower than the setting."""
+    settings, model = planner.settings, planner.model
+    budget = settings.node_budget(len(model.actions))
+    if budget < settings.max_nodes:
+        return f"the limit of {budget:,} nodes with {len(model.actions):,} actions each"
+    edges = settings.edge_budget(len(model.fluents))
+    return f"the limit of {budget:,} nodes (or {edges:,} edges)"
 
 
 def _print_state(console: Console, model: TransitionModel, state: Vector) -> None:

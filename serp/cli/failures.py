@@ -25,8 +25,8 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
 
     Args:
         run: Returns the status, or None for 0; may raise. A `SerpError` or an `OSError` is the
-            user's to mend and becomes a message; any other exception is a bug and keeps its
-            traceback.
+            user's to mend and becomes a message, followed by its notes; any other exception is a
+            bug and keeps its traceback.
     """
     _write_whatever_comes()
     try:
@@ -45,7 +45,8 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
         if os.environ.get("SERP_DEBUG", "0") not in ("", "0"):
             raise
         message = str(error) if isinstance(error, SerpError) else _described(error)
-        say(click.style("Error: ", fg="red", bold=True) + message)
+        notes: list[str] = getattr(error, "__notes__", [])
+        say(click.style("Error: ", fg="red", bold=True) + "\n".join([message, *notes]))
         status = MISTAKE
     sys.exit(status or DONE)
 

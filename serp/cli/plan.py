@@ -172,7 +172,6 @@ def _how_to_complete(loaded: _Loaded) -> str:
 
 def _observed(loaded: _Loaded, seed: int) -> dict[str, float | bool]:
     """Return the state after a reset of the task's environment."""
-    import contextlib
     import dataclasses
 
     if loaded.task is None:
@@ -180,8 +179,8 @@ def _observed(loaded: _Loaded, seed: int) -> dict[str, float | bool]:
             f"--observe: no task is installed for domain `{loaded.domain.name}`, so there is no "
             "environment to observe; give the state with --state"
         )
-    bound = dataclasses.replace(loaded.task, domain=loaded.domain, problem=None).bind()
-    with contextlib.closing(bound):
+    task = dataclasses.replace(loaded.task, domain=loaded.domain, problem=None)
+    with task.bind() as bound:
         raw, _ = bound.reset(seed)
         return bound.model.values(bound.ground(raw))
 

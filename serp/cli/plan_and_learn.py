@@ -13,7 +13,6 @@ from serp.cli.examples import ExampledCommand
 from serp.cli.failures import INTERRUPTED, say
 from serp.cli.output import number, open_console, plural, print_table
 from serp.cli.values import parse_settings
-from serp.errors import EnvironmentFailure, SerpError
 
 if TYPE_CHECKING:
     from serp.run import Run
@@ -84,7 +83,6 @@ def command(
         path, task = _new_run(domain, out)
     from serp.run import Interrupted, plan_and_learn
 
-    before = _holds_run(path)
     episodes_before = _episodes(path) if resuming else 0
     try:
         run = plan_and_learn(
@@ -99,11 +97,6 @@ def command(
             raise
         say(f"Stopped at once.\n{_how_to_resume(path)}")
         return INTERRUPTED
-    except SerpError as error:
-        begun = _holds_run(path) and not before
-        if begun or (resuming and isinstance(error, EnvironmentFailure)):
-            say(f"Saved up to the last checkpoint. {_how_to_resume(path)}")
-        raise
     if resuming and _episodes(path) == episodes_before:
         say("Nothing was left to do. To train on, give more --episodes or --env-steps in all.")
     if quiet:

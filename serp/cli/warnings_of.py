@@ -33,6 +33,7 @@ def warnings_of(domain: Domain) -> list[Finding]:
     """
     return [
         *_nothing_said(domain),
+        *_flags_read_in_actions(domain),
         *_schemas_without_use(domain),
         *_unused_names(domain),
         *_missing_requirements(domain),
@@ -52,6 +53,13 @@ def _nothing_said(domain: Domain) -> Iterator[Finding]:
         yield Finding(
             f"{name}: nothing changes `(reward)`, so the planner has no reason to prefer anything"
         )
+    if model.ground.metric is not None and model.ground.goal is not None:
+        assert domain.problem_syntax is not None
+        yield Finding(
+            "the metric is all that the planner looks at; reaching the goal ends the task, but is "
+            "worth nothing by itself",
+            domain.problem_syntax.place,
+        )
 
 
 def _makes_unsafe(ground: GroundModel) -> bool:
@@ -61,6 +69,42 @@ def _makes_unsafe(ground: GroundModel) -> bool:
         for schema in schemas
         for effect in schema.effects
     )
+
+
+def _flags_read_in_actions(domain: Domain) -> Iterator[Finding]:
+    """Find conditions of actions on `(unsafe)` or `(terminal)`, which start false in every step."""
+    for schema in domain.syntax.schemas:
+        if schema.kind is not x.Kind.ACTION:
+            continue
+        conditions = [schema.precondition] if schema.precondition is not None else []
+        for atom in (*_atoms(conditions), *_atoms_of_effects(schema.effects)):
+            if atom.name in (x.UNSAFE, x.TERMINAL):
+                yield Finding(
+                    f"`({atom.name})` starts false in every step, so action `{schema.name}` "
+                    "always finds it false; events are the ones that can read it",
+                    atom.place,
+                )
+
+
+def _atoms_of_effects(effects: tuple[x.Effect, ...]) -> Iterator[x.Atom]:
+    for effect in effects:
+        match effect:
+            case x.When(condition, inner):
+                yield from _atoms([condition])
+                yield from _atoms_of_effects(inner)
+            case x.ForallEffect(_, inner):
+                yield from _atoms_of_effects(inner)
+
+
+def _atoms(conditions: Iterable[x.Condition]) -> Iterator[x.Atom]:
+    for condition in conditions:
+        match condition:
+            case x.Atom():
+                yield condition
+            case x.Connective(_, operands):
+                yield from _atoms(operands)
+            case x.Quantified(_, _, body):
+                yield from _atoms([body])
 
 
 def _schemas_without_use(domain: Domain) -> Iterator[Finding]:
@@ -80,7 +124,10 @@ def _schemas_without_use(domain: Domain) -> Iterator[Finding]:
                 else "its precondition can never hold"
             )
             yield Finding(f"{what} has no instance: {why}", schema.place)
-        elif not any(instances[schema.name]):
+        elif not any(instances[schema.name]) and not (
+            # Waiting is an action where the world moves on by itself.
+            schema.kind is x.Kind.ACTION and not schema.effects and ground.processes
+        ):
             yield Finding(f"{what} changes nothing", schema.place)
 
 

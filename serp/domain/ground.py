@@ -216,6 +216,8 @@ class GroundModel:
     processes: tuple[GroundSchema, ...]
     events: tuple[GroundSchema, ...]
     goal: Test | None
+    goal_rewarded: bool
+    """Whether reaching the goal is worth 1: the files know no `(reward)` and no metric."""
     metric: GroundMetric | None
     initial: tuple[float, ...] | None
     """Value of every fluent, or None where the problem leaves a number open."""

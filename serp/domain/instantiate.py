@@ -100,6 +100,9 @@ class _Instantiation:
             processes=tuple(ground[x.Kind.PROCESS]),
             events=tuple(ground[x.Kind.EVENT]),
             goal=goal,
+            goal_rewarded=goal is not None
+            and metric is None
+            and x.REWARD not in self.domain.declarations,
             metric=metric,
             initial=self._initial(),
             static=self._static_values(),

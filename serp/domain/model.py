@@ -3,35 +3,23 @@
 from __future__ import annotations
 
 import copy
-import functools
+import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE, Site, generate_judge, generate_step
-from serp.domain.ground import (
-    REWARD_TARGET,
-    Fluent,
-    GroundModel,
-    GroundSchema,
-    Parameter,
-    SetNumber,
-    Test,
-    Value,
-    fluents_of,
-)
-from serp.domain.interpreted import load_function
+from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
+from serp.domain.emit import Site
+from serp.domain.ground import REWARD_TARGET, Fluent, GroundModel, GroundSchema, Parameter
+from serp.domain.program import Program
 from serp.domain.source import did_you_mean
 from serp.errors import SerpError
 
 Vector = NDArray[np.float64]
-
-MAX_NATIVE_SIZE = 400
-# numba recurses over the branches of one expression: long ones overflow its stack.
-MAX_NATIVE_TEST = 200
 
 
 class StateError(SerpError):
@@ -46,7 +34,8 @@ class Outcome(NamedTuple):
         reward: Change of `(reward)` in the step; 0 where not applicable.
         unsafe: Whether `(unsafe)` became true in the step.
         terminal: Whether `(terminal)` became true or the problem's goal is reached.
-        applicable: Whether the precondition holds and the result is defined and finite.
+        applicable: Whether the precondition holds, every condition that matters is true or false
+            and every result is a finite number.
     """
 
     state: Vector
@@ -62,54 +51,6 @@ class Judgement(NamedTuple):
     reward: float
     unsafe: bool
     terminal: bool
-
-
-class _Program:
-    """The generated functions of one ground model, each made when first needed."""
-
-    def __init__(self, ground: GroundModel) -> None:
-        self.ground = ground
-
-    @functools.cached_property
-    def step(self) -> Callable[..., int]:
-        return load_function(generate_step(self.ground), "<serp step>")
-
-    @functools.cached_property
-    def judge(self) -> Callable[..., int]:
-        return load_function(generate_judge(self.ground), "<serp judge>")
-
-    @functools.cached_property
-    def traced(self) -> tuple[Callable[..., int], tuple[Site, ...]]:
-        generated = generate_step(self.ground, traced=True)
-        return load_function(generated, "<serp traced step>"), generated.sites
-
-    @functools.cached_property
-    def size(self) -> int:
-        """How often fluents are read and written in all: what compile time grows with."""
-        ground = self.ground
-        expressions: dict[int, Test | Value] = {}
-        writes = 0
-        for schema in (*ground.actions, *ground.processes, *ground.events):
-            expressions.update((id(test), test) for test in schema.preconditions)
-            for effect in schema.effects:
-                writes += 1
-                expressions[id(effect.condition)] = effect.condition  # shared ones count once
-                if isinstance(effect, SetNumber):
-                    expressions[id(effect.value)] = effect.value
-        if ground.goal is not None:
-            expressions[id(ground.goal)] = ground.goal
-        if ground.metric is not None:
-            expressions[id(ground.metric.value)] = ground.metric.value
-        reads = [sum(1 for _ in fluents_of(expression)) for expression in expressions.values()]
-        if max(reads, default=0) > MAX_NATIVE_TEST:
-            return MAX_NATIVE_SIZE + 1
-        return writes + sum(reads)
-
-    @functools.cached_property
-    def native(self) -> Any:
-        from serp.domain.native import compile_native
-
-        return compile_native(generate_step(self.ground))
 
 
 class TransitionModel:
@@ -133,7 +74,7 @@ class TransitionModel:
         self, ground: GroundModel, *, dt: float = 1.0, theta: ArrayLike | None = None
     ) -> None:
         self.ground = ground
-        self._program = _Program(ground)
+        self._program = Program(ground)
         self._index = {fluent.name: fluent.index for fluent in ground.fluents}
         self._actions = {action.name: k for k, action in enumerate(ground.actions)}
         self.initial_state: Vector | None = (
@@ -145,14 +86,14 @@ class TransitionModel:
         self._set(written if theta is None else theta, dt)
 
     def _set(self, theta: ArrayLike, dt: float) -> None:
-        vector = np.array(theta, dtype=np.float64)
+        vector = _numbers(theta, "theta").copy()
         if vector.shape != (len(self.ground.parameters),) or not np.isfinite(vector).all():
             raise StateError(f"theta must be {len(self.ground.parameters)} finite numbers")
-        if not (np.isfinite(dt) and dt > 0):
-            raise StateError(f"the control period must be a positive number, not {dt}")
+        if isinstance(dt, bool) or not isinstance(dt, Real) or not 0.0 < float(dt) < math.inf:
+            raise StateError(f"the control period must be a positive number, not {dt!r}")
         vector.flags.writeable = False
-        self.theta = vector
-        self.dt = float(dt)
+        self.theta: Vector = vector
+        self.dt: float = float(dt)
         self._theta_list: list[float] = vector.tolist()
 
     def replace(
@@ -186,10 +127,11 @@ class TransitionModel:
 
     @property
     def rewarding(self) -> bool:
-        """Whether the domain says anything about reward: `(reward)` changes, or a metric."""
-        schemas = (*self.ground.actions, *self.ground.processes, *self.ground.events)
+        """Whether the domain gives reward: `(reward)` changes, or a metric, or a goal."""
+        ground = self.ground
+        schemas = (*ground.actions, *ground.processes, *ground.events)
         changed = any(e.target == REWARD_TARGET for s in schemas for e in s.effects)
-        return changed or self.ground.metric is not None
+        return changed or ground.metric is not None or ground.goal_rewarded
 
     # States ------------------------------------------------------------------------------------
 
@@ -233,7 +175,7 @@ class TransitionModel:
             StateError: The shape is wrong, or a value is NaN, infinite, or, for a predicate,
                 neither 0 nor 1.
         """
-        vector = np.asarray(state, dtype=np.float64)
+        vector = _numbers(state, "a state")
         if vector.shape != (len(self.fluents),):
             raise StateError(
                 f"a state of this domain is {len(self.fluents)} numbers, found shape {vector.shape}"
@@ -284,10 +226,7 @@ class TransitionModel:
         Raises:
             StateError: State or action do not fit the model.
         """
-        try:
-            states = np.asarray(state, dtype=np.float64)
-        except (TypeError, ValueError):
-            raise StateError(f"a state is numbers, found {state!r}") from None
+        states = _numbers(state, "a state")
         if not np.isfinite(states).all():
             raise StateError("a state with NaN or infinity cannot be stepped")
         if states.ndim == 2:
@@ -328,14 +267,21 @@ class TransitionModel:
             state: `[F]` before the action.
             action: Position of the ground action, or -1 where the model does not know it.
             next_state: `[F]` observed after it.
+
+        Raises:
+            StateError: There is no such action, or the reward is no finite number there, a
+                condition has no truth value, or an event's effects contradict each other.
         """
+        if not -1 <= action < len(self.actions):
+            raise StateError(f"action {action} is not one of the {len(self.actions)} from 0 on")
         n = next_state.tolist()
         out = [*n, 0.0]
         flags = self._program.judge(state.tolist(), action, n, self._theta_list, self.dt, out)
         if not flags & APPLICABLE:
             raise StateError(
-                "the reward of an observed transition is no finite number; "
-                f"observed state: {self.values(next_state)}"
+                "an observed transition has no reward: it is no finite number, a condition is "
+                "neither true nor false (a division by zero), or effects of an event contradict "
+                f"each other; observed state: {self.values(next_state)}"
             )
         return Judgement(out[-1], bool(flags & UNSAFE), bool(flags & TERMINAL))
 
@@ -346,10 +292,7 @@ class TransitionModel:
             The sites passed, in order, and the flags.
         """
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
-        function, sites = self._program.traced
-        passed: list[int] = []
-        flags = function(values, action, self._theta_list, self.dt, [*values, 0.0], passed)
-        return [sites[k] for k in passed], flags
+        return self._program.trace(values, action, self._theta_list, self.dt)
 
     @property
     def compiles(self) -> bool:
@@ -357,7 +300,7 @@ class TransitionModel:
 
         Larger ones run in CPython, with the same results.
         """
-        return self._program.size <= MAX_NATIVE_SIZE
+        return self._program.compiles
 
     def native_step(self) -> Any:
         """Return the compiled C callback of `step` (numba), compiling it when first called."""
@@ -412,3 +355,10 @@ class TransitionModel:
             terminal=np.array([r.terminal for r in rows], dtype=np.bool_),
             applicable=np.array([r.applicable for r in rows], dtype=np.bool_),
         )
+
+
+def _numbers(values: ArrayLike, what: str) -> Vector:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise StateError(f"{what} is numbers, found {values!r}") from None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from serp.domain.contradictions import refuse_contradictions
 from serp.domain.declarations import (
     expect_group,
     expect_name,
@@ -187,6 +188,7 @@ def _schema(group: Group, scope: Scope) -> Schema:
         parse_condition(fields[":precondition"], inner) if ":precondition" in fields else None
     )
     effects = parse_effects(fields[":effect"], inner) if ":effect" in fields else ()
+    refuse_contradictions(effects)
     return Schema(kind, name, parameters, precondition, effects, group.place)
 
 

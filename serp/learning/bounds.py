@@ -1,4 +1,4 @@
-"""Between which values a discounted return can lie, from the rewards a task gives.
+"""Between which values a discounted return can lie, from the rewards seen so far.
 
 A return is γ⁰c₀ + γ¹c₁ + … + γᵐt: m ≥ 0 rewards of steps after which the episode goes on, and the
 reward t of the step that terminates it (none where it never terminates). With rewards
@@ -26,17 +26,12 @@ class ReturnBounds:
 
     Args:
         discount: γ, 0 ≤ γ < 1.
-        reward_range: smallest and largest reward of any step, where the task knows them; without,
-            the rewards observed so far count. A reward outside the range widens it.
     """
 
-    def __init__(self, discount: float, reward_range: tuple[float, float] | None = None) -> None:
-        if reward_range is not None and not reward_range[0] <= reward_range[1]:
-            raise ValueError(f"reward_range must be (smallest, largest), not {reward_range}")
+    def __init__(self, discount: float) -> None:
         self._horizon = 1.0 / (1.0 - discount)
-        low, high = (math.inf, -math.inf) if reward_range is None else map(float, reward_range)
-        self._going_on = [low, high]
-        self._terminal = [low, high]
+        self._going_on = [math.inf, -math.inf]
+        self._terminal = [math.inf, -math.inf]
         self._update()
 
     def observe(self, reward: float, terminated: bool) -> None:

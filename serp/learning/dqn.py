@@ -52,8 +52,6 @@ class DQN:
         action_count: actions, A ≥ 1.
         settings: all choices.
         seed: equal seeds give equal bits. A `SeedSequence` is read and left as it was.
-        reward_range: smallest and largest reward of a step before `settings.reward_scale`, where
-            the task knows them; without, `clip_targets` goes by the rewards seen so far.
     """
 
     def __init__(
@@ -62,7 +60,6 @@ class DQN:
         action_count: int,
         settings: DQNSettings,
         seed: np.random.SeedSequence | int,
-        reward_range: tuple[float, float] | None = None,
     ) -> None:
         self.input_size = input_size
         self.action_count = action_count
@@ -109,11 +106,7 @@ class DQN:
             failing_window=settings.failing_window,
             rng=sample_rng,
         )
-        scale = settings.reward_scale
-        self._bounds = ReturnBounds(
-            settings.discount,
-            None if reward_range is None else (reward_range[0] * scale, reward_range[1] * scale),
-        )
+        self._bounds = ReturnBounds(settings.discount)
         self._epsilon = LinearSchedule(
             settings.epsilon_start, settings.epsilon_end, settings.epsilon_steps
         )

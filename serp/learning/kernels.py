@@ -140,12 +140,17 @@ def normalize_backward(
         shift_gradient[:] = _ZERO
         for i in range(batch):
             row, out, normal = d[e, i], h[e, i], z[e, i]
-            mean, along = _ZERO, _ZERO
+            # Loops that touch few arrays: the compiler takes only those apart into vectors, for it
+            # has to see that no array overlaps another.
             for j in range(outputs):
                 value = row[j] if out[j] > _ZERO else _ZERO
+                row[j] = value
                 shift_gradient[j] += value
-                gain_gradient[j] += value * normal[j]
-                value *= gain[j]
+            for j in range(outputs):
+                gain_gradient[j] += row[j] * normal[j]
+            mean, along = _ZERO, _ZERO
+            for j in range(outputs):
+                value = row[j] * gain[j]
                 row[j] = value
                 mean += value
                 along += value * normal[j]

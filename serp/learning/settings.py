@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import partial
+from typing import Any, Literal, NoReturn
+
+import numpy as np
 
 from serp.errors import SettingsError
+from serp.quantities import real, truth, whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,45 +112,29 @@ class DQNSettings:
     """Gradient updates on the first data D₀ before anything else, ≥ 0 (Algorithm 1, line 1)."""
 
     def __post_init__(self) -> None:
-        # A tuple of Python numbers whatever came, so that settings read from JSON are equal ones.
-        if isinstance(self.hidden, list):
-            object.__setattr__(self, "hidden", tuple(self.hidden))
-        if not isinstance(self.hidden, tuple) or not all(_whole(n, 1) for n in self.hidden):
-            self._refuse("hidden", "whole numbers ≥ 1, such as [64, 64]")
+        # Python's numbers and a tuple whatever came, so that settings read from JSON are equal.
+        self._take("hidden", "whole numbers ≥ 1, such as [64, 64]", _sizes)
         for name in ("layer_norm", "double", "clip_targets", "mask_targets"):
-            if not isinstance(getattr(self, name), bool):
-                self._refuse(name, "true or false")
-        for name in ("members", "batch_size", "n_step", "buffer_size", "failing_window"):
-            self._whole(name, 1)
-        for name in (
-            "epsilon_steps",
-            "learning_starts",
-            "protected_early",
-            "protected_failing",
-            "pretrain_updates",
-        ):
-            self._whole(name, 0)
-        if self.target_period is not None and not _whole(self.target_period, 1):
-            self._refuse("target_period", "a whole number ≥ 1, or none")
+            self._take(name, "true or false", truth)
+        for name, least in _WHOLE.items():
+            self._take(name, f"a whole number ≥ {least}", partial(whole, least=least))
         for name in ("epsilon_start", "epsilon_end", "protected_share"):
-            if not (_number(value := getattr(self, name)) and 0 <= value <= 1):
-                self._refuse(name, "a number from 0 to 1")
+            self._take(name, "a number from 0 to 1", _number(lambda x: 0 <= x <= 1))
         for name in ("learning_rate", "reward_scale"):
-            if not (_number(value := getattr(self, name)) and value > 0):
-                self._refuse(name, "a number > 0")
-        if not (_number(self.discount) and 0 <= self.discount < 1):
-            self._refuse("discount", "a number from 0 to below 1")
-        if not (_number(self.updates_per_step) and self.updates_per_step >= 0):
-            self._refuse("updates_per_step", "a number ≥ 0")
-        if self.gradient_clip is not None and not (
-            _number(self.gradient_clip) and self.gradient_clip > 0
-        ):
-            self._refuse("gradient_clip", "a number > 0, or none")
-        if self.target_polyak is not None and not (
-            _number(self.target_polyak) and 0 < self.target_polyak <= 1
-        ):
-            self._refuse("target_polyak", "a number above 0 and up to 1, or none")
-        if self.loss not in ("mse", "huber"):
+            self._take(name, "a number > 0", _number(lambda x: x > 0))
+        self._take("discount", "a number from 0 to below 1", _number(lambda x: 0 <= x < 1))
+        self._take("updates_per_step", "a number ≥ 0", _number(lambda x: x >= 0))
+        if self.target_period is not None:
+            self._take("target_period", "a whole number ≥ 1, or none", partial(whole, least=1))
+        if self.gradient_clip is not None:
+            self._take("gradient_clip", "a number > 0, or none", _number(lambda x: x > 0))
+        if self.target_polyak is not None:
+            self._take(
+                "target_polyak",
+                "a number above 0 and up to 1, or none",
+                _number(lambda x: 0 < x <= 1),
+            )
+        if not isinstance(self.loss, str) or self.loss not in ("mse", "huber"):
             self._refuse("loss", '"mse" or "huber"')
         if self.target_period is not None and self.target_polyak is not None:
             self._refuse("target_polyak", f"none while target_period is {self.target_period}")
@@ -158,18 +146,47 @@ class DQNSettings:
         """Whether there is a target network."""
         return self.target_period is not None or self.target_polyak is not None
 
-    def _whole(self, name: str, least: int) -> None:
-        if not _whole(getattr(self, name), least):
-            self._refuse(name, f"a whole number ≥ {least}")
+    def _take(self, name: str, allowed: str, accept: Callable[[Any], Any]) -> None:
+        """Put Python's own value in the place of an accepted one; `accept` gives None for others.
 
-    def _refuse(self, name: str, allowed: str) -> None:
+        Raises:
+            SettingsError: it is not accepted.
+        """
+        value = accept(getattr(self, name))
+        if value is None:
+            self._refuse(name, allowed)
+        object.__setattr__(self, name, value)
+
+    def _refuse(self, name: str, allowed: str) -> NoReturn:
         value = getattr(self, name)
         raise SettingsError(f"learner setting {name} is {value!r}, but must be {allowed}")
 
 
-def _whole(value: Any, least: int) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and value >= least
+_WHOLE = {
+    "members": 1,
+    "batch_size": 1,
+    "n_step": 1,
+    "buffer_size": 1,
+    "failing_window": 1,
+    "epsilon_steps": 0,
+    "learning_starts": 0,
+    "protected_early": 0,
+    "protected_failing": 0,
+    "pretrain_updates": 0,
+}
+"""Setting → its least value."""
 
 
-def _number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+def _number(within: Callable[[float], bool]) -> Callable[[Any], float | None]:
+    def accept(value: Any) -> float | None:
+        number = real(value)
+        return number if number is not None and within(number) else None
+
+    return accept
+
+
+def _sizes(value: Any) -> tuple[int, ...] | None:
+    if not isinstance(value, list | tuple | np.ndarray) or np.ndim(value) != 1:
+        return None
+    sizes = [whole(size, 1) for size in value]
+    return None if None in sizes else tuple(size for size in sizes if size is not None)

@@ -11,7 +11,7 @@ from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
 from serp.planning.settings import Bound
 
 SAFE = 1 << 30
-"""Number of safe steps of a path on which nothing is predicted unsafe."""
+"""Safe control periods of a path on which nothing is predicted unsafe."""
 
 
 class Forecast(NamedTuple):
@@ -20,11 +20,13 @@ class Forecast(NamedTuple):
     Attributes:
         choice: The first action of the best path; -1 where no action is applicable. Best means:
             safe for the longest time, then the largest discounted sum of rewards, then first in
-            the file.
+            the file. Both hold at every node, so that what follows an unsafe edge is again the
+            best that is left.
         value: `[A]` discounted sum of rewards of the best path that begins with each action;
             -inf where not applicable.
-        safe_steps: `[A]` edges before the first unsafe one on that path; SAFE where there is none,
-            -1 where not applicable.
+        safe_steps: `[A]` control periods before the first unsafe one on that path (an edge of the
+            planner's setting `repeat` has several); SAFE where there is none, -1 where not
+            applicable.
         reward: `[A]` predicted reward of one control period.
         flags: `[A]` APPLICABLE, UNSAFE and TERMINAL, predicted for one control period.
         depth: Layers that were expanded.
@@ -61,9 +63,22 @@ class Forecast(NamedTuple):
 
     @property
     def indifferent(self) -> bool:
-        """Whether two or more actions are applicable and all of them promise the same."""
-        candidates = np.flatnonzero(self.applicable)
-        if len(candidates) < 2:
-            return False
-        values, steps = self.value[candidates], self.safe_steps[candidates]
-        return bool((values == values[0]).all() and (steps == steps[0]).all())
+        """Whether the planner has no reason to prefer one action; see `all_alike`."""
+        return all_alike(self.value, self.safe_steps, self.flags)
+
+
+def all_alike(
+    value: NDArray[np.float64], safe_steps: NDArray[np.int64], flags: NDArray[np.int64]
+) -> bool:
+    """Return whether there are two or more actions to choose from and all promise the same.
+
+    Actions that are predicted unsafe are no choice while there is another.
+    """
+    safe = (flags & (APPLICABLE | UNSAFE)) == APPLICABLE
+    chosen = np.flatnonzero(safe if safe.any() else flags & APPLICABLE)
+    if len(chosen) < 2:
+        return False
+    first = chosen[0]
+    return bool(
+        (value[chosen] == value[first]).all() and (safe_steps[chosen] == safe_steps[first]).all()
+    )

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import networkx as nx
 import numpy as np
 
-from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
+from serp.domain.codegen import TERMINAL, UNSAFE
 from serp.domain.model import TransitionModel, Vector
+from serp.planning.expansion import Edges, State, follow
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.settings import Bound, PlannerSettings
-
-State = tuple[float, ...]
-_CHUNK = 64
 
 
 class Edge(NamedTuple):
@@ -29,20 +26,11 @@ class Edge(NamedTuple):
 
 
 class _Layer(NamedTuple):
-    """The edges out of one layer, column by column.
-
-    Edge `k` leaves `nodes[k // A]` by action `k % A`; its target is -1 where the action is not
-    applicable. Columns instead of objects: a decision makes thousands of edges, a reader looks at
-    a handful.
-    """
+    """The edges out of the nodes of one layer, and the node that each leads to."""
 
     nodes: list[int]
+    edges: Edges
     target: list[int]
-    reward: list[float]
-    weight: list[float]
-    flags: list[int]
-    first_reward: list[float]
-    first_flags: list[int]
 
 
 class PlanningGraph:
@@ -75,9 +63,9 @@ class PlanningGraph:
         return len(self._layers)
 
     def grow(self, deadline: float | None = None) -> None:
-        """Expand until the depth, the node budget or the deadline (`time.perf_counter`) is met.
+        """Expand until the depth, a budget or the deadline (`time.perf_counter`) is met.
 
-        A layer that is not complete at the deadline is dropped; the first one is always finished.
+        A layer that is not complete then is dropped; the first one is always finished.
         """
         budget = self.settings.node_budget(len(self.model.actions))
         open_nodes = [0]
@@ -90,110 +78,46 @@ class PlanningGraph:
             if self.depth and expanded > budget:
                 self.bound = Bound.NODES
                 return
-            layer = self._follow(open_nodes, deadline if self.depth else None)
-            if layer is None:
-                self.bound = Bound.TIME
+            if isinstance(reached := self._expand(open_nodes, deadline), Bound):
+                self.bound = reached
                 return
-            open_nodes = self._merge(*layer)
+            open_nodes = reached
 
-    def _merge(self, layer: _Layer, reached: list[State]) -> list[int]:
-        """Add a layer: find or make the target of every edge; return the nodes that go on."""
+    def _expand(self, nodes: list[int], deadline: float | None) -> list[int] | Bound:
+        """Add the layer of edges out of some nodes.
+
+        Returns:
+            The nodes that go on, or the bound that was met underway; then nothing is added.
+        """
+        first, bounded = len(self.states), bool(self._layers)
+        edges_left = self.settings.edge_budget(len(self.model.fluents)) - sum(
+            len(layer.target) for layer in self._layers
+        )
+        layer = _Layer(nodes, Edges.none(), [])
         going_on: dict[State, int] = {}
         ended: dict[State, int] = {}
         states, targets = self.states, layer.target
-        first = len(states)
-        for state, flags in zip(reached, layer.flags, strict=True):
-            if not flags & APPLICABLE:
-                targets.append(-1)
-                continue
-            known = ended if flags & TERMINAL else going_on
-            target = known.get(state)
-            if target is None:
-                target = known[state] = len(states)
-                states.append(state)
-            targets.append(target)
+        for edges, reached in follow(self.model, self.settings, nodes, states):
+            for state, flags in zip(reached, edges.flags, strict=True):
+                known = ended if flags & TERMINAL else going_on
+                target = known.get(state)
+                if target is None:
+                    target = known[state] = len(states)
+                    states.append(state)
+                targets.append(target)
+            layer.edges.extend(edges)
+            met = None
+            if len(targets) > edges_left:
+                met = Bound.NODES
+            elif deadline is not None and time.perf_counter() >= deadline:
+                met = Bound.TIME
+            if met is not None and bounded:
+                del states[first:]
+                return met
         self._layers.append(layer)
         self._layer_of += [self.depth] * (len(states) - first)
         self._ended.update(ended.values())
         return list(going_on.values())
-
-    def _follow(
-        self, nodes: list[int], deadline: float | None
-    ) -> tuple[_Layer, list[State]] | None:
-        """Follow every edge of the nodes.
-
-        Returns:
-            The layer, targets still missing, and the states reached; None at the deadline.
-        """
-        layer = _Layer(nodes, [], [], [], [], [], [])
-        reached: list[State] = []
-        follow = self._follow_native if self.model.compiles else self._follow_interpreted
-        # Without a deadline there is no reason to stop in between.
-        chunk = len(nodes) if deadline is None else _CHUNK
-        for start in range(0, len(nodes), chunk):
-            if deadline is not None and time.perf_counter() >= deadline:
-                return None
-            reached += follow([self.states[n] for n in nodes[start : start + chunk]], layer)
-        return layer, reached
-
-    def _follow_native(self, sources: list[State], layer: _Layer) -> Iterable[State]:
-        from serp.domain.native import address_of
-        from serp.planning import kernels
-
-        model, settings = self.model, self.settings
-        actions, width = len(model.actions), len(model.fluents)
-        edges = len(sources) * actions
-        states = np.zeros((len(sources), width + 1))
-        states[:, :width] = sources
-        out = np.empty((edges + 1, width + 1))
-        numbers = np.empty((3, edges))
-        flags = np.empty((2, edges), dtype=np.int64)
-        kernels.expand(
-            address_of(model.native_step()), states.reshape(-1), len(sources), actions,
-            settings.repeat, settings.discount, model.theta, model.dt, out.reshape(-1),
-            numbers[0], numbers[1], flags[0], numbers[2], flags[1],
-        )  # fmt: skip
-        layer.reward.extend(numbers[0].tolist())
-        layer.weight.extend(numbers[1].tolist())
-        layer.flags.extend(flags[0].tolist())
-        layer.first_reward.extend(numbers[2].tolist())
-        layer.first_flags.extend(flags[1].tolist())
-        return map(tuple, out[:-1, :width].tolist())
-
-    def _follow_interpreted(self, sources: list[State], layer: _Layer) -> Iterable[State]:
-        """The same in CPython, for domains too large to be compiled in reasonable time."""
-        reached: list[State] = []
-        for source in sources:
-            for action in range(len(self.model.actions)):
-                state, reward, weight, flags, first_reward, first_flags = self._edge(
-                    list(source), action
-                )
-                reached.append(tuple(state))
-                layer.reward.append(reward)
-                layer.weight.append(weight)
-                layer.flags.append(flags)
-                layer.first_reward.append(first_reward)
-                layer.first_flags.append(first_flags)
-        return reached
-
-    def _edge(
-        self, source: list[float], action: int
-    ) -> tuple[list[float], float, float, int, float, int]:
-        """Follow one edge; see `serp.planning.kernels.edge`, which does the same."""
-        state, flags = self.model.transition(source, action)
-        reward = first_reward = state.pop()
-        first_flags, weight = flags, self.settings.discount
-        for _ in range(self.settings.repeat - 1):
-            if not flags & APPLICABLE or flags & TERMINAL:
-                break
-            further, again = self.model.transition(state, action)
-            if not again & APPLICABLE:
-                break
-            reward += weight * further.pop()
-            weight *= self.settings.discount
-            flags |= again
-            state = further
-        return state, reward, weight, flags, first_reward, first_flags
 
     def evaluate(self) -> Forecast:
         """Value every node from the last layer back to the root.
@@ -201,66 +125,52 @@ class PlanningGraph:
         `networkx.dag_longest_path` would not do: it is not rooted and drops prefixes with a
         negative sum.
         """
-        size, actions = len(self.states), len(self.model.actions)
+        size = len(self.states)
         self._value = values = [0.0] * size
         self._safe_steps = steps = [SAFE] * size
-        self._best = [-1] * size
+        self._best = best = [-1] * size  # position of an edge in its layer
         for layer in reversed(self._layers):
-            edge = 0
-            for node in layer.nodes:
-                chosen, top_value, top_steps = -1, 0.0, SAFE
-                for action in range(actions):
-                    target = layer.target[edge]
-                    if target >= 0:
-                        total = layer.reward[edge] + layer.weight[edge] * values[target]
-                        safe = steps[target]
-                        if layer.flags[edge] & UNSAFE:
-                            safe = 0
-                        elif safe != SAFE:
-                            safe += 1
-                        if (
-                            chosen < 0
-                            or safe > top_steps
-                            or (safe == top_steps and total > top_value)
-                        ):
-                            chosen, top_value, top_steps = action, total, safe
-                    edge += 1
-                values[node], steps[node], self._best[node] = top_value, top_steps, chosen
+            edges = layer.edges
+            columns = zip(
+                edges.source, layer.target, edges.reward, edges.weight, edges.flags, edges.periods,
+                strict=True,
+            )  # fmt: skip
+            for k, (source, target, reward, weight, flags, periods) in enumerate(columns):
+                total = reward + weight * values[target]
+                safe = periods if flags & UNSAFE else _later(steps[target], periods)
+                if (
+                    best[source] < 0
+                    or safe > steps[source]
+                    or (safe == steps[source] and total > values[source])
+                ):
+                    best[source], values[source], steps[source] = k, total, safe
         return self._forecast()
 
     def _forecast(self) -> Forecast:
-        root = self._layers[0]
-        value = np.full(len(root.target), -np.inf)
-        steps = np.full(len(root.target), -1, dtype=np.int64)
-        reward = np.zeros(len(root.target))
-        flags = np.zeros(len(root.target), dtype=np.int64)
-        for action, target in enumerate(root.target):
-            if target < 0:
-                continue
-            value[action] = root.reward[action] + root.weight[action] * self._value[target]
-            steps[action] = self._edge_steps(root.flags[action], target)
-            reward[action], flags[action] = root.first_reward[action], root.first_flags[action]
-        return Forecast(self._best[0], value, steps, reward, flags, self.depth, self.bound)
-
-    def _edge_steps(self, flags: int, target: int) -> int:
-        """Return the safe steps of the best path through an edge."""
-        if flags & UNSAFE:
-            return 0
-        following = self._safe_steps[target]
-        return SAFE if following == SAFE else following + 1
+        root, count = self._layers[0], len(self.model.actions)
+        value = np.full(count, -np.inf)
+        steps = np.full(count, -1, dtype=np.int64)
+        reward = np.zeros(count)
+        flags = np.zeros(count, dtype=np.int64)
+        edges = root.edges
+        for k, (action, target) in enumerate(zip(edges.action, root.target, strict=True)):
+            value[action] = edges.reward[k] + edges.weight[k] * self._value[target]
+            after = _later(self._safe_steps[target], edges.periods[k])
+            steps[action] = edges.periods[k] if edges.flags[k] & UNSAFE else after
+            reward[action], flags[action] = edges.first_reward[k], edges.first_flags[k]
+        choice = edges.action[self._best[0]] if self._best[0] >= 0 else -1
+        return Forecast(choice, value, steps, reward, flags, self.depth, self.bound)
 
     def best_path(self) -> list[Edge]:
         """Return the edges of the best path from the root, after `evaluate`."""
-        actions = len(self.model.actions)
         path: list[Edge] = []
         node = 0
         for layer in self._layers:
-            action = self._best[node]
-            if action < 0:
+            k, edges = self._best[node], layer.edges
+            if k < 0:
                 break
-            edge = layer.nodes.index(node) * actions + action
             path.append(
-                Edge(node, action, layer.target[edge], layer.reward[edge], layer.flags[edge])
+                Edge(node, edges.action[k], layer.target[k], edges.reward[k], edges.flags[k])
             )
             node = path[-1].target
         return path
@@ -275,7 +185,6 @@ class PlanningGraph:
         """
         graph = nx.MultiDiGraph(fluents=tuple(f.name for f in self.model.fluents))
         names = [action.name for action in self.model.actions]
-        actions = range(len(names))
         # The dictionaries are filled as `add_edge` would fill them: its checks, edge by edge,
         # would cost several times what the planning does (a test compares the two).
         successors, predecessors = graph._succ, graph._pred
@@ -297,22 +206,26 @@ class PlanningGraph:
         successors.update((node, {}) for node in range(len(self.states)))
         predecessors.update((node, {}) for node in range(len(self.states)))
         for layer in self._layers:
-            edges = zip(layer.target, layer.reward, layer.flags, strict=True)
-            for node in layer.nodes:
-                following = successors[node]
-                for action, (target, reward, flags) in zip(actions, edges, strict=False):
-                    if target < 0:
-                        continue
-                    attributes = {
-                        "action": names[action],
-                        "reward": reward,
-                        "unsafe": (flags & UNSAFE) != 0,
-                        "chosen": False,
-                    }
-                    if target in following:
-                        following[target][action] = attributes
-                    else:
-                        following[target] = predecessors[target][node] = {action: attributes}
+            edges = layer.edges
+            for source, action, target, reward, flags in zip(
+                edges.source, edges.action, layer.target, edges.reward, edges.flags, strict=True
+            ):
+                attributes = {
+                    "action": names[action],
+                    "reward": reward,
+                    "unsafe": (flags & UNSAFE) != 0,
+                    "chosen": False,
+                }
+                following = successors[source]
+                if target in following:
+                    following[target][action] = attributes
+                else:
+                    following[target] = predecessors[target][source] = {action: attributes}
         for edge in self.best_path():
             successors[edge.source][edge.target][edge.action]["chosen"] = True
         return graph
+
+
+def _later(safe_steps: int, periods: int) -> int:
+    """Return the safe control periods seen from some periods earlier."""
+    return SAFE if safe_steps == SAFE else safe_steps + periods

@@ -5,8 +5,8 @@ expanded layer by layer; equal states of a layer merge; the last layer is never 
 pass over the stored layers finds the best path of every first action.
 
 Common arguments: `address` of the transition function; `width` F, `actions` A, `theta` and `dt` of
-the model; `depth`, `repeat`, `gamma` and `max_nodes` of the planner's settings. Rows of states have
-F + 1 entries, the last for the reward.
+the model; `depth`, `repeat`, `gamma` and the budgets `max_nodes` and `max_edges` of the planner's
+settings. Rows of states have F + 1 entries, the last for the reward.
 """
 
 from __future__ import annotations
@@ -36,7 +36,8 @@ def edge(address, state, action, repeat, gamma, theta, dt, target, scratch, widt
 
     Returns:
         Discounted reward, weight of what follows (γ to the number of periods), flags of the whole
-        edge, reward and flags of its first period.
+        edge, its periods (those before the first unsafe one, where one is), reward and flags of
+        its first period.
     """
     for i in range(width):
         target[i] = state[i]
@@ -45,6 +46,7 @@ def edge(address, state, action, repeat, gamma, theta, dt, target, scratch, widt
     first_reward = reward
     first_flags = flags
     weight = gamma
+    periods = 0 if flags & UNSAFE else 1
     for _ in range(repeat - 1):
         if not flags & APPLICABLE or flags & TERMINAL:
             break
@@ -56,18 +58,20 @@ def edge(address, state, action, repeat, gamma, theta, dt, target, scratch, widt
                 target[i] = scratch[i]
             break
         flags |= again
+        if not flags & UNSAFE:
+            periods += 1
         reward += weight * target[width]
         weight *= gamma
-    return reward, weight, flags, first_reward, first_flags
+    return reward, weight, flags, periods, first_reward, first_flags
 
 
 @cached_njit(nogil=True)
 def expand(address, states, nodes, actions, repeat, gamma, theta, dt, out, reward, weight, flags,
-           first_reward, first_flags):  # fmt: skip
+           periods, first_reward, first_flags):  # fmt: skip
     """Follow every edge of `nodes` states.
 
     `states` is flat `[nodes * (F + 1)]`; the flat `out`, `[(nodes * A + 1) * (F + 1)]`, receives
-    the states reached; the other five, `[nodes * A]`, what `edge` returns.
+    the states reached; the other six, `[nodes * A]`, what `edge` returns.
     """
     row = states.shape[0] // nodes
     literals = pointer_to(theta, 0)
@@ -76,7 +80,7 @@ def expand(address, states, nodes, actions, repeat, gamma, theta, dt, out, rewar
         state = pointer_to(states, node * row)
         for action in range(actions):
             e = node * actions + action
-            reward[e], weight[e], flags[e], first_reward[e], first_flags[e] = edge(
+            reward[e], weight[e], flags[e], periods[e], first_reward[e], first_flags[e] = edge(
                 address, state, action, repeat, gamma, literals, dt,
                 pointer_to(out, e * row), scratch, row - 1,
             )  # fmt: skip
@@ -109,15 +113,15 @@ def _same_slot(states, row, width, table, mask, candidate):
 
 
 @cached_njit(nogil=True)
-def search(address, state, width, actions, depth, repeat, gamma, max_nodes, theta, dt,
-           states, reward, weight, flags, child, best_value, best_steps, table,
+def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
+           states, reward, weight, flags, periods, child, best_value, best_steps, table,
            value, steps, first_reward, first_flags):  # fmt: skip
     """Expand the planning graph of one state `[F]` and find the best path of every first action.
 
-    Scratch: flat `states`, `[(max_nodes + 2) * (F + 1)]`; `reward`, `weight`, `flags`, `child`,
-    `[max_nodes * A]`; `best_value`, `best_steps`, `[max_nodes]`; `table`, a power of two of at
-    least twice max_nodes. Results, `[A]`: `value`, `steps`, `first_reward`, `first_flags`; see
-    `Forecast`.
+    Scratch: flat `states`, `[(max_nodes + 2) * (F + 1)]`; `reward`, `weight`, `flags`, `periods`,
+    `child`, `[max_nodes * A]`; `best_value`, `best_steps`, `[max_nodes]`; `table`, a power of two
+    of at least twice max_nodes. Results, `[A]`: `value`, `steps`, `first_reward`, `first_flags`;
+    see `Forecast`.
 
     Returns:
         Chosen action, layers expanded, bound.
@@ -130,6 +134,7 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
     start = 0
     end = 1
     expanded = 0
+    applied = 0
     bound = _DEPTH
     while expanded < depth:
         if start == end:
@@ -153,11 +158,12 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
             for action in range(actions):
                 e = node * actions + action
                 slot = min(stored, max_nodes)
-                reward[e], weight[e], flags[e], one_reward, one_flags = edge(
+                reward[e], weight[e], flags[e], periods[e], one_reward, one_flags = edge(
                     address, source, action, repeat, gamma, literals, dt,
                     pointer_to(states, slot * row), scratch, width,
                 )  # fmt: skip
                 child[e] = -1
+                applied += flags[e] & APPLICABLE
                 if expanded == 0:
                     first_reward[action] = one_reward
                     first_flags[action] = one_flags
@@ -173,6 +179,11 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
                     if stored > max_nodes:
                         continue
                 child[e] = table[place]
+            if applied > max_edges and expanded > 0:
+                break
+        if applied > max_edges and expanded > 0:
+            bound = _NODES
+            break
         start = end
         end = stored
         expanded += 1
@@ -195,9 +206,9 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
                 total += weight[e] * best_value[child[e]]
                 safe = best_steps[child[e]]
                 if safe != SAFE:
-                    safe += 1
+                    safe += periods[e]
             if flags[e] & UNSAFE:
-                safe = 0
+                safe = int(periods[e])
             if node == 0:
                 value[action] = total
                 steps[action] = safe
@@ -213,8 +224,8 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, thet
 
 
 @cached_njit(nogil=True, parallel=True)
-def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, theta, dt,
-                 states, reward, weight, flags, child, best_value, best_steps, table,
+def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
+                 states, reward, weight, flags, periods, child, best_value, best_steps, table,
                  choice, value, steps, first_reward, first_flags, expanded, bound):  # fmt: skip
     """Run `search` on every row of `batch` `[B, F]`, in parallel over the rows.
 
@@ -224,9 +235,9 @@ def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, theta
     for k in prange(rows):
         t = get_thread_id()
         choice[k], expanded[k], bound[k] = search(
-            address, batch[k], width, actions, depth, repeat, gamma, max_nodes, theta, dt,
-            states[t], reward[t], weight[t], flags[t], child[t], best_value[t], best_steps[t],
-            table[t], value[k], steps[k], first_reward[k], first_flags[k],
+            address, batch[k], width, actions, depth, repeat, gamma, max_nodes, max_edges, theta,
+            dt, states[t], reward[t], weight[t], flags[t], periods[t], child[t], best_value[t],
+            best_steps[t], table[t], value[k], steps[k], first_reward[k], first_flags[k],
         )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,8 @@ from serp.planning.forecast import Forecast
 from serp.planning.settings import Bound, PlannerSettings
 
 _BOUNDS = tuple(Bound)
+# numba's own thread pool aborts the process where two threads enter it at once.
+_POOL = threading.Lock()
 
 
 class BatchForecast(NamedTuple):
@@ -31,7 +34,7 @@ class BatchForecast(NamedTuple):
 class Lookahead:
     """Monitor-replanning without the graph: what training calls in every step.
 
-    Memory is bounded by `PlannerSettings.node_budget` and allocated once (once a thread for
+    Memory is bounded by the budgets of `PlannerSettings` and allocated once (once a thread for
     batches). Not thread-safe: give each thread its own.
 
     Args:
@@ -46,13 +49,17 @@ class Lookahead:
         self._address = address_of(self._callback)
         self._width = len(model.fluents)
         self._actions = len(model.actions)
+        self._edge_budget = self.settings.edge_budget(self._width)
         self._budget = self._nodes()
         self._scratch = tuple(a[0] for a in self._allocate(1))
         self._batch_scratch: tuple[NDArray[np.generic], ...] | None = None
 
     def _nodes(self) -> int:
-        """Most nodes that can ever be expanded: the budget, or the whole tree if it is smaller."""
-        budget = self.settings.node_budget(self._actions)
+        """Most nodes that can ever be expanded: the budget, or the whole tree if it is smaller.
+
+        Every node but the root has an edge that leads to it.
+        """
+        budget = min(self.settings.node_budget(self._actions), self._edge_budget + 1)
         tree, layer = 0, 1
         for _ in range(self.settings.depth):
             tree += layer
@@ -71,6 +78,7 @@ class Lookahead:
             np.zeros((threads, edges)),
             np.zeros((threads, edges)),
             np.zeros((threads, edges), dtype=np.uint8),
+            np.zeros((threads, edges), dtype=np.int32),
             np.zeros((threads, edges), dtype=np.int32),
             np.zeros((threads, nodes)),
             np.zeros((threads, nodes), dtype=np.int64),
@@ -94,7 +102,7 @@ class Lookahead:
         settings = self.settings
         choice, depth, bound = kernels.search(
             self._address, state, self._width, actions, settings.depth, settings.repeat,
-            settings.discount, self._budget, self.model.theta, self.model.dt,
+            settings.discount, self._budget, self._edge_budget, self.model.theta, self.model.dt,
             *self._scratch, value, steps, reward, flags,
         )  # fmt: skip
         return Forecast(choice, value, steps, reward, flags, depth, _BOUNDS[bound])
@@ -121,8 +129,10 @@ class Lookahead:
             bound=np.empty(rows, dtype=np.int64),
         )
         settings = self.settings
-        kernels.search_batch(
-            self._address, batch, actions, settings.depth, settings.repeat, settings.discount,
-            self._budget, self.model.theta, self.model.dt, *self._batch_scratch, *result,
-        )  # fmt: skip
+        with _POOL:
+            kernels.search_batch(
+                self._address, batch, actions, settings.depth, settings.repeat, settings.discount,
+                self._budget, self._edge_budget, self.model.theta, self.model.dt,
+                *self._batch_scratch, *result,
+            )  # fmt: skip
         return result

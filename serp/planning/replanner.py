@@ -19,6 +19,7 @@ from serp.errors import SettingsError
 from serp.planning.forecast import Forecast
 from serp.planning.graph import PlanningGraph
 from serp.planning.settings import Bound, PlannerSettings
+from serp.quantities import real
 
 
 class PlannedStep(NamedTuple):
@@ -40,7 +41,7 @@ class Plan:
         path: The chosen path.
         reward: Discounted sum of rewards along it.
         safe: Whether nothing on it is predicted unsafe.
-        indifferent: Whether all applicable actions promise the same: what is good lies beyond
+        indifferent: Whether all safe actions promise the same: what is good lies beyond
             the lookahead, and the first action in the file was taken.
         depth: Layers that were expanded.
         bound: What ended the expansion: depth, nodes, time, or nothing left to expand.
@@ -98,9 +99,11 @@ class MonitorReplanner:
         self.settings = PlannerSettings(
             depth=depth, discount=discount, repeat=repeat, max_nodes=max_nodes
         )
-        if time_budget is not None and not time_budget > 0:
+        self.time_budget = None if time_budget is None else real(time_budget, infinite=True)
+        if time_budget is not None and not (self.time_budget or 0.0) > 0:
             raise SettingsError(f"planner: time_budget must be positive, not {time_budget!r}")
-        self.time_budget = time_budget
+        if model.compiles:
+            model.native_step()  # compiled now, so that no decision waits for it
 
     def plan(self, state: ArrayLike) -> Plan:
         """Plan from a state `[F]` that was monitored.

@@ -6,8 +6,12 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from serp.errors import SettingsError
+from serp.quantities import real, whole
 
 MAX_EDGES = 4_000_000
+"""Most edges that are tried."""
+MAX_NUMBERS = 10_000_000
+"""Most numbers in the states that the edges of a graph lead to."""
 
 
 class Bound(IntEnum):
@@ -29,7 +33,8 @@ class PlannerSettings:
         repeat: Control periods that one edge of the graph stands for; the executed action is
             still reconsidered in every period.
         max_nodes: Most nodes that are expanded. A layer that would exceed it is not expanded;
-            the deepest complete layer counts. The first layer always does.
+            the deepest complete layer counts. The first layer always does. Domains with very many
+            actions or fluents meet `node_budget` or `edge_budget` before.
     """
 
     depth: int = 5
@@ -40,14 +45,22 @@ class PlannerSettings:
     def __post_init__(self) -> None:
         for name in ("depth", "repeat", "max_nodes"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            number = whole(value, 1)
+            if number is None:
                 raise SettingsError(f"planner: {name} must be a whole number >= 1, not {value!r}")
-        if not (isinstance(self.discount, int | float) and 0 < self.discount <= 1):
+            object.__setattr__(self, name, number)
+        discount = real(self.discount)
+        if discount is None or not 0 < discount <= 1:
             raise SettingsError(f"planner: discount must be in (0, 1], not {self.discount!r}")
+        object.__setattr__(self, "discount", discount)
 
     def node_budget(self, actions: int) -> int:
-        """Return the most nodes to expand where each has `actions` edges.
-
-        Memory stays bounded (at most 4 million edges) whatever the domain.
-        """
+        """Return the most nodes to expand where `actions` edges are tried at each."""
         return max(1, min(self.max_nodes, MAX_EDGES // max(1, actions)))
+
+    def edge_budget(self, fluents: int) -> int:
+        """Return the most edges that a graph holds where a state has `fluents` numbers.
+
+        It bounds the memory: a layer that would exceed it is dropped, as by `max_nodes`.
+        """
+        return MAX_NUMBERS // (fluents + 1)

@@ -5,8 +5,8 @@ The file is an ordinary safetensors file. Its metadata has one entry, ``serp``, 
     {"format": 1, "sha256": "<digest of the content>", "meta": {...}}
 
 One entry, because safetensors writes several in no fixed order: so equal states give equal bytes.
-The JSON is Python's: integers of any size stay exact (a PCG64 state has 128 bits), and NaN and
-the infinities are written as ``NaN`` and ``Infinity``.
+Integers of any size stay exact (a PCG64 state has 128 bits). NaN and the infinities, which JSON
+does not know, are written as ``{"float": "nan"}``, ``{"float": "inf"}``, ``{"float": "-inf"}``.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -40,6 +41,7 @@ PREVIOUS = "checkpoint-previous.safetensors"
 DAMAGED = "checkpoint-damaged.safetensors"
 
 _ENTRY = "serp"
+_FLOAT = "float"
 _LENGTH_BYTES = 8  # a safetensors file begins with the length of its header
 
 
@@ -176,8 +178,10 @@ def _keep(newest: Path, previous: Path) -> None:
 
 def _encode(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> bytes:
     plain = {name: _plain(name, array) for name, array in arrays.items()}
-    entry = {"format": FORMAT, "sha256": _digest(plain, meta), "meta": meta}
-    return safetensors.numpy.save(plain, {_ENTRY: _json(entry)})
+    strict = _strict(meta)
+    entry = {"format": FORMAT, "sha256": _digest(plain, strict), "meta": strict}
+    text = json.dumps(entry, allow_nan=False, default=_unknown)
+    return safetensors.numpy.save(plain, {_ENTRY: text})
 
 
 def _plain(name: str, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -218,22 +222,41 @@ def _decode(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], d
         raise damaged("its content is not what was written (the digest differs)")
     # Where safetensors gives views of immutable bytes, copy: the state is written on after this.
     arrays = {name: a if a.flags.writeable else a.copy() for name, a in loaded.items()}
-    return arrays, meta
+    return arrays, _exact(meta)
 
 
-def _json(value: object, *, sort_keys: bool = False) -> str:
-    return json.dumps(value, sort_keys=sort_keys, default=_scalar)
-
-
-def _scalar(value: object) -> Any:
+def _strict(value: Any) -> Any:
+    """The value in strict JSON: text, truth values, null and finite numbers."""
     if isinstance(value, np.generic):
-        return value.item()
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return {_FLOAT: str(value)}
+    if isinstance(value, Mapping):
+        strict = {key: _strict(item) for key, item in value.items()}
+        # Somebody's own mapping of that form is told apart by a list around its value.
+        return {_FLOAT: [strict[_FLOAT]]} if set(strict) == {_FLOAT} else strict
+    return [_strict(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _exact(value: Any) -> Any:
+    """The value that `_strict` was given."""
+    if isinstance(value, list):
+        return [_exact(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    if set(value) == {_FLOAT}:
+        inner = value[_FLOAT]
+        return {_FLOAT: _exact(inner[0])} if isinstance(inner, list) else float(inner)
+    return {key: _exact(item) for key, item in value.items()}
+
+
+def _unknown(value: object) -> Any:
     raise TypeError(f"a checkpoint's JSON cannot hold a {type(value).__name__}")
 
 
 def _digest(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> str:
     """SHA-256 over the JSON, then over name, dtype, shape and bytes of each array by name."""
-    digest = hashlib.sha256(_json(meta, sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps(meta, sort_keys=True, default=_unknown).encode())
     for name in sorted(arrays):
         array = arrays[name]
         digest.update(json.dumps([name, array.dtype.name, array.shape]).encode())

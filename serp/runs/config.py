@@ -45,6 +45,7 @@ def config_text(
 
     Raises:
         TypeError: a value of the configuration has no form in JSON.
+        ValueError: a number in it is NaN or infinite; `serp.Settings.as_dict` gives none.
     """
     return json_text(
         {

@@ -19,8 +19,10 @@ def json_text(value: object) -> str:
 
     Raises:
         TypeError: a value has no form in JSON.
+        ValueError: a number is NaN or infinite, for which JSON has no form either; see `finite`.
     """
-    return json.dumps(value, indent=2, ensure_ascii=False, default=_as_json) + "\n"
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False, default=_as_json)
+    return text + "\n"
 
 
 def finite(value: Any) -> Any:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import math
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 from serp.errors import MissingExtra
 from serp.runs.rows import METRICS_COLUMNS, MetricsRow
@@ -24,6 +26,8 @@ def require_tensorboard() -> None:
 class EventWriter:
     """Writes every number of an episode's metrics as a scalar over env steps.
 
+    As a context manager it closes itself at the end.
+
     Args:
         folder: The run; events go to `tensorboard/` in it. A continued run appends to them.
         purge_step: Env steps from which a continued run drops what was written before.
@@ -37,6 +41,22 @@ class EventWriter:
         from torch.utils.tensorboard import SummaryWriter
 
         self._writer: Any = SummaryWriter(str(folder / "tensorboard"), purge_step=purge_step)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if error is None:
+            self.close()
+            return
+        # What went wrong first is what the user has to read.
+        with contextlib.suppress(OSError):
+            self.close()
 
     def append(self, row: MetricsRow) -> None:
         """Write the metrics of one episode."""

@@ -114,11 +114,13 @@ class Oracle:
         ]
         state = self.changed(state, flowing, rate_time=dt)
         state = self._after_events(state)
-        reward = self._reward(before, state, dt)
-        if not math.isfinite(reward):
-            raise NotApplicable
         goal = self.problem.goal if self.problem else None
         reached = goal is not None and not is_empty(goal) and self.holds(goal, state, {})
+        reward = self._reward(before, state, dt)
+        if reached and not self.says_reward:
+            reward = 1.0
+        if not math.isfinite(reward):
+            raise NotApplicable
         after = {key: value for key, value in state.items() if key not in fresh}
         unsafe = bool(state[(x.UNSAFE,)])
         return Prediction(after, reward, unsafe, bool(state[(x.TERMINAL,)]) or reached, True)
@@ -143,6 +145,12 @@ class Oracle:
         late = self.value(metric.expression, after, {}, total_time=dt)
         early = self.value(metric.expression, before, {}, total_time=0.0)
         return late - early if metric.maximize else early - late
+
+    @property
+    def says_reward(self) -> bool:
+        """Whether the files say what is good."""
+        metric = self.problem.metric if self.problem else None
+        return metric is not None or x.REWARD in self.domain.declarations
 
     def enabled(self, schema: x.Schema, state: State, binding: Binding) -> bool:
         """Whether the precondition holds."""
@@ -209,7 +217,14 @@ class Oracle:
     # Conditions and values ---------------------------------------------------------------------
 
     def holds(self, condition: x.Condition, state: State, binding: Binding) -> bool:
-        """Whether a condition is true in a state."""
+        """Whether a condition is true in a state; one that is undefined ends the step."""
+        truth = self.truth(condition, state, binding)
+        if truth is None:
+            raise NotApplicable
+        return truth
+
+    def truth(self, condition: x.Condition, state: State, binding: Binding) -> bool | None:
+        """The truth of a condition; None where it hangs on a number that is none."""
         match condition:
             case x.Atom():
                 return bool(state[ground(condition, binding)])
@@ -218,6 +233,8 @@ class Oracle:
             case x.Comparison(operator, left_side, right_side):
                 left_value = self.value(left_side, state, binding)
                 right_value = self.value(right_side, state, binding)
+                if math.isnan(left_value) or math.isnan(right_value):
+                    return None
                 return {
                     "<": left_value < right_value,
                     "<=": left_value <= right_value,
@@ -226,22 +243,22 @@ class Oracle:
                     ">": left_value > right_value,
                 }[operator]
             case x.Connective(operator, operands):
-                truths = [self.holds(operand, state, binding) for operand in operands]
+                truths = [self.truth(operand, state, binding) for operand in operands]
                 match operator:
                     case "and":
-                        return all(truths)
+                        return conjunction(truths)
                     case "or":
-                        return any(truths)
+                        return disjunction(truths)
                     case "not":
-                        return not truths[0]
+                        return opposite(truths[0])
                     case _:  # imply
-                        return not truths[0] or truths[1]
+                        return disjunction([opposite(truths[0]), truths[1]])
             case x.Quantified(operator, parameters, body):
                 truths = [
-                    self.holds(body, state, {**binding, **more})
+                    self.truth(body, state, {**binding, **more})
                     for more in self.bindings(parameters)
                 ]
-                return all(truths) if operator == "forall" else any(truths)
+                return conjunction(truths) if operator == "forall" else disjunction(truths)
 
     def value(
         self, expression: x.Expression, state: State, binding: Binding, total_time: float = 0.0
@@ -270,6 +287,21 @@ class Oracle:
                         case "/":
                             result = quotient(result, value)
                 return result
+
+
+def conjunction(truths: list[bool | None]) -> bool | None:
+    """False where one is false, else unknown where one is."""
+    return False if False in truths else None if None in truths else True
+
+
+def disjunction(truths: list[bool | None]) -> bool | None:
+    """True where one is true, else unknown where one is."""
+    return True if True in truths else None if None in truths else False
+
+
+def opposite(truth: bool | None) -> bool | None:
+    """The negation; unknown stays unknown."""
+    return None if truth is None else not truth
 
 
 def bound(term: x.Term, binding: Binding) -> str:

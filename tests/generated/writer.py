@@ -72,6 +72,8 @@ class _Writer:
     functions: list[_Symbol] = field(default_factory=list)
     reserved: frozenset[str] = frozenset()
     fresh: int = 0
+    together: list[dict[str, str]] = field(default_factory=list)
+    """How the effects that happen together change each function, innermost scope last."""
 
     # Chance ------------------------------------------------------------------------------------
 
@@ -80,6 +82,13 @@ class _Writer:
 
     def number(self) -> str:
         return f"{self.random.randint(-12, 12) / 4:g}"
+
+    def effects(self, most: int, variables: Variables, inside: tuple[str, ...] = ()) -> list[str]:
+        """Effects that happen together; none that could never do so."""
+        self.together.append({})
+        written = self.some(1, most, lambda: self.effect(variables, inside))
+        self.together.pop()
+        return written
 
     def some(self, least: int, most: int, write: Callable[[], str | None]) -> list[str]:
         written = [write() for _ in range(self.random.randint(least, most))]
@@ -161,11 +170,11 @@ class _Writer:
         variables = {f"?v{i}": self.types() for i in range(self.random.choice((0, 1, 1, 2)))}
         conditions = self.some(0, 2, lambda: self.condition(variables, 2))
         if self.flavour.simulated:
-            effects = ["(acted)", *self.some(1, 4, lambda: self.effect(variables))]
+            effects = ["(acted)", *self.effects(4, variables)]
         elif kind == "process":
             effects = self.some(1, 2, lambda: self.flow(variables))
         else:
-            effects = self.some(1, 4, lambda: self.effect(variables))
+            effects = self.effects(4, variables)
         return (
             f"  (:{kind} {kind}{k}\n"
             f"    :parameters ({_variables(variables)})\n"
@@ -255,11 +264,11 @@ class _Writer:
         kind = self.random.randint(0, 9)
         if kind == 0 and "when" not in inside:
             condition = self.condition(variables, 1)
-            parts = self.some(1, 2, lambda: self.effect(variables, (*inside, "when")))
+            parts = self.effects(2, variables, (*inside, "when"))
             return f"(when {condition} (and {' '.join(parts)}))"
         if kind == 1 and inside.count("forall") < (1 if self.flavour.simulated else 2):
             listed, inner = self.quantified(variables)
-            parts = self.some(1, 2, lambda: self.effect(inner, (*inside, "forall")))
+            parts = self.effects(2, inner, (*inside, "forall"))
             return f"(forall ({listed}) (and {' '.join(parts)}))"
         if kind <= 5:
             return self.setting(variables)
@@ -287,7 +296,13 @@ class _Writer:
             change = "assign"
         elif kind <= 5 and not self.flavour.simulated:
             change = self.random.choice(("scale-up", "scale-down"))
-        return f"({change} {function} {self.value(variables, 2)})"
+        value = self.value(variables, 2)
+        group = {"increase": "sum", "decrease": "sum", "assign": "assign"}.get(change, "product")
+        first = function not in self.together[-1]
+        known = self.together[-1].setdefault(function, group)
+        if known != group or (group == "assign" and value[0] != "(" and not first):
+            return None
+        return f"({change} {function} {value})"
 
     def flow(self, variables: Variables) -> str | None:
         if self.maybe(10):

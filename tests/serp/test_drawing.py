@@ -148,6 +148,6 @@ def test_any_decision_can_be_drawn(drawn: tuple[Generated, Any]) -> None:
     generated, (state,) = drawn
     planner = MonitorReplanner(generated.model, depth=3, discount=0.9)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.domain.model.MAX_NATIVE_SIZE", 0)  # compiling takes seconds
+        patch.setattr("serp.domain.program.MAX_NATIVE_SIZE", 0)  # compiling takes seconds
         plan = planner.plan(state)
     svg(plan, planner)

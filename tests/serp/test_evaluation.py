@@ -138,10 +138,22 @@ def test_what_cannot_be_evaluated_is_refused(tmp_path: Path) -> None:
     agent, task = trained(tmp_path, 1).agent, corridor(tmp_path).bind()
     with pytest.raises(SettingsError, match="no policy `plan`; did you mean `planner`"):
         evaluate(agent, task, "plan")  # type: ignore[arg-type]
-    with pytest.raises(SettingsError, match="at least one episode"):
+    with pytest.raises(SettingsError, match="at least one for an evaluation, not 0"):
         evaluate(agent, task, episodes=0)
     with pytest.raises(SettingsError, match="seed"):
         evaluate(agent, task, seed=-1)
+    for wrong in ({"episodes": "3"}, {"episodes": 1.5}, {"seed": 1.5}, {"seed": None}):
+        with pytest.raises(SettingsError, match="whole number"):
+            evaluate(agent, task, **wrong)  # type: ignore[arg-type]
+    with pytest.raises(SettingsError, match="no policy"):
+        evaluate(agent, task, ["serp"])  # type: ignore[arg-type]
+
+
+def test_numpys_numbers_are_as_good_as_pythons(tmp_path: Path) -> None:
+    agent = trained(tmp_path, 1).agent
+    options: Any = {"episodes": np.int64(2), "seed": np.uint8(3)}
+    one = evaluate(agent, corridor(tmp_path).bind(), **options)
+    assert one == evaluate(agent, corridor(tmp_path).bind(), episodes=2, seed=3)
 
 
 def test_what_goes_wrong_in_the_environment_is_named(tmp_path: Path) -> None:

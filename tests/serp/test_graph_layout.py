@@ -161,6 +161,6 @@ def test_any_graph_can_be_laid_out(drawn: tuple[Generated, Any]) -> None:
     generated, (state,) = drawn
     planner = MonitorReplanner(generated.model, depth=3, discount=0.9)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.domain.model.MAX_NATIVE_SIZE", 0)  # compiling takes seconds
+        patch.setattr("serp.domain.program.MAX_NATIVE_SIZE", 0)  # compiling takes seconds
         plan = planner.plan(state)
     check(laid_out(plan, planner), plan)

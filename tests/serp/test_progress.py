@@ -233,3 +233,20 @@ def test_rich_is_not_imported_for_plain_lines():
         [sys.executable, "-c", code], check=True, capture_output=True, encoding="utf-8"
     )
     assert done.stdout == "" and done.stderr.startswith("episode 1, step 2, vetoes 0")
+
+
+@pytest.mark.parametrize("quiet", [True, False])
+def test_a_key_is_answered_at_a_terminal_even_where_the_display_is_quiet(quiet):
+    stream = Terminal()
+    with open_progress(stream=stream, quiet=quiet) as progress:
+        progress.answer("Ctrl-C: finishing the episode")
+    assert "Ctrl-C: finishing the episode\n" in stream.getvalue()
+
+
+def test_a_quiet_display_answers_nobody_where_nobody_sits():
+    pipe, gone = io.StringIO(), Terminal()
+    gone.close()
+    for stream in (pipe, gone):
+        with open_progress(stream=stream, quiet=True) as progress:
+            progress.answer("Ctrl-C: finishing the episode")
+    assert pipe.getvalue() == ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import errno
 import json
 import os
 import signal
@@ -13,14 +14,19 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Any, ClassVar
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
 from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
 from serp.run import Interrupted, Run, load_run, plan_and_learn
 from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS, load
+from serp.runs.folder import RunFolder
+from serp.runs.rows import MetricsRow
+from serp.runs.tensorboard import EventWriter
 from serp.task import Task
 from tests.serp.tasks import CableCut, Corridor, corridor
 
@@ -86,6 +92,210 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Any
 
 
 Whole = Callable[[str], tuple[Any, ...]]
+
+# Failures ---------------------------------------------------------------------------------------
+
+
+class Recorder(EventWriter):
+    """Events that are not written; whether they were closed."""
+
+    closed: ClassVar[list[Path]] = []
+
+    def __init__(self, folder: Path, purge_step: int | None = None) -> None:
+        self.folder = folder
+
+    def append(self, row: MetricsRow) -> None:
+        pass
+
+    def flush(self) -> None:
+        pass
+
+    def close(self) -> None:
+        self.closed.append(self.folder)
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def grounding_that_fails_after(calls: int) -> Callable[[Any], Any]:
+    left = iter(range(calls))
+    return lambda seen: {"x": seen[0] if next(left, None) is not None else float("nan")}
+
+
+FAILURES: list[tuple[type[Exception], Callable[[Path], Task]]] = [
+    (EnvironmentFailure, lambda f: corridor(f, lambda: CableCut(Corridor(), 30))),
+    (TaskError, lambda f: corridor(f, ground=grounding_that_fails_after(30))),
+]
+
+
+@pytest.mark.parametrize(("kind", "make"), FAILURES, ids=["environment", "grounding"])
+def test_a_failure_says_what_is_kept_and_how_to_go_on(
+    tmp_path: Path, kind: type[Exception], make: Callable[[Path], Task], whole: Whole
+) -> None:
+    out = tmp_path / "my run"
+    with pytest.raises(kind) as failure:
+        train(make(tmp_path), out, episodes=EPISODES)
+    (note,) = failure.value.__notes__
+    assert f"kept in {out}" in note
+    assert f"serp plan-and-learn --resume '{out}'" in note
+    assert f"plan_and_learn(task, out={str(out)!r}, resume=True)" in note
+    resume(corridor(tmp_path), out)
+    assert everything(out) == whole("default")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
+def test_a_full_disk_says_what_is_kept_and_how_to_go_on(tmp_path: Path, whole: Whole) -> None:
+    saves = 0
+
+    def save_checkpoint(self: RunFolder, *state: Any) -> Any:
+        nonlocal saves
+        saves += 1
+        if saves == 4:  # from here on the table meets a full disk
+            full = os.open("/dev/full", os.O_WRONLY)
+            os.dup2(full, self.metrics._file)
+            os.close(full)
+        return saved(self, *state)
+
+    saved = RunFolder.save_checkpoint
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(RunFolder, "save_checkpoint", save_checkpoint)
+        with pytest.raises(RunError, match="No space left on device") as failure:
+            train(corridor(tmp_path), tmp_path / "run", episodes=EPISODES)
+    assert "--resume" in failure.value.__notes__[0]
+    resume(corridor(tmp_path), tmp_path / "run")
+    assert everything(tmp_path / "run") == whole("default")
+
+
+def test_a_failure_before_the_first_checkpoint_promises_nothing(tmp_path: Path) -> None:
+    class Opaque(Corridor):
+        def state_dict(self) -> dict[str, Any]:
+            raise RuntimeError("no state")
+
+    with pytest.raises(EnvironmentFailure) as failure:
+        train(corridor(tmp_path, Opaque), tmp_path / "run", episodes=1)
+    assert not hasattr(failure.value, "__notes__")
+
+
+def test_a_setting_that_turns_out_wrong_cannot_be_mended_by_resuming(tmp_path: Path) -> None:
+    settings = {"arbiter": {"rho_unit": "match"}}
+    with pytest.raises(SettingsError, match="`match`") as failure:
+        plan_and_learn(corridor(tmp_path), settings=settings, out=tmp_path / "run", quiet=True)
+    assert not hasattr(failure.value, "__notes__")
+
+
+@pytest.mark.parametrize("at", [30, 10**6])
+def test_the_event_writer_is_closed_and_hides_no_error(
+    tmp_path: Path, at: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("serp.run.EventWriter", Recorder)
+    monkeypatch.setattr("serp.run.require_tensorboard", lambda: None)
+    monkeypatch.setattr(Recorder, "closed", [])
+    task = corridor(tmp_path, lambda: CableCut(Corridor(), at))
+    kind = EnvironmentFailure if at == 30 else OSError  # where all else went well, its own
+    with pytest.raises(kind):
+        plan_and_learn(
+            task,
+            settings={"training": {"tensorboard": True}},
+            episodes=EPISODES,
+            out=tmp_path / "run",
+            quiet=True,
+        )
+    assert Recorder.closed == [tmp_path / "run"]
+
+
+def test_the_environment_is_closed_however_a_training_ends(tmp_path: Path) -> None:
+    class Closing(CableCut):
+        def close(self) -> None:
+            closed.append("closed")
+            super().close()
+
+    def task(at: int) -> Task:
+        return corridor(tmp_path, lambda: Closing(Corridor(), at))
+
+    closed: list[str] = []
+    train(task(10**6), tmp_path / "run", episodes=2)
+    assert closed == ["closed"]
+    with pytest.raises(EnvironmentFailure):
+        resume(task(3), tmp_path / "run", episodes=9)
+    with pytest.raises(RunError):
+        train(task(10**6), tmp_path / "run", episodes=2)  # there is a run already
+    half(tmp_path / "run" / NEWEST)
+    half(tmp_path / "run" / PREVIOUS)
+    with pytest.raises(RunError):
+        resume(task(10**6), tmp_path / "run", episodes=9)
+    assert closed == ["closed"] * 4
+
+
+# What wrappers carry ------------------------------------------------------------------------------
+
+
+def normalizing(folder: Path) -> Task:
+    """The learner sees normalised observations; the grounding undoes it with nothing but `info`."""
+
+    def make() -> Any:
+        return NormalizeReward(NormalizeObservation(TimeLimit(Plain(), 9)))
+
+    return corridor(folder, make, ground=lambda seen: {"x": round(float(seen[0]), 1)})
+
+
+class Plain(Corridor):
+    """Nothing outlives its reset, so nothing of it has to be saved."""
+
+    def reset(self, **options: Any) -> Any:
+        self.clock = 0
+        self.weather = np.random.default_rng(5)
+        return super().reset(**options)
+
+
+def test_running_statistics_of_wrappers_are_resumed_bit_for_bit(tmp_path: Path) -> None:
+    train(normalizing(tmp_path), tmp_path / "whole", episodes=8)
+    train(normalizing(tmp_path), tmp_path / "run", episodes=3)
+    resume(normalizing(tmp_path), tmp_path / "run", episodes=6)
+    resume(normalizing(tmp_path), tmp_path / "run", episodes=8)
+    assert everything(tmp_path / "run") == everything(tmp_path / "whole")
+
+
+def test_an_evaluation_sees_what_the_learner_learned_to_see(tmp_path: Path) -> None:
+    run = train(normalizing(tmp_path), tmp_path / "run", episodes=6)
+    counts: list[float] = []
+
+    class Seen(NormalizeObservation):  # type: ignore[type-arg]
+        def reset(self, **options: Any) -> Any:
+            counts.append(self.obs_rms.count)
+            return super().reset(**options)
+
+    def make() -> Any:
+        return NormalizeReward(Seen(TimeLimit(Plain(), 9)))
+
+    ground = normalizing(tmp_path).ground
+    load_run(run.path, corridor(tmp_path, make, ground=ground)).evaluate(episodes=1)
+    steps = run.metrics["env_steps"][-1]
+    assert counts == [pytest.approx(steps + 6, abs=1)]  # each reset counts as well
+
+
+class Forgotten(gym.Wrapper[Any, Any, Any, Any]):
+    """Carries on what nobody saves."""
+
+    def __init__(self, env: Any) -> None:
+        super().__init__(env)
+        self.wear = 0.0
+
+    def step(self, action: Any) -> Any:
+        self.wear += 0.001
+        return super().step(action)
+
+
+def test_a_wrapper_whose_memory_is_not_saved_is_named_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with without_pictures():
+        plan_and_learn(
+            corridor(tmp_path, lambda: Forgotten(Corridor())), episodes=12, out=tmp_path / "run"
+        )
+    shown = capsys.readouterr().err
+    assert shown.count("Wrapper Forgotten keeps `wear` from one episode to the next") == 1
+    with without_pictures():
+        plan_and_learn(normalizing(tmp_path), episodes=12, out=tmp_path / "other")
+    assert "Wrapper" not in capsys.readouterr().err
+
 
 # Stopping and going on ----------------------------------------------------------------------------
 
@@ -184,6 +394,43 @@ def test_a_second_ctrl_c_stops_at_once(tmp_path: Path, whole: Whole) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         train(corridor(tmp_path, Stopped), tmp_path / "run", episodes=EPISODES)
+    resume(corridor(tmp_path), tmp_path / "run")
+    assert everything(tmp_path / "run") == whole("default")
+
+
+class Patient(Corridor):
+    """An episode of 12 steps, in which Ctrl-C is pressed at the third step (and the sixth)."""
+
+    presses = (20,)
+
+    def step(self, action: int) -> Any:
+        if self.made in self.presses:
+            os.kill(os.getpid(), signal.SIGINT)
+        return super().step(action)
+
+
+class Impatient(Patient):
+    presses = (20, 22)
+
+
+@pytest.mark.parametrize(("make", "ends"), [(Patient, Interrupted), (Impatient, KeyboardInterrupt)])
+def test_the_first_ctrl_c_says_what_happens_and_what_a_second_would_do(
+    tmp_path: Path,
+    make: type[Patient],
+    ends: type[BaseException],
+    whole: Whole,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with without_pictures(), pytest.raises(ends) as stopped:
+        plan_and_learn(
+            corridor(tmp_path, make), settings=CHANGES["default"], seed=3, episodes=EPISODES,
+            out=tmp_path / "run",
+        )  # fmt: skip
+    shown = capsys.readouterr().err
+    assert shown.count("finishing the episode") == 1
+    assert "Press it again to stop at once" in shown
+    if ends is KeyboardInterrupt:
+        assert "--resume" in stopped.value.__notes__[0]
     resume(corridor(tmp_path), tmp_path / "run")
     assert everything(tmp_path / "run") == whole("default")
 
@@ -288,8 +535,17 @@ def test_a_task_that_does_not_fit_leaves_no_folder(tmp_path: Path) -> None:
     ("options", "said"),
     [
         ({"episodes": 0}, "at least 1"),
+        ({"episodes": "3"}, "episodes must be a whole number, at least 1, not '3'"),
         ({"env_steps": -5}, "at least 1"),
-        ({"seed": -1}, "seed must be 0 or more"),
+        ({"env_steps": 1.5}, "env_steps must be a whole number, at least 1, not 1.5"),
+        ({"episodes": True}, "episodes must be"),
+        ({"seed": -1}, "seed must be a whole number, 0 or more, not -1"),
+        ({"seed": 1.5}, "seed must be a whole number, 0 or more, not 1.5"),
+        ({"seed": None}, "seed must be a whole number, 0 or more, not None"),
+        ({"out": 3}, "out must be the name of a folder, not 3"),
+        ({"settings": {"arbiter": 3}}, "section `arbiter` must be a mapping"),
+        ({"settings": 3}, "settings must be a mapping"),
+        ({"preset": 3}, "no preset `3`"),
         ({"preset": "papre"}, "no preset `papre`; did you mean `paper`"),
         ({"resume": True}, "name the run's folder"),
     ],
@@ -301,6 +557,56 @@ def test_options_that_make_no_sense_are_refused(
     with pytest.raises((RunError, SettingsError), match=said):
         plan_and_learn(corridor(tmp_path), quiet=True, **options)
     assert not (tmp_path / "runs").exists()
+
+
+def test_what_is_no_task_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TaskError, match="a task is a serp.Task, a name or a domain file, not 3"):
+        plan_and_learn(3, out=tmp_path / "run")  # type: ignore[arg-type]
+
+
+def test_numpys_numbers_are_as_good_as_pythons(tmp_path: Path) -> None:
+    """A run of them has the configuration of a run of Python's, and goes on."""
+    configs = []
+    for kind, whole_number, real_number in (
+        ("numpy", np.int64, np.float64),
+        ("python", int, float),
+    ):
+        out = tmp_path / kind
+        run = plan_and_learn(
+            corridor(tmp_path, dt=real_number(0.5)),
+            settings={
+                "planner": {"depth": whole_number(1)},
+                "learner": {"discount": real_number(0.5), "hidden": [whole_number(4)]},
+            },
+            episodes=whole_number(1),
+            env_steps=whole_number(500),
+            seed=whole_number(3),
+            out=out,
+            quiet=True,
+        )
+        configs.append(run.config)
+        resume(corridor(tmp_path), out, episodes=whole_number(2))
+    assert configs[0] == configs[1]
+
+
+def test_every_json_of_a_run_is_strict(tmp_path: Path) -> None:
+    """Infinite settings, and bounds of returns that nothing was seen of yet."""
+
+    def refuse(word: str) -> None:
+        raise AssertionError(word)
+
+    settings = {"arbiter": {"exploration_slack": float("inf")}, "learner": {"clip_targets": True}}
+    with without_pictures():
+        plan_and_learn(
+            corridor(tmp_path), settings=settings, episodes=1, out=tmp_path / "run", quiet=True
+        )
+    run = tmp_path / "run"
+    data = (run / NEWEST).read_bytes()
+    header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")], parse_constant=refuse)
+    texts = [(run / "config.json").read_text(), (run / "summary.json").read_text()]
+    for text in (*texts, header["__metadata__"]["serp"]):
+        json.loads(text, parse_constant=refuse)
+    resume(corridor(tmp_path), run, episodes=2)
 
 
 def half(file: Path) -> None:

@@ -7,12 +7,13 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.errors import SettingsError
-from serp.settings import PRESETS, Settings, TrainingSettings, resolve
+from serp.settings import PRESETS, Settings, TrainingSettings, _from_json, _to_json, resolve
 from tests.generated.profile import examples
 
 
@@ -82,6 +83,19 @@ def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
+        (3, "settings must be a mapping such as .*, not 3"),
+        ({"arbiter": 3}, "section `arbiter` must be a mapping such as .*, not 3"),
+        ({"planner": None}, "section `planner` must be a mapping such as .*depth.*, not None"),
+        ({3: {}}, "no section `3`"),
+        ({"planner": {3: 4}}, "no setting `planner.3`"),
+        ({"training": {"env_steps": 1.5}}, "env_steps must be a whole number >= 1, not 1.5"),
+        ({"training": {"env_steps": True}}, "env_steps"),
+        ({"training": {"tensorboard": 1}}, "tensorboard must be true or false, not 1"),
+        ({"training": {"checkpoint_seconds": "15"}}, "checkpoint_seconds must be >= 0, not '15'"),
+        ({"training": {"inputs": ["both"]}}, "inputs"),
+        ({"training": {"inputs": np.array(["both", "state"])}}, "inputs"),
+        ({"learner": {"discount": "0.9"}}, "discount is '0.9', but must be"),
+        ({"learner": {"loss": np.array(["mse", "huber"])}}, "loss"),
         ({"planer": {}}, "no section `planer`; did you mean `planner`"),
         ({"planner": {"dept": 3}}, "no setting `planner.dept`; did you mean `depth`"),
         ({"planner": {"depth": 0}}, "depth"),
@@ -107,6 +121,65 @@ def test_what_does_not_exist_or_fit_is_refused_by_name(changes: Any, said: str) 
     for apply in applications:
         with pytest.raises(SettingsError, match=said):
             apply()
+
+
+def test_numpys_numbers_are_taken_over_as_pythons() -> None:
+    changes: dict[str, dict[str, Any]] = {
+        "planner": {"depth": np.int64(3), "discount": np.float64(0.5)},
+        "arbiter": {"rho": np.float32(0.5), "r_min": np.int16(-1)},
+        "learner": {
+            "hidden": np.array([8, 8]),
+            "members": np.int64(2),
+            "discount": np.float32(0.5),
+            "double": np.True_,
+            "target_period": None,
+            "target_polyak": np.float64(0.5),
+        },
+        "training": {
+            "env_steps": np.int32(9),
+            "checkpoint_seconds": np.float64(2),
+            "tensorboard": np.False_,
+        },
+    }
+    settings = resolve("default", None, changes)
+    for section in dataclasses.asdict(settings).values():
+        for value in section.values():
+            assert type(value) in (int, float, bool, str, tuple, type(None))
+    assert [type(size) for size in settings.learner.hidden] == [int, int]
+    text = json.dumps(settings.as_dict(), allow_nan=False)
+    assert Settings.from_dict(json.loads(text)) == settings
+    one = TrainingSettings(env_steps=np.int64(3), checkpoint_seconds=np.float32(1))  # type: ignore[arg-type]
+    assert one == TrainingSettings(env_steps=3, checkpoint_seconds=1.0)
+
+
+def test_a_training_may_save_at_its_end_alone() -> None:
+    settings = Settings().replace({"training": {"checkpoint_seconds": float("inf")}})
+    text = json.dumps(settings.as_dict(), allow_nan=False)
+    assert Settings.from_dict(json.loads(text)) == settings
+
+
+def test_both_infinities_have_a_word_in_json() -> None:
+    for value, word in ((float("inf"), "inf"), (float("-inf"), "-inf")):
+        assert _to_json(value) == word
+        assert _from_json(word) == value
+
+
+@pytest.mark.parametrize("section", ["planner", "arbiter", "learner", "training"])
+def test_a_section_is_what_it_is_called(section: str) -> None:
+    with pytest.raises(SettingsError, match=f"section `{section}` must be a .*Settings, not 3"):
+        Settings(**{section: 3})
+
+
+@pytest.mark.parametrize("of_task", [3, ["*"], {"*": 3}, {"*": {"planner": 3}}])
+def test_settings_of_a_task_that_are_none_are_refused(of_task: Any) -> None:
+    with pytest.raises(SettingsError, match="must be a mapping such as"):
+        resolve("default", of_task)
+
+
+@pytest.mark.parametrize("preset", [3, None, ["paper"]])
+def test_a_preset_that_is_no_name_is_refused(preset: Any) -> None:
+    with pytest.raises(SettingsError, match="there is no preset"):
+        resolve(preset)
 
 
 def test_a_preset_that_does_not_exist_is_refused() -> None:

@@ -76,8 +76,30 @@ def test_the_same_seed_gives_the_same_episode(tmp_path: Path) -> None:
 
 def test_the_control_period_reaches_the_model(tmp_path: Path) -> None:
     assert corridor(tmp_path, dt=0.25).bind().model.dt == 0.25
-    with pytest.raises(TaskError, match=r"corridor.*control period"):
-        corridor(tmp_path, dt=0.0).bind()
+    assert corridor(tmp_path, dt=np.float32(0.25)).bind().model.dt == 0.25
+    assert corridor(tmp_path, dt=np.int64(2)).bind().model.dt == 2.0
+    for wrong in (0.0, -1, float("nan"), float("inf"), "a", None, True, [0.1]):
+        with pytest.raises(TaskError, match=r"corridor.*control period.*a number > 0, not "):
+            corridor(tmp_path, dt=wrong).bind()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"name": 3}, "name must be a text, not 3"),
+        ({"ground": {"x": 0}}, "ground must be a function of an observation, not {'x': 0}"),
+        ({"reward": 1}, "reward must be 'domain' or 'environment', not 1"),
+        ({"actions": ["left", "right"]}, "actions must be a mapping .*, not \\['left'"),
+        ({"domain": 3}, "domain must be a file or a loaded domain, not 3"),
+        ({"domain": None}, "domain must be a file or a loaded domain, not None"),
+        ({"problem": 3}, "problem must be a file or a loaded domain, not 3"),
+    ],
+)
+def test_a_field_of_the_wrong_kind_is_named(
+    tmp_path: Path, changes: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(TaskError, match=said):
+        corridor(tmp_path, **changes).bind()
 
 
 def test_actions_that_do_not_begin_at_zero_are_counted_from_zero(tmp_path: Path) -> None:
@@ -199,6 +221,52 @@ def test_a_render_mode_is_passed_on_where_it_can_be(tmp_path: Path) -> None:
     assert modes == [{}, {"render_mode": "rgb_array"}]
     with pytest.raises(TaskError, match="render_mode"):
         corridor(tmp_path, lambda: Corridor()).bind(render_mode="rgb_array")
+
+
+class Closing(Corridor):
+    """Counts how often it was closed; closing may fail."""
+
+    def __init__(self, closed: list[str], fails: bool = False, **attributes: Any) -> None:
+        super().__init__()
+        self.closed, self.fails = closed, fails
+        for name, value in attributes.items():
+            setattr(self, name, value)
+
+    def close(self) -> None:
+        self.closed.append("closed")
+        if self.fails:
+            raise RuntimeError("the cable is stuck")
+
+
+@pytest.mark.parametrize(
+    ("attributes", "changes"),
+    [
+        ({"action_space": None}, {}),
+        ({"observation_space": None}, {}),
+        ({"fails": True, "action_space": None}, {}),
+        ({}, {"actions": {"left": 0}}),
+        ({}, {"actions": 3}),
+    ],
+)
+def test_an_environment_that_does_not_fit_is_closed_again(
+    tmp_path: Path, attributes: dict[str, Any], changes: dict[str, Any]
+) -> None:
+    closed: list[str] = []
+    with pytest.raises(TaskError):
+        corridor(tmp_path, lambda: Closing(closed, **attributes), **changes).bind()
+    assert closed == ["closed"]
+
+
+def test_a_bound_task_closes_its_environment_and_hides_no_error(tmp_path: Path) -> None:
+    closed: list[str] = []
+    with corridor(tmp_path, lambda: Closing(closed)).bind():
+        assert closed == []
+    assert closed == ["closed"]
+    stuck = corridor(tmp_path, lambda: Closing(closed, fails=True))
+    with pytest.raises(ZeroDivisionError), stuck.bind():
+        raise ZeroDivisionError
+    with pytest.raises(EnvironmentFailure, match="cable is stuck"), stuck.bind():
+        pass
 
 
 # Groundings that are wrong ------------------------------------------------------------------------

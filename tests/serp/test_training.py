@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from serp.arbiter import Actor
-from serp.errors import EnvironmentFailure, RunError, TaskError
+from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
 from serp.registry import load_task
 from serp.runs import checkpoint
 from serp.runs.rows import DECISIONS_COLUMNS, MetricsRow
@@ -211,7 +211,7 @@ def test_what_a_wrapper_carries_is_resumed_too(tmp_path: Path) -> None:
         return {name: a.tobytes() for name, a in arrays.items()}, {**meta, "wall_time": 0}
 
     whole = run(8)
-    assert len(whole[1]["environment"]) == 2
+    assert len(whole[1]["environment"]["own"]) == 2
     assert run(3, 5, 8) == whole
 
 
@@ -401,7 +401,7 @@ def test_rho_grows_with_every_step_or_episode(tmp_path: Path) -> None:
 def test_a_unit_that_the_environment_does_not_count_is_refused(tmp_path: Path) -> None:
     task = corridor(tmp_path)
     settings = resolve("default", task.settings, {"arbiter": {"rho_unit": "match"}})
-    with pytest.raises(RunError, match=r"`match`.*step, episode, game"):
+    with pytest.raises(SettingsError, match=r"`match`.*step, episode, game"):
         Trainer(task.bind(), settings, 1).run_episode()
 
 
@@ -445,7 +445,7 @@ def test_a_unit_that_is_no_number_is_refused(tmp_path: Path) -> None:
             return {"game": [self.clock // 30]}
 
     task = corridor(tmp_path, Odd)
-    with pytest.raises(RunError, match=r"\[0\] under `game`"):
+    with pytest.raises(SettingsError, match=r"\[0\] under `game`"):
         Trainer(task.bind(), settings_of(task, "default"), 0).run_episode()
 
 

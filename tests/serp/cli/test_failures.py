@@ -44,6 +44,16 @@ def test_what_the_user_can_mend_is_a_message(
     assert capfd.readouterr() == ("", message)
 
 
+def test_what_was_noted_on_an_error_follows_its_message(capfd: pytest.CaptureFixture[str]) -> None:
+    error = RunError("the disk is full")
+    error.add_note("Continue with\n  serp plan-and-learn --resume r")
+    with pytest.raises(SystemExit):
+        exit_with(raising(error))
+    assert capfd.readouterr().err == (
+        "Error: the disk is full\nContinue with\n  serp plan-and-learn --resume r\n"
+    )
+
+
 def test_a_bug_keeps_its_traceback() -> None:
     with pytest.raises(ZeroDivisionError):
         exit_with(raising(ZeroDivisionError()))

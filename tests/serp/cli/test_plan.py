@@ -110,7 +110,7 @@ def test_a_domain_of_no_task_needs_a_state(run: Run, folder: Path) -> None:
     [
         (0, 1, "(the planner is indifferent)"),
         (4, 3, "Every action is predicted unsafe."),
-        (2, 5, "The one that stays safe the longest, for 1 step, is taken."),
+        (2, 5, "The one that stays safe the longest, for 1 control period, is taken."),
         (0, 3, "Looked ahead 3 actions: "),
     ],
 )
@@ -138,7 +138,7 @@ def test_nothing_to_do_is_said(run: Run, walk: Path) -> None:
 def test_many_actions_are_shown_best_first_and_cut(
     run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("serp.domain.model.MAX_NATIVE_SIZE", 0)  # compiling takes seconds
+    monkeypatch.setattr("serp.domain.program.MAX_NATIVE_SIZE", 0)  # compiling takes seconds
     objects = " ".join(f"p{k}" for k in range(40))
     Path("walk.pddl").write_text(WALK)
     Path("walk-problem.pddl").write_text(

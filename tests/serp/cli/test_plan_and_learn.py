@@ -104,6 +104,8 @@ def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
         (["--domain=cartpole", "--set=planner.depth=deep"], "planner: depth must be"),
         (["--domain=cartpole", "--set=arbiter.r_min=low"], "arbiter: r_min must be"),
         (["--domain=cartpole", "--set=arbiter.rho=low"], "arbiter: "),
+        (["--domain=cartpole", "--set=training.env_steps=1.5"], "training: env_steps must be"),
+        (["--domain=cartpole", "--set=learner.hidden=64"], "hidden is 64, but must be"),
         (["--resume=nosuch"], "no such folder"),
     ],
 )
@@ -162,7 +164,7 @@ def test_a_run_that_is_cut_off_says_how_to_continue(
     with at_step(60, happens):
         shown = run(*TRAIN, "--episodes=6", "--out=r", expect=status).stderr
     assert message in shown
-    assert "serp plan-and-learn --resume r" in shown
+    assert shown.count("serp plan-and-learn --resume r\n") == 1
     run("plan-and-learn", "--resume=r", "--quiet")
     assert len(rows("r", "metrics")) == 6
 
@@ -171,6 +173,7 @@ def test_ctrl_c_finishes_the_episode(run: Run) -> None:
     presses = iter([press_ctrl_c])
     with at_step(30, lambda: next(presses, lambda: None)()):
         shown = run(*TRAIN, "--episodes=9", "--out=r", expect=130).stderr
+    assert shown.count("finishing the episode") == 1
     assert "everything is saved in r" in shown
     assert "serp plan-and-learn --resume r" in shown
     ended = rows("r", "metrics")[-1]

@@ -52,6 +52,8 @@ def test_a_whole_domain_has_no_warning(tmp_path: Path) -> None:
         ("(at ?a) (road", "(at ?a) (or (mined ?a) (at ?a)) (road", ":disjunctive-preconditions"),
         ("(at ?a) (road", "(at ?a) (not (mined ?a)) (road", None),
         ("(at ?a) (road", "(at ?a) (not (= ?a ?b)) (road", ":equality"),
+        ("(at ?a) (road", "(at ?a) (not (unsafe)) (road",
+         "`(unsafe)` starts false in every step, so action `go` always finds it false"),
         ("(at ?a) (road", "(at ?a) (exists (?c - place) (at ?c)) (road",
          ":existential-preconditions"),
     ],
@@ -77,6 +79,21 @@ def test_a_metric_is_a_reward(tmp_path: Path) -> None:
     text = text.replace("(walked) (reward)", "(walked)")
     problem = WALK_PROBLEM.replace("(:goal (and))", "(:metric minimize (walked))")
     assert warned(tmp_path, text, problem) == []
+
+
+def test_a_goal_that_is_worth_nothing_is_warned_of(tmp_path: Path) -> None:
+    text = WALK.replace("(decrease (reward) 1)", "").replace("(increase (reward) 3)", "")
+    text = text.replace("(walked) (reward)", "(walked)")
+    goal = WALK_PROBLEM.replace("(:goal (and))", "(:goal (at lab)) (:metric minimize (walked))")
+    (found,) = warned(tmp_path, text, goal.replace("lab", goal.split("(at ")[1].split(")")[0]))
+    assert "the metric is all that the planner looks at" in found
+
+
+def test_waiting_is_an_action_where_the_world_moves(tmp_path: Path) -> None:
+    idle = "(:action idle :parameters () :precondition (and) :effect (and))"
+    process = "(:process p :parameters () :precondition (and) :effect (and (increase (walked) #t)))"
+    text = WALK.replace("(:action rest", idle + process + "(:action rest")
+    assert warned(tmp_path, text.replace(":typing", ":typing :processes")) == []
 
 
 def test_parameters_without_objects_are_warned_of(tmp_path: Path) -> None:

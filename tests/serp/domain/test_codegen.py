@@ -9,19 +9,38 @@ from random import Random
 import numpy as np
 import pytest
 
-from serp.domain.codegen import Generated, generate_judge, generate_step
+from serp.domain.codegen import (
+    Generated,
+    generate_action,
+    generate_aftermath,
+    generate_judged_action,
+    generate_judged_aftermath,
+    generate_step,
+)
 from serp.domain.ground import GroundModel
+from serp.domain.interpreted import load_function
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts
 
 OWN_NAMES = re.compile(
-    r"(step|judge|s|a|n|theta|dt|out|trace|reward|unsafe|terminal|again"
+    r"(step|action|aftermath|judged_action|judged_aftermath|s|a|n|flags|theta|dt|out|trace|reward|unsafe|terminal|again"
     r"|fired\d+|kind\d+|t\d+)"
 )
 OWN_NODES = (
     *(ast.Module, ast.FunctionDef, ast.arguments, ast.arg, ast.Assign, ast.If, ast.While),
     *(ast.Return, ast.Pass, ast.Name, ast.Load, ast.Store, ast.Constant, ast.Subscript),
     *(ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp),
-    *(ast.Add, ast.Sub, ast.Mult, ast.Div, ast.BitOr, ast.USub, ast.Not, ast.And, ast.Or),
+    *(
+        ast.Add,
+        ast.Sub,
+        ast.Mult,
+        ast.Div,
+        ast.BitOr,
+        ast.BitAnd,
+        ast.USub,
+        ast.Not,
+        ast.And,
+        ast.Or,
+    ),
     *(ast.Lt, ast.LtE, ast.Eq, ast.NotEq, ast.GtE, ast.Gt),
 )
 
@@ -45,7 +64,14 @@ def check_own_code(generated: Generated) -> None:
 
 
 def all_generated(ground: GroundModel) -> list[Generated]:
-    return [generate_step(ground), generate_step(ground, traced=True), generate_judge(ground)]
+    return [
+        generate_step(ground),
+        generate_aftermath(ground),
+        generate_aftermath(ground, traced=True),
+        generate_judged_aftermath(ground),
+        *(generate_action(ground, action, traced=t) for action in ground.actions for t in (0, 1)),
+        *(generate_judged_action(ground, action) for action in ground.actions),
+    ]
 
 
 @pytest.mark.parametrize("block", range(4))
@@ -123,6 +149,6 @@ def test_a_literal_is_read_from_theta_and_never_written_into_the_code() -> None:
 
 def test_the_loaded_function_reaches_no_builtins() -> None:
     model = generate(Random(1)).model
-    function = model._program.step
+    function = load_function(generate_step(model.ground), "<step>")
     assert function.__globals__["__builtins__"] == {}
     assert set(function.__globals__) == {"__builtins__", "__name__", "step"}

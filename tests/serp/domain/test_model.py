@@ -16,7 +16,8 @@ from serp.domain.ground import REWARD_TARGET, SetBoolean, reads, writes
 from serp.domain.instantiate import instantiate
 from serp.domain.model import StateError, TransitionModel, Vector
 from serp.domain.native import structure_digest
-from serp.domain.source import DomainError
+from serp.domain.parser import parse_domain
+from serp.domain.source import DomainError, Source
 from tests.generated import (
     Generated,
     Texts,
@@ -27,7 +28,7 @@ from tests.generated import (
     models_with_states,
     random_states,
 )
-from tests.generated.oracle import State
+from tests.generated.oracle import NotApplicable, State
 
 
 def bits(value: bool | float) -> bytes:
@@ -209,10 +210,16 @@ def test_trace_agrees_with_step_and_names_what_took_part(drawn: tuple[Generated,
                 if sites[-1].what == "failed":  # before anything was applied
                     assert len(sites) == 1 and sites[0].item in action.preconditions
                 schema, binding = generated.oracle.instances(x.Kind.ACTION)[action.name]
-                enabled = generated.oracle.enabled(
-                    schema, {**spelled, ("unsafe",): False, ("terminal",): False}, binding
+                fresh = {**spelled, ("unsafe",): False, ("terminal",): False}
+                undecided = sites[-1].what == "undefined" and any(
+                    sites[-1].item is test for test in action.preconditions
                 )
-                assert enabled == (sites[-1].what != "failed")
+                try:
+                    enabled = generated.oracle.enabled(schema, fresh, binding)
+                except NotApplicable:
+                    assert undecided
+                else:
+                    assert enabled == (sites[-1].what != "failed" and not undecided)
                 continue
             assert bool(flags & UNSAFE) == step.unsafe
             assert bool(flags & TERMINAL) == step.terminal
@@ -310,10 +317,38 @@ def test_thetas_that_do_not_fit_are_refused(theta: list[float]) -> None:
         small().replace(theta=theta)
 
 
-@pytest.mark.parametrize("dt", [0.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("dt", [0.0, -1.0, float("nan"), float("inf"), "a", True, [1.0]])
 def test_control_periods_that_make_no_sense_are_refused(dt: float) -> None:
     with pytest.raises(StateError, match="control period"):
         small().replace(dt=dt)
+
+
+@pytest.mark.parametrize("state", ["abc", ["a", "b"], [[1.0], [2.0, 3.0]], {"heat": 1.0}])
+def test_what_is_no_numbers_is_refused_as_a_state(state: object) -> None:
+    for use in (small().check_state, lambda state: small().step(state, 0)):
+        with pytest.raises(StateError, match="a state is numbers"):
+            use(state)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize("action", [-2, 2])
+def test_judging_an_action_that_does_not_exist_is_refused(action: int) -> None:
+    with pytest.raises(StateError, match=f"action {action} "):
+        small().judge(np.zeros(2), action, np.zeros(2))
+
+
+def test_a_large_domain_costs_what_is_used_of_it() -> None:
+    count = 3_000
+    objects = " ".join(f"o{k}" for k in range(count))
+    source = Source(
+        "large.pddl",
+        f"(define (domain d) (:types t) (:constants {objects} - t) (:predicates (on ?o - t))"
+        " (:action light :parameters (?o - t) :precondition (and) :effect (and (on ?o))))",
+    )
+    model = TransitionModel(instantiate(parse_domain(source), None))
+    state = np.zeros(count)
+    assert model.step(state, "light o7").state.nonzero()[0].tolist() == [7]
+    assert [site.what for site in model.trace(state, 8)[0]] == ["effect"]
+    assert list(model._program._actions) == [7]
 
 
 def test_theta_cannot_be_changed_in_place() -> None:

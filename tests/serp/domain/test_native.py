@@ -97,7 +97,7 @@ def test_models_too_large_to_compile_run_in_cpython(monkeypatch: pytest.MonkeyPa
     model = generate(random).model
     states = random_states(random, model, 20)
     compiled = model.step(states, 0)
-    monkeypatch.setattr("serp.domain.model.MAX_NATIVE_SIZE", -1)
+    monkeypatch.setattr("serp.domain.program.MAX_NATIVE_SIZE", -1)
     assert not model.compiles
     check_same_bits(model.step(states, 0), compiled)
     assert model.step(states[:0], 0).state.shape == (0, states.shape[1])

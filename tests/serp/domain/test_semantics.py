@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp.domain.codegen import Site
+from serp.domain.emit import Site
 from serp.domain.model import Outcome, StateError, TransitionModel
 from tests.generated import Texts, load_texts
 
@@ -153,10 +153,76 @@ def test_a_step_without_a_finite_result_is_not_applicable(effect: str) -> None:
     assert run(model, y=10.0)[0].applicable
 
 
-def test_comparisons_with_an_undefined_value_are_false() -> None:
-    model = model_of(action("(when (> (/ 1 (y)) 0) (p)) (when (not (> (/ 1 (y)) 0)) (q))"))
-    _, after = run(model, y=0.0)
-    assert (after["p"], after["q"]) == (False, True)
+@pytest.mark.parametrize("operator", ["<", "<=", "=", ">=", ">"])
+def test_neither_a_comparison_with_nothing_nor_its_negation_holds(operator: str) -> None:
+    condition = f"({operator} (/ 1 (y)) 2)"
+    model = model_of(action(f"(when {condition} (p)) (when (not {condition}) (q))"))
+    assert not run(model, y=0.0)[0].applicable
+    for y in (0.25, 0.5, 1.0):
+        _, after = run(model, y=y)
+        holds = {
+            "<": 1 / y < 2,
+            "<=": 1 / y <= 2,
+            "=": 1 / y == 2,
+            ">=": 1 / y >= 2,
+            ">": 1 / y > 2,
+        }
+        assert (after["p"], after["q"]) == (holds[operator], not holds[operator])
+
+
+def test_a_condition_that_hangs_on_a_division_by_zero_refuses_the_step() -> None:
+    condition = "(> (/ 1 (y)) 2)"
+    for model in (
+        model_of(action("(q)", condition)),
+        model_of(action(f"(when {condition} (unsafe))")),
+        model_of(action("(q)"), process("flow", condition, "(increase (x) #t)")),
+        model_of(action("(q)"), event("break", condition, "(unsafe)")),
+        model_of(action("(q)"), event("pay", "(q)", f"(when {condition} (unsafe))")),
+        model_of(action("(q)"), problem=f"(:domain d) (:goal {condition})"),
+    ):
+        assert not run(model, y=0.0)[0].applicable
+    model = model_of(action("(q)"), event("pay", "(p)", f"(when {condition} (unsafe))"))
+    assert run(model, y=0.0)[0].applicable  # the event does not fire: nothing asks
+
+
+def test_a_condition_whose_truth_does_not_hang_on_the_undefined_part_counts() -> None:
+    undefined = "(> (/ 1 (y)) 2)"
+    for condition, holds in (
+        (f"(and {undefined} (p))", False),
+        (f"(and (p) {undefined})", False),
+        (f"(or {undefined} (not (p)))", True),
+        (f"(imply (p) {undefined})", True),
+        (f"(not (and {undefined} (p)))", True),
+    ):
+        outcome, after = run(model_of(action(f"(when {condition} (q))")), y=0.0, p=0)
+        assert outcome.applicable and after["q"] is holds
+        assert not run(model_of(action(f"(when {condition} (q))")), y=0.0, p=1)[0].applicable
+
+
+def test_a_difference_of_overflows_is_undefined_and_an_overflow_alone_is_large() -> None:
+    square = "(* (y) (y))"
+    model = model_of(action(f"(when (> (- {square} {square}) 0) (unsafe))"))
+    assert not run(model, y=1e200)[0].applicable
+    assert run(model, y=1e100)[0].applicable
+    assert run(model_of(action(f"(when (> {square} 0) (unsafe))")), y=1e200)[0].unsafe
+
+
+def test_reaching_the_goal_is_worth_1_where_the_files_know_no_reward() -> None:
+    texts = ("(:domain d) (:goal (p))", "(:domain d) (:goal (p)) (:metric maximize (y))")
+    silent, metric = (
+        load_texts(
+            Texts(
+                "(define (domain d) (:predicates (p)) (:functions (y))"
+                " (:action act :parameters () :precondition (and) :effect (and (p))))",
+                f"(define (problem e) {text})",
+            )
+        ).model
+        for text in texts
+    )
+    assert run(silent)[0].reward == 1.0 and run(silent)[0].terminal and silent.rewarding
+    assert run(metric)[0].reward == 0.0
+    with_reward = model_of(action("(p)"), problem=texts[0])
+    assert run(with_reward)[0].reward == 0.0 and run(with_reward)[0].terminal
 
 
 def test_a_process_or_event_without_a_finite_result_makes_the_step_not_applicable() -> None:

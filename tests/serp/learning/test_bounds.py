@@ -53,25 +53,6 @@ def test_unbounded_before_any_reward() -> None:
     assert (bounds.lower, bounds.upper) == (-math.inf, math.inf)
 
 
-def test_a_given_range_holds_from_the_start_and_is_widened_by_what_contradicts_it() -> None:
-    bounds = ReturnBounds(0.5, (-1.0, 2.0))
-    assert (bounds.lower, bounds.upper) == (-2.0, 4.0)
-    bounds.observe(1.0, terminated=False)
-    assert (bounds.lower, bounds.upper) == (-2.0, 4.0)
-    bounds.observe(3.0, terminated=False)
-    assert (bounds.lower, bounds.upper) == (-2.0, 6.0)
-
-
-def test_a_range_of_positive_rewards_may_end_at_any_step() -> None:
-    bounds = ReturnBounds(0.5, (1.0, 2.0))
-    assert (bounds.lower, bounds.upper) == (1.0, 4.0)
-
-
-def test_an_inverted_range_is_refused() -> None:
-    with pytest.raises(ValueError, match="smallest, largest"):
-        ReturnBounds(0.9, (1.0, 0.0))
-
-
 @given(st.lists(st.tuples(REWARDS, st.booleans())))
 def test_continues_from_its_state(seen: list[tuple[float, bool]]) -> None:
     bounds = ReturnBounds(0.9)

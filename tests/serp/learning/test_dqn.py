@@ -274,18 +274,11 @@ def test_estimated_values_are_clipped_to_the_possible_returns() -> None:
         set_q(agent, [0.0, q, q])
         loss = one_sample(agent, allowed=np.array([False, True, True]))
         assert loss == pytest.approx((1.0 + 0.5 * value) ** 2)
-    agent = DQN(
-        F, A, DQNSettings(hidden=(), n_step=1, discount=0.5, reward_scale=0.5), 0, (-4.0, 10.0)
-    )
-    assert agent.value_bounds == (-4.0, 10.0)
+    # The bounds are in scaled units, as Q is.
+    agent = learner(n_step=1, discount=0.5, reward_scale=0.5)
     set_q(agent, [0.0, 1e6, 0.0])
-    assert one_sample(agent, reward=2.0) == pytest.approx((1.0 + 0.5 * 10.0) ** 2)
-
-
-def test_what_was_observed_is_never_clipped() -> None:
-    agent = DQN(F, A, DQNSettings(hidden=(), n_step=1, discount=0.5), 0, (-1.0, 1.0))
-    set_q(agent, [0.0, 0.0, 0.0])
-    assert one_sample(agent, reward=7.0, end="terminated") == pytest.approx(49.0)
+    assert one_sample(agent, reward=4.0) == pytest.approx((2.0 + 0.5 * 4.0) ** 2)
+    assert agent.value_bounds == (4.0, 4.0)
 
 
 def test_huber_and_the_scale_of_rewards() -> None:

@@ -81,7 +81,7 @@ def test_bootstraps_through_a_time_limit_only() -> None:
 
 
 def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
-    """From values of a thousand, without a target network, in a circle without an end."""
+    """From values of thousands, without a target network, in a circle without an end."""
     reached = {}
     for clip in (True, False):
         agent = DQN(
@@ -96,14 +96,13 @@ def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
                 gradient_clip=None,
             ),
             seed=0,
-            reward_range=(-1.0, 1.0),
         )
         arrays, meta = agent.state_dict()
-        arrays["parameters"][:, -ACTIONS:] = 1000.0
+        arrays["parameters"][:, -ACTIONS:] = 3000.0
         agent.load_state_dict(arrays, meta)
         for i in range(50):
             x, next_x = INPUTS[i % STATES], INPUTS[(i + 1) % STATES]
-            agent.remember(x, i % ACTIONS, 0.5, next_x, False, False)
+            agent.remember(x, i % ACTIONS, (-1.0) ** i, next_x, False, False)
         agent.pretrain(1500)
         reached[clip] = float(np.abs(agent.q_values(INPUTS)).max())
     assert agent.value_bounds == pytest.approx((-100.0, 100.0))

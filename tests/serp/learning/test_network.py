@@ -57,6 +57,18 @@ def smallest_before_relu(module: torch.nn.Sequential, x: torch.Tensor) -> float:
     return smallest
 
 
+@torch.no_grad()
+def smallest_spread(module: torch.nn.Sequential, x: torch.Tensor) -> float:
+    """The smallest standard deviation that LayerNorm divides by, but for exactly equal values."""
+    smallest = np.inf
+    for layer in module:
+        if isinstance(layer, torch.nn.LayerNorm):
+            spread = x.std(-1, correction=0)
+            smallest = min([smallest, *spread[spread > 0].tolist()])
+        x = layer(x)
+    return smallest
+
+
 @settings(deadline=None, max_examples=150)
 @given(**SHAPES, huber=st.booleans())
 def test_gradient_equals_autograd(
@@ -100,6 +112,8 @@ def test_gradient_equals_autograd(
         x_m = torch.from_numpy(x[m]).double()
         # At its corner ReLU's gradient depends on the last bit.
         assume(smallest_before_relu(module, x_m) > 1e-5)
+        # Values that are nearly equal differ in their last bits alone, which LayerNorm magnifies.
+        assume(smallest_spread(module, x_m) > 0.03)
         target = torch.from_numpy(reward[m] + discount[m] * next_q[m].max(axis=-1)).double()
         predicted = module(x_m).gather(1, torch.from_numpy(action[m])[:, None])[:, 0]
         expected_loss = criterion(predicted, target)

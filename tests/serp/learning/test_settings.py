@@ -5,6 +5,7 @@ import json
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 
 from serp.errors import SettingsError
@@ -15,6 +16,7 @@ OUTSIDE: list[tuple[str, Any]] = [
     ("hidden", (64, 1.5)),
     ("hidden", 64),
     ("hidden", "64"),
+    ("hidden", (True,)),
     ("layer_norm", 1),
     ("members", 0),
     ("learning_rate", 0.0),
@@ -22,6 +24,8 @@ OUTSIDE: list[tuple[str, Any]] = [
     ("learning_rate", math.inf),
     ("discount", 1.0),
     ("discount", -0.1),
+    ("discount", "0.9"),
+    ("discount", False),
     ("batch_size", 0),
     ("batch_size", 64.0),
     ("batch_size", True),
@@ -45,6 +49,10 @@ OUTSIDE: list[tuple[str, Any]] = [
     ("protected_early", -1),
     ("protected_failing", 2.5),
     ("failing_window", 0),
+    ("failing_window", "10"),
+    ("target_period", 1.5),
+    ("loss", ["mse"]),
+    ("gradient_clip", "10"),
     ("pretrain_updates", -1),
 ]
 
@@ -72,6 +80,18 @@ def test_both_ways_to_follow_at_once_are_refused() -> None:
 def test_failing_window_must_fit_into_the_buffer() -> None:
     with pytest.raises(SettingsError, match="failing_window is 9.*buffer_size, which is 8"):
         DQNSettings(buffer_size=8, failing_window=9)
+
+
+def test_numpys_numbers_are_taken_over_as_pythons() -> None:
+    given: dict[str, Any] = {
+        "hidden": np.array([32, 16]),
+        "members": np.int64(2),
+        "discount": np.float64(0.5),
+        "layer_norm": np.True_,
+    }
+    settings = DQNSettings(**given)
+    assert settings == DQNSettings(hidden=(32, 16), members=2, discount=0.5, layer_norm=True)
+    json.dumps(dataclasses.asdict(settings))
 
 
 def test_settings_survive_json() -> None:

@@ -24,11 +24,13 @@ class Arc:
     weight: float
     unsafe: bool
     ended: bool
+    steps: int
+    """Control periods before the first unsafe one, or all of them."""
 
 
 @dataclass(frozen=True)
 class Path:
-    """A path with what it promises; `steps` are the safe arcs before the first unsafe one."""
+    """A path with what it promises; `steps`: control periods before the first unsafe one."""
 
     steps: int
     value: float
@@ -51,7 +53,7 @@ class Reference:
 
     def arc(self, state: State, action: int) -> Arc | None:
         """Follow one action; None where it is not applicable."""
-        reward, weight, unsafe, ended = 0.0, 1.0, False, False
+        reward, weight, unsafe, ended, steps = 0.0, 1.0, False, False, 0
         for period in range(self.settings.repeat):
             outcome = self.model.step(state, action)
             if not outcome.applicable:
@@ -62,10 +64,11 @@ class Reference:
             reward = outcome.reward if period == 0 else reward + weight * outcome.reward
             weight *= self.settings.discount
             unsafe |= outcome.unsafe
+            steps += not unsafe
             state, ended = tuple(outcome.state.tolist()), outcome.terminal
             if ended:
                 break
-        return Arc(action, state, reward, weight, unsafe, ended)
+        return Arc(action, state, reward, weight, unsafe, ended, steps)
 
     def arcs(self, state: State) -> list[Arc]:
         """Every action that is applicable, in the order of the file."""
@@ -75,14 +78,19 @@ class Reference:
     def layers(self, root: State) -> tuple[int, Bound]:
         """How many layers are expanded, and what ends that."""
         budget = self.settings.node_budget(len(self.model.actions))
-        frontier, expanded = {root}, 0
+        edge_budget = self.settings.edge_budget(len(self.model.fluents))
+        frontier, expanded, edges = {root}, 0, 0
         for depth in range(self.settings.depth):
             if not frontier:
                 return depth, Bound.EXHAUSTED
             expanded += len(frontier)
             if depth and expanded > budget:
                 return depth, Bound.NODES
-            frontier = {arc.state for s in frontier for arc in self.arcs(s) if not arc.ended}
+            found = [arc for state in frontier for arc in self.arcs(state)]
+            edges += len(found)
+            if depth and edges > edge_budget:
+                return depth, Bound.NODES
+            frontier = {arc.state for arc in found if not arc.ended}
         return self.settings.depth, Bound.DEPTH
 
     def along(self, arc: Arc, layers: int) -> Path:
@@ -152,7 +160,7 @@ class Reference:
 
 def put_before(arc: Arc, rest: Path) -> Path:
     """The path that begins with an arc."""
-    steps = 0 if arc.unsafe else rest.steps if rest.steps == SAFE else rest.steps + 1
+    steps = arc.steps if arc.unsafe else SAFE if rest.steps == SAFE else rest.steps + arc.steps
     return Path(steps, arc.reward + arc.weight * rest.value, (arc, *rest.arcs))
 
 

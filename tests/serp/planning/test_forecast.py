@@ -44,10 +44,18 @@ def test_flags_are_told_apart() -> None:
         ([], [], False),
     ],
 )
-def test_indifferent_is_when_all_that_is_applicable_promises_the_same(
+def test_indifferent_is_when_all_that_is_safe_promises_the_same(
     values: list[float], steps: list[int], expected: bool
 ) -> None:
     assert forecast(values, steps).indifferent is expected
+
+
+def test_an_unsafe_action_is_no_choice_while_there_is_another() -> None:
+    flags = [APPLICABLE, APPLICABLE | UNSAFE, APPLICABLE]
+    assert forecast([1.0, 5.0, 1.0], [SAFE, 0, SAFE], flags).indifferent
+    assert not forecast([1.0, 5.0, 2.0], [SAFE, 0, SAFE], flags).indifferent
+    assert not forecast([1.0, 5.0], [SAFE, 0], flags[:2]).indifferent
+    assert forecast([1.0, 1.0], [0, 0], [APPLICABLE | UNSAFE] * 2).indifferent
 
 
 def test_safe_is_about_the_whole_chosen_path() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import tracemalloc
 from random import Random
 
@@ -18,6 +19,7 @@ from serp.planning.replanner import MonitorReplanner
 from serp.planning.settings import Bound, PlannerSettings
 from tests.generated import PLANNABLE, generate, random_states
 from tests.generated.profile import examples
+from tests.serp.planning.reference import Reference, as_state
 from tests.serp.planning.worlds import WORLDS, load, states_of, world
 
 PLANNERS = st.builds(
@@ -59,7 +61,7 @@ def assert_all_forms_agree(
         assert type(single.choice) is int
         assert single.bound is Bound(batch.bound[row])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.domain.model.MAX_NATIVE_SIZE", -1)
+        patch.setattr("serp.domain.program.MAX_NATIVE_SIZE", -1)
         assert not model.compiles
         for state, single in zip(states, singles, strict=True):
             assert bits(single) == bits(graph_forecast(model, settings, state))
@@ -83,6 +85,38 @@ def test_they_agree_on_domains_with_all_that_the_language_has(
     random = Random(seed)
     model = generate(random, PLANNABLE).model
     assert_all_forms_agree(model, settings, random_states(random, model, 6))
+
+
+@examples(40)
+@given(st.integers(0, WORLDS - 1), PLANNERS, st.integers(1, 60))
+def test_they_agree_on_where_memory_ends(seed: int, settings: PlannerSettings, edges: int) -> None:
+    model = world(seed)
+    states = states_of(model, Random(seed), 2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp.planning.settings.MAX_NUMBERS", edges * (len(model.fluents) + 1))
+        reference = Reference(model, settings)
+        for state, forecast in zip(
+            states, assert_all_forms_agree(model, settings, states), strict=True
+        ):
+            assert reference.layers(as_state(state)) == (forecast.depth, forecast.bound)
+
+
+def test_batches_from_several_threads_are_what_they_are_from_one() -> None:
+    model = world(5)
+    states = states_of(model, Random(2), 400)
+    lookaheads = [Lookahead(model, PlannerSettings(depth=3)) for _ in range(4)]
+    expected = lookaheads[0].forecast_batch(states).value.tobytes()
+    found: list[bytes] = []
+
+    def run(lookahead: Lookahead) -> None:
+        found.extend(lookahead.forecast_batch(states).value.tobytes() for _ in range(10))
+
+    threads = [threading.Thread(target=run, args=(lookahead,)) for lookahead in lookaheads]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == [expected] * 40
 
 
 def test_the_examples_meet_every_bound_ties_and_danger() -> None:

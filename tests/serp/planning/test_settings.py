@@ -1,9 +1,10 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from serp.errors import SettingsError
-from serp.planning.settings import MAX_EDGES, PlannerSettings
+from serp.planning.settings import MAX_EDGES, MAX_NUMBERS, PlannerSettings
 
 
 @pytest.mark.parametrize(
@@ -19,6 +20,8 @@ from serp.planning.settings import MAX_EDGES, PlannerSettings
         ("discount", 1.01),
         ("discount", float("nan")),
         ("discount", "high"),
+        ("depth", True),
+        ("depth", "3"),
     ],
 )
 def test_a_value_outside_its_range_is_refused_by_name(name: str, value: object) -> None:
@@ -29,6 +32,20 @@ def test_a_value_outside_its_range_is_refused_by_name(name: str, value: object) 
 def test_the_ends_of_the_ranges_are_allowed() -> None:
     settings = PlannerSettings(depth=1, discount=1.0, repeat=1, max_nodes=1)
     assert settings.node_budget(5) == 1
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    settings = PlannerSettings(
+        depth=np.int64(3),  # type: ignore[arg-type]
+        discount=np.float32(0.5),  # type: ignore[arg-type]
+    )
+    assert settings == PlannerSettings(depth=3, discount=0.5)
+    assert type(settings.depth) is int and type(settings.discount) is float
+
+
+@pytest.mark.parametrize("fluents", [0, 1, 15, 1_000, 200_000])
+def test_the_edge_budget_bounds_the_numbers_of_a_graph(fluents: int) -> None:
+    assert 1 <= PlannerSettings().edge_budget(fluents) * (fluents + 1) <= MAX_NUMBERS
 
 
 @pytest.mark.parametrize("actions", [0, 1, 3, 1_000, 10_000_000])

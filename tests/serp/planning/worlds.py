@@ -52,6 +52,8 @@ class _Writer:
         self.numbers = [f"f{k}" for k in range(random.randint(1, 3))]
         self.facts = [f"p{k}" for k in range(random.randint(0, 2))]
         # Rewards that are never good, or all alike, are where planners go wrong.
+        # A condition of every action leaves, where it fails, nothing that could be done.
+        self.everywhere = [self.condition()] if random.random() < 0.25 else []
         self.rewards = random.choice((("1", "2", "0.5"), ("-1", "-2"), ("1",), ("1", "-1", "0.25")))
 
     def domain(self) -> str:
@@ -66,8 +68,15 @@ class _Writer:
         )
 
     def action(self, k: int) -> str:
-        conditions = [self.condition()] if self.random.random() < 0.4 else []
-        effects = [self.change() for _ in range(self.random.randint(1, 2))]
+        conditions = list(self.everywhere)
+        if self.random.random() < 0.4:
+            conditions.append(self.condition())
+        changed = self.random.sample(
+            self.numbers, min(len(self.numbers), self.random.choice((1, 2)))
+        )
+        effects = [self.change(number) for number in changed]
+        if self.random.random() < 0.15:  # together with another change a contradiction
+            effects.append(f"(when {self.condition()} (assign ({self.random.choice(changed)}) 0))")
         if self.facts and self.random.random() < 0.4:
             effects.append(self.toggle())
         if self.random.random() < 0.4:
@@ -114,8 +123,7 @@ class _Writer:
         operator, threshold = self.random.choice(((">", 1), (">=", 2), ("<", -1), ("<=", -2)))
         return f"({operator} ({self.random.choice(self.numbers)}) {threshold})"
 
-    def change(self) -> str:
-        number = self.random.choice(self.numbers)
+    def change(self, number: str) -> str:
         if self.random.random() < 0.15:
             return f"(assign ({number}) {self.random.randint(-2, 2)})"
         change = self.random.choice(("increase", "decrease"))

@@ -41,7 +41,11 @@ def json_values():
         | st.text()
     )
     return st.recursive(
-        plain, lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=8
+        plain,
+        lambda inner: (
+            st.lists(inner) | st.dictionaries(st.text() | st.just("float"), inner, max_size=3)
+        ),
+        max_leaves=8,
     )
 
 
@@ -83,6 +87,22 @@ def test_numbers_that_json_has_no_word_for_and_numpy_scalars(tmp_path):
     loaded = load(tmp_path / "c")[1]
     assert (loaded["a"], loaded["b"], loaded["d"], loaded["e"]) == (math.inf, -math.inf, 3, 0.1)
     assert math.isnan(loaded["c"])
+
+
+def test_the_header_is_json_for_strict_readers_whatever_the_numbers(tmp_path):
+    def refuse(word):
+        raise AssertionError(word)
+
+    meta = {"seen": [math.inf, -math.inf, {"deep": math.nan}], "own": {"float": [math.inf, "inf"]}}
+    save(tmp_path / "c", {}, meta)
+    data = (tmp_path / "c").read_bytes()
+    size = int.from_bytes(data[:8], "little")
+    header = json.loads(data[8 : 8 + size], parse_constant=refuse)
+    json.loads(header["__metadata__"]["serp"], parse_constant=refuse)
+    loaded = load(tmp_path / "c")[1]
+    assert loaded["own"] == meta["own"]
+    assert loaded["seen"][:2] == meta["seen"][:2]
+    assert math.isnan(loaded["seen"][2]["deep"])
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from serp.runs.folder import DECISIONS, METRICS, RunFolder
 from serp.runs.reading import read_metrics
 from serp.runs.rows import DecisionRow, MetricsRow
 
-CONFIG = {"seed": 3, "domain": "cartpole", "settings": {"r_min": -math.inf, "layers": (64, 64)}}
+CONFIG = {"seed": 3, "domain": "cartpole", "settings": {"r_min": "-inf", "layers": (64, 64)}}
 DOMAIN = ("cartpole.pddl", "(define (domain cartpole))")
 
 
@@ -63,7 +63,7 @@ def test_configuration_is_the_same_after_opening(tmp_path):
         config = run.config
     opened = RunFolder.open(tmp_path / "x")
     assert opened.config == config
-    assert opened.config["settings"] == {"r_min": -math.inf, "layers": [64, 64]}
+    assert opened.config["settings"] == {"r_min": "-inf", "layers": [64, 64]}
     assert opened.domain_file.read_text() == DOMAIN[1]
     assert opened.problem_file is None
 
@@ -100,6 +100,12 @@ def test_an_empty_folder_may_be_used(tmp_path):
 def test_a_domain_file_that_cannot_be_read_leaves_nothing_behind(tmp_path):
     with pytest.raises(RunError, match=r"cannot read .*gone\.pddl: No such file"):
         RunFolder.create(tmp_path / "x", CONFIG, [tmp_path / "gone.pddl"])
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_configuration_that_strict_readers_refuse_is_never_written(tmp_path):
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        RunFolder.create(tmp_path / "x", {"settings": {"r_min": -math.inf}}, [DOMAIN])
     assert os.listdir(tmp_path) == []
 
 

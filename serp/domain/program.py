@@ -1,0 +1,139 @@
+"""The generated functions of one ground model, each made when first used."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+from serp.domain.codegen import (
+    APPLICABLE,
+    Generated,
+    generate_action,
+    generate_aftermath,
+    generate_judged_action,
+    generate_judged_aftermath,
+    generate_step,
+)
+from serp.domain.emit import Site
+from serp.domain.ground import GroundModel, SetNumber, Test, Value, fluents_of
+from serp.domain.interpreted import load_function
+
+MAX_NATIVE_SIZE = 400
+# numba recurses over the branches of one expression: long ones overflow its stack.
+MAX_NATIVE_TEST = 200
+
+_Function = Callable[..., int]
+
+
+class Program:
+    """What a ground model does, in CPython and as machine code.
+
+    States and the literals are lists of floats; `out` is a copy of the state (for `judge`, of the
+    next state) with one more entry, 0. It receives the next state and the reward.
+
+    Args:
+        ground: The model.
+    """
+
+    def __init__(self, ground: GroundModel) -> None:
+        self.ground = ground
+        self._actions: dict[int, _Function] = {}
+        self._judged: dict[int, _Function] = {}
+
+    def step(
+        self, state: list[float], action: int, theta: list[float], dt: float, out: list[float]
+    ) -> int:
+        """Carry out an action; return the flags."""
+        function = self._actions.get(action)
+        if function is None:
+            generated = generate_action(self.ground, self.ground.actions[action])
+            function = self._actions[action] = _load(generated)
+        flags = function(state, theta, dt, out)
+        return self._aftermath(state, flags, theta, dt, out) if flags else 0
+
+    def judge(
+        self,
+        state: list[float],
+        action: int,
+        next_state: list[float],
+        theta: list[float],
+        dt: float,
+        out: list[float],
+    ) -> int:
+        """Read reward and flags off an observed transition; action -1: none of the model."""
+        flags = APPLICABLE
+        if action >= 0:
+            function = self._judged.get(action)
+            if function is None:
+                generated = generate_judged_action(self.ground, self.ground.actions[action])
+                function = self._judged[action] = _load(generated)
+            flags = function(state, theta, dt, out)
+        return self._judged_aftermath(state, next_state, flags, theta, dt, out) if flags else 0
+
+    def trace(
+        self, state: list[float], action: int, theta: list[float], dt: float
+    ) -> tuple[list[Site], int]:
+        """Carry out an action; return the sites passed, in order, and the flags."""
+        out = [*state, 0.0]
+        generated = generate_action(self.ground, self.ground.actions[action], traced=True)
+        passed: list[int] = []
+        flags = _load(generated)(state, theta, dt, out, passed)
+        sites = [generated.sites[k] for k in passed]
+        if flags:
+            function, after = self._traced_aftermath
+            passed = []
+            flags = function(state, flags, theta, dt, out, passed)
+            sites += [after[k] for k in passed]
+        return sites, flags
+
+    @functools.cached_property
+    def _aftermath(self) -> _Function:
+        return _load(generate_aftermath(self.ground))
+
+    @functools.cached_property
+    def _judged_aftermath(self) -> _Function:
+        return _load(generate_judged_aftermath(self.ground))
+
+    @functools.cached_property
+    def _traced_aftermath(self) -> tuple[_Function, tuple[Site, ...]]:
+        generated = generate_aftermath(self.ground, traced=True)
+        return _load(generated), generated.sites
+
+    @functools.cached_property
+    def native(self) -> Any:
+        """The compiled C callback of the whole step."""
+        from serp.domain.native import compile_native
+
+        return compile_native(generate_step(self.ground))
+
+    @property
+    def compiles(self) -> bool:
+        """Whether the model is small enough to be compiled to machine code in reasonable time."""
+        return self._size <= MAX_NATIVE_SIZE
+
+    @functools.cached_property
+    def _size(self) -> int:
+        """How often fluents are read and written in all: what compile time grows with."""
+        ground = self.ground
+        expressions: dict[int, Test | Value] = {}
+        writes = 0
+        for schema in (*ground.actions, *ground.processes, *ground.events):
+            expressions.update((id(test), test) for test in schema.preconditions)
+            for effect in schema.effects:
+                writes += 1
+                expressions[id(effect.condition)] = effect.condition  # shared ones count once
+                if isinstance(effect, SetNumber):
+                    expressions[id(effect.value)] = effect.value
+        if ground.goal is not None:
+            expressions[id(ground.goal)] = ground.goal
+        if ground.metric is not None:
+            expressions[id(ground.metric.value)] = ground.metric.value
+        reads = [sum(1 for _ in fluents_of(expression)) for expression in expressions.values()]
+        if max(reads, default=0) > MAX_NATIVE_TEST:
+            return MAX_NATIVE_SIZE + 1
+        return writes + sum(reads)
+
+
+def _load(generated: Generated) -> _Function:
+    return load_function(generated, f"<serp {generated.name}>")

@@ -1,0 +1,144 @@
+"""Following the edges out of states, some at a time: compiled, or in CPython for large domains."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
+from serp.domain.model import TransitionModel
+from serp.planning.settings import PlannerSettings
+
+State = tuple[float, ...]
+
+# So many edges are tried between two looks at the clock: some milliseconds, some tens of them.
+_NATIVE_EDGES = 4096
+_INTERPRETED_EDGES = 256
+
+
+class Edges(NamedTuple):
+    """Edges that are applicable, column by column, in the order of their sources and actions.
+
+    Columns instead of objects: a decision makes thousands of edges, a reader looks at a handful.
+
+    Attributes:
+        source: Node that the edge leaves.
+        action: Position of its action.
+        reward: Discounted sum of the rewards of its control periods.
+        weight: Weight of what follows it.
+        flags: Flags of the whole edge.
+        periods: Its control periods, or those before the first unsafe one where one is.
+        first_reward, first_flags: Reward and flags of its first period.
+    """
+
+    source: list[int]
+    action: list[int]
+    reward: list[float]
+    weight: list[float]
+    flags: list[int]
+    periods: list[int]
+    first_reward: list[float]
+    first_flags: list[int]
+
+    @classmethod
+    def none(cls) -> Edges:
+        """Return no edges."""
+        return cls([], [], [], [], [], [], [], [])
+
+    def extend(self, other: Edges) -> None:
+        """Append the edges of another."""
+        columns: tuple[list[Any], ...] = self
+        others: tuple[list[Any], ...] = other
+        for column, more in zip(columns, others, strict=True):
+            column.extend(more)
+
+
+def follow(
+    model: TransitionModel, settings: PlannerSettings, nodes: Sequence[int], states: list[State]
+) -> Iterator[tuple[Edges, list[State]]]:
+    """Follow every edge out of some nodes; yield those that are applicable, and where they lead.
+
+    Args:
+        model: The transition model.
+        settings: Repetition and discount.
+        nodes: Positions of the nodes.
+        states: States of all nodes.
+    """
+    if model.compiles:
+        size = max(1, _NATIVE_EDGES // max(1, len(model.actions)))
+        for start in range(0, len(nodes), size):
+            yield _follow_native(model, settings, nodes[start : start + size], states)
+        return
+    for node in nodes:
+        for start in range(0, len(model.actions), _INTERPRETED_EDGES):
+            actions = range(start, min(start + _INTERPRETED_EDGES, len(model.actions)))
+            yield _follow_interpreted(model, settings, node, actions, states[node])
+
+
+def _follow_native(
+    model: TransitionModel, settings: PlannerSettings, nodes: Sequence[int], states: list[State]
+) -> tuple[Edges, list[State]]:
+    from serp.domain.native import address_of
+    from serp.planning import kernels
+
+    actions, width = len(model.actions), len(model.fluents)
+    tried = len(nodes) * actions
+    rows = np.zeros((len(nodes), width + 1))
+    rows[:, :width] = [states[node] for node in nodes]
+    out = np.empty((tried + 1, width + 1))
+    reward, weight, first_reward = np.empty((3, tried))
+    flags, periods, first_flags = np.empty((3, tried), dtype=np.int64)
+    kernels.expand(
+        address_of(model.native_step()), rows.reshape(-1), len(nodes), actions,
+        settings.repeat, settings.discount, model.theta, model.dt, out.reshape(-1),
+        reward, weight, flags, periods, first_reward, first_flags,
+    )  # fmt: skip
+    there = np.flatnonzero(flags & APPLICABLE)
+    edges = Edges(
+        source=np.asarray(nodes)[there // actions].tolist(),
+        action=(there % actions).tolist(),
+        reward=reward[there].tolist(),
+        weight=weight[there].tolist(),
+        flags=flags[there].tolist(),
+        periods=periods[there].tolist(),
+        first_reward=first_reward[there].tolist(),
+        first_flags=first_flags[there].tolist(),
+    )
+    return edges, list(map(tuple, out[there, :width].tolist()))
+
+
+def _follow_interpreted(
+    model: TransitionModel, settings: PlannerSettings, node: int, actions: range, state: State
+) -> tuple[Edges, list[State]]:
+    edges, reached = Edges.none(), []
+    source = list(state)
+    for action in actions:
+        target, flags = model.transition(source, action)
+        if not flags & APPLICABLE:
+            continue
+        reward = first_reward = target.pop()
+        first_flags, weight = flags, settings.discount
+        periods = 0 if flags & UNSAFE else 1
+        for _ in range(settings.repeat - 1):
+            if flags & TERMINAL:
+                break
+            further, again = model.transition(target, action)
+            if not again & APPLICABLE:
+                break
+            flags |= again
+            periods += not flags & UNSAFE
+            reward += weight * further.pop()
+            weight *= settings.discount
+            target = further
+        edges.source.append(node)
+        edges.action.append(action)
+        edges.reward.append(reward)
+        edges.weight.append(weight)
+        edges.flags.append(flags)
+        edges.periods.append(periods)
+        edges.first_reward.append(first_reward)
+        edges.first_flags.append(first_flags)
+        reached.append(tuple(target))
+    return edges, reached
