@@ -100,7 +100,7 @@ class Agent:
 
     def decide_greedily(self, state: Vector, x: Vector) -> Decision:
         """Decide as the trained agent does: the learner's greedy choice within the vetoes."""
-        return self.arbiter.judge_proposal(state, Proposal(self.learner.greedy(x), False, None))
+        return self.arbiter.judge_proposal(state, self.learner.propose_greedily(x))
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""

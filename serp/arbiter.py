@@ -48,7 +48,7 @@ class Reason(StrEnum):
 
 
 class Proposed(Protocol):
-    """What a learner proposes: an environment action, and whether it was explored."""
+    """What a learner proposes: an environment action, whether it was explored, and why."""
 
     @property
     def action(self) -> int:
@@ -57,6 +57,10 @@ class Proposed(Protocol):
     @property
     def exploratory(self) -> bool:
         """Whether it was drawn at random."""
+
+    @property
+    def q(self) -> NDArray[np.floating[Any]] | None:
+        """`[E]` what each action promises in the learner's eyes; None where it was drawn."""
 
 
 Propose = Callable[[NDArray[np.bool_] | None], Proposed]
@@ -86,6 +90,9 @@ class ArbiterSettings:
         exploration_slack: None: the learner explores among all actions, and vetoes follow. A
             number: it explores only among the admissible actions whose best plan is worth no less
             than the best plan minus this (infinity: among all admissible ones).
+        after_veto: Who acts where a greedy proposal is refused: `planner` (Algorithm 1), or
+            `learner`: of the admissible actions, the one that the learner values most. An explored
+            one is always followed by the planner.
         unmodelled: What to do with environment actions that the domain does not mention.
         indifferent: Who acts in the planner's turn where all plans are worth the same: `first`
             takes the first action in the file, `learner` asks the learner.
@@ -98,6 +105,7 @@ class ArbiterSettings:
     r_min: float | None = None
     veto_horizon: Literal["step", "lookahead"] = "lookahead"
     exploration_slack: float | None = None
+    after_veto: Literal["planner", "learner"] = "planner"
     unmodelled: Literal["allow", "veto"] = "allow"
     indifferent: Literal["first", "learner"] = "learner"
 
@@ -129,6 +137,7 @@ class ArbiterSettings:
             object.__setattr__(self, "exploration_slack", slack)
         for name, allowed in (
             ("veto_horizon", ("step", "lookahead")),
+            ("after_veto", ("planner", "learner")),
             ("unmodelled", ("allow", "veto")),
             ("indifferent", ("first", "learner")),
         ):
@@ -267,9 +276,11 @@ class Arbiter:
         action = int(proposal.action)
         if admissible[action]:
             return self._record(forecast, admissible, action, actor, Reason.ACCEPTED, action, actor)
-        return self._planner_acts(
-            forecast, admissible, action, actor, self._refusal(forecast, action)
-        )
+        refusal = self._refusal(forecast, action)
+        if self.settings.after_veto == "learner" and proposal.q is not None and admissible.any():
+            second = int(np.where(admissible, proposal.q, -np.inf).argmax())
+            return self._record(forecast, admissible, second, actor, refusal, action, actor)
+        return self._planner_acts(forecast, admissible, action, actor, refusal)
 
     def _explorable(
         self, forecast: ActionForecast, admissible: NDArray[np.bool_]

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from serp.agent import Agent
-from serp.domain.codegen import UNSAFE
+from serp.arbiter import Actor, Decision, Reason
+from serp.domain.codegen import APPLICABLE, UNSAFE
 from serp.domain.model import Vector
 from serp.domain.source import did_you_mean
 from serp.errors import SettingsError
@@ -18,6 +19,7 @@ from serp.task import BoundTask
 
 Policy = Literal["serp", "planner", "learner"]
 _SEEDS = 2  # spawn key of the environment's seeds
+_Policy = Callable[[Vector, Vector], Decision]  # (state, input of the learner) → decision
 
 
 @dataclass(frozen=True)
@@ -60,22 +62,64 @@ class EvaluationResult:
         }
 
 
-def evaluate(
+class Step(NamedTuple):
+    """One step of a policy.
+
+    Attributes:
+        number: Which step of the episode, from 1.
+        observation: What the environment showed, as it gave it.
+        state: The state `[F]` that this was grounded to, and decided on.
+        decision: What was done, who did it and why.
+        reward: The environment's reward.
+        terminated: Whether the environment ended the episode here.
+        truncated: Whether the environment cut it off here.
+        last: Whether it is over, by one of these or by the limit `training.episode_steps`.
+        info: What the environment says besides.
+    """
+
+    number: int
+    observation: Any
+    state: Vector
+    decision: Decision
+    reward: float
+    terminated: bool
+    truncated: bool
+    last: bool
+    info: dict[str, Any]
+
+
+class Episode(NamedTuple):
+    """An episode that stands at its beginning, right after the reset.
+
+    Attributes:
+        number: Which episode, from 1.
+        info: What the environment said at the reset.
+        steps: Its steps, each carried out when it is asked for.
+    """
+
+    number: int
+    info: dict[str, Any]
+    steps: Iterator[Step]
+
+
+def play(
     agent: Agent, task: BoundTask, policy: Policy = "serp", *, episodes: int = 20, seed: int = 0
-) -> EvaluationResult:
+) -> Iterator[Episode]:
     """Run a policy without exploring or learning; no random state of the agent changes.
+
+    The next episode begins when it is asked for, whether or not the one before was finished.
 
     Args:
         agent: The agent.
         task: The task, in an environment that nobody else uses.
-        policy: Which policy.
+        policy: Which policy; see `EvaluationResult`.
         episodes: How many episodes, at least 1.
         seed: Seed of the environment; other than any that training uses.
 
     Raises:
         SettingsError: There is no such policy, no episode is asked for, or the seed is none.
-        TaskError: The grounding failed.
-        EnvironmentFailure: The environment raised or gave NaN.
+        TaskError: The grounding failed (while steps are asked for).
+        EnvironmentFailure: The environment raised or gave NaN (likewise).
     """
     policies = _policies(agent)
     if not isinstance(policy, str) or policy not in policies:
@@ -85,44 +129,75 @@ def evaluate(
         raise SettingsError(
             f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
         )
-    seed = seed_of(seed)
-    act = policies[policy]
+    return _play(agent, task, policies[policy], count, seed_of(seed))
+
+
+def _play(
+    agent: Agent, task: BoundTask, decide: _Policy, episodes: int, seed: int
+) -> Iterator[Episode]:
+    for episode in range(episodes):
+        sequence = np.random.SeedSequence(entropy=seed, spawn_key=(_SEEDS, episode))
+        raw, info = task.reset(seed=int(sequence.generate_state(1)[0]))
+        yield Episode(episode + 1, info, _steps(agent, task, decide, raw))
+
+
+def _steps(agent: Agent, task: BoundTask, decide: _Policy, raw: Any) -> Iterator[Step]:
+    number, last = 0, False
+    while not last:
+        seen, number = raw, number + 1
+        state, x = agent.perceive(seen)
+        decision = decide(state, x)
+        raw, reward, terminated, truncated, info = task.step(decision.action)
+        limit = number >= agent.settings.training.episode_steps
+        last = terminated or truncated or limit
+        yield Step(number, seen, state, decision, reward, terminated, truncated, last, info)
+
+
+def evaluate(
+    agent: Agent, task: BoundTask, policy: Policy = "serp", *, episodes: int = 20, seed: int = 0
+) -> EvaluationResult:
+    """Measure a policy; see `play`, which takes the same arguments and raises the same errors."""
     returns: list[float] = []
     lengths: list[int] = []
     ended = unsafe = vetoes = 0
-    for episode in range(count):
-        sequence = np.random.SeedSequence(entropy=seed, spawn_key=(_SEEDS, episode))
-        raw, _ = task.reset(seed=int(sequence.generate_state(1)[0]))
+    for episode in play(agent, task, policy, episodes=episodes, seed=seed):
         total, length = 0.0, 0
-        while True:
-            state, x = agent.perceive(raw)
-            action, was_unsafe, was_vetoed = act(state, x)
-            unsafe += was_unsafe
-            vetoes += was_vetoed
-            raw, reward, terminated, truncated, _ = task.step(action)
-            total += reward
-            length += 1
-            if terminated or truncated or length >= agent.settings.training.episode_steps:
-                break
-        ended += terminated
+        for step in episode.steps:
+            total += step.reward
+            length = step.number
+            unsafe += step.decision.unsafe
+            vetoes += step.decision.vetoed
+            ended += step.terminated
         returns.append(total)
         lengths.append(length)
     return EvaluationResult(policy, tuple(returns), tuple(lengths), ended, unsafe, vetoes)
 
 
-def _policies(agent: Agent) -> dict[str, Callable[[Vector, Vector], tuple[int, bool, bool]]]:
-    """Return for each policy the function (state, input) → action, unsafe, vetoed."""
+def _policies(agent: Agent) -> dict[str, _Policy]:
+    return {
+        "serp": agent.decide_greedily,
+        "planner": lambda state, x: agent.arbiter.plan(state),
+        "learner": lambda state, x: _learner_alone(agent, state, x),
+    }
 
-    def serp(state: Vector, x: Vector) -> tuple[int, bool, bool]:
-        decision = agent.decide_greedily(state, x)
-        return decision.action, decision.unsafe, decision.vetoed
 
-    def planner(state: Vector, x: Vector) -> tuple[int, bool, bool]:
-        decision = agent.arbiter.plan(state)
-        return decision.action, decision.unsafe, False
-
-    def learner(state: Vector, x: Vector) -> tuple[int, bool, bool]:
-        action = int(agent.learner.greedy(x))
-        return action, bool(agent.arbiter.forecast(state).flags[action] & UNSAFE), False
-
-    return {"serp": serp, "planner": planner, "learner": learner}
+def _learner_alone(agent: Agent, state: Vector, x: Vector) -> Decision:
+    """Return the learner's greedy choice, executed whatever the model says of it."""
+    arbiter = agent.arbiter
+    action = int(agent.learner.greedy(x))
+    forecast = arbiter.forecast(state)
+    flags = int(forecast.flags[action])
+    unsafe = bool(flags & UNSAFE)
+    return Decision(
+        action=action,
+        executed_by=Actor.LEARNER,
+        reason=Reason.ACCEPTED,
+        proposed=action,
+        proposed_by=Actor.LEARNER,
+        rho=arbiter.rho,
+        predicted_reward=float(forecast.reward[action]) if flags & APPLICABLE else np.nan,
+        unsafe=unsafe,
+        proposal_unsafe=unsafe,
+        admissible=arbiter.admissible(forecast),
+        forecast=forecast,
+    )

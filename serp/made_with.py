@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
+from serp.budget import Budget
 from serp.errors import RunError, SettingsError
-from serp.quantities import real, seed_of, whole
+from serp.quantities import real, seed_of
 from serp.runs.config import CONFIG
 from serp.runs.folder import RunFolder
 from serp.settings import Settings
@@ -20,8 +21,7 @@ class MadeWith(NamedTuple):
         reward: Whose reward the learner learns from.
         dt: Control period.
         settings: All settings.
-        episodes: Budget in episodes; None for none.
-        env_steps: Budget in env steps; None for none.
+        budget: How long it was to last.
     """
 
     task: str
@@ -29,8 +29,7 @@ class MadeWith(NamedTuple):
     reward: Literal["domain", "environment"]
     dt: float
     settings: Settings
-    episodes: int | None
-    env_steps: int | None
+    budget: Budget
 
 
 def made_with(folder: RunFolder) -> MadeWith:
@@ -52,18 +51,10 @@ def made_with(folder: RunFolder) -> MadeWith:
             reward=config["reward"],
             dt=dt,
             settings=Settings.from_dict(config["settings"]),
-            episodes=_count(config["budget"]["episodes"]),
-            env_steps=_count(config["budget"]["env_steps"]),
+            budget=Budget.from_dict(config["budget"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError, SettingsError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
         raise RunError(
             f"{folder.path / CONFIG} was changed or damaged: {what}; restore it from a copy"
         ) from error
-
-
-def _count(value: Any) -> int | None:
-    count = None if value is None else whole(value, 1)
-    if count is None and value is not None:
-        raise ValueError(f"a budget is {value!r}")
-    return count

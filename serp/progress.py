@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, TextIO
 
+from serp.budget import Budget
 from serp.runs.report import duration
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ class ProgressStats:
     Attributes:
         episode: episodes ended so far.
         env_steps: steps in the environment so far.
+        units: units of the learner probability that have ended so far.
         last_return: return of the last episode; None before the first has ended.
         mean_return: mean return of the last 20 episodes; None before the first has ended.
         rho: learner probability; None where there is no learner.
@@ -46,6 +48,7 @@ class ProgressStats:
     rho: float | None = None
     vetoes: int = 0
     unsafe_executed: int = 0
+    units: int = 0
 
 
 class Progress:
@@ -60,25 +63,25 @@ class Progress:
     stand in every step.
 
     Args:
-        episodes: the budget in episodes, counted from the beginning of the run; None for none.
-        env_steps: the budget in env steps, likewise.
+        budget: when the training ends.
+        unit: what a unit of it is.
         start: where the run stands as this process begins (a resumed run has steps already).
         clock: seconds, monotonic.
     """
 
     def __init__(
         self,
-        episodes: int | None = None,
-        env_steps: int | None = None,
+        budget: Budget | None = None,
+        unit: str = "unit",
         start: ProgressStats | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._episodes = episodes
-        self._env_steps = env_steps
+        self._budget = budget or Budget()
+        self._unit = unit
         self._clock = clock
         self._next = float("inf")  # when the next picture is due
         self._latest = start or ProgressStats(0, 0)
-        self._samples: deque[tuple[float, int, int]] = deque()
+        self._samples: deque[tuple[float, ProgressStats]] = deque()
 
     def due(self) -> bool:
         """Whether it is time for the next picture."""
@@ -114,41 +117,36 @@ class Progress:
 
     def _sample(self) -> None:
         now = self._clock()
-        self._samples.append((now, self._latest.env_steps, self._latest.episode))
+        self._samples.append((now, self._latest))
         while len(self._samples) > 2 and self._samples[1][0] <= now - _MEMORY:
             self._samples.popleft()
 
-    def _speed(self) -> tuple[float, float]:
-        """Env steps and episodes per second over the last half minute; 0 where unknown."""
-        (begin, steps, episodes), (end, *_) = self._samples[0], self._samples[-1]
-        if end - begin < _TOO_SHORT:
-            return 0.0, 0.0
+    def _speeds(self) -> dict[str, float]:
+        """What is done in a second, over the last half minute, by name; 0 where unknown."""
+        (begin, first), (end, _) = self._samples[0], self._samples[-1]
         seconds = end - begin
-        latest = self._latest
-        return (latest.env_steps - steps) / seconds, (latest.episode - episodes) / seconds
+        counts = zip(_counts(first), _counts(self._latest), strict=True)
+        known = seconds >= _TOO_SHORT
+        return {
+            name: (now - before) / seconds if known else 0.0 for (name, before), (_, now) in counts
+        }
+
+    def _ends(self) -> dict[str, int]:
+        """The ends of the budget that there are, by name."""
+        return {name: end for name, end in self._budget.as_dict().items() if end is not None}
 
     def _done(self) -> float | None:
         """The share of the budget that is spent, in [0, 1]; None without a budget."""
-        spent = [
-            min(1.0, now / budget)
-            for now, budget in (
-                (self._latest.episode, self._episodes),
-                (self._latest.env_steps, self._env_steps),
-            )
-            if budget
-        ]
-        return max(spent, default=None)
+        now = dict(_counts(self._latest))
+        return max((min(1.0, now[name] / end) for name, end in self._ends().items()), default=None)
 
     def _seconds_left(self) -> float | None:
         """Until the first budget is spent; None where that cannot be said."""
-        steps, episodes = self._speed()
+        now, speeds = dict(_counts(self._latest)), self._speeds()
         left = [
-            max(0, budget - now) / speed
-            for now, budget, speed in (
-                (self._latest.episode, self._episodes, episodes),
-                (self._latest.env_steps, self._env_steps, steps),
-            )
-            if budget is not None and speed > 0
+            max(0, end - now[name]) / speeds[name]
+            for name, end in self._ends().items()
+            if speeds[name] > 0
         ]
         return min(left, default=None)
 
@@ -156,8 +154,8 @@ class Progress:
 class _Quiet(Progress):
     """Nothing, but for the answer to a key that was pressed at a terminal."""
 
-    def __init__(self, stream: TextIO | None, **budget: Any) -> None:
-        super().__init__(**budget)
+    def __init__(self, stream: TextIO | None, **about: Any) -> None:
+        super().__init__(**about)
         self._stream = stream
 
     def answer(self, text: str) -> None:
@@ -170,8 +168,8 @@ class _Quiet(Progress):
 class _Lines(Progress):
     """Plain lines without control codes: one at once, one every few seconds, one at the end."""
 
-    def __init__(self, stream: TextIO, **budget: Any) -> None:
-        super().__init__(**budget)
+    def __init__(self, stream: TextIO, **about: Any) -> None:
+        super().__init__(**about)
         self._stream = stream
         self._shown: ProgressStats | None = None
         self._rho = "ρ" if _can_write(stream, "ρ") else "rho"
@@ -210,9 +208,11 @@ class _Lines(Progress):
     def _parts(self) -> list[str]:
         now = self._latest
         parts = [
-            f"episode {_of(now.episode, self._episodes)}",
-            f"step {_of(now.env_steps, self._env_steps)}",
+            f"episode {_of(now.episode, self._budget.episodes)}",
+            f"step {_of(now.env_steps, self._budget.env_steps)}",
         ]
+        if self._budget.units is not None:
+            parts.insert(0, f"{self._unit} {_of(now.units, self._budget.units)}")
         if now.last_return is not None:
             parts.append(
                 f"return {_number(now.last_return)} (mean of 20: {_number(now.mean_return)})"
@@ -220,7 +220,7 @@ class _Lines(Progress):
         if now.rho is not None:
             parts.append(f"{self._rho} {now.rho:.2f}")
         parts += [f"vetoes {now.vetoes:,}", f"unsafe executed {now.unsafe_executed:,}"]
-        steps, _ = self._speed()
+        steps = self._speeds()["env_steps"]
         if steps > 0:
             parts.append(f"{steps:,.0f} steps/s")
         left = self._seconds_left()
@@ -232,8 +232,8 @@ class _Lines(Progress):
 class _Panel(Progress):
     """A panel that is drawn anew in place, with rich."""
 
-    def __init__(self, stream: TextIO, title: str, **budget: Any) -> None:
-        super().__init__(**budget)
+    def __init__(self, stream: TextIO, title: str, **about: Any) -> None:
+        super().__init__(**about)
         self._stream = stream
         self._title = title
         self._live: Live | None = None
@@ -317,28 +317,30 @@ class _Panel(Progress):
     def _numbers(self) -> list[tuple[tuple[str, str], tuple[str, str]]]:
         """Label and value, each with its style, by rows of three."""
         now = self._latest
-        steps, _ = self._speed()
+        steps = self._speeds()["env_steps"]
         left = self._seconds_left()
         safe = "bold green" if now.unsafe_executed == 0 else "bold red"
         rows = [
-            ("episode", _of(now.episode, self._episodes), ""),
+            ("episode", _of(now.episode, self._budget.episodes), ""),
             ("return", _number(now.last_return), ""),
             ("vetoes", f"{now.vetoes:,}", ""),
-            ("step", _of(now.env_steps, self._env_steps), ""),
+            ("step", _of(now.env_steps, self._budget.env_steps), ""),
             ("mean of 20", _number(now.mean_return), "bold"),
             ("unsafe executed", f"{now.unsafe_executed:,}", safe),
             ("steps/s", f"{steps:,.0f}" if steps > 0 else "–", ""),
             ("ρ", "–" if now.rho is None else f"{now.rho:.2f}", ""),
             ("time left", "–" if left is None else duration(left), ""),
         ]
+        if self._budget.units is not None:  # what is counted by then matters more than the speed
+            rows[6] = (self._unit, _of(now.units, self._budget.units), "")
         return [((label, "dim"), (value, style)) for label, value, style in rows]
 
 
 def open_progress(
     *,
     title: str = "training",
-    episodes: int | None = None,
-    env_steps: int | None = None,
+    budget: Budget | None = None,
+    unit: str = "unit",
     start: ProgressStats | None = None,
     quiet: bool = False,
     stream: TextIO | None = None,
@@ -347,8 +349,8 @@ def open_progress(
 
     Args:
         title: heads the live panel.
-        episodes: the budget in episodes, counted from the beginning of the run; None for none.
-        env_steps: the budget in env steps, likewise.
+        budget: when the training ends.
+        unit: what a unit of it is.
         start: where a resumed run stands.
         quiet: show nothing.
         stream: where to show it; standard error by default (where there is one), which leaves
@@ -358,13 +360,17 @@ def open_progress(
         A panel on a terminal, plain lines on a pipe or a dumb terminal, nothing where `quiet`.
     """
     stream = stream or sys.stderr
-    budget: dict[str, Any] = {"episodes": episodes, "env_steps": env_steps, "start": start}
+    about: dict[str, Any] = {"budget": budget, "unit": unit, "start": start}
     if quiet or stream is None:
-        return _Quiet(stream, **budget)
+        return _Quiet(stream, **about)
     terminal = stream.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
     if terminal and _can_write(stream, "ρ━╭–"):
-        return _Panel(stream, title, **budget)
-    return _Lines(stream, **budget)
+        return _Panel(stream, title, **about)
+    return _Lines(stream, **about)
+
+
+def _counts(stats: ProgressStats) -> tuple[tuple[str, int], ...]:
+    return ("episodes", stats.episode), ("env_steps", stats.env_steps), ("units", stats.units)
 
 
 def _can_write(stream: TextIO, text: str) -> bool:

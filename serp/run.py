@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 
 from serp.agent import Agent
 from serp.arbiter import Decision
+from serp.budget import Budget
 from serp.domain.loading import Domain, load_domain
 from serp.errors import RunError, SerpError, SettingsError, TaskError
 from serp.evaluation import EvaluationResult, Policy, evaluate
 from serp.made_with import made_with
 from serp.progress import ProgressStats, open_progress
-from serp.quantities import seed_of, whole
+from serp.quantities import seed_of
 from serp.registry import find_task, load_task
 from serp.runs.checkpoint import NEWEST, PREVIOUS, Checkpoint
 from serp.runs.folder import METRICS, RunFolder
@@ -62,7 +63,7 @@ def plan_and_learn(
         episodes: Train until so many episodes have ended since the run began.
         env_steps: Train until so many env steps are done; the episode that reaches the number is
             finished. With neither, a resumed run goes on to the budget that it began with, and
-            for a new one `training.env_steps` of the settings counts.
+            for a new one `training.units` or `training.env_steps` of the settings counts.
         seed: Seed of everything random.
         out: Folder of the run; by default `runs/<domain>-<time>`.
         resume: Continue the run in `out` with its own domain, settings and seed; the continued
@@ -76,8 +77,7 @@ def plan_and_learn(
         SerpError: Domain, task, settings or folder are wrong, or the environment failed.
         Interrupted: Ctrl-C; what was done is saved and can be resumed.
     """
-    episodes = _at_least_one("episodes", episodes)
-    env_steps = _at_least_one("env_steps", env_steps)
+    budget = Budget(episodes, env_steps)
     seed = seed_of(seed)
     if not isinstance(out, str | os.PathLike | None):
         raise SettingsError(f"out must be the name of a folder, not {out!r}")
@@ -91,7 +91,7 @@ def plan_and_learn(
             if isinstance(task, str):  # its domain is the run's own, whatever the file says now
                 task = load_task(made_with(folder).task)
             with _task_of(folder, task).bind() as bound:
-                return _continue(folder, bound, episodes, env_steps, quiet=quiet)
+                return _continue(folder, bound, budget, quiet=quiet)
     if isinstance(task, str):
         task = find_task(task)
     resolved = resolve(preset, task.settings, settings)
@@ -106,50 +106,36 @@ def plan_and_learn(
             "seed": seed,
             "reward": bound.rewarded_by,
             "control_period": bound.model.dt,
-            "budget": {"episodes": episodes, "env_steps": env_steps},
+            "budget": budget.as_dict(),
             "settings": resolved.as_dict(),
         }
         sources = [(s.name, s.text) for s in _sources(bound.domain)]
         with RunFolder.create(path, config, sources, command=tuple(sys.argv)) as folder:
             trainer = Trainer(bound, resolved, seed, folder.decisions)
             with _advice_to_resume(folder):
-                return _train(folder, trainer, episodes, env_steps, quiet=quiet)
-
-
-def _at_least_one(name: str, value: Any) -> int | None:
-    """Return a budget as an int; None stays None.
-
-    Raises:
-        SettingsError: It is neither.
-    """
-    number = None if value is None else whole(value, 1)
-    if number is None and value is not None:
-        raise SettingsError(f"{name} must be a whole number, at least 1, not {value!r}")
-    return number
+                return _train(folder, trainer, budget, quiet=quiet)
 
 
 def _sources(domain: Domain) -> list[Any]:
     return [s for s in (domain.source, domain.problem_source) if s is not None]
 
 
-def _continue(
-    folder: RunFolder, task: BoundTask, episodes: int | None, env_steps: int | None, *, quiet: bool
-) -> Run:
+def _continue(folder: RunFolder, task: BoundTask, budget: Budget, *, quiet: bool) -> Run:
     made = made_with(folder)
     if made.settings.training.tensorboard:
         require_tensorboard()
     trainer = Trainer(task, made.settings, made.seed, folder.decisions)
-    budget = [made.episodes, made.env_steps]
+    before = made.budget
     note = None
     if not _never_began(folder):
         checkpoint = folder.resume()
         trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
-        budget = checkpoint.meta["budget"]
+        before = Budget.from_dict(checkpoint.meta["budget"])
         note = checkpoint.fallback
-    if episodes is None and env_steps is None:
-        episodes, env_steps = budget
+    if not budget.given:
+        budget = before
     with _advice_to_resume(folder):
-        return _train(folder, trainer, episodes, env_steps, quiet=quiet, note=note)
+        return _train(folder, trainer, budget, quiet=quiet, note=note)
 
 
 @contextlib.contextmanager
@@ -199,19 +185,20 @@ def _task_of(folder: RunFolder, task: Task) -> Task:
 def _train(
     folder: RunFolder,
     trainer: Trainer,
-    episodes: int | None,
-    env_steps: int | None,
+    budget: Budget,
     *,
     quiet: bool,
     note: str | None = None,
 ) -> Run:
     settings = trainer.settings.training
-    if episodes is None and env_steps is None:
-        env_steps = settings.env_steps
+    if not budget.given:
+        # A number of units, where the task or the user sets one, stands for the steps.
+        units = settings.units
+        budget = Budget(units=units) if units else Budget(env_steps=settings.env_steps)
     progress = open_progress(
         title=f"{trainer.task.name} → {folder.path}",
-        episodes=episodes,
-        env_steps=env_steps,
+        budget=budget,
+        unit=trainer.settings.arbiter.rho_unit,
         start=_stats(trainer),
         quiet=quiet,
     )
@@ -220,7 +207,7 @@ def _train(
         """Save a checkpoint; return when the next one is due, so that they cost 2 % at most."""
         begun = trainer.wall_time
         arrays, meta = trainer.state_dict()
-        folder.save_checkpoint(arrays, {**meta, "budget": [episodes, env_steps]})
+        folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict()})
         if events is not None:
             events.flush()
         cost = trainer.wall_time - begun
@@ -247,7 +234,7 @@ def _train(
             progress.note(note)
         # Whatever happens in the first episodes, the run can be continued.
         due = save()
-        while not _done(trainer, episodes, env_steps) and not stopping.requested:
+        while not budget.spent_by(trainer) and not stopping.requested:
             row = trainer.run_episode()
             folder.metrics.append(row)
             if events is not None:
@@ -259,7 +246,7 @@ def _train(
     from serp.runs.results import write_results  # brings matplotlib, which no step needs
 
     write_results(folder)
-    if stopping.requested and not _done(trainer, episodes, env_steps):
+    if stopping.requested and not budget.spent_by(trainer):
         raise Interrupted(
             f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; everything "
             f"is saved in {folder.path}"
@@ -267,17 +254,12 @@ def _train(
     return Run(folder.path, trainer.task.task)
 
 
-def _done(trainer: Trainer, episodes: int | None, env_steps: int | None) -> bool:
-    return (episodes is not None and trainer.episode >= episodes) or (
-        env_steps is not None and trainer.env_steps >= env_steps
-    )
-
-
 def _stats(trainer: Trainer) -> ProgressStats:
     recent = trainer.recent
     return ProgressStats(
         episode=trainer.episode,
         env_steps=trainer.env_steps,
+        units=trainer.units,
         last_return=recent[-1] if recent else None,
         mean_return=float(np.mean(recent)) if recent else None,
         rho=trainer.agent.arbiter.rho,
@@ -381,8 +363,22 @@ class Run:
             SerpError: The run or its task cannot be loaded, or the environment failed.
         """
         agent = self.agent
-        # An environment of its own: what an evaluation leaves behind must not reach the next.
-        with self.task.bind() as task, _one_thread():
+        with self.environment() as task, _one_thread():
+            return evaluate(agent, task, policy, episodes=episodes, seed=seed)
+
+    @contextlib.contextmanager
+    def environment(self, render_mode: str | None = None) -> Iterator[BoundTask]:
+        """Give the task in an environment of its own, with the statistics of the training.
+
+        What is left behind in it reaches nobody else; it is closed at the end.
+
+        Args:
+            render_mode: For an environment that draws; one of Gymnasium's render modes.
+
+        Raises:
+            SerpError: The task cannot be loaded, or does not draw.
+        """
+        with self.task.bind(render_mode=render_mode) as task:
             saved = self._checkpoint.meta["environment"]
             task.restore_environment(saved, statistics_only=True)
-            return evaluate(agent, task, policy, episodes=episodes, seed=seed)
+            yield task

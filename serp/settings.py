@@ -27,6 +27,8 @@ class TrainingSettings:
         random_steps: Size of D_0 in env steps: actions drawn uniformly (what is predicted unsafe
             is refused as ever), on which the learner is pretrained before Algorithm 1 starts.
         env_steps: Budget of a training for which none is given.
+        units: Budget of such a training in units of `arbiter.rho_unit` (games, say), instead of
+            env steps; None for none.
         episode_steps: An episode that the environment does not end is truncated after so many
             steps: runs are saved and stopped between episodes.
         checkpoint_seconds: Most time between two checkpoints, which are made between episodes;
@@ -37,6 +39,7 @@ class TrainingSettings:
     inputs: Literal["observation", "state", "both"] = "both"
     random_steps: int = 0
     env_steps: int = 20_000
+    units: int | None = None
     episode_steps: int = 10_000
     checkpoint_seconds: float = 15.0
     tensorboard: bool = False
@@ -48,6 +51,8 @@ class TrainingSettings:
             )
         for name, least in (("random_steps", 0), ("env_steps", 1), ("episode_steps", 1)):
             self._take(name, whole(getattr(self, name), least), f"a whole number >= {least}")
+        if self.units is not None:
+            self._take("units", whole(self.units, 1), "a whole number >= 1, or none")
         self._take("tensorboard", truth(self.tensorboard), "true or false")
         seconds = real(self.checkpoint_seconds, infinite=True)
         self._take(

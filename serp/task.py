@@ -157,7 +157,11 @@ class BoundTask:
 
     def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
         if render_mode is not None and not _takes(self.task.make_env, "render_mode"):
-            raise TaskError(f"task {self.name}: make_env takes no render_mode, so it cannot render")
+            raise TaskError(
+                f"task {self.name}: make_env takes no render_mode, so nothing can be drawn; let it "
+                "take one and pass it on, as `lambda **options: gymnasium.make(..., **options)` "
+                "does"
+            )
         try:
             env = self.task.make_env(**({"render_mode": render_mode} if render_mode else {}))
         except Exception as error:

@@ -46,10 +46,10 @@ class _Episode:
         self.length += 1
         vetoed = decision.vetoed
         self.vetoes += vetoed
-        if vetoed or decision.executed_by is Actor.FALLBACK:
-            self.fallback_steps += 1
-        elif decision.executed_by is Actor.LEARNER:
+        if decision.executed_by is Actor.LEARNER:
             self.learner_steps += 1
+        elif vetoed or decision.executed_by is Actor.FALLBACK:
+            self.fallback_steps += 1
         elif decision.executed_by is Actor.EXPLORATION:
             self.exploration_steps += 1
         else:
@@ -89,6 +89,8 @@ class Trainer:
         decisions: Where decisions are logged; None logs none.
 
     Attributes:
+        episode, env_steps: How many there were.
+        units: How many units of `arbiter.rho_unit` have ended.
         on_step: Called after every env step, where it is set.
     """
 
@@ -105,6 +107,7 @@ class Trainer:
         self.agent = Agent(task, settings, seed)
         self.episode = 0
         self.env_steps = 0
+        self.units = 0
         self.vetoes = 0
         self.unsafe_executed = 0
         self.recent: deque[float] = deque(maxlen=20)
@@ -167,7 +170,7 @@ class Trainer:
                 loss = agent.learner.learn()
                 if loss is not None:
                     episode.losses.append(loss)
-                agent.arbiter.end_unit("step")
+                self._end_unit("step")
             self._notice_unit(info)
             if self.on_step is not None:
                 self.on_step()
@@ -201,7 +204,7 @@ class Trainer:
         self.episode += 1
         agent = self.agent
         if self._pretrained:
-            agent.arbiter.end_unit("episode")
+            self._end_unit("episode")
         elif self.env_steps >= self.settings.training.random_steps:
             agent.learner.pretrain()
             self._pretrained = True
@@ -231,8 +234,13 @@ class Trainer:
                 "or a text is needed"
             )
         if self._unit_value is not None and value != self._unit_value and self._pretrained:
-            self.agent.arbiter.end_unit(unit)
+            self._end_unit(unit)
         self._unit_value = value
+
+    def _end_unit(self, unit: str) -> None:
+        if unit == self.settings.arbiter.rho_unit:
+            self.units += 1
+            self.agent.arbiter.end_unit(unit)
 
     def _log(self, decision: Decision, state: Vector) -> None:
         if self._decisions is None:
@@ -268,6 +276,7 @@ class Trainer:
             "agent": agent,
             "episode": self.episode,
             "env_steps": self.env_steps,
+            "units": self.units,
             "vetoes": self.vetoes,
             "unsafe_executed": self.unsafe_executed,
             "recent": list(self.recent),
@@ -285,7 +294,7 @@ class Trainer:
             RunError: It belongs to a learner of another shape or to another environment.
         """
         self.agent.load_state_dict(arrays, meta["agent"])
-        for name in ("episode", "env_steps", "vetoes", "unsafe_executed"):
+        for name in ("episode", "env_steps", "units", "vetoes", "unsafe_executed"):
             setattr(self, name, int(meta[name]))
         self.recent.clear()
         self.recent.extend(meta["recent"])

@@ -196,6 +196,13 @@ class DQN:
                 if len(candidates):
                     return Proposal(int(candidates[rng.integers(len(candidates))]), True, None)
             return Proposal(int(rng.integers(self.action_count)), True, None)
+        return self.propose_greedily(x)
+
+    def propose_greedily(self, x: npt.NDArray[np.floating]) -> Proposal:
+        """The action with the largest Q for one input ``[F]``, the lowest index among equals.
+
+        Draws nothing at random.
+        """
         q = self._q_of_one(x)
         return Proposal(int(q.argmax()), False, q)
 

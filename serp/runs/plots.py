@@ -11,12 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
+from serp.colours import EXPLORATION, LEARNER, PLANNER
 from serp.runs.summary import WINDOW, Metrics, moving_mean
 
-# Okabe and Ito's palette, told apart by colour-blind readers too.
-_PLANNER: Final = "#0072B2"
-_LEARNER: Final = "#E69F00"
-_EXPLORATION: Final = "#009E73"
 _INK: Final = "#222222"
 _FAINT: Final = "#8A8F98"
 
@@ -108,7 +105,7 @@ def _draw_shares(axes: Axes, steps: np.ndarray[Any, Any], metrics: Metrics) -> N
         planner,
         learner,
         exploration,
-        colors=[_PLANNER, _LEARNER, _EXPLORATION],
+        colors=[PLANNER, LEARNER, EXPLORATION],
         labels=["planner", "learner", "exploration"],
         alpha=0.75,
         linewidth=0,

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from serp.budget import Budget
 from serp.errors import RunError
 from serp.made_with import made_with
 from serp.runs.folder import RunFolder
@@ -19,7 +20,7 @@ def run(folder: Path, **changes: Any) -> RunFolder:
         "seed": 2**80,
         "reward": "domain",
         "control_period": 0.1,
-        "budget": {"episodes": None, "env_steps": 30},
+        "budget": {"episodes": None, "env_steps": 30, "units": None},
         "settings": resolve("default", None, {"training": {"checkpoint_seconds": 1}}).as_dict(),
     }
     with RunFolder.create(folder / "run", {**config, **changes}, [("d.pddl", "(define)")]) as made:
@@ -30,7 +31,7 @@ def test_everything_is_read_back_as_it_was(tmp_path: Path) -> None:
     made = made_with(run(tmp_path))
     assert made.settings == resolve("default", None, {"training": {"checkpoint_seconds": 1}})
     assert made._replace(settings=resolve()) == (
-        "corridor", 2**80, "domain", 0.1, resolve(), None, 30
+        "corridor", 2**80, "domain", 0.1, resolve(), Budget(env_steps=30)
     )  # fmt: skip
 
 
@@ -42,7 +43,7 @@ def test_everything_is_read_back_as_it_was(tmp_path: Path) -> None:
         {"seed": -1},
         {"control_period": "0.1"},
         {"control_period": 0},
-        {"budget": {"episodes": 1.5, "env_steps": None}},
+        {"budget": {"episodes": 1.5, "env_steps": None, "units": None}},
         {"budget": {"episodes": None}},
         {"budget": None},
         {"settings": None},

@@ -1,13 +1,16 @@
 from __future__ import annotations
 
+import dataclasses
 import io
 import math
+import re
 import subprocess
 import sys
 import time
 
 import pytest
 
+from serp.budget import Budget
 from serp.progress import Progress, ProgressStats, open_progress
 
 TEN = ProgressStats(10, 1000, 23.0, 21.4, 0.12, 3, 0)
@@ -95,7 +98,7 @@ def test_nothing_is_told_of_a_run_that_did_nothing():
     ],
 )
 def test_time_left_counts_down_to_the_budget(clock, budget, left):
-    text, steps = run(io.StringIO(), clock, 20, **budget)
+    text, steps = run(io.StringIO(), clock, 20, budget=Budget(**budget))
     assert steps == 2000
     last = text.splitlines()[-1]
     assert last.endswith(left) if left else "left" not in last
@@ -104,7 +107,7 @@ def test_time_left_counts_down_to_the_budget(clock, budget, left):
 def test_a_resumed_run_counts_speed_from_where_it_resumed(clock):
     stream = io.StringIO()
     start = ProgressStats(500, 100_000)
-    with open_progress(stream=stream, env_steps=101_000, start=start) as progress:
+    with open_progress(stream=stream, budget=Budget(env_steps=101_000), start=start) as progress:
         clock.now += 10
         progress.update(ProgressStats(501, 100_200))
     assert "20 steps/s, 40.0 s left" in stream.getvalue()
@@ -123,7 +126,8 @@ def test_speed_is_that_of_the_last_half_minute(clock):
 def test_a_terminal_gets_a_panel_with_every_number(monkeypatch, clock, width):
     monkeypatch.setenv("COLUMNS", str(width))
     stream = Terminal()
-    with open_progress(stream=stream, title="[cart] → runs/x", env_steps=4000) as progress:
+    budget = Budget(env_steps=4000)
+    with open_progress(stream=stream, title="[cart] → runs/x", budget=budget) as progress:
         clock.now += 10
         progress.update(TEN)
     last = stream.getvalue().split("╭")[-1]
@@ -250,3 +254,12 @@ def test_a_quiet_display_answers_nobody_where_nobody_sits():
         with open_progress(stream=stream, quiet=True) as progress:
             progress.answer("Ctrl-C: finishing the episode")
     assert pipe.getvalue() == ""
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_games_are_shown_where_they_are_what_ends_the_training(terminal: bool) -> None:
+    stream = Terminal() if terminal else io.StringIO()
+    with open_progress(stream=stream, budget=Budget(units=28), unit="game") as progress:
+        progress.update(dataclasses.replace(TEN, units=7))
+    plain = re.sub(r"\x1b\[[\d;?]*\w", "", stream.getvalue())
+    assert re.search(r"game\s+7/28", plain)

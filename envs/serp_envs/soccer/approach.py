@@ -84,10 +84,7 @@ def _between(bounds: tuple[float, float], share: float) -> float:
 
 def _contested(world: World) -> bool:
     x, y = world.ball_x, world.ball_y
-    for robot in world.robots:  # all() of a generator takes three times as long
-        if hypot(robot.x - x, robot.y - y) >= CONTEST_RADIUS:
-            return False
-    return True
+    return all([hypot(robot.x - x, robot.y - y) < CONTEST_RADIUS for robot in world.robots])
 
 
 def _inside(world: World) -> bool:

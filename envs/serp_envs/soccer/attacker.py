@@ -51,9 +51,9 @@ STAND_MARGIN: Final = 0.10
 """Radius of the circle round the ball on which it gets behind it: contact + this, m."""
 CIRCLE_STEP: Final = 1.2
 """How far ahead on that circle it aims, rad."""
-ALIGNED_SHOT: Final = 0.20
+ALIGNED_SHOT: Final = 0.30
 """It shoots with the ball this near to its line, rad."""
-ALIGNED_TAP: Final = 0.50
+ALIGNED_TAP: Final = 0.40
 """It taps with the ball this near to its line, rad."""
 
 _WIND_UP_TICKS: Final = ticks(WIND_UP)

@@ -42,7 +42,7 @@ RECEIVED_SPEED: Final = 0.2
 class CornerAttack:
     """Plays the second robot of a world, the attacker, and the third, who takes the corner."""
 
-    __slots__ = ("attacker", "kicked", "side", "world", "_kick_tick", "_received", "_target")
+    __slots__ = ("_kick_tick", "_received", "_target", "attacker", "kicked", "side", "world")
 
     def __init__(self, field: Field, rng: np.random.Generator) -> None:
         """Set up a corner.
@@ -89,9 +89,7 @@ class CornerAttack:
             self._received = slow or distance < world.contact + RECEIVED_MARGIN
         if self._received:
             self.attacker.act(world, defender, rng)
-        elif robot.down_until > world.tick:
-            robot.stop()
-        elif self.kicked:
+        elif self.kicked and robot.down_until <= world.tick:
             x, y, _ = meeting(world, robot)
             robot.go_to(x, y, world.ball_x, world.ball_y)
         else:

@@ -127,9 +127,7 @@ class CornerKick(Scenario):
         world = self.world
         dx, dy = world.goal_x - opponent.x, -opponent.y
         share = MARK_GAP / max(hypot(dx, dy), MARK_GAP)
-        robot.go_to(
-            opponent.x + share * dx, opponent.y + share * dy, world.ball_x, world.ball_y
-        )
+        robot.go_to(opponent.x + share * dx, opponent.y + share * dy, world.ball_x, world.ball_y)
 
     def _clear(self, robot: Robot, rng: np.random.Generator) -> None:
         """Walk to the ball and kick it away from the goal."""

@@ -44,7 +44,7 @@ TEXT: Final[Color] = (238, 240, 243)
 ALARM: Final[Color] = (255, 92, 80)
 NEWS: Final[Color] = (250, 214, 70)
 BALL: Final[Color] = (255, 255, 255)
-TEAMS: Final[tuple[Color, ...]] = ((66, 133, 244), (236, 98, 58), (150, 180, 250), (246, 168, 138))
+TEAMS: Final[tuple[Color, ...]] = ((66, 133, 244), (236, 98, 58), (246, 168, 138), (150, 180, 250))
 """Colours of the robots, in the order of the world's; the learning one is blue."""
 NET_DEPTH: Final = 0.4
 """m."""
@@ -66,6 +66,7 @@ class Viewer:
         self._field = field
         self._size = (round(2 * SCALE * field.max_y), BANNER + round(SCALE * SEEN))
         self._canvas = pygame.Surface(self._size)
+        self._inside = self._canvas.get_rect().inflate(-12, 0)
         self._font = pygame.font.Font(None, 32)
         self._small = pygame.font.Font(None, 25)
         self._pitch = _draw_pitch(field)
@@ -97,7 +98,7 @@ class Viewer:
             outcome: How the episode ended; nothing while it runs.
             caption: Text at the lower edge, one line or more.
         """
-        canvas, (width, height), field = self._canvas, self._size, self._field
+        canvas, width, field = self._canvas, self._size[0], self._field
         lowest = SEEN - field.max_x
         self._top = min(max(lowest, world.ball_x + AHEAD), field.max_x)
         canvas.blit(self._pitch, (0, BANNER - round(SCALE * (field.max_x - self._top))))
@@ -108,7 +109,9 @@ class Viewer:
             pixels = SCALE * robot.walk.radius
             colour = TEAMS[number % len(TEAMS)]
             self._stamp(_robot(pixels, robot.heading, colour, down), places[number])
-        self._stamp(_ball(max(4.0, SCALE * field.ball_radius)), self._at(world.ball_x, world.ball_y))
+        self._stamp(
+            _ball(max(4.0, SCALE * field.ball_radius)), self._at(world.ball_x, world.ball_y)
+        )
         self._draw_labels(places, teams, SCALE * world.robots[0].walk.radius)
         canvas.fill(INK, (0, 0, width, BANNER))
         middle = BANNER // 2
@@ -141,7 +144,8 @@ class Viewer:
         centre = sum(x for x, _ in places) / len(places)
         for (x, y), team in zip(places, teams, strict=True):
             gap = round(radius) + 10
-            left = x < centre
+            # Not over the edge, where a robot stands outside the field.
+            left = x < centre if gap + 60 < x < self._size[0] - gap - 60 else x > gap + 60
             self._write(
                 team,
                 TEXT,
@@ -180,7 +184,7 @@ class Viewer:
             return
         font = font or self._font
         image = font.render(text, True, colour)
-        where = image.get_rect(**{anchor: place})
+        where = image.get_rect(**{anchor: place}).clamp(self._inside)
         if backed:
             back = pygame.Surface((where.width + 8, where.height + 4), pygame.SRCALPHA)
             back.fill((*INK, 110))
@@ -286,8 +290,8 @@ def _robot(pixels: float, heading: float, colour: Color, down: bool) -> Any:
         pygame.draw.circle(surface, (*INK, 120), centre, radius)
         pygame.draw.circle(surface, colour, centre, radius, 3 * SMOOTH)
         for sign in (-1.0, 1.0):
-            ends = [at(0.5 * part, 0.5 * part * sign) for part in (-1.0, 1.0)]
-            pygame.draw.line(surface, colour, *ends, 3 * SMOOTH)
+            start, end = at(-0.5, -0.5 * sign), at(0.5, 0.5 * sign)
+            pygame.draw.line(surface, colour, start, end, 3 * SMOOTH)
     else:
         pygame.draw.circle(surface, INK, centre, radius + SMOOTH)
         pygame.draw.circle(surface, colour, centre, radius - SMOOTH)

@@ -48,7 +48,7 @@ def test_options_reach_the_run(run: Run) -> None:
     assert (made["preset"], made["seed"]) == ("paper", 7)
     assert made["settings"]["learner"]["hidden"] == [8, 8]
     assert made["settings"]["learner"]["discount"] == 0.9
-    assert made["budget"] == {"episodes": None, "env_steps": 20}
+    assert made["budget"] == {"episodes": None, "env_steps": 20, "units": None}
 
 
 def test_a_run_without_a_name_gets_one(run: Run) -> None:

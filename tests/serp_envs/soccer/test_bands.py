@@ -34,19 +34,19 @@ def always(action: int) -> Callable[[], Policy]:
 
 
 def about(goals: float, secured: float, mean_return: float, decisions: float) -> Band:
-    """A band around what the specification measured.
+    """A band around what the specification measured: what it says is "about", and sampling.
 
-    500 contests scatter by 4 points of a share and 0.6 of a return (two standard errors).
+    3,000 contests are within 4 points of its shares and 0.5 of its returns. The 500 of a test
+    scatter by 2.1 points and 0.3 more (standard errors).
     """
     return {
-        "goal": (goals - 5.0, goals + 5.0),
-        "secured": (secured - 5.0, secured + 5.0),
-        "return": (mean_return - 0.7, mean_return + 0.7),
-        "decisions": (0.85 * decisions, 1.15 * decisions),
+        "goal": (goals - 6.0, goals + 6.0),
+        "secured": (secured - 6.0, secured + 6.0),
+        "return": (mean_return - 0.8, mean_return + 0.8),
+        "decisions": (0.8 * decisions, 1.2 * decisions),
     }
 
 
-SIDE = about(31, 33, -1.6, 26)
 BANDS: dict[str, tuple[Callable[[], Policy | None], Band]] = {
     "idle": (
         lambda: None,
@@ -56,11 +56,11 @@ BANDS: dict[str, tuple[Callable[[], Policy | None], Band]] = {
         random_policy,
         {**about(24, 20, -1.5, 25), "goal": (18, 30), "secured": (14, 26)},
     ),
-    "cover-goal": (always(0), {**about(36, 0, -4.8, 36), "secured": (0, 0)}),
-    "side-advance left": (always(1), SIDE),
-    "side-advance right": (always(2), SIDE),
+    "cover-goal": (always(0), {**about(36, 0, -4.8, 36), "secured": (0, 1)}),
+    # Left in one contest, right in the next: twice as many contests below.
+    "one side": (lambda: lambda info: 1 + info["contest"] % 2, about(31, 33, -1.6, 26)),
     # Not in the specification: slowed, it wins no ball and keeps the attacker from the goal.
-    "frontal-contrast": (always(3), about(23, 0, -4.1, 40)),
+    "frontal-contrast": (always(3), about(26, 0, -4.2, 40)),
     "charge-opponent": (always(4), about(16, 2, -2.2, 19)),
     "free side": (lambda: free_side, about(12, 55, 3.7, 14)),
 }
@@ -71,5 +71,6 @@ def test_a_simple_policy_ends_in_its_band(
     name: str, within_band: Callable[..., dict[str, float]]
 ) -> None:
     policy, band = BANDS[name]
-    seen = within_band(SoccerDefender(), policy(), band)
+    episodes = 1000 if name == "one side" else 500
+    seen = within_band(SoccerDefender(), policy(), band, episodes)
     assert (seen["hits"] > 0) == (name in ("random", "charge-opponent"))

@@ -1,0 +1,106 @@
+"""`serp watch`: see a trained policy act, in a window or on a film."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+from serp.cli.examples import ExampledCommand
+from serp.cli.failures import say
+from serp.cli.output import number, open_console, plural
+
+if TYPE_CHECKING:
+    from serp.watching.film import EpisodeResult
+
+_GIF_WIDTH = 640
+_FILM_FPS = {".gif": 50.0, ".mp4": 60.0}
+
+
+@click.command(
+    "watch",
+    cls=ExampledCommand,
+    short_help="See a trained policy act, in a window or on a film.",
+    examples=[
+        "serp watch runs/seven",
+        "serp watch runs/seven --policy planner --episodes 10 --speed 2",
+        "serp watch runs/seven --out seven.gif",
+        "serp watch runs/seven --episodes 1 --seed 3 --out seven.mp4",
+    ],
+)
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--policy", type=click.Choice(["serp", "planner", "learner"]), default="serp",
+              show_default=True,
+              help="serp: the learner's choice within the vetoes; planner: the planner alone; "
+                   "learner: the learner alone, no veto.")  # fmt: skip
+@click.option("--episodes", type=click.IntRange(min=1), default=3, show_default=True, metavar="N",
+              help="Episodes to show.")  # fmt: skip
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
+              help="Seed of the environment; `serp evaluate` has the same episodes.")  # fmt: skip
+@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False),
+              metavar="FILE.gif|FILE.mp4",
+              help="Write a film there; no screen is needed.  [default: a window]")  # fmt: skip
+@click.option("--speed", type=click.FloatRange(min=0, min_open=True), default=1.0,
+              show_default=True, metavar="X", help="How much faster than real time.")  # fmt: skip
+@click.option("--fps", type=click.FloatRange(min=1), metavar="X",
+              help="Most frames a second.  [default: 50 in a GIF, else 60]")  # fmt: skip
+@click.option("--width", type=click.IntRange(min=64), metavar="N",
+              help="Most pixels in width.  [default: 640 in a GIF, else as it is drawn]",
+              )  # fmt: skip
+@click.pass_context
+def command(
+    ctx: click.Context,
+    run: Path,
+    policy: Literal["serp", "planner", "learner"],
+    episodes: int,
+    seed: int,
+    out: Path | None,
+    speed: float,
+    fps: float | None,
+    width: int | None,
+) -> None:
+    """Show episodes of a policy of RUN, the folder that plan-and-learn made.
+
+    Below the picture stands who acts and what is done; in red what was refused, and why in the
+    words of the domain file. In the window, Space pauses and Escape closes.
+    """
+    kind = out.suffix.lower() if out is not None else ""
+    if out is not None and kind not in _FILM_FPS:
+        raise click.BadParameter("a film is a GIF or an MP4; name a file that ends in .gif or .mp4",
+                                 ctx, param_hint="--out")  # fmt: skip
+
+    from serp.run import load_run
+    from serp.watching import show_film, write_film
+    from serp.watching.film import FilmSettings
+    from serp.watching.window import require_display
+
+    if out is None:
+        require_display()
+    most = _FILM_FPS.get(kind, 60.0)
+    settings = FilmSettings(
+        policy=policy,
+        episodes=episodes,
+        seed=seed,
+        speed=speed,
+        fps=most if fps is None else min(fps, most),
+        width=_GIF_WIDTH if width is None and kind == ".gif" else width,
+    )
+    loaded = load_run(run)
+    if out is None:
+        show_film(loaded, settings, f"{loaded.task.name}, policy {policy}, {run}", _report)
+        return
+    written = write_film(loaded, out, settings, _report)
+    open_console().print(
+        f"{out}: {plural(written.frames, 'frame')}, {written.seconds:.1f} s, "
+        f"{written.size / 1e6:.2f} MB"
+    )
+
+
+def _report(result: EpisodeResult) -> None:
+    """Say what came of an episode, while the next one is played."""
+    unsafe = f", {plural(result.unsafe, 'unsafe action')} executed" if result.unsafe else ""
+    say(
+        f"episode {result.number}: return {number(result.total)} in "
+        f"{plural(result.steps, 'step')}, {plural(result.vetoes, 'proposal')} refused{unsafe}"
+    )

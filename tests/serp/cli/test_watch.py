@@ -1,0 +1,65 @@
+"""`serp watch`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from serp.run import load_run
+from tests.serp.cli.conftest import Run
+
+
+@pytest.fixture(autouse=True)
+def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+
+
+def test_cartpole_on_a_gif(run: Run, trained: Path) -> None:
+    done = run("watch", str(trained), "--episodes=2", "--seed=4", "--out=x.gif", "--width=300")
+    measured = load_run(trained).evaluate(episodes=2, seed=4)
+    with Image.open("x.gif") as gif:
+        assert gif.width == 300
+        assert gif.n_frames == sum(measured.lengths) + 2  # type: ignore[attr-defined]
+        assert f"x.gif: {gif.n_frames:,} frames" in done.stdout  # type: ignore[attr-defined]
+    for number, value in enumerate(measured.returns, 1):
+        assert f"episode {number}: return {value:g} in " in done.stderr
+
+
+def test_fewer_frames_and_faster(run: Run, trained: Path) -> None:
+    for name, more in (("all.gif", ()), ("few.gif", ("--fps=5",)), ("fast.gif", ("--speed=10",))):
+        run("watch", str(trained), "--episodes=1", f"--out={name}", *more)
+    sizes = {}
+    for name in ("all.gif", "few.gif", "fast.gif"):
+        with Image.open(name) as gif:
+            sizes[name] = gif.n_frames  # type: ignore[attr-defined]
+    assert sizes["few.gif"] < sizes["all.gif"]
+    assert sizes["fast.gif"] < sizes["all.gif"]
+
+
+def test_usage_errors(run: Run, trained: Path) -> None:
+    assert "ends in .gif or .mp4" in run("watch", str(trained), "--out=x.avi", expect=2).stderr
+    for wrong in ("--policy=best", "--episodes=0", "--speed=0", "--fps=0", "--width=1"):
+        run("watch", str(trained), "--out=x.gif", wrong, expect=2)
+    run("watch", expect=2)
+    assert not list(Path().glob("x.*"))
+
+
+@pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="these need no DISPLAY")
+def test_without_a_screen_the_message_says_what_to_do(run: Run, trained: Path) -> None:
+    (line,) = run("watch", str(trained), expect=1).stderr.splitlines()
+    assert line.startswith("Error: no window can be opened here")
+    assert "--out FILE.gif" in line
+
+
+def test_what_is_no_run_is_refused(run: Run) -> None:
+    assert "no such folder" in run("watch", "nosuch", "--out=x.gif", expect=1).stderr
+    assert not Path("x.gif").exists()
+
+
+def test_a_folder_that_is_not_there(run: Run, trained: Path) -> None:
+    done = run("watch", str(trained), "--out=nosuch/x.gif", expect=1)
+    assert "cannot write nosuch/x.gif" in done.stderr
