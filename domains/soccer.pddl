@@ -12,7 +12,7 @@
                  :conditional-effects :numeric-fluents :time)
 
   ; Whatever holds of one side holds of the other, so both are objects and every rule below is
-  ; written once. serp sees the symmetry: what it learns on the left it knows on the right.
+  ; written once.
   (:types side)
   (:constants left right - side)
 

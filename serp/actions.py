@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.domain.codegen import APPLICABLE, UNSAFE
+from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
 from serp.domain.model import StateError, TransitionModel
 from serp.domain.source import did_you_mean
 from serp.errors import TaskError
@@ -51,8 +51,9 @@ class ActionMap:
     """The map from ground actions to the actions 0 ... E-1 of an environment.
 
     Several ground actions may share an environment action (`move a b` and `move b c` are both "go
-    east"): the applicable one counts; of several applicable ones the worst: an unsafe one first,
-    then the one that stays safe for the shortest time, then the one with the least reward.
+    east"): the one whose precondition holds counts. Of several, none of which can be told to be
+    the one, the worst counts: an unsafe one first, then one with an undefined result, else the
+    shortest safe time, the least value and the least reward of them all.
 
     Args:
         model: The transition model.
@@ -140,10 +141,7 @@ class ActionMap:
             )  # fmt: skip
         ground = self._first if self._one_to_one else self._choose(forecast)
         unknown = ground < 0
-        choice = -1
-        if forecast.choice >= 0:
-            best = forecast.choice if self._one_to_one else _best(forecast, ground)
-            choice = self.environment_action[best]
+        choice = self.environment_action[forecast.choice] if forecast.choice >= 0 else -1
         if not len(self.model.actions):
             count = self.size
             return ActionForecast(
@@ -155,30 +153,44 @@ class ActionMap:
         if unknown.any():
             value[unknown], steps[unknown] = -np.inf, SAFE
             reward[unknown], flags[unknown] = 0.0, 0
+        if not self._one_to_one:
+            for action, group in enumerate(self._groups):
+                together = [k for k in group if forecast.flags[k] & APPLICABLE]
+                if len(together) > 1 and flags[action] & APPLICABLE:
+                    value[action] = forecast.value[together].min()
+                    steps[action] = forecast.safe_steps[together].min()
+                    reward[action] = forecast.reward[together].min()
+            choice = self._best(value, steps, flags)
         return ActionForecast(choice, ground, value, steps, reward, flags)
+
+    def _best(
+        self, value: NDArray[np.float64], steps: NDArray[np.int64], flags: NDArray[np.int64]
+    ) -> int:
+        """Return the best environment action, -1 where none is applicable.
+
+        Of equals the one whose first ground action comes first in the file.
+        """
+        applicable = [a for a in range(self.size) if flags[a] & APPLICABLE]
+        applicable.sort(key=lambda a: self._groups[a][0])
+        return max(applicable, key=lambda a: (steps[a], value[a]), default=-1)
 
     def _choose(self, forecast: Forecast) -> NDArray[np.int64]:
         """Return the ground action that counts for every environment action."""
         chosen = self._first.copy()
         flags: list[int] = forecast.flags.tolist()
         for action, group in enumerate(self._groups):
-            applicable = [k for k in group if flags[k] & APPLICABLE]
-            if applicable:
+            possible = [k for k in group if flags[k]]
+            if possible:
                 chosen[action] = min(
-                    applicable,
+                    possible,
                     key=lambda k: (
                         not flags[k] & UNSAFE,
+                        not flags[k] & UNDEFINED,
                         forecast.safe_steps[k],
                         forecast.reward[k],
                     ),
                 )
         return chosen
-
-
-def _best(forecast: Forecast, ground: NDArray[np.int64]) -> int:
-    """Return which of some ground actions is best; the first in the file among equals."""
-    counting: list[int] = [k for k in sorted(ground.tolist()) if k >= 0]
-    return max(counting, key=lambda k: (forecast.safe_steps[k], forecast.value[k]))
 
 
 def _is_position(action: object, size: int) -> bool:

@@ -2,7 +2,9 @@
 
 Guarantee: no action that the model predicts unsafe is executed while one that it does not is
 available, whoever proposed it. (Available are the applicable actions, and those that the model does
-not know unless they are vetoed.) Every decision passes `Arbiter.decide` and leaves one `Decision`.
+not know unless they are vetoed.) An action whose result is undefined does not pass for safe: it is
+executed only where nothing is predicted safe. Every decision passes `Arbiter.decide` and leaves one
+`Decision`.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.actions import ActionForecast, ActionMap
-from serp.domain.codegen import APPLICABLE, UNSAFE
+from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
 from serp.domain.model import TransitionModel, Vector
 from serp.errors import SettingsError
 from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
@@ -39,6 +41,7 @@ class Reason(StrEnum):
     PLANNER_TURN = "planner's turn"
     ACCEPTED = "proposal accepted"
     NOT_APPLICABLE = "proposal not applicable"
+    UNDEFINED = "proposal has no defined result"
     UNSAFE = "proposal predicted unsafe"
     UNSAFE_AHEAD = "proposal leads to where all is predicted unsafe"
     LOW_REWARD = "proposal predicted below R_min"
@@ -298,10 +301,12 @@ class Arbiter:
         if not self.actions.modelled[action]:
             return Reason.UNMODELLED
         flags = int(forecast.flags[action])
-        if not flags & APPLICABLE:
-            return Reason.NOT_APPLICABLE
         if flags & UNSAFE:
             return Reason.UNSAFE
+        if flags & UNDEFINED:
+            return Reason.UNDEFINED
+        if not flags & APPLICABLE:
+            return Reason.NOT_APPLICABLE
         r_min = self.settings.r_min
         if r_min is not None and forecast.reward[action] < r_min:
             return Reason.LOW_REWARD
@@ -318,13 +323,27 @@ class Arbiter:
         action, executed_by = forecast.choice, Actor.PLANNER
         if action < 0 or forecast.flags[action] & UNSAFE:
             reason = Reason.NO_APPLICABLE_ACTION if action < 0 else Reason.NO_SAFE_ACTION
-            if self._unmodelled_allowed.any():
-                action, executed_by = int(self._unmodelled_allowed.argmax()), Actor.FALLBACK
-            elif action < 0:
-                action, executed_by = max(proposed, 0), Actor.FALLBACK
+            instead = self._least_evil(forecast, proposed, otherwise=action)
+            if instead != action:
+                action, executed_by = instead, Actor.FALLBACK
         return self._record(
             forecast, admissible, action, executed_by, reason, proposed, proposed_by
         )
+
+    def _least_evil(self, forecast: ActionForecast, proposed: int, otherwise: int) -> int:
+        """Return what is done where no action is safe; `otherwise` is the planner's, or -1.
+
+        What the model does not know comes before what it cannot predict, and that before what it
+        predicts unsafe. What cannot be done comes last; of equals, what was proposed.
+        """
+        unpredicted = (forecast.flags & (UNDEFINED | UNSAFE)) == UNDEFINED
+        kinds = [self._unmodelled_allowed, unpredicted]
+        if otherwise < 0:
+            kinds.append((forecast.flags == 0) & self.actions.modelled)
+        for kind in kinds:
+            if kind.any():
+                return proposed if proposed >= 0 and kind[proposed] else int(kind.argmax())
+        return otherwise if otherwise >= 0 else max(proposed, 0)
 
     def _record(
         self,

@@ -10,7 +10,7 @@ import numpy as np
 
 from serp.agent import Agent
 from serp.arbiter import Actor, Decision, Reason
-from serp.domain.codegen import APPLICABLE, UNSAFE
+from serp.domain.flags import APPLICABLE, UNSAFE
 from serp.domain.model import Vector
 from serp.domain.source import did_you_mean
 from serp.errors import SettingsError

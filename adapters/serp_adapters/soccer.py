@@ -11,14 +11,11 @@ from numpy.typing import NDArray
 import serp
 import serp_envs
 from serp_adapters.domains import domain_file
+from serp_adapters.soccer_geometry import open_share
 from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.observation import FAR, NEAR
-from serp_envs.soccer.robot import NAO
 from serp_envs.soccer.timing import DECISION
 
-CONTACT: Final = NAO.radius + SPL_2020.ball_radius
-"""Distance between the middles of a robot and a ball that it touches, m. The middle of the ball
-cannot pass the robot's nearer than this, so the robot's shadow on the goal is so wide, too."""
 FREE_ANGLE: Final = 0.2
 """A side is free when the opponent is this far over on the other one, rad at the ball …"""
 FREE_DISTANCE: Final = 0.6
@@ -55,8 +52,7 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         * robot-to-ball, opponent-to-ball, robot-to-opponent: m;
         * off-line: angle at the ball between the robot and the middle of the goal, 0 to π;
         * goal-open: share of the goal outside the robot's shadow as seen from the ball, 0 to 1,
-          roughly: the goal is taken to stand square to the ball, and what is open on the far side
-          of a robot on the line counts for nothing.
+          roughly (`open_share`).
     """
     seen = np.asarray(observation, dtype=np.float64)
     # Places in the frame of the observation: the ball is its origin, x points to the goal.
@@ -75,8 +71,7 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
 
     off_line = np.abs(np.arctan2(robot_y, robot_x))
     half_goal = np.arctan2(SPL_2020.half_goal, to_goal)
-    half_shadow = np.arcsin(CONTACT / np.maximum(robot_to_ball, CONTACT))
-    goal_open = np.clip((off_line + half_goal - half_shadow) / (2.0 * half_goal), 0.0, 1.0)
+    goal_open = open_share(robot_to_ball, off_line, half_goal)
 
     never = np.zeros_like(to_goal)
     return np.stack(

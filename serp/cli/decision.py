@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from serp.cli.output import number, plural, print_table
-from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
+from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.planning.forecast import SAFE
 from serp.planning.settings import Bound

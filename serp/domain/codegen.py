@@ -11,8 +11,9 @@ and CPython runs it in two parts, so that a domain of thousands of actions costs
 
 `s` is the state, `a` the position of the action, `theta` the literals, `dt` the control period;
 `out` comes as a copy of `s` with one more slot, 0, and leaves as the next state and, in the last
-slot, the reward. Flags are a sum of APPLICABLE, UNSAFE and TERMINAL; 0 means that the action is not
-applicable. Two more read the rewards and flags off a transition that was observed:
+slot, the reward. Flags are a sum of APPLICABLE, UNSAFE and TERMINAL; without APPLICABLE there is no
+next state: the precondition fails (0), or the result is UNDEFINED (and UNSAFE where that is certain
+all the same). Two more read the rewards and flags off a transition that was observed:
 
     judged_action(s, theta, dt, out) -> flags
     judged_aftermath(s, n, flags, theta, dt, out) -> flags
@@ -44,11 +45,8 @@ from serp.domain.emit import (
     store,
     variable,
 )
+from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.domain.syntax import Change, Kind
-
-APPLICABLE = 1
-UNSAFE = 2
-TERMINAL = 4
 
 _BITS = (("unsafe", UNSAFE), ("terminal", TERMINAL))
 _GROUP = {Change.ASSIGN: 1, Change.INCREASE: 2, Change.DECREASE: 2}
@@ -214,8 +212,16 @@ class _Generator(Emitter):
         return branch
 
     def _action(self, action: g.GroundSchema) -> None:
+        doubts = []
         for test in action.preconditions:
-            self.refuse(negated(self.truth(test, "s", action)), Site("failed", action, test))
+            certain, doubt = self.decide(test, "s")
+            if doubt is not None:
+                doubt = self.temporary(doubt)
+                doubts.append((doubt, test))
+                certain = joined(ast.Or(), [certain, doubt])
+            self.refuse(negated(certain), Site("failed", action, test))
+        for doubt, test in doubts:
+            self.refuse(doubt, Site("undefined", action, test))
         self._effects(action, action.effects, "s")
 
     # Effects -----------------------------------------------------------------------------------
@@ -234,18 +240,10 @@ class _Generator(Emitter):
         checked = _contested(numbers)
         keep = source == "out" and len(effects) > 1
         ordered: list[g.GroundEffect] = [*booleans, *numbers]
+        conditions = self._conditions(schema, ordered, source)
         prepared = []
-        uses = Counter(id(effect.condition) for effect in ordered)
-        shared: dict[int, ast.expr] = {}
         for effect in ordered:
-            same = id(effect.condition)
-            if same not in shared:
-                tested = self._condition(effect.condition, source, schema)
-                if tested is not None and uses[same] > 1:
-                    tested = self.temporary(tested)
-                if tested is not None:
-                    shared[same] = tested
-            condition = shared.get(same)
+            condition = conditions[id(effect.condition)]
             value = self.value(effect.value, source) if isinstance(effect, g.SetNumber) else None
             if keep:
                 condition = self.temporary(condition) if condition is not None else None
@@ -264,6 +262,38 @@ class _Generator(Emitter):
             self.under(condition, statements)
         for target in sorted({e.target for e in numbers if e.target >= 0}):
             self.require_finite(entry("out", target), Site("undefined", schema, None))
+
+    def _conditions(
+        self, schema: g.GroundSchema, effects: Sequence[g.GroundEffect], source: str
+    ) -> dict[int, ast.expr | None]:
+        """Emit the conditions of effects, each once; return them by id, None where always true.
+
+        Where one of them is undefined, those of `(unsafe)` that hold still count.
+        """
+        uses = Counter(id(effect.condition) for effect in effects)
+        found: dict[int, ast.expr | None] = {}
+        doubts: list[tuple[ast.expr, g.Test]] = []
+        for effect in effects:
+            test, key = effect.condition, id(effect.condition)
+            if key in found:
+                continue
+            if isinstance(test, g.Constant) and test.value:
+                found[key] = None
+                continue
+            certain, doubt = self.decide(test, source)
+            if doubt is not None:
+                doubts.append((self.temporary(doubt), test))
+            found[key] = self.temporary(certain) if uses[key] > 1 else certain
+        damaging = [found[id(e.condition)] for e in effects if e.target == g.UNSAFE_TARGET]
+        if doubts and damaging:
+            outer = self.collect()
+            for condition in damaging:
+                self.under(condition, [assign("unsafe", constant(True))])
+            statements, self.body = self.body, outer
+            self.under(joined(ast.Or(), [doubt for doubt, _ in doubts]), statements)
+        for doubt, test in doubts:
+            self.refuse(doubt, Site("undefined", schema, test))
+        return found
 
     def _set_boolean(self, effect: g.SetBoolean) -> None:
         if effect.target in FLAG_NAMES:
@@ -374,11 +404,6 @@ class _Generator(Emitter):
         self._effects(event, event.effects, "out")
         statements, self.body = self.body or [ast.Pass()], outer
         self.under(joined(ast.And(), tests) if tests else None, statements)
-
-    def _condition(self, test: g.Test, source: str, schema: g.GroundSchema) -> ast.expr | None:
-        if isinstance(test, g.Constant) and test.value:
-            return None
-        return self.truth(test, source, schema)
 
 
 def _conjunction(schema: g.GroundSchema) -> g.Test | None:

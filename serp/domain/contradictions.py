@@ -23,22 +23,23 @@ def refuse_contradictions(effects: tuple[Effect, ...]) -> None:
     Raises:
         DomainError: Two effects always contradict each other.
     """
-    changes: dict[tuple[str, ...], ChangeFunction] = {}
+    changes: dict[tuple[str, ...], list[ChangeFunction]] = {}
     for effect in effects:
         match effect:
             case When(_, inner) | ForallEffect(_, inner):
                 refuse_contradictions(inner)
             case ChangeFunction(_, function):
                 key = (function.name, *(argument.name for argument in function.arguments))
-                first = changes.setdefault(key, effect)
-                if _contradict(first, effect):
-                    raise DomainError(
-                        f"`{effect.place.text}` contradicts `{first.place.text}` in line "
-                        f"{first.place.line}: both would have to happen at once",
-                        effect.place,
-                        "write one effect, or put them under conditions that exclude each other "
-                        "(`when`)",
-                    )
+                for first in changes.setdefault(key, []):
+                    if _contradict(first, effect):
+                        raise DomainError(
+                            f"`{effect.place.text}` contradicts `{first.place.text}` in line "
+                            f"{first.place.line}: both would have to happen at once",
+                            effect.place,
+                            "write one effect, or put them under conditions that exclude each "
+                            "other (`when`)",
+                        )
+                changes[key].append(effect)
 
 
 def _contradict(first: ChangeFunction, second: ChangeFunction) -> bool:

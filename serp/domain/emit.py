@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from serp.domain import ground as g
+from serp.domain.flags import UNDEFINED, UNSAFE
 
 FLAG_NAMES = {g.UNSAFE_TARGET: "unsafe", g.TERMINAL_TARGET: "terminal"}
 _OPERATIONS: dict[str, ast.operator] = {"+": ast.Add(), "-": ast.Sub(), "*": ast.Mult()}
@@ -125,8 +126,16 @@ class Emitter:
         return [ast.Expr(ast.Call(append, [ast.Constant(len(self.sites) - 1)], []))]
 
     def refuse(self, test: ast.expr, site: Site) -> None:
-        """Emit: where `test` is true, the step has no result."""
-        self.body.append(ast.If(test, [*self.report(site), ast.Return(ast.Constant(0))], []))
+        """Emit: where `test` is true, the step has no result.
+
+        A precondition that fails leaves no flag. Everything else leaves UNDEFINED, and UNSAFE
+        where that is certain by then: what cannot be predicted must not pass for safe.
+        """
+        result: ast.expr = ast.Constant(0)
+        if site.what != "failed":
+            known = ast.IfExp(variable("unsafe"), ast.Constant(UNSAFE), ast.Constant(0))
+            result = ast.BinOp(ast.Constant(UNDEFINED), ast.BitOr(), known)
+        self.body.append(ast.If(test, [*self.report(site), ast.Return(result)], []))
 
     def require_finite(self, value: ast.expr, site: Site) -> None:
         """Emit: where a value is NaN or infinite, the step has no result."""
@@ -158,8 +167,17 @@ class Emitter:
             schema: Where it is written.
             unless: Where this is true, the condition does not matter.
         """
+        certain, doubt = self.decide(test, source, unless)
+        if doubt is not None:
+            self.refuse(doubt, Site("undefined", schema, test))
+        return certain
+
+    def decide(
+        self, test: g.Test, source: str, unless: ast.expr | None = None
+    ) -> tuple[ast.expr, ast.expr | None]:
+        """Return whether a condition is true, and whether it is undefined (None: it never is)."""
         if not _may_be_undefined(test):
-            return self._certain(test, source)
+            return self._certain(test, source), None
         for comparison in _comparisons(test):
             if _may_be_nan(comparison.left) or _may_be_nan(comparison.right):
                 left, right = (
@@ -171,9 +189,8 @@ class Emitter:
         doubts = [self._possible(test, source), negated(certain)]
         if unless is not None:
             doubts.insert(0, negated(unless))
-        self.refuse(joined(ast.And(), doubts), Site("undefined", schema, test))
         self._sides.clear()
-        return certain
+        return certain, joined(ast.And(), doubts)
 
     def _certain(self, test: g.Test, source: str) -> ast.expr:
         """Return whether a condition is true (not: false or undefined)."""

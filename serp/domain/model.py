@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
 from serp.domain.emit import Site
+from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.domain.ground import REWARD_TARGET, Fluent, GroundModel, GroundSchema, Parameter
 from serp.domain.program import Program
 from serp.domain.source import did_you_mean
@@ -251,7 +251,7 @@ class TransitionModel:
 
         Returns:
             F + 1 floats (the next state and the reward; meaningless where not applicable) and
-            the flags, a sum of APPLICABLE, UNSAFE and TERMINAL.
+            the flags; see `serp.domain.flags`.
         """
         out = [*state, 0.0]
         return out, self._program.step(state, action, self._theta_list, self.dt, out)
@@ -341,7 +341,7 @@ class TransitionModel:
         return Outcome(
             state=np.where(applicable[:, None], table[:, :width], states),
             reward=np.where(applicable, table[:, width], 0.0),
-            unsafe=(flags & UNSAFE) != 0,
+            unsafe=applicable & ((flags & UNSAFE) != 0),
             terminal=(flags & TERMINAL) != 0,
             applicable=applicable,
         )

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Any
 
 from serp.domain.codegen import (
-    APPLICABLE,
     Generated,
     generate_action,
     generate_aftermath,
@@ -16,6 +15,7 @@ from serp.domain.codegen import (
     generate_step,
 )
 from serp.domain.emit import Site
+from serp.domain.flags import APPLICABLE
 from serp.domain.ground import GroundModel, SetNumber, Test, Value, fluents_of
 from serp.domain.interpreted import load_function
 
@@ -50,7 +50,7 @@ class Program:
             generated = generate_action(self.ground, self.ground.actions[action])
             function = self._actions[action] = _load(generated)
         flags = function(state, theta, dt, out)
-        return self._aftermath(state, flags, theta, dt, out) if flags else 0
+        return self._aftermath(state, flags, theta, dt, out) if flags & APPLICABLE else flags
 
     def judge(
         self,
@@ -69,7 +69,9 @@ class Program:
                 generated = generate_judged_action(self.ground, self.ground.actions[action])
                 function = self._judged[action] = _load(generated)
             flags = function(state, theta, dt, out)
-        return self._judged_aftermath(state, next_state, flags, theta, dt, out) if flags else 0
+        if not flags & APPLICABLE:
+            return flags
+        return self._judged_aftermath(state, next_state, flags, theta, dt, out)
 
     def trace(
         self, state: list[float], action: int, theta: list[float], dt: float
@@ -80,7 +82,7 @@ class Program:
         passed: list[int] = []
         flags = _load(generated)(state, theta, dt, out, passed)
         sites = [generated.sites[k] for k in passed]
-        if flags:
+        if flags & APPLICABLE:
             function, after = self._traced_aftermath
             passed = []
             flags = function(state, flags, theta, dt, out, passed)

@@ -28,6 +28,7 @@ from serp.learning.network import QNetwork, Workspace, type_F32
 from serp.learning.replay import ReplayBuffer
 from serp.learning.schedule import LinearSchedule
 from serp.learning.settings import DQNSettings
+from serp.learning.symmetry import SymmetryGroup
 
 
 class Proposal(NamedTuple):
@@ -52,6 +53,10 @@ class DQN:
         action_count: actions, A ≥ 1.
         settings: all choices.
         seed: equal seeds give equal bits. A `SeedSequence` is read and left as it was.
+        symmetry: symmetries of inputs and actions, used where `settings.symmetry` says so.
+
+    Attributes:
+        symmetry: those in use; None where there are none.
     """
 
     def __init__(
@@ -60,7 +65,9 @@ class DQN:
         action_count: int,
         settings: DQNSettings,
         seed: np.random.SeedSequence | int,
+        symmetry: SymmetryGroup | None = None,
     ) -> None:
+        self.symmetry = symmetry if settings.symmetry and symmetry and len(symmetry) > 1 else None
         self.input_size = input_size
         self.action_count = action_count
         self.settings = settings
@@ -105,6 +112,7 @@ class DQN:
             protected_failing=settings.protected_failing,
             failing_window=settings.failing_window,
             rng=sample_rng,
+            symmetry=self.symmetry,
         )
         self._bounds = ReturnBounds(settings.discount)
         self._epsilon = LinearSchedule(
@@ -114,7 +122,7 @@ class DQN:
         self._learn_calls = 0
         self._updates = 0
 
-        self._single = Workspace(self._online, 1)
+        self._single = Workspace(self._online, self._rows(1))
         self._many = Workspace(self._online, 0)
         self._work = Workspace(self._online, settings.batch_size)
         self._next_work = Workspace(self._online, settings.batch_size)
@@ -141,7 +149,7 @@ class DQN:
         return self._bounds.lower, self._bounds.upper
 
     def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Q of every action, the members' mean, in units of reward × `reward_scale`.
+        """Q of every action, the mean of members and mirror images, in units of reward × `reward_scale`.
 
         Args:
             x: one input ``[F]`` or a batch ``[B, F]``.
@@ -159,9 +167,13 @@ class DQN:
                 f"an input must have shape ({self.input_size},) or (batch, {self.input_size}), "
                 f"not {x.shape}"
             )
-        if self._many.batch != len(x):
-            self._many = Workspace(self._online, len(x))
+        if self._many.batch != self._rows(len(x)):
+            self._many = Workspace(self._online, self._rows(len(x)))
         return self._mean_q(x, self._many)
+
+    def _rows(self, inputs: int) -> int:
+        """How many inputs of the network so many inputs stand for."""
+        return inputs if self.symmetry is None else inputs * self.symmetry.averaged
 
     def _q_of_one(self, x: npt.NDArray[np.floating]) -> type_F32:
         if x.shape != (self.input_size,):
@@ -170,9 +182,11 @@ class DQN:
         return q
 
     def _mean_q(self, x: npt.NDArray[np.floating], work: Workspace) -> type_F32:
-        q = self._online.forward(x.astype(np.float32, copy=False), work)
+        symmetry = self.symmetry
+        images = x.astype(np.float32, copy=False) if symmetry is None else symmetry.images(x)
+        q = self._online.forward(images, work)
         mean: type_F32 = q[0].copy() if self.settings.members == 1 else q.mean(axis=0)
-        return mean
+        return mean if symmetry is None else symmetry.mean(mean)
 
     def propose(
         self, x: npt.NDArray[np.floating], explorable: npt.NDArray[np.bool_] | None = None

@@ -164,6 +164,45 @@ def normalize_backward(
 
 
 @_compiled
+def take_images(
+    rows: Any,
+    elements: Any,
+    columns: Any,
+    signs: Any,
+    images: Any,
+    observation: Any,
+    action: Any,
+    next_observation: Any,
+    forbidden: Any,
+    to_observation: Any,
+    to_action: Any,
+    to_next_observation: Any,
+    to_forbidden: Any,
+) -> None:
+    """Copies samples, each as its image under an element of a symmetry group.
+
+    Args:
+        rows: int64 ``[N]``, which samples.
+        elements: int64 ``[N]``, under which element each.
+        columns: int64 ``[G, F]``; image[i] = signs[g, i] × input[columns[g, i]].
+        signs: ``[G, F]``.
+        images: int64 ``[G, A]``, the image of every action.
+        observation, action, next_observation, forbidden: the memory, see `Samples`.
+        to_observation, to_action, to_next_observation, to_forbidden: written, N samples.
+    """
+    width, count = columns.shape[1], images.shape[1]
+    for i in range(len(rows)):
+        row, g = rows[i], elements[i]
+        for j in range(width):
+            sign, column = signs[g, j], columns[g, j]
+            to_observation[i, j] = sign * observation[row, column]
+            to_next_observation[i, j] = sign * next_observation[row, column]
+        to_action[i] = images[g, action[row]]
+        for k in range(count):
+            to_forbidden[i, images[g, k]] = forbidden[row, k]
+
+
+@_compiled
 def td_gradient(
     q: Any,
     next_q: Any,

@@ -17,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from serp.errors import RunError
+from serp.learning import kernels
+from serp.learning.symmetry import SymmetryGroup
 
 type_F32 = npt.NDArray[np.float32]
 type_I64 = npt.NDArray[np.int64]
@@ -83,6 +85,8 @@ class ReplayBuffer:
         failing_window: a failure makes the samples of so many last env steps failing ones;
             at most `capacity`.
         rng: draws the samples; from now on the buffer's own.
+        symmetry: every sample drawn is replaced by its image under an element of it, drawn
+            uniformly; None: samples stay as they are.
 
     A *failure* is a step that terminates with a negative reward, or that the caller says is one.
     """
@@ -102,6 +106,7 @@ class ReplayBuffer:
         protected_failing: int = 0,
         failing_window: int = 1,
         rng: np.random.Generator,
+        symmetry: SymmetryGroup | None = None,
     ) -> None:
         if failing_window > capacity:
             raise ValueError(f"failing_window {failing_window} exceeds the capacity {capacity}")
@@ -115,6 +120,7 @@ class ReplayBuffer:
         self._early_capacity = protected_early if protected_share > 0.0 else 0
         self._failing_capacity = protected_failing if protected_share > 0.0 else 0
         self._rng = rng
+        self._symmetry = symmetry
 
         # Rows: the ring, then early samples, then failing ones.
         self._early_start = capacity
@@ -290,13 +296,26 @@ class ReplayBuffer:
         np.add(rows, self._starts, out=rows)
         # Every row exists; mode "clip" only spares take a copy of its output.
         flat, store, out = self._flat_rows, self._store, self._flat
+        store.reward.take(flat, out=out.reward, mode="clip")
+        store.discount.take(flat, out=out.discount, mode="clip")
+        if self._symmetry is not None:
+            self._take_images(self._symmetry)
+            return self._batch
         store.observation.take(flat, axis=0, out=out.observation, mode="clip")
         store.action.take(flat, out=out.action, mode="clip")
-        store.reward.take(flat, out=out.reward, mode="clip")
         store.next_observation.take(flat, axis=0, out=out.next_observation, mode="clip")
-        store.discount.take(flat, out=out.discount, mode="clip")
         store.forbidden.take(flat, axis=0, out=out.forbidden, mode="clip")
         return self._batch
+
+    def _take_images(self, symmetry: SymmetryGroup) -> None:
+        self._rng.random(out=self._uniform)
+        elements = (self._uniform.reshape(-1) * len(symmetry)).astype(np.int64)  # rounds down
+        store, out = self._store, self._flat
+        kernels.take_images(
+            self._flat_rows, elements, symmetry.columns, symmetry.signs, symmetry.actions,
+            store.observation, store.action, store.next_observation, store.forbidden,
+            out.observation, out.action, out.next_observation, out.forbidden,
+        )  # fmt: skip
 
     def _divide_batch(self) -> None:
         """Which rows of memory each column of a batch is drawn from."""

@@ -35,6 +35,10 @@ class DQNSettings:
     members: int = 1
     """Networks side by side, ≥ 1. Each learns from batches of its own; Q is their mean."""
 
+    symmetry: bool = False
+    """Use the task's symmetries, where it has any: every sample drawn is mirrored at random, and Q
+    is averaged with its mirror images."""
+
     learning_rate: float = 0.001
     """Step size of Adam, > 0."""
 
@@ -114,7 +118,7 @@ class DQNSettings:
     def __post_init__(self) -> None:
         # Python's numbers and a tuple whatever came, so that settings read from JSON are equal.
         self._take("hidden", "whole numbers ≥ 1, such as [64, 64]", _sizes)
-        for name in ("layer_norm", "double", "clip_targets", "mask_targets"):
+        for name in ("layer_norm", "symmetry", "double", "clip_targets", "mask_targets"):
             self._take(name, "true or false", truth)
         for name, least in _WHOLE.items():
             self._take(name, f"a whole number ≥ {least}", partial(whole, least=least))

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
+from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.domain.model import TransitionModel
 from serp.planning.settings import PlannerSettings
 
@@ -16,6 +16,20 @@ State = tuple[float, ...]
 # So many edges are tried between two looks at the clock: some milliseconds, some tens of them.
 _NATIVE_EDGES = 4096
 _INTERPRETED_EDGES = 256
+
+
+class Followed(NamedTuple):
+    """What the edges out of some nodes lead to.
+
+    Attributes:
+        edges: Those that are applicable.
+        reached: The state that each leads to.
+        undefined: Nodes with an edge whose result is undefined.
+    """
+
+    edges: Edges
+    reached: list[State]
+    undefined: list[int]
 
 
 class Edges(NamedTuple):
@@ -57,8 +71,8 @@ class Edges(NamedTuple):
 
 def follow(
     model: TransitionModel, settings: PlannerSettings, nodes: Sequence[int], states: list[State]
-) -> Iterator[tuple[Edges, list[State]]]:
-    """Follow every edge out of some nodes; yield those that are applicable, and where they lead.
+) -> Iterator[Followed]:
+    """Follow every edge out of some nodes, some at a time.
 
     Args:
         model: The transition model.
@@ -79,7 +93,7 @@ def follow(
 
 def _follow_native(
     model: TransitionModel, settings: PlannerSettings, nodes: Sequence[int], states: list[State]
-) -> tuple[Edges, list[State]]:
+) -> Followed:
     from serp.domain.native import address_of
     from serp.planning import kernels
 
@@ -106,17 +120,21 @@ def _follow_native(
         first_reward=first_reward[there].tolist(),
         first_flags=first_flags[there].tolist(),
     )
-    return edges, list(map(tuple, out[there, :width].tolist()))
+    undefined = np.flatnonzero((flags & UNDEFINED).reshape(len(nodes), actions).any(axis=1))
+    return Followed(
+        edges, list(map(tuple, out[there, :width].tolist())), np.asarray(nodes)[undefined].tolist()
+    )
 
 
 def _follow_interpreted(
     model: TransitionModel, settings: PlannerSettings, node: int, actions: range, state: State
-) -> tuple[Edges, list[State]]:
-    edges, reached = Edges.none(), []
+) -> Followed:
+    edges, reached, undefined = Edges.none(), [], False
     source = list(state)
     for action in actions:
         target, flags = model.transition(source, action)
         if not flags & APPLICABLE:
+            undefined = undefined or bool(flags & UNDEFINED)
             continue
         reward = first_reward = target.pop()
         first_flags, weight = flags, settings.discount
@@ -141,4 +159,4 @@ def _follow_interpreted(
         edges.first_reward.append(first_reward)
         edges.first_flags.append(first_flags)
         reached.append(tuple(target))
-    return edges, reached
+    return Followed(edges, reached, [node] if undefined else [])

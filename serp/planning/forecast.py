@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
+from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.planning.settings import Bound
 
 SAFE = 1 << 30
@@ -25,10 +25,11 @@ class Forecast(NamedTuple):
         value: `[A]` discounted sum of rewards of the best path that begins with each action;
             -inf where not applicable.
         safe_steps: `[A]` control periods before the first unsafe one on that path (an edge of the
-            planner's setting `repeat` has several); SAFE where there is none, -1 where not
-            applicable.
+            planner's setting `repeat` has several), or before it reaches a state where every
+            action that might be applicable has an undefined result; SAFE where there is none,
+            -1 where not applicable.
         reward: `[A]` predicted reward of one control period.
-        flags: `[A]` APPLICABLE, UNSAFE and TERMINAL, predicted for one control period.
+        flags: `[A]` predicted for one control period; see `serp.domain.flags`.
         depth: Layers that were expanded.
         bound: What ended the expansion.
     """

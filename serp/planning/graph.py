@@ -8,7 +8,7 @@ from typing import NamedTuple
 import networkx as nx
 import numpy as np
 
-from serp.domain.codegen import TERMINAL, UNSAFE
+from serp.domain.flags import TERMINAL, UNSAFE
 from serp.domain.model import TransitionModel, Vector
 from serp.planning.expansion import Edges, State, follow
 from serp.planning.forecast import SAFE, Forecast
@@ -52,6 +52,7 @@ class PlanningGraph:
         self.states: list[State] = [tuple(state.tolist())]
         self._layer_of = [0]
         self._ended: set[int] = set()
+        self._unpredictable: set[int] = set()
         self._layers: list[_Layer] = []
         self._value: list[float] = []
         self._safe_steps: list[int] = []
@@ -97,7 +98,9 @@ class PlanningGraph:
         going_on: dict[State, int] = {}
         ended: dict[State, int] = {}
         states, targets = self.states, layer.target
-        for edges, reached in follow(self.model, self.settings, nodes, states):
+        undefined: set[int] = set()
+        for edges, reached, doubtful in follow(self.model, self.settings, nodes, states):
+            undefined.update(doubtful)
             for state, flags in zip(reached, edges.flags, strict=True):
                 known = ended if flags & TERMINAL else going_on
                 target = known.get(state)
@@ -115,6 +118,8 @@ class PlanningGraph:
                 del states[first:]
                 return met
         self._layers.append(layer)
+        # Where nothing but the undefined is left, nothing is known to be safe.
+        self._unpredictable |= undefined.difference(layer.edges.source)
         self._layer_of += [self.depth] * (len(states) - first)
         self._ended.update(ended.values())
         return list(going_on.values())
@@ -129,6 +134,8 @@ class PlanningGraph:
         self._value = values = [0.0] * size
         self._safe_steps = steps = [SAFE] * size
         self._best = best = [-1] * size  # position of an edge in its layer
+        for node in self._unpredictable:
+            steps[node] = 0
         for layer in reversed(self._layers):
             edges = layer.edges
             columns = zip(
@@ -159,6 +166,9 @@ class PlanningGraph:
             steps[action] = edges.periods[k] if edges.flags[k] & UNSAFE else after
             reward[action], flags[action] = edges.first_reward[k], edges.first_flags[k]
         choice = edges.action[self._best[0]] if self._best[0] >= 0 else -1
+        state = list(self.states[0])
+        for action in np.flatnonzero(flags == 0).tolist():
+            flags[action] = self.model.transition(state, action)[1]
         return Forecast(choice, value, steps, reward, flags, self.depth, self.bound)
 
     def best_path(self) -> list[Edge]:

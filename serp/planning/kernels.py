@@ -15,7 +15,7 @@ import numpy as np
 from numba import get_num_threads, get_thread_id, prange  # type: ignore[attr-defined]
 
 from serp.compilation import cached_njit
-from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE
+from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.domain.native import call_step, pointer_to
 from serp.planning.forecast import SAFE
 from serp.planning.settings import Bound
@@ -191,6 +191,7 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_
         chosen = -1
         top_value = 0.0
         top_steps = SAFE
+        undefined = 0
         for action in range(actions):
             e = node * actions + action
             if not flags[e] & APPLICABLE:
@@ -198,7 +199,7 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_
                     value[action] = -np.inf
                     steps[action] = -1
                     first_reward[action] = 0.0
-                    first_flags[action] = 0
+                undefined |= flags[e] & UNDEFINED
                 continue
             total = reward[e]
             safe = SAFE
@@ -216,6 +217,8 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_
                 chosen = action
                 top_value = total
                 top_steps = safe
+        if chosen < 0 and undefined:
+            top_steps = 0  # what happens there cannot be predicted, so nothing is known to be safe
         best_value[node] = top_value
         best_steps[node] = top_steps
         if node == 0:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import networkx as nx
 from numpy.typing import ArrayLike
 
-from serp.domain.codegen import UNSAFE
+from serp.domain.flags import UNSAFE
 from serp.domain.model import TransitionModel
 from serp.errors import SettingsError
 from serp.planning.forecast import Forecast

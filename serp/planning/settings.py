@@ -10,6 +10,8 @@ from serp.quantities import real, whole
 
 MAX_EDGES = 4_000_000
 """Most edges that are tried."""
+MAX_PERIODS = 10_000
+"""Largest depth, and most repetitions: what is farther away is no plan."""
 MAX_NUMBERS = 10_000_000
 """Most numbers in the states that the edges of a graph lead to."""
 
@@ -28,10 +30,10 @@ class PlannerSettings:
     """Settings of the monitor-replanning planner.
 
     Attributes:
-        depth: Lookahead in actions, at least 1.
+        depth: Lookahead in actions, 1 to 10,000.
         discount: Weight of a reward one control period later, in (0, 1].
-        repeat: Control periods that one edge of the graph stands for; the executed action is
-            still reconsidered in every period.
+        repeat: Control periods that one edge of the graph stands for, 1 to 10,000; the executed
+            action is still reconsidered in every period.
         max_nodes: Most nodes that are expanded. A layer that would exceed it is not expanded;
             the deepest complete layer counts. The first layer always does. Domains with very many
             actions or fluents meet `node_budget` or `edge_budget` before.
@@ -52,7 +54,12 @@ class PlannerSettings:
         discount = real(self.discount)
         if discount is None or not 0 < discount <= 1:
             raise SettingsError(f"planner: discount must be in (0, 1], not {self.discount!r}")
-        object.__setattr__(self, "discount", discount)
+        object.__setattr__(self, "discount", float(discount))
+        for name in ("depth", "repeat"):
+            if getattr(self, name) > MAX_PERIODS:
+                raise SettingsError(
+                    f"planner: {name} must be at most {MAX_PERIODS:,}, not {getattr(self, name):,}"
+                )
 
     def node_budget(self, actions: int) -> int:
         """Return the most nodes to expand where `actions` edges are tried at each."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from serp.actions import ActionMap
-from serp.domain.codegen import APPLICABLE, UNSAFE
+from serp.domain.flags import APPLICABLE, UNSAFE
 from serp.errors import TaskError
 from serp.planning.forecast import SAFE
 from serp.planning.lookahead import Lookahead

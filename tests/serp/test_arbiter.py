@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from serp.actions import ActionMap
 from serp.arbiter import Actor, Arbiter, ArbiterSettings, Decision, Reason
+from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
 from serp.domain.model import TransitionModel, Vector
 from serp.errors import SettingsError
 from serp.learning.dqn import DQN, Proposal
@@ -87,6 +88,7 @@ def settings_of(random: Random) -> ArbiterSettings:
         r_min=random.choice((None, None, -0.5, 0.5)),
         veto_horizon=random.choice(("step", "lookahead")),
         exploration_slack=random.choice((None, 0.0, 1.0, math.inf)),
+        after_veto=random.choice(("planner", "learner")),
         unmodelled=random.choice(("allow", "veto")),
         indifferent=random.choice(("first", "learner")),
     )
@@ -99,32 +101,36 @@ class View:
     kind: list[str]
     reward: list[float]
     steps: list[int]
+    applicable: list[bool]
 
     @classmethod
     def of(
         cls, model: TransitionModel, actions: ActionMap, planner: Lookahead, state: Vector
     ) -> View:
-        kind, reward, steps = [], [], []
-        safe_steps = planner.forecast(state).safe_steps
+        view = cls([], [], [], [])
+        safe_steps = planner.forecast(state).safe_steps.tolist()
+        steps = [model.transition(state.tolist(), k) for k in range(len(model.actions))]
+        flags = [flag for _, flag in steps]
+        rewards = [out[-1] for out, _ in steps]
         for action in range(actions.size):
             group = [k for k, e in enumerate(actions.environment_action) if e == action]
-            outcomes = {k: model.step(state, k) for k in group}
-            applicable = [k for k in group if outcomes[k].applicable]
-            unsafe = [k for k in applicable if outcomes[k].unsafe]
             # Which of them the environment would carry out is not known, so the worst counts.
-            rewards = {k: float(outcomes[k].reward) for k in applicable}
-            counting = sorted(
-                unsafe or applicable, key=lambda k: (int(safe_steps[k]), rewards[k], k)
-            )
-            kind.append(
+            possible = [k for k in group if flags[k]]
+            applicable = [k for k in group if flags[k] & APPLICABLE]
+            unsafe = [k for k in possible if flags[k] & UNSAFE]
+            undefined = [k for k in possible if flags[k] & UNDEFINED]
+            known = bool(applicable) and not [k for k in unsafe or undefined if k in undefined]
+            view.kind.append(
                 "unknown" if not group
-                else "not applicable" if not applicable
+                else "not applicable" if not possible
                 else "unsafe" if unsafe
+                else "undefined" if undefined
                 else "safe"
             )  # fmt: skip
-            reward.append(rewards[counting[0]] if counting else math.nan)
-            steps.append(int(safe_steps[counting[0]]) if counting else -1)
-        return cls(kind, reward, steps)
+            view.applicable.append(known)
+            view.reward.append(min(rewards[k] for k in applicable) if known else math.nan)
+            view.steps.append(min(safe_steps[k] for k in applicable) if known else -1)
+        return view
 
     def admissible(self, settings: ArbiterSettings) -> list[bool]:
         """Which actions pass every veto, by the words of `ArbiterSettings`."""
@@ -181,12 +187,16 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative() -> None:
         alternative = "safe" in view.kind or unknown
         met[f"{executed}, {'with' if alternative else 'without'} alternative"] += 1
         if alternative:
-            assert executed not in ("unsafe", "not applicable")
-        if "unsafe" in view.kind and not alternative:
+            assert executed not in ("unsafe", "undefined", "not applicable")
+        elif "undefined" in view.kind:
+            assert executed == "undefined"  # may be damage, which the others are for certain
+        elif any(view.applicable):
             # Nothing is left but damage: it is done knowingly, by an action that does something.
             assert executed == "unsafe"
+        elif "not applicable" in view.kind:
+            assert executed == "not applicable"
         if executed == "unknown":
-            assert unknown or not {"safe", "unsafe"} & set(view.kind)
+            assert unknown or set(view.kind) == {"unknown"}
         assert decision.unsafe == (executed == "unsafe")
         met["proposal unsafe"] += decision.proposal_unsafe and decision.vetoed
 
@@ -196,6 +206,7 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative() -> None:
     assert met["not applicable, without alternative"] > 50
     assert met["safe, with alternative"] > 5_000
     assert met["unknown, with alternative"] > 500
+    assert met["undefined, without alternative"] > 50
     assert met["proposal unsafe"] > 1_000
 
 
@@ -210,8 +221,7 @@ def test_the_record_tells_what_happened() -> None:
         assert decision.rho == arbiter.rho == settings.rho
         assert decision.admissible.tolist() == view.admissible(settings)
         assert decision.admissible.dtype == np.bool_
-        kind = view.kind[decision.action]
-        if kind in ("safe", "unsafe"):
+        if view.applicable[decision.action]:
             assert decision.predicted_reward == view.reward[decision.action]
         else:
             assert math.isnan(decision.predicted_reward)
@@ -234,13 +244,23 @@ def test_the_record_tells_what_happened() -> None:
             if decision.reason is Reason.ACCEPTED:
                 assert decision.executed_by is decision.proposed_by
                 assert decision.action == decision.proposed
+            elif decision.executed_by in LEARNERS:
+                assert settings.after_veto == "learner"
+                assert decision.executed_by is decision.proposed_by is Actor.LEARNER
+                assert decision.admissible[decision.action]
             else:
-                assert decision.executed_by not in LEARNERS
+                assert (
+                    settings.after_veto == "planner"
+                    or decision.proposed_by is Actor.EXPLORATION
+                    or not decision.admissible.any()
+                )
         match decision.reason:
             case Reason.NOT_APPLICABLE:
                 assert proposed == "not applicable"
             case Reason.UNSAFE:
                 assert proposed == "unsafe"
+            case Reason.UNDEFINED:
+                assert proposed == "undefined"
             case Reason.LOW_REWARD:
                 assert settings.r_min is not None
                 assert proposed == "safe"
@@ -256,12 +276,12 @@ def test_the_record_tells_what_happened() -> None:
                 assert "safe" not in view.kind
                 assert "unsafe" in view.kind
             case Reason.NO_APPLICABLE_ACTION:
-                assert not {"safe", "unsafe"} & set(view.kind)
+                assert not any(view.applicable)
                 assert decision.executed_by is Actor.FALLBACK
         if decision.executed_by is Actor.PLANNER:
-            assert kind in ("safe", "unsafe")
+            assert view.applicable[decision.action]
 
-    every_case(check, choices=6)
+    every_case(check, choices=9)
     assert set(reasons) == set(Reason)
     assert min(reasons.values()) >= 5
 
@@ -284,7 +304,12 @@ def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file() -> Non
                 assert "domain does not mention" in explanation
                 return
             case "not applicable":
-                assert "does not hold" in explanation or "contradicts another" in explanation
+                assert "does not hold" in explanation
+            case _ if not view.applicable[shown]:
+                assert any(
+                    text in explanation
+                    for text in ("contradicts another", "neither true nor false", "no finite")
+                )
             case "unsafe":
                 assert "(unsafe)" in explanation
             case "safe" if decision.reason is Reason.LOW_REWARD:

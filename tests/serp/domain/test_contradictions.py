@@ -27,6 +27,7 @@ def load(effect: str, kind: str = "action") -> None:
         "(assign (x) 1) (increase (x) 1)",
         "(scale-up (x) 2) (decrease (x) 1)",
         "(assign (x) 1) (assign (x) 2)",
+        "(assign (x) (y)) (assign (x) 1) (assign (x) 2)",
         "(assign (f ?i) 1) (and (p) (scale-down (f ?i) 2))",
         "(when (p) (and (assign (x) 1) (increase (x) 1)))",
         "(forall (?j - t) (and (assign (f ?j) 1) (increase (f ?j) 1)))",

@@ -11,7 +11,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from serp.domain import syntax as x
-from serp.domain.codegen import APPLICABLE, TERMINAL, UNSAFE, generate_step
+from serp.domain.codegen import generate_step
+from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.domain.ground import REWARD_TARGET, SetBoolean, reads, writes
 from serp.domain.instantiate import instantiate
 from serp.domain.model import StateError, TransitionModel, Vector
@@ -204,7 +205,8 @@ def test_trace_agrees_with_step_and_names_what_took_part(drawn: tuple[Generated,
             step = model.step(state, index)
             assert bool(flags & APPLICABLE) == step.applicable
             if not step.applicable:
-                assert flags == 0
+                assert (flags == 0) == (sites[-1].what == "failed")
+                assert (flags & UNDEFINED != 0) == (flags != 0)
                 assert sites[-1].what in ("failed", "conflict", "undefined")
                 assert {site.what for site in sites[:-1]} <= {"effect", "rate"}
                 if sites[-1].what == "failed":  # before anything was applied

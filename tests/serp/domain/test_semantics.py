@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from serp.domain.emit import Site
+from serp.domain.flags import UNDEFINED, UNSAFE
 from serp.domain.model import Outcome, StateError, TransitionModel
 from tests.generated import Texts, load_texts
 
@@ -121,7 +122,7 @@ def test_contradictory_effects_make_an_action_not_applicable(
     outcome, after = run(model, x=7.0, **contradictory)
     assert not outcome.applicable and after["x"] == 7.0
     sites, flags = model.trace(model.state({**model.values(outcome.state)}), 0)
-    assert (sites[-1].what, flags) == ("conflict", 0)
+    assert (sites[-1].what, flags) == ("conflict", UNDEFINED)
 
 
 def test_assigning_the_same_value_twice_is_no_contradiction() -> None:
@@ -183,6 +184,24 @@ def test_a_condition_that_hangs_on_a_division_by_zero_refuses_the_step() -> None
         assert not run(model, y=0.0)[0].applicable
     model = model_of(action("(q)"), event("pay", "(p)", f"(when {condition} (unsafe))"))
     assert run(model, y=0.0)[0].applicable  # the event does not fire: nothing asks
+
+
+def test_what_is_certainly_unsafe_stays_so_where_the_rest_is_undefined() -> None:
+    undefined = "(> (/ 1 (y)) 2)"
+    for model, flags in (
+        (model_of(action(f"(when {undefined} (p)) (unsafe)")), UNDEFINED | UNSAFE),
+        (model_of(action(f"(when {undefined} (p)) (when (q) (unsafe))")), UNDEFINED | UNSAFE),
+        (model_of(action(f"(when {undefined} (p)) (when (r) (unsafe))")), UNDEFINED),
+        (model_of(action(f"(when {undefined} (unsafe))")), UNDEFINED),
+        (model_of(action("(unsafe)"), event("pay", undefined, "(p)")), UNDEFINED | UNSAFE),
+        (model_of(action("(unsafe) (assign (x) (/ 1 (y)))")), UNDEFINED | UNSAFE),
+        (model_of(action("(unsafe)", f"(and {undefined} (r))")), 0),  # fails whatever it comes to
+        (model_of(action("(unsafe)", f"(and {undefined} (q))")), UNDEFINED),
+    ):
+        state = model.state({f.name: float(f.name == "q") for f in model.fluents})
+        assert model.transition(state.tolist(), 0)[1] == flags
+        assert model.trace(state, 0)[1] == flags
+        assert not model.step(state, 0).applicable
 
 
 def test_a_condition_whose_truth_does_not_hang_on_the_undefined_part_counts() -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import networkx as nx
 
+from serp.domain.flags import UNDEFINED
 from serp.domain.model import TransitionModel, Vector
 from serp.planning.forecast import SAFE
 from serp.planning.settings import Bound, PlannerSettings
@@ -42,6 +43,7 @@ class Path:
 
 
 END = Path(SAFE, 0.0, ())
+UNKNOWN = Path(0, 0.0, ())
 
 
 @dataclass(frozen=True)
@@ -105,13 +107,19 @@ class Reference:
             path = self.along(arc, layers - 1)
             if best is None or path.better_than(best):
                 best = path
-        return best or END
+        return best or (UNKNOWN if self.unpredictable(state) else END)
+
+    def unpredictable(self, state: State) -> bool:
+        """Whether some action has an undefined result there."""
+        count = len(self.model.actions)
+        flags = [self.model.transition(list(state), action)[1] for action in range(count)]
+        return any(f & UNDEFINED for f in flags)
 
     def paths(self, state: State, layers: int) -> Iterator[Path]:
         """Every path there is."""
         arcs = self.arcs(state) if layers else []
         if not arcs:
-            yield END
+            yield UNKNOWN if layers and self.unpredictable(state) else END
         for arc in arcs:
             for rest in [END] if arc.ended else self.paths(arc.state, layers - 1):
                 yield put_before(arc, rest)

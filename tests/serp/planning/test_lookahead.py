@@ -126,7 +126,7 @@ def test_the_examples_meet_every_bound_ties_and_danger() -> None:
         model = world(seed)
         for max_nodes in (5, 60):
             lookahead = Lookahead(model, PlannerSettings(depth=4, max_nodes=max_nodes))
-            for state in states_of(model, Random(seed), 10):
+            for state in states_of(model, Random(seed), 40):
                 forecast = lookahead.forecast(state)
                 bounds.add(forecast.bound)
                 values = forecast.value[forecast.applicable]

@@ -116,6 +116,8 @@ class _Writer:
             fact = f"({self.random.choice(self.facts)})"
             return fact if self.random.random() < 0.5 else f"(not {fact})"
         operator = self.random.choice(("<", "<=", ">", ">="))
+        if self.random.random() < 0.08:  # undefined at 0, where many states are
+            return f"({operator} (/ 1 ({self.random.choice(self.numbers)})) 0.5)"
         return f"({operator} ({self.random.choice(self.numbers)}) {self.random.randint(-4, 4) / 2})"
 
     def edge(self) -> str:

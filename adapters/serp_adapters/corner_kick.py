@@ -1,0 +1,159 @@
+"""The corner-kick task: `serp_envs`' corner, grounded in what a coach sees from the touchline."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import serp
+import serp_envs
+from serp_adapters.domains import domain_file
+from serp_adapters.soccer_geometry import CONTACT, Numbers, open_share
+from serp_envs.soccer.attacker import ALIGNED_SHOT, STAND_MARGIN, WIND_UP
+from serp_envs.soccer.corner_kick import MARK_GAP, UNIT
+from serp_envs.soccer.fields import SPL_2020
+from serp_envs.soccer.robot import NAO
+from serp_envs.soccer.rolling import LOOK
+from serp_envs.soccer.timing import DECISION
+from serp_envs.soccer.world import REACH
+
+HORIZON: Final = 6.0
+"""No ball that is kicked rolls for longer, s."""
+ROUND: Final = (CONTACT + STAND_MARGIN) / NAO.sideways
+"""What it takes the opponent to walk round the ball, facing it, s per rad."""
+
+_AHEAD: Final = np.arange(0.0, HORIZON + 0.5 * LOOK, LOOK)
+
+
+def make_env(**options: Any) -> gym.Env[Any, Any]:
+    """Return the environment; options are those of `serp_envs.soccer.CornerKickDefender`.
+
+    Grounding and domain file have the distances of its default field, `spl-2020`.
+    """
+    serp_envs.register()
+    return gym.make("serp/CornerKick-v0", **options)
+
+
+def until_met(x: Numbers, y: Numbers, vx: Numbers, vy: Numbers, gap: float) -> Numbers:
+    """Seconds until a robot has the ball, if it walks straight to where it can meet it.
+
+    Args:
+        x: Of the ball from the robot, m.
+        y: See `x`.
+        vx: Of the ball, m/s. Rolling slows it down.
+        vy: See `vx`.
+        gap: How near the robot has to come to the ball, from middle to middle, m.
+
+    Returns:
+        As the environment reckons (`serp_envs.soccer.rolling.meeting`), that is in steps of 0.2 s
+        as long as the ball rolls: 0 for a ball in reach; where the robot comes too late for the
+        rolling ball, its walk to where that comes to rest.
+    """
+    speed, slowing = np.hypot(vx, vy)[..., None], SPL_2020.ball_deceleration
+    rolls = speed / slowing
+    time = np.minimum(_AHEAD, rolls)
+    share = time * (1.0 - 0.5 * slowing * time / np.maximum(speed, 1e-6))
+    there = np.hypot(x[..., None] + share * vx[..., None], y[..., None] + share * vy[..., None])
+    needed = np.maximum(there - gap, 0.0) / NAO.forward
+    # Where it comes to rest everybody arrives in time, sooner or later.
+    met = (needed <= _AHEAD) | (rolls <= _AHEAD)
+    first = np.argmax(met, axis=-1)[..., None]
+    found: Numbers = np.maximum(np.take_along_axis(needed, first, -1), _AHEAD[first])
+    return found[..., 0]
+
+
+def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """Return the fluents of an observation, or of a batch of them.
+
+    Args:
+        observation: Of shape `(..., 17)`, as `CornerKickDefender` describes it.
+
+    Returns:
+        float64 of shape `(..., 9)`, in the order of the domain file; truth values are 0 and 1:
+
+        * taken: the corner has been taken;
+        * kicked: 0, it lasts only within a step;
+        * robot-to-ball: m;
+        * ball-in: seconds until the robot has the ball in reach, if it goes to meet it;
+        * shot-in: seconds until the opponent can shoot: it goes to meet the ball, walks round it
+          until it is behind it as seen from the goal, and winds up;
+        * robot-to-mark: to the place between opponent and goal from which it is marked, m;
+        * robot-to-opponent: m;
+        * off-line: angle at the ball between the robot and the middle of the goal, 0 to π;
+        * goal-open: share of the goal outside the robot's shadow as seen from the ball, 0 to 1,
+          roughly (`open_share`).
+    """
+    seen = np.asarray(observation, dtype=np.float64)
+    # From the middle of the goal, x up the pitch, y to the side of the corner.
+    places = UNIT * seen[..., 0:6]
+    robot_x, robot_y, opponent_x, opponent_y, x, y = np.moveaxis(places, -1, 0)
+    vx, vy = seen[..., 6], seen[..., 7]
+    robot_to_ball = np.hypot(robot_x - x, robot_y - y)
+
+    ball_in = until_met(x - robot_x, y - robot_y, vx, vy, CONTACT + REACH)
+    to_goal = np.arctan2(-y, -x)
+    bearing = np.arctan2(y - opponent_y, x - opponent_x)
+    turn = np.maximum(np.abs(_wrapped(to_goal - bearing)) - ALIGNED_SHOT, 0.0)
+    winding = 1.0 - np.clip(seen[..., 13], 0.0, 1.0)
+    shot_in = (
+        until_met(x - opponent_x, y - opponent_y, vx, vy, CONTACT + REACH)
+        + ROUND * turn
+        + WIND_UP * winding
+    )
+
+    share = 1.0 - MARK_GAP / np.maximum(np.hypot(opponent_x, opponent_y), MARK_GAP)
+    off_line = np.abs(_wrapped(to_goal - np.arctan2(robot_y - y, robot_x - x)))
+    # How wide the goal looks: less from the side than from straight ahead.
+    left, right = np.arctan2(y - SPL_2020.half_goal, x), np.arctan2(y + SPL_2020.half_goal, x)
+    half_goal = np.maximum(0.5 * np.abs(_wrapped(right - left)), 1e-3)
+    return np.stack(
+        (
+            seen[..., 12] > 0.5,
+            np.zeros_like(x),
+            robot_to_ball,
+            ball_in,
+            shot_in,
+            np.hypot(robot_x - share * opponent_x, robot_y - share * opponent_y),
+            np.hypot(robot_x - opponent_x, robot_y - opponent_y),
+            off_line,
+            open_share(robot_to_ball, off_line, half_goal),
+        ),
+        axis=-1,
+    )
+
+
+def _wrapped(angle: Numbers) -> Numbers:
+    """The same angle in [−π, π]."""
+    return np.arctan2(np.sin(angle), np.cos(angle))
+
+
+def task() -> serp.Task:
+    """Return the task."""
+    return serp.Task(
+        name="corner-kick",
+        make_env=make_env,
+        domain=domain_file("corner-kick"),
+        ground=ground,
+        actions={
+            "mark-near-post": 0,
+            "mark-far-post": 1,
+            "mark-attacker": 2,
+            "intercept": 3,
+            "clear": 4,
+            "charge-opponent": 5,
+        },
+        dt=DECISION,
+        # The domain's rewards say what a coach expects of a situation, not what then happened.
+        reward="environment",
+        settings={
+            # Fifteen decisions, 6 s: as long as the usual walk to a ball from the corner.
+            "*": {"planner": {"depth": 5, "repeat": 3}},
+            # As on soccer: the paper's iteration is a game; refused is what the domain expects to
+            # end with a goal or a collision, a ball that goes out (-2) may be worth a try.
+            "paper": {"arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0}},
+        },
+        description="keep a corner kick out of the goal: mark, intercept, clear",
+    )

@@ -1,0 +1,167 @@
+"""Symmetries of what a learner sees and does, as a group of signed permutations.
+
+An element g of the group maps an input x to g·x and an action a to g·a, and a Q-function of a
+symmetric task has Q(g·x, g·a) = Q(x, a). Two uses are made of it: a sample in the replay memory
+stands for all its images, and the mean of Q over the group has that property exactly (van der Pol
+et al. 2020, arXiv 2006.16908, go further and build it into the network).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+MOST_ELEMENTS = 48
+"""Elements of a group at most: all ways to exchange four things, and that mirrored."""
+MOST_AVERAGED = 8
+"""Elements that Q is averaged over at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Element:
+    """One signed permutation: (g·x)[i] = signs[i] · x[columns[i]], and g·a = actions[a].
+
+    Attributes:
+        columns: F columns, each once.
+        signs: F numbers, each 1 or -1.
+        actions: A actions, each once.
+
+    Raises:
+        ValueError: It is none.
+    """
+
+    columns: tuple[int, ...]
+    signs: tuple[float, ...]
+    actions: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        for numbers in (self.columns, self.actions):
+            if sorted(numbers) != list(range(len(numbers))):
+                raise ValueError(f"{numbers} is no permutation")
+        if len(self.signs) != len(self.columns) or not {1.0, -1.0}.issuperset(self.signs):
+            raise ValueError(f"{self.signs} are no {len(self.columns)} signs")
+
+    @staticmethod
+    def identity(inputs: int, actions: int) -> Element:
+        """The element that changes nothing."""
+        return Element(tuple(range(inputs)), (1.0,) * inputs, tuple(range(actions)))
+
+    def after(self, first: Element) -> Element:
+        """The element that does what `first` does and then what this one does."""
+        return Element(
+            tuple(first.columns[i] for i in self.columns),
+            tuple(s * first.signs[i] for s, i in zip(self.signs, self.columns, strict=True)),
+            tuple(self.actions[a] for a in first.actions),
+        )
+
+    def of_input(self, x: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """g·x of an input ``[..., F]``, of the same dtype."""
+        image: npt.NDArray[Any] = x[..., list(self.columns)] * np.array(self.signs, x.dtype)
+        return image
+
+    def of_actions(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """What is known of every action ``[..., A]``, moved to the actions' images."""
+        image = np.empty_like(values)
+        image[..., list(self.actions)] = values
+        return image
+
+
+class SymmetryGroup:
+    """Everything that some signed permutations generate, up to a limit.
+
+    A generator with which the group would be larger than `MOST_ELEMENTS` is left out. Q is
+    averaged over a subgroup of at most `MOST_AVERAGED` elements, which come first.
+
+    Args:
+        inputs: numbers in an input, F.
+        actions: A.
+        generators: the permutations, the most important first.
+
+    Raises:
+        ValueError: a generator has another size.
+
+    Attributes:
+        elements: the elements, the identity first.
+        averaged: how many of them Q is averaged over.
+        complete: whether no generator was left out.
+        columns: int64 ``[G, F]``.
+        signs: float32 ``[G, F]``.
+        actions: int64 ``[G, A]``.
+    """
+
+    def __init__(self, inputs: int, actions: int, generators: Iterable[Element] = ()) -> None:
+        given = tuple(generators)
+        for element in given:
+            if len(element.columns) != inputs or len(element.actions) != actions:
+                raise ValueError(
+                    f"a symmetry of {len(element.columns)} inputs and {len(element.actions)} "
+                    f"actions does not fit {inputs} and {actions}"
+                )
+        identity = Element.identity(inputs, actions)
+        few, _ = _closure(identity, given, MOST_AVERAGED)
+        all_, self.complete = _closure(identity, given, MOST_ELEMENTS)
+        subgroup = set(few)
+        self.averaged = len(few)
+        self.elements = (*few, *(e for e in all_ if e not in subgroup))
+        self.columns = np.array([e.columns for e in self.elements], np.int64)
+        self.signs = np.array([e.signs for e in self.elements], np.float32)
+        self.actions = np.array([e.actions for e in self.elements], np.int64)
+        self._averaged_columns = self.columns[: self.averaged]
+        self._averaged_signs = self.signs[: self.averaged]
+        self._averaged_actions = self.actions[: self.averaged]
+
+    def __len__(self) -> int:
+        return len(self.elements)
+
+    def images(self, x: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+        """The images of inputs ``[B, F]`` under the averaged elements: ``[K · B, F]``.
+
+        The images of one element lie next to one another.
+        """
+        turned = x.astype(np.float32, copy=False)[:, self._averaged_columns]
+        turned *= self._averaged_signs
+        images: npt.NDArray[np.float32] = turned.swapaxes(0, 1).reshape(-1, x.shape[1])
+        return images
+
+    def mean(self, q: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """The mean of Q over the group, ``[B, A]``, from Q of `images`, ``[K · B, A]``."""
+        by_element = q.reshape(self.averaged, -1, q.shape[-1])
+        back = np.take_along_axis(by_element, self._averaged_actions[:, np.newaxis], axis=2)
+        mean: npt.NDArray[np.float32] = back.mean(axis=0)
+        return mean
+
+
+def _closure(
+    identity: Element, generators: tuple[Element, ...], most: int
+) -> tuple[list[Element], bool]:
+    """Return the group of as many generators as fit, in a fixed order, and whether all did."""
+    group, taken, complete = [identity], [], True
+    for generator in generators:
+        if generator in group:
+            continue
+        larger = _generated(identity, [*taken, generator], most)
+        if larger is None:
+            complete = False
+        else:
+            group = larger
+            taken.append(generator)
+    return group, complete
+
+
+def _generated(identity: Element, generators: list[Element], most: int) -> list[Element] | None:
+    """Return the group of some generators, breadth first; None where it is larger."""
+    found = {identity: None}
+    queue = [identity]
+    for element in queue:
+        for generator in generators:
+            product = generator.after(element)
+            if product not in found:
+                if len(found) == most:
+                    return None
+                found[product] = None
+                queue.append(product)
+    return list(found)
