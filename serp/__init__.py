@@ -28,6 +28,7 @@ _HOMES = {
     "SerpError": "serp.errors",
     "Settings": "serp.settings",
     "StateError": "serp.domain.model",
+    "Symmetry": "serp.symmetry",
     "Task": "serp.task",
     "TransitionModel": "serp.domain.model",
     "load_domain": "serp.domain.loading",
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from serp.run import load_run as load_run
     from serp.run import plan_and_learn as plan_and_learn
     from serp.settings import Settings as Settings
+    from serp.symmetry import Symmetry as Symmetry
     from serp.task import Task as Task
 
 

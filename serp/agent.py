@@ -16,10 +16,14 @@ from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.planning.settings import PlannerSettings
 from serp.settings import Settings
+from serp.symmetry import TaskSymmetry, declared_symmetries, symmetry_group
 from serp.task import BoundTask
 
 Arrays = dict[str, NDArray[Any]]
 Meta = dict[str, Any]
+
+_MIRRORED = 256
+"""With so many observations the symmetries that a task declares are checked."""
 
 
 class _GraphPlanner:
@@ -59,6 +63,9 @@ class Agent:
         task: The task.
         settings: All settings.
         seed: Seed of everything random in the agent.
+
+    Raises:
+        TaskError: The task declares a symmetry that its domain contradicts.
     """
 
     def __init__(self, task: BoundTask, settings: Settings, seed: int) -> None:
@@ -70,7 +77,15 @@ class Agent:
         planner = make_planner(task.model, settings.planner)
         self.arbiter = Arbiter(planner, task.actions, settings.arbiter, arbiter_seed)
         self._learner_input = _learner_input(settings.training.inputs)
-        self.learner = DQN(self._input_size(), task.actions.size, settings.learner, learner_seed)
+        self._symmetries: tuple[TaskSymmetry, ...] = ()
+        group = None
+        if settings.learner.symmetry:
+            self._symmetries = declared_symmetries(task)
+            group = symmetry_group(task, self._symmetries, settings.training.inputs)
+        self._unchecked = _MIRRORED if self._symmetries else 0
+        self.learner = DQN(
+            self._input_size(), task.actions.size, settings.learner, learner_seed, group
+        )
         self._random = np.random.default_rng(random_seed)
 
     def _input_size(self) -> int:
@@ -83,10 +98,14 @@ class Agent:
 
         Raises:
             EnvironmentFailure: The observation is none of the space, or holds NaN.
-            TaskError: The grounding failed.
+            TaskError: The grounding failed, or contradicts a symmetry that the task declares.
         """
         observation = self.task.observation(raw)
         state = self.task.ground(raw)
+        if self._unchecked:
+            self._unchecked -= 1
+            for symmetry in self._symmetries:
+                symmetry.check_grounding(self.task, observation, state)
         return state, self._learner_input(observation, state)
 
     def decide(self, state: Vector, x: Vector) -> Decision:

@@ -46,7 +46,7 @@ def unsafe_ahead(safe_steps: int) -> str:
         safe_steps: Control periods before the first unsafe one on the best path, at least 1.
     """
     periods = f"{safe_steps} control period{'' if safe_steps == 1 else 's'}"
-    return f"safe for {periods}, then unsafe whatever the planner does"
+    return f"safe for {periods}, then nothing is left that is predicted safe"
 
 
 def _of(schema: g.GroundSchema | None) -> str:

@@ -82,6 +82,7 @@ class Progress:
         self._next = float("inf")  # when the next picture is due
         self._latest = start or ProgressStats(0, 0)
         self._samples: deque[tuple[float, ProgressStats]] = deque()
+        self._moving = False
 
     def due(self) -> bool:
         """Whether it is time for the next picture."""
@@ -89,6 +90,11 @@ class Progress:
 
     def update(self, stats: ProgressStats) -> None:
         """Takes the newest numbers, and shows them if it is time to."""
+        if not self._moving and stats.env_steps > self._latest.env_steps:
+            # What came before the first step, compilation above all, says nothing of the speed.
+            self._moving = True
+            self._samples.clear()
+            self._samples.append((self._clock(), stats))
         self._latest = stats
         if self.due():
             self._show()

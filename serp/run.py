@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
+import hashlib
+import json
 import os
 import shlex
 import sys
@@ -21,6 +23,7 @@ from serp.agent import Agent
 from serp.arbiter import Decision
 from serp.budget import Budget
 from serp.domain.loading import Domain, load_domain
+from serp.domain.model import StateError
 from serp.errors import RunError, SerpError, SettingsError, TaskError
 from serp.evaluation import EvaluationResult, Policy, evaluate
 from serp.made_with import made_with
@@ -28,6 +31,7 @@ from serp.progress import ProgressStats, open_progress
 from serp.quantities import seed_of
 from serp.registry import find_task, load_task
 from serp.runs.checkpoint import NEWEST, PREVIOUS, Checkpoint
+from serp.runs.config import CONFIG
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.placement import default_path
 from serp.runs.reading import read_metrics
@@ -79,7 +83,7 @@ def plan_and_learn(
     """
     budget = Budget(episodes, env_steps)
     seed = seed_of(seed)
-    if not isinstance(out, str | os.PathLike | None):
+    if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
         raise SettingsError(f"out must be the name of a folder, not {out!r}")
     if not isinstance(task, Task | str):
         raise TaskError(f"a task is a serp.Task, a name or a domain file, not {task!r}")
@@ -110,8 +114,9 @@ def plan_and_learn(
             "settings": resolved.as_dict(),
         }
         sources = [(s.name, s.text) for s in _sources(bound.domain)]
+        trainer = Trainer(bound, resolved, seed)
         with RunFolder.create(path, config, sources, command=tuple(sys.argv)) as folder:
-            trainer = Trainer(bound, resolved, seed, folder.decisions)
+            trainer.decisions = folder.decisions
             with _advice_to_resume(folder):
                 return _train(folder, trainer, budget, quiet=quiet)
 
@@ -129,6 +134,7 @@ def _continue(folder: RunFolder, task: BoundTask, budget: Budget, *, quiet: bool
     note = None
     if not _never_began(folder):
         checkpoint = folder.resume()
+        _refuse_changes(checkpoint.meta["made_of"], _made_of(folder))
         trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
         before = Budget.from_dict(checkpoint.meta["budget"])
         note = checkpoint.fallback
@@ -138,15 +144,40 @@ def _continue(folder: RunFolder, task: BoundTask, budget: Budget, *, quiet: bool
         return _train(folder, trainer, budget, quiet=quiet, note=note)
 
 
+def _made_of(folder: RunFolder) -> dict[str, str]:
+    """Return digests of what a run is made of: its domain, its configuration but the budget."""
+    config = {name: value for name, value in folder.config.items() if name != "budget"}
+    made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
+    for file in (folder.domain_file, folder.problem_file):
+        if file is not None:
+            made[file.name] = file.read_bytes()
+    return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
+
+
+def _refuse_changes(before: Mapping[str, str], now: Mapping[str, str]) -> None:
+    """Refuse to go on with other files than a run began with: it would be neither of two runs.
+
+    Raises:
+        RunError: A file was changed.
+    """
+    for name in sorted(before.keys() | now.keys()):
+        if before.get(name) != now.get(name):
+            raise RunError(
+                f"{name} was changed since the run began, so that it cannot be continued as one; "
+                "undo the change, or begin a run of its own with it"
+            )
+
+
 @contextlib.contextmanager
 def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
     """Add to whatever stops a training how it goes on, where it can.
 
-    Settings cannot change in a run, so where one of them is wrong there is nothing to go on with.
+    Settings and domain cannot change in a run, so where one of them is wrong there is nothing to
+    go on with.
     """
     try:
         yield
-    except (SettingsError, Interrupted):
+    except (SettingsError, StateError, Interrupted):
         raise
     except (Exception, KeyboardInterrupt) as error:
         if any((folder.path / name).exists() for name in (NEWEST, PREVIOUS)):
@@ -195,6 +226,7 @@ def _train(
         # A number of units, where the task or the user sets one, stands for the steps.
         units = settings.units
         budget = Budget(units=units) if units else Budget(env_steps=settings.env_steps)
+    made_of = _made_of(folder)
     progress = open_progress(
         title=f"{trainer.task.name} → {folder.path}",
         budget=budget,
@@ -207,7 +239,7 @@ def _train(
         """Save a checkpoint; return when the next one is due, so that they cost 2 % at most."""
         begun = trainer.wall_time
         arrays, meta = trainer.state_dict()
-        folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict()})
+        folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict(), "made_of": made_of})
         if events is not None:
             events.flush()
         cost = trainer.wall_time - begun
@@ -291,6 +323,8 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
         RunError: It is no run, or a file of it is damaged.
         TaskError: The task is not installed here.
     """
+    if not isinstance(folder, str | os.PathLike):
+        raise RunError(f"a run is given by its folder, not by {folder!r}")
     opened = RunFolder.open(folder)
     if task is None:
         task = load_task(made_with(opened).task)

@@ -6,7 +6,7 @@ import contextlib
 import inspect
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -23,6 +23,7 @@ from serp.domain.loading import Domain, load_domain
 from serp.domain.model import StateError, TransitionModel, Vector
 from serp.errors import EnvironmentFailure, RunError, TaskError
 from serp.quantities import real
+from serp.symmetry import Symmetry
 
 Grounded = Mapping[str, float | bool] | NDArray[Any]
 Overrides = Mapping[str, Mapping[str, Any]]
@@ -48,6 +49,8 @@ class Task:
             reward.
         settings: Preset name → section → setting → value: what this task changes in the presets.
             The key `*` stands for every preset.
+        symmetries: Transformations that the task looks the same under (`serp.Symmetry`); the
+            learner makes use of them where `learner.symmetry` is set.
         description: One line for `serp list`.
     """
 
@@ -60,6 +63,7 @@ class Task:
     dt: float = 1.0
     reward: Literal["domain", "environment"] | None = None
     settings: Mapping[str, Overrides] = field(default_factory=dict)
+    symmetries: Sequence[Symmetry] = ()
     description: str = ""
 
     def load(self) -> Domain:
@@ -208,6 +212,12 @@ class BoundTask:
         if not np.isfinite(vector).all():
             raise EnvironmentFailure(f"task {self.name}: observation with NaN or infinity: {raw}")
         return vector
+
+    def raw(self, vector: NDArray[np.float64]) -> Any:
+        """Return the observation, as the environment would give it, of a flat vector."""
+        if self._flatten_by_space:
+            return spaces.unflatten(self._space, vector)
+        return vector.reshape(self._space.shape).astype(self._space.dtype)
 
     def ground(self, raw: Any) -> Vector:
         """Return the state `[F]` of an observation as the environment gave it.

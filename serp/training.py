@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from serp.agent import Agent
 from serp.arbiter import Actor, Decision, Reason
-from serp.domain.model import Vector
+from serp.domain.model import StateError, Vector
 from serp.errors import SettingsError
 from serp.runs.rows import DecisionRow, MetricsRow
 from serp.runs.tables import Table
@@ -89,6 +89,7 @@ class Trainer:
         decisions: Where decisions are logged; None logs none.
 
     Attributes:
+        decisions: The same, to be set before the first episode.
         episode, env_steps: How many there were.
         units: How many units of `arbiter.rho_unit` have ended.
         on_step: Called after every env step, where it is set.
@@ -104,14 +105,22 @@ class Trainer:
         self.task = task
         self.settings = settings
         self.seed = seed
-        self.agent = Agent(task, settings, seed)
+        try:
+            self.agent = Agent(task, settings, seed)
+        except (MemoryError, RuntimeError) as error:
+            if isinstance(error, RuntimeError) and "alloc" not in str(error):  # torch says it so
+                raise
+            raise SettingsError(
+                "learner: its networks and its memory do not fit into the machine's; make "
+                f"`hidden`, `members` or `buffer_size` smaller ({error})"
+            ) from None
         self.episode = 0
         self.env_steps = 0
         self.units = 0
         self.vetoes = 0
         self.unsafe_executed = 0
         self.recent: deque[float] = deque(maxlen=20)
-        self._decisions = decisions
+        self.decisions = decisions
         self.on_step: Callable[[], None] | None = None
         self._pretrained = settings.training.random_steps == 0
         self._wall_before = 0.0
@@ -194,10 +203,15 @@ class Trainer:
     ) -> tuple[float, bool]:
         """Return the reward to learn from and whether the observed step was unsafe."""
         ground = int(decision.forecast.ground[decision.action])
-        judged = self.task.model.judge(state, ground, next_state)
-        episode.return_ += env_reward
-        episode.domain_return += judged.reward
         by_domain = self.task.rewarded_by == "domain"
+        episode.return_ += env_reward
+        try:
+            judged = self.task.model.judge(state, ground, next_state)
+        except StateError:
+            if by_domain:
+                raise
+            return env_reward, False  # the domain has no say in it
+        episode.domain_return += judged.reward
         return judged.reward if by_domain else env_reward, judged.unsafe
 
     def _end_episode(self, episode: _Episode) -> MetricsRow:
@@ -243,11 +257,11 @@ class Trainer:
             self.agent.arbiter.end_unit(unit)
 
     def _log(self, decision: Decision, state: Vector) -> None:
-        if self._decisions is None:
+        if self.decisions is None:
             return
         explanation = self.agent.arbiter.explain(decision, state)
         names = self._names
-        self._decisions.append(
+        self.decisions.append(
             DecisionRow(
                 step=self.env_steps,
                 episode=self.episode + 1,

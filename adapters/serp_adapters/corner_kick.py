@@ -41,7 +41,7 @@ def until_met(x: Numbers, y: Numbers, vx: Numbers, vy: Numbers, gap: float) -> N
     """Seconds until a robot has the ball, if it walks straight to where it can meet it.
 
     Args:
-        x: Of the ball from the robot, m.
+        x: Of the ball from the robot, m. Several robots take an axis in front.
         y: See `x`.
         vx: Of the ball, m/s. Rolling slows it down.
         vy: See `vx`.
@@ -88,27 +88,31 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """
     seen = np.asarray(observation, dtype=np.float64)
     # From the middle of the goal, x up the pitch, y to the side of the corner.
-    places = UNIT * seen[..., 0:6]
-    robot_x, robot_y, opponent_x, opponent_y, x, y = np.moveaxis(places, -1, 0)
-    vx, vy = seen[..., 6], seen[..., 7]
+    robot_x, robot_y = UNIT * seen[..., 0], UNIT * seen[..., 1]
+    opponent_x, opponent_y = UNIT * seen[..., 2], UNIT * seen[..., 3]
+    x, y = UNIT * seen[..., 4], UNIT * seen[..., 5]
+    to_goal = np.arctan2(-y, -x)
     robot_to_ball = np.hypot(robot_x - x, robot_y - y)
 
-    ball_in = until_met(x - robot_x, y - robot_y, vx, vy, CONTACT + REACH)
-    to_goal = np.arctan2(-y, -x)
-    bearing = np.arctan2(y - opponent_y, x - opponent_x)
-    turn = np.maximum(np.abs(_wrapped(to_goal - bearing)) - ALIGNED_SHOT, 0.0)
-    winding = 1.0 - np.clip(seen[..., 13], 0.0, 1.0)
+    ball_in, its_ball_in = until_met(
+        np.stack((x - robot_x, x - opponent_x)),
+        np.stack((y - robot_y, y - opponent_y)),
+        seen[..., 6],
+        seen[..., 7],
+        CONTACT + REACH,
+    )
+    turn = _between(to_goal, np.arctan2(y - opponent_y, x - opponent_x))
     shot_in = (
-        until_met(x - opponent_x, y - opponent_y, vx, vy, CONTACT + REACH)
-        + ROUND * turn
-        + WIND_UP * winding
+        its_ball_in
+        + ROUND * np.maximum(turn - ALIGNED_SHOT, 0.0)
+        + WIND_UP * (1.0 - np.minimum(seen[..., 13], 1.0))
     )
 
     share = 1.0 - MARK_GAP / np.maximum(np.hypot(opponent_x, opponent_y), MARK_GAP)
-    off_line = np.abs(_wrapped(to_goal - np.arctan2(robot_y - y, robot_x - x)))
+    off_line = _between(to_goal, np.arctan2(robot_y - y, robot_x - x))
     # How wide the goal looks: less from the side than from straight ahead.
-    left, right = np.arctan2(y - SPL_2020.half_goal, x), np.arctan2(y + SPL_2020.half_goal, x)
-    half_goal = np.maximum(0.5 * np.abs(_wrapped(right - left)), 1e-3)
+    right, left = np.arctan2(y - SPL_2020.half_goal, x), np.arctan2(y + SPL_2020.half_goal, x)
+    half_goal = np.maximum(0.5 * _between(left, right), 1e-3)
     return np.stack(
         (
             seen[..., 12] > 0.5,
@@ -125,9 +129,10 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     )
 
 
-def _wrapped(angle: Numbers) -> Numbers:
-    """The same angle in [−π, π]."""
-    return np.arctan2(np.sin(angle), np.cos(angle))
+def _between(one: Numbers, other: Numbers) -> Numbers:
+    """The angle between two directions in [−π, π]: 0 to π."""
+    apart = np.abs(one - other)
+    return np.minimum(apart, 2.0 * np.pi - apart)
 
 
 def task() -> serp.Task:

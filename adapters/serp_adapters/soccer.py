@@ -13,7 +13,7 @@ import serp_envs
 from serp_adapters.domains import domain_file
 from serp_adapters.soccer_geometry import open_share
 from serp_envs.soccer.fields import SPL_2020
-from serp_envs.soccer.observation import FAR, NEAR
+from serp_envs.soccer.observation import FAR, MIRROR, NEAR
 from serp_envs.soccer.timing import DECISION
 
 FREE_ANGLE: Final = 0.2
@@ -116,5 +116,6 @@ def task() -> serp.Task:
             # expects to end with a goal or a collision; a ball lost (-4) may be worth a try.
             "paper": {"arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0}},
         },
+        symmetries=(serp.Symmetry(objects={"left": "right"}, observation_signs=MIRROR),),
         description="defend the goal against an attacker who comes with the ball",
     )

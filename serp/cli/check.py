@@ -182,6 +182,7 @@ def _load(check: _Check) -> Domain:
 
 
 def _summary(domain: Domain) -> Iterator[str]:
+    from serp.domain.automorphisms import find_symmetries
     from serp.domain.ground import REWARD_TARGET, TERMINAL_TARGET, UNSAFE_TARGET, GroundSchema
 
     model = domain.model
@@ -218,3 +219,8 @@ def _summary(domain: Domain) -> Iterator[str]:
     if ground.goal is not None:
         ends = "the problem's goal" + ("" if ends == "nothing" else f", {ends}")
     yield f"terminal: {ends}"
+    symmetries = find_symmetries(ground)
+    for symmetry in symmetries.told():
+        yield f"symmetry: {symmetry}"
+    if not symmetries.complete:
+        yield "symmetry: the search was given up, there may be more"

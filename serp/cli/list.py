@@ -58,7 +58,7 @@ def _about(name: str) -> tuple[str, str, bool]:
     if own is None:
         return task.description, str(shipped), False
     same = own.resolve() == shipped.resolve()
-    return task.description, str(own) if same else f"{own} (instead of {shipped})", False
+    return task.description, str(own) if same else f"{own} (instead of the installed one)", False
 
 
 def _package(entry: EntryPoint) -> str:

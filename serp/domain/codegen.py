@@ -85,14 +85,16 @@ def generate_aftermath(model: g.GroundModel, *, traced: bool = False) -> Generat
     return _Generator(model, traced=traced).aftermath()
 
 
-def generate_judged_action(model: g.GroundModel, action: g.GroundSchema) -> Generated:
+def generate_judged_action(
+    model: g.GroundModel, action: g.GroundSchema, *, traced: bool = False
+) -> Generated:
     """Generate what an action's own effects say of an observed transition."""
-    return _Generator(model).judged_action(action)
+    return _Generator(model, traced=traced).judged_action(action)
 
 
-def generate_judged_aftermath(model: g.GroundModel) -> Generated:
+def generate_judged_aftermath(model: g.GroundModel, *, traced: bool = False) -> Generated:
     """Generate what processes, events, goal and metric say of an observed transition."""
-    return _Generator(model).judged_aftermath()
+    return _Generator(model, traced=traced).judged_aftermath()
 
 
 class _Generator(Emitter):

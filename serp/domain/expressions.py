@@ -214,6 +214,9 @@ def _arithmetic(group: Group, scope: Scope) -> Arithmetic:
         raise DomainError(
             f"`{operator}` takes {wanted} operands, found {len(operands)}", group.place
         )
+    divisor = operands[1] if operator == "/" else None
+    if isinstance(divisor, Number) and divisor.value == 0.0:
+        raise DomainError("a division by zero", divisor.place, "it never has a result")
     expression = Arithmetic(operator, operands, group.place)
     if _chain(expression) > _MAX_CHAIN:
         raise DomainError(

@@ -65,8 +65,8 @@ def load_domain(
         DomainError: A file is missing, malformed, or uses what is not supported; the message
             has file, line, column, the line with a caret, and what to do.
     """
-    domain_file = Path(domain_file)
     source = Source.read(domain_file)
+    domain_file = Path(domain_file)
     syntax = parse_domain(source)
     if problem_file is None:
         sibling = domain_file.with_name(f"{domain_file.stem}-problem.pddl")

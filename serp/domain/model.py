@@ -14,7 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from serp.domain.emit import Site
 from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE
-from serp.domain.ground import REWARD_TARGET, Fluent, GroundModel, GroundSchema, Parameter
+from serp.domain.ground import (
+    REWARD_TARGET,
+    Constant,
+    Fluent,
+    GroundModel,
+    GroundSchema,
+    Parameter,
+    SetBoolean,
+    SetNumber,
+)
 from serp.domain.program import Program
 from serp.domain.source import did_you_mean
 from serp.errors import SerpError
@@ -144,12 +153,14 @@ class TransitionModel:
         Raises:
             StateError: A fluent is missing, unknown, or its value is no finite number.
         """
+        if not isinstance(values, Mapping):
+            raise StateError(f"a state is given as fluent name → value, not as {values!r}")
         state = np.empty(len(self.fluents))
         seen = 0
         for name, value in values.items():
             index = self._index.get(name)
             if index is None:
-                raise StateError(self._unknown_fluent(name))
+                raise StateError(self._unknown_fluent(str(name)))
             try:
                 state[index] = value
             except (TypeError, ValueError):
@@ -200,6 +211,8 @@ class TransitionModel:
         Raises:
             StateError: There is no such action.
         """
+        if isinstance(action, bool | np.bool_):
+            raise StateError(f"an action is a name or a position, not {action!r}")
         if isinstance(action, str):
             name = " ".join(action.lower().strip("() ").split())
             if name not in self._actions:
@@ -278,10 +291,12 @@ class TransitionModel:
         out = [*n, 0.0]
         flags = self._program.judge(state.tolist(), action, n, self._theta_list, self.dt, out)
         if not flags & APPLICABLE:
+            site = self._program.trace_judged(state.tolist(), action, n, self._theta_list, self.dt)[
+                -1
+            ]
             raise StateError(
-                "an observed transition has no reward: it is no finite number, a condition is "
-                "neither true nor false (a division by zero), or effects of an event contradict "
-                f"each other; observed state: {self.values(next_state)}"
+                f"an observed transition cannot be judged: {_without_result(site)}; "
+                f"observed state: {self.values(next_state)}"
             )
         return Judgement(out[-1], bool(flags & UNSAFE), bool(flags & TERMINAL))
 
@@ -362,3 +377,21 @@ def _numbers(values: ArrayLike, what: str) -> Vector:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise StateError(f"{what} is numbers, found {values!r}") from None
+
+
+def _without_result(site: Site) -> str:
+    """Say where a step has no result, and why."""
+    place = (
+        site.item.place
+        if site.item is not None and not isinstance(site.item, Constant)
+        else (site.schema.place if site.schema is not None else None)
+    )
+    if site.what == "conflict":
+        why = "contradicts another effect"
+    elif isinstance(site.item, SetBoolean | SetNumber) or site.item is None:
+        why = "gives no finite number"
+    else:
+        why = "is neither true nor false, it divides by zero"
+    if place is None:
+        return f"the reward {why}"
+    return f"{place.source.name}:{place.line}:{place.column}: `{place.text}` {why}"

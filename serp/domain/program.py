@@ -77,17 +77,33 @@ class Program:
         self, state: list[float], action: int, theta: list[float], dt: float
     ) -> tuple[list[Site], int]:
         """Carry out an action; return the sites passed, in order, and the flags."""
-        out = [*state, 0.0]
+        out, sites = [*state, 0.0], _Trace()
         generated = generate_action(self.ground, self.ground.actions[action], traced=True)
-        passed: list[int] = []
-        flags = _load(generated)(state, theta, dt, out, passed)
-        sites = [generated.sites[k] for k in passed]
+        flags = sites.run(_load(generated), generated.sites, state, theta, dt, out)
         if flags & APPLICABLE:
-            function, after = self._traced_aftermath
-            passed = []
-            flags = function(state, flags, theta, dt, out, passed)
-            sites += [after[k] for k in passed]
-        return sites, flags
+            flags = sites.run(*self._traced_aftermath, state, flags, theta, dt, out)
+        return sites.passed, flags
+
+    def trace_judged(
+        self,
+        state: list[float],
+        action: int,
+        next_state: list[float],
+        theta: list[float],
+        dt: float,
+    ) -> list[Site]:
+        """Judge an observed transition; return the sites passed, in order."""
+        out, sites, flags = [*next_state, 0.0], _Trace(), APPLICABLE
+        if action >= 0:
+            generated = generate_judged_action(
+                self.ground, self.ground.actions[action], traced=True
+            )
+            flags = sites.run(_load(generated), generated.sites, state, theta, dt, out)
+        if flags & APPLICABLE:
+            generated = generate_judged_aftermath(self.ground, traced=True)
+            after = (state, next_state, flags, theta, dt, out)
+            sites.run(_load(generated), generated.sites, *after)
+        return sites.passed
 
     @functools.cached_property
     def _aftermath(self) -> _Function:
@@ -135,6 +151,20 @@ class Program:
         if max(reads, default=0) > MAX_NATIVE_TEST:
             return MAX_NATIVE_SIZE + 1
         return writes + sum(reads)
+
+
+class _Trace:
+    """The sites that traced functions pass, one function after the other."""
+
+    def __init__(self) -> None:
+        self.passed: list[Site] = []
+
+    def run(self, function: _Function, sites: tuple[Site, ...], *arguments: Any) -> int:
+        """Run a traced function; return its result."""
+        passed: list[int] = []
+        result = function(*arguments, passed)
+        self.passed += [sites[k] for k in passed]
+        return result
 
 
 def _load(generated: Generated) -> _Function:

@@ -29,6 +29,8 @@ class Source:
         Raises:
             DomainError: The file is missing, unreadable or not UTF-8.
         """
+        if not isinstance(path, str | Path):
+            raise DomainError(f"a file is given by its path, not by {path!r}")
         path = Path(path)
         try:
             # Some editors put a byte order mark first; it is no part of the text.
@@ -42,6 +44,8 @@ class Source:
             ) from None
         except OSError as error:
             raise DomainError(f"{path}: cannot be read ({error.strerror})") from None
+        except ValueError as error:  # no path of this system: a null character
+            raise DomainError(f"{str(path)!r}: cannot be read ({error})") from None
 
     def place(self, start: int, end: int) -> Place:
         """Return the place of the characters `start` to `end` (exclusive)."""

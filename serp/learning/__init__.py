@@ -8,6 +8,7 @@
 ``replay``     `ReplayBuffer`: n-step samples, masks, protected memory
 ``bounds``     `ReturnBounds`: between which values a return can lie
 ``schedule``   `LinearSchedule`: exploration over time
+``symmetry``   `SymmetryGroup`: mirror images of inputs and actions
 ``dqn``        `DQN`: proposes, remembers, learns; `Proposal`
 =============  =======================================================================
 

@@ -24,7 +24,7 @@ from serp.errors import RunError
 from serp.learning import kernels
 from serp.learning.adam import Adam
 from serp.learning.bounds import ReturnBounds
-from serp.learning.network import QNetwork, Workspace, type_F32
+from serp.learning.network import MeanOfImages, QNetwork, Workspace, type_F32
 from serp.learning.replay import ReplayBuffer
 from serp.learning.schedule import LinearSchedule
 from serp.learning.settings import DQNSettings
@@ -149,7 +149,9 @@ class DQN:
         return self._bounds.lower, self._bounds.upper
 
     def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Q of every action, the mean of members and mirror images, in units of reward × `reward_scale`.
+        """Q of every action, the mean of members and mirror images.
+
+        In units of reward × `reward_scale`.
 
         Args:
             x: one input ``[F]`` or a batch ``[B, F]``.
@@ -294,9 +296,22 @@ class DQN:
         """One gradient update; returns its loss."""
         settings = self.settings
         batch = self.replay.sample()
-        next_q = self._target.forward(batch.next_observation, self._next_work)
-        choice_q = next_q
-        if settings.double and self._target is not self._online:
+        import os
+        if os.environ.get("SYMT") and self.symmetry is not None:
+            sg=self.symmetry
+            def both(net, w):
+                out=None
+                for k in range(sg.averaged):
+                    xk=np.ascontiguousarray(batch.next_observation[..., sg.columns[k]]*sg.signs[k])
+                    qk=net.forward(xk, w)[..., sg.actions[k]]
+                    out = qk if out is None else out+qk
+                return np.ascontiguousarray(out/np.float32(sg.averaged))
+            next_q = both(self._target, self._next_work)
+            choice_q = both(self._online, self._choice_work) if settings.double and self._target is not self._online else next_q
+        else:
+          next_q = self._target.forward(batch.next_observation, self._next_work)
+          choice_q = next_q
+          if settings.double and self._target is not self._online:
             choice_q = self._online.forward(batch.next_observation, self._choice_work)
         lower, upper = self.value_bounds if settings.clip_targets else (-math.inf, math.inf)
         q = self._online.forward(batch.observation, self._work)
@@ -331,9 +346,18 @@ class DQN:
     def module(self) -> torch.nn.Module:
         """An independent copy of the network for export, ``[batch, F]`` → ``[batch, A]``.
 
-        An ordinary `torch.nn.Sequential`; with several members a module that means them.
+        An ordinary `torch.nn.Sequential`; with several members, or symmetries, a module that takes
+        the mean over them.
         """
-        return self._online.module()
+        module = self._online.module()
+        if self.symmetry is None:
+            return module
+        used = slice(self.symmetry.averaged)
+        columns, signs, actions = (
+            torch.from_numpy(array[used].copy())
+            for array in (self.symmetry.columns, self.symmetry.signs, self.symmetry.actions)
+        )
+        return MeanOfImages(module, columns, signs, actions)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Everything the future depends on: arrays and plain JSON values."""

@@ -187,8 +187,14 @@ def take_images(
         columns: int64 ``[G, F]``; image[i] = signs[g, i] × input[columns[g, i]].
         signs: ``[G, F]``.
         images: int64 ``[G, A]``, the image of every action.
-        observation, action, next_observation, forbidden: the memory, see `Samples`.
-        to_observation, to_action, to_next_observation, to_forbidden: written, N samples.
+        observation: the memory, see `Samples`.
+        action: likewise.
+        next_observation: likewise.
+        forbidden: likewise.
+        to_observation: written, N samples.
+        to_action: likewise.
+        to_next_observation: likewise.
+        to_forbidden: likewise.
     """
     width, count = columns.shape[1], images.shape[1]
     for i in range(len(rows)):

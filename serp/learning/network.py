@@ -253,6 +253,39 @@ class MeanOfMembers(torch.nn.Module):
         return torch.stack([member(inputs) for member in self.members]).mean(0)
 
 
+class MeanOfImages(torch.nn.Module):
+    """The mean output over a symmetry group; see `serp.learning.symmetry`.
+
+    Args:
+        inner: ``[batch, F]`` → ``[batch, A]``.
+        columns: int64 ``[K, F]``.
+        signs: float32 ``[K, F]``.
+        actions: int64 ``[K, A]``.
+    """
+
+    columns: torch.Tensor
+    signs: torch.Tensor
+    actions: torch.Tensor
+
+    def __init__(
+        self,
+        inner: torch.nn.Module,
+        columns: torch.Tensor,
+        signs: torch.Tensor,
+        actions: torch.Tensor,
+    ) -> None:
+        super().__init__()
+        self.inner = inner
+        self.register_buffer("columns", columns)
+        self.register_buffer("signs", signs)
+        self.register_buffer("actions", actions)
+
+    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
+        """``[batch, F]`` → ``[batch, A]``."""
+        images = zip(self.columns, self.signs, self.actions, strict=True)
+        return torch.stack([self.inner(inputs[:, c] * s)[:, a] for c, s, a in images]).mean(0)
+
+
 def _squeezed(array: type_F32) -> type_F32:
     """Without the axis of a single member: one plain matrix product is the cheapest."""
     return array[0] if len(array) == 1 else array

@@ -139,7 +139,8 @@ def _closure(
     identity: Element, generators: tuple[Element, ...], most: int
 ) -> tuple[list[Element], bool]:
     """Return the group of as many generators as fit, in a fixed order, and whether all did."""
-    group, taken, complete = [identity], [], True
+    group, complete = [identity], True
+    taken: list[Element] = []
     for generator in generators:
         if generator in group:
             continue

@@ -95,6 +95,10 @@ class MonitorReplanner:
         max_nodes: int = 10_000,
         time_budget: float | None = None,
     ) -> None:
+        if not isinstance(model, TransitionModel):
+            raise SettingsError(
+                f"planner: plans with a TransitionModel such as `domain.model`, not with {model!r}"
+            )
         self.model = model
         self.settings = PlannerSettings(
             depth=depth, discount=discount, repeat=repeat, max_nodes=max_nodes

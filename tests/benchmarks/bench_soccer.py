@@ -1,34 +1,60 @@
-"""How many decisions a second the soccer defender makes on one core, resets included.
+"""What a decision costs in the soccer scenarios: the environment, the grounding, the planner.
 
     python tests/benchmarks/bench_soccer.py [--decisions N] [--rounds N]
 
-Prints the rounds' best and median: on a shared machine the best is what the code can do.
+On one core. Environment: decisions a second with actions drawn at random, resets (at soccer with
+the approach before a contest) included. Planner: a replan in the lookahead form, with the settings
+and the domain file that ship, on the states that it meets when it plays. All contenders take turns
+in short rounds, so that a busy machine slows all alike; medians and best rounds are printed beside
+what is wanted. Nothing is asserted.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import random
 import statistics
 import time
+from collections.abc import Callable
+from typing import Any
 
-import pytest
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
-from serp_envs.soccer import SoccerDefender, engine
+import numpy as np
+
+from serp.arbiter import Arbiter
+from serp.planning.lookahead import Lookahead
+from serp.registry import load_task
+from serp.settings import resolve
+from serp_envs.soccer import CornerKickDefender, SoccerDefender, engine
+from serp_envs.soccer.environment import SoccerEnv
 from serp_envs.soccer.timing import STEPS_PER_TICK
 
-GOAL = 8000.0
-"""Decisions a second that the environment is meant to make."""
+TASKS: dict[str, Callable[[], SoccerEnv]] = {
+    "soccer": SoccerDefender,
+    "corner-kick": CornerKickDefender,
+}
+STATES = 256
 
 
-def rounds(decisions: int, count: int) -> tuple[list[float], list[float]]:
-    """Decisions and physics steps a second of each round, actions drawn at random."""
-    env, rng = SoccerDefender(), random.Random(0)
-    env.reset(seed=0)
-    speeds, physics = [], []
-    for _ in range(count):
-        actions = rng.choices(range(5), k=decisions)
-        ticks = 0
+class Environment:
+    """One of them, played at random."""
+
+    def __init__(self, name: str, decisions: int) -> None:
+        """Reset; the same decisions in every run of the program."""
+        self._env, self._rng, self._decisions = TASKS[name](), random.Random(0), decisions
+        self._env.reset(seed=0)
+        self.decisions: list[float] = []
+        """Decisions a second of each round."""
+        self.physics: list[float] = []
+        """Physics steps a second of each round."""
+
+    def measure(self) -> None:
+        """Play a round."""
+        env = self._env
+        actions = self._rng.choices(range(len(env.scenario.actions)), k=self._decisions)
+        ticks = -env.scenario.world.tick  # played already
         start = time.perf_counter()
         for action in actions:
             _, _, terminated, truncated, _ = env.step(action)
@@ -36,25 +62,83 @@ def rounds(decisions: int, count: int) -> tuple[list[float], list[float]]:
                 ticks += env.scenario.world.tick
                 env.reset()
         taken = time.perf_counter() - start
-        speeds.append(decisions / taken)
-        physics.append(STEPS_PER_TICK * ticks / taken)
-    return speeds, physics
+        ticks += env.scenario.world.tick
+        self.decisions.append(self._decisions / taken)
+        self.physics.append(STEPS_PER_TICK * ticks / taken)
 
 
-@pytest.mark.skipif(not engine.NATIVE, reason="this pymunk has the slow way in only")
-def test_the_environment_makes_enough_decisions_a_second() -> None:
-    assert max(rounds(4000, 8)[0]) >= GOAL
+class Planning:
+    """Grounding and replanning, on the states that the planner meets when it plays."""
+
+    def __init__(self, name: str) -> None:
+        """Play; that compiles, too."""
+        task = load_task(name)
+        chosen = resolve("default", task.settings)
+        with task.bind() as bound:
+            planner = Lookahead(bound.model, chosen.planner)
+            arbiter = Arbiter(planner, bound.actions, chosen.arbiter)
+            found: list[Any] = []
+            raw, _ = bound.reset(seed=0)
+            while len(found) < STATES:
+                found.append(raw)
+                action = arbiter.plan(bound.ground(raw)).action
+                raw, _, terminated, truncated, _ = bound.step(action)
+                if terminated or truncated:
+                    raw, _ = bound.reset()
+            self._observations = found
+            self._states = [np.array(bound.ground(raw)) for raw in found]
+            self._ground, self._plan = bound.ground, planner.forecast
+        self.plan: list[float] = []
+        """Seconds a replan, of each round."""
+        self.ground: list[float] = []
+        """Seconds an observation, of each round."""
+
+    def measure(self) -> None:
+        """Ground and replan every state."""
+        start = time.perf_counter()
+        for state in self._states:
+            self._plan(state)
+        between = time.perf_counter()
+        for raw in self._observations:
+            self._ground(raw)
+        self.plan.append((between - start) / STATES)
+        self.ground.append((time.perf_counter() - between) / STATES)
+
+
+def row(name: str, median: str, best: str, wanted: str = "") -> None:
+    """Print a line."""
+    print(f"  {name:<28}{median:>14}{best:>14}   {wanted}".rstrip())
+
+
+def rate(name: str, values: list[float], wanted: str = "") -> None:
+    """Print how often a second something happens."""
+    row(name, f"{statistics.median(values):,.0f} /s", f"{max(values):,.0f} /s", wanted)
+
+
+def duration(name: str, values: list[float], wanted: str = "") -> None:
+    """Print how long something takes."""
+    row(name, f"{1e3 * statistics.median(values):.3f} ms", f"{1e3 * min(values):.3f} ms", wanted)
 
 
 def main() -> None:
-    """Print the speeds."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--decisions", type=int, default=4000, help="a round")
-    parser.add_argument("--rounds", type=int, default=8)
+    parser.add_argument("--rounds", type=int, default=9)
     arguments = parser.parse_args()
-    speeds, physics = rounds(arguments.decisions, arguments.rounds)
-    for name, values in (("decisions/s", speeds), ("physics steps/s", physics)):
-        print(f"{name:16} best {max(values):8.0f}   median {statistics.median(values):8.0f}")
+    worlds = {name: Environment(name, arguments.decisions) for name in TASKS}
+    planners = {name: Planning(name) for name in TASKS}
+    for _ in range(arguments.rounds):
+        for contender in (*worlds.values(), *planners.values()):
+            contender.measure()
+    slow = "" if engine.NATIVE else "; this pymunk has the slow way in only"
+    print(f"{arguments.rounds} interleaved rounds of {arguments.decisions} decisions{slow}\n")
+    for name in TASKS:
+        row(name, "median", "best")
+        rate("decisions", worlds[name].decisions, "wanted: ≥ 8,000 /s")
+        rate("physics steps", worlds[name].physics)
+        duration("replan, lookahead", planners[name].plan, "wanted: ≤ 0.3 ms")
+        duration("grounding", planners[name].ground)
 
 
 if __name__ == "__main__":

@@ -256,6 +256,8 @@ class _Writer:
         if kind == 5 and not self.flavour.simulated:
             return self.random.choice((f"(- {first})", f"(+ {first} {second} 1)"))
         operator = self.random.choice("+-*" if self.flavour.simulated else "+-*/")
+        if operator == "/" and second == "0":
+            operator = "*"
         return f"({operator} {first} {second})"
 
     # Effects -----------------------------------------------------------------------------------

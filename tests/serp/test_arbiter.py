@@ -316,7 +316,7 @@ def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file() -> Non
                 assert f"below R_min {arbiter.settings.r_min:g}" in explanation
                 return
             case "safe":
-                assert "then unsafe whatever the planner does" in explanation
+                assert "then nothing is left that is predicted safe" in explanation
                 return
         found = re.search(r"`(.+)` \(line (\d+)\)", explanation)
         assert found is not None, explanation
@@ -446,7 +446,7 @@ def test_what_cannot_be_stopped_any_more_is_refused_ahead_of_time() -> None:
     assert decision.reason is Reason.UNSAFE_AHEAD
     assert decision.action == GLIDER.action_index("left")
     assert explanation == (
-        "right: safe for 1 control period, then unsafe whatever the planner does"
+        "right: safe for 1 control period, then nothing is left that is predicted safe"
     )
     assert judged("step", 3)[0].reason is Reason.ACCEPTED
     assert judged("lookahead", 1)[0].reason is Reason.ACCEPTED

@@ -108,9 +108,11 @@ def test_a_resumed_run_counts_speed_from_where_it_resumed(clock):
     stream = io.StringIO()
     start = ProgressStats(500, 100_000)
     with open_progress(stream=stream, budget=Budget(env_steps=101_000), start=start) as progress:
+        clock.now += 60  # compiling
+        progress.update(ProgressStats(500, 100_010))
         clock.now += 10
-        progress.update(ProgressStats(501, 100_200))
-    assert "20 steps/s, 40.0 s left" in stream.getvalue()
+        progress.update(ProgressStats(501, 100_210))
+    assert "20 steps/s, 39.5 s left" in stream.getvalue()
 
 
 def test_speed_is_that_of_the_last_half_minute(clock):
@@ -128,7 +130,8 @@ def test_a_terminal_gets_a_panel_with_every_number(monkeypatch, clock, width):
     stream = Terminal()
     budget = Budget(env_steps=4000)
     with open_progress(stream=stream, title="[cart] → runs/x", budget=budget) as progress:
-        clock.now += 10
+        progress.update(dataclasses.replace(TEN, episode=0, env_steps=1))
+        clock.now += 9.99
         progress.update(TEN)
     last = stream.getvalue().split("╭")[-1]
     for text in ("[cart] → runs/x", "10", "1,000/4,000", "23.0", "21.4", "0.12", "100", "30.0 s"):

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
+from serp.domain.model import StateError
 from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
 from serp.run import Interrupted, Run, load_run, plan_and_learn
 from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS, load
@@ -716,3 +717,51 @@ def test_a_task_that_is_not_installed_must_be_given(tmp_path: Path) -> None:
     train(corridor(tmp_path), tmp_path / "run", episodes=1)
     with pytest.raises(TaskError, match="no task `corridor`"):
         load_run(tmp_path / "run")
+
+
+def test_a_run_whose_own_files_were_changed_is_not_continued(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    train(corridor(tmp_path), out, episodes=2)
+    for name, old, new in (
+        ("domain.pddl", "0.5", "0.25"),
+        ("config.json", '"seed": ', '"seed": 1'),
+    ):
+        file = out / name
+        before = file.read_text(encoding="utf-8")
+        assert old in before
+        file.write_text(before.replace(old, new, 1), encoding="utf-8")
+        with pytest.raises(RunError, match=f"{name} was changed since the run began"):
+            resume(corridor(tmp_path), out, episodes=3)
+        file.write_text(before, encoding="utf-8")
+    resume(corridor(tmp_path), out, episodes=3)
+
+
+def test_a_learner_that_does_not_fit_into_memory_leaves_no_run(tmp_path: Path) -> None:
+    for learner in ({"buffer_size": 10**13}, {"hidden": [10**9]}):
+        with pytest.raises(SettingsError, match="do not fit into"):
+            plan_and_learn(
+                corridor(tmp_path), out=tmp_path / "run", settings={"learner": learner}, quiet=True
+            )
+        assert not (tmp_path / "run").exists()
+
+
+def test_a_reward_without_a_value_is_said_with_its_place_and_without_advice_that_loops(
+    tmp_path: Path,
+) -> None:
+    task = corridor(tmp_path)
+    file = Path(str(task.domain))
+    text = file.read_text(encoding="utf-8")
+    event = (
+        "(:event odd :parameters () :precondition (and (> (/ 1 (- (x) (x))) 2))"
+        " :effect (and (increase (reward) 1)))"
+    )
+    file.write_text(text.rstrip().removesuffix(")") + event + ")", encoding="utf-8")
+    with pytest.raises(StateError, match=r"pddl:\d+:\d+: `\(> .* is neither true nor") as raised:
+        train(task, tmp_path / "run", episodes=3)
+    assert not getattr(raised.value, "__notes__", [])
+
+
+@pytest.mark.parametrize("folder", [3, None, b"run"])
+def test_what_is_no_folder_is_no_run(folder: Any) -> None:
+    with pytest.raises(RunError, match="given by its folder"):
+        load_run(folder)

@@ -12,16 +12,25 @@ LOOK: Final = 0.2
 """The way ahead is looked at in steps of this, s."""
 
 
+STILL: Final = 1e-6
+"""A slower ball lies, m/s."""
+
+
+def _way(time: float, speed: float, slowing: float) -> float:
+    """How far a ball rolls in that time, as the seconds it would take at its present speed."""
+    rests = speed / slowing
+    time = time if time < rests else rests
+    return time * (1.0 - 0.5 * slowing * time / speed)
+
+
 def rolled(world: World, seconds: float) -> tuple[float, float]:
     """Where the ball will be then, m, if nobody meets it."""
     vx, vy = world.ball_vx, world.ball_vy
     speed = hypot(vx, vy)
-    if speed < 1e-6:
+    if speed < STILL:
         return world.ball_x, world.ball_y
-    slowing = world.field.ball_deceleration
-    time = min(seconds, speed / slowing)
-    share = time * (1.0 - 0.5 * slowing * time / speed)
-    return world.ball_x + share * vx, world.ball_y + share * vy
+    way = _way(seconds, speed, world.field.ball_deceleration)
+    return world.ball_x + way * vx, world.ball_y + way * vy
 
 
 def meeting(world: World, robot: Robot) -> tuple[float, float, float]:
@@ -31,12 +40,18 @@ def meeting(world: World, robot: Robot) -> tuple[float, float, float]:
         x and y, m, and the seconds until then. Where the robot comes too late for a moving ball it
         is the place where the ball comes to rest.
     """
-    pace = robot.walk.forward
-    end = hypot(world.ball_vx, world.ball_vy) / world.field.ball_deceleration
+    pace, contact = robot.walk.forward, world.contact
+    x, y, vx, vy = world.ball_x, world.ball_y, world.ball_vx, world.ball_vy
+    from_x, from_y = x - robot.x, y - robot.y
+    speed, slowing = hypot(vx, vy), world.field.ball_deceleration
+    if speed < STILL:
+        return x, y, max(0.0, hypot(from_x, from_y) - contact) / pace
+    end = speed / slowing
     time = 0.0
     while True:
-        x, y = rolled(world, time)
-        needed = max(0.0, hypot(x - robot.x, y - robot.y) - world.contact) / pace
+        way = _way(time, speed, slowing)
+        dx, dy = way * vx, way * vy
+        needed = (hypot(from_x + dx, from_y + dy) - contact) / pace
         if needed <= time or time >= end:
-            return x, y, max(time, needed)
+            return x + dx, y + dy, max(time, needed)
         time += LOOK

@@ -29,7 +29,7 @@ def test_every_preset_is_described() -> None:
 def test_a_domain_of_the_working_directory_is_named(run: Run) -> None:
     Path("domains").mkdir()
     Path("domains/cartpole.pddl").write_text("")
-    assert f"{Path('domains/cartpole.pddl')} (instead of " in run("list").stdout
+    assert f"{Path('domains/cartpole.pddl')} (instead of the installed one)" in run("list").stdout
 
 
 def test_a_task_that_cannot_be_loaded_hides_no_other(

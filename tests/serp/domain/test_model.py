@@ -294,6 +294,7 @@ def test_actions_by_name_or_position() -> None:
         (-1, "action -1"),
         (0.5, "name or a position"),
         (None, "name or a position"),
+        (True, "name or a position"),
     ],
 )
 def test_unknown_actions_are_refused(action: object, says: str) -> None:
@@ -330,6 +331,12 @@ def test_what_is_no_numbers_is_refused_as_a_state(state: object) -> None:
     for use in (small().check_state, lambda state: small().step(state, 0)):
         with pytest.raises(StateError, match="a state is numbers"):
             use(state)  # type: ignore[operator]
+
+
+def test_what_names_no_fluents_is_refused_as_a_state() -> None:
+    for values in ([1.0], None, {1: 2.0}, {"heta": 1.0}):
+        with pytest.raises(StateError, match=r"fluent"):
+            small().state(values)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("action", [-2, 2])

@@ -8,6 +8,7 @@ import pytest
 from serp.domain.emit import Site
 from serp.domain.flags import UNDEFINED, UNSAFE
 from serp.domain.model import Outcome, StateError, TransitionModel
+from serp.domain.source import DomainError
 from tests.generated import Texts, load_texts
 
 PREDICATES = "(p) (q) (r) (unsafe) (terminal)"
@@ -216,6 +217,12 @@ def test_a_condition_whose_truth_does_not_hang_on_the_undefined_part_counts() ->
         outcome, after = run(model_of(action(f"(when {condition} (q))")), y=0.0, p=0)
         assert outcome.applicable and after["q"] is holds
         assert not run(model_of(action(f"(when {condition} (q))")), y=0.0, p=1)[0].applicable
+
+
+def test_a_division_by_a_written_zero_is_an_error_with_its_place() -> None:
+    with pytest.raises(DomainError, match="a division by zero") as raised:
+        model_of(action("(assign (x) (/ (y) 0.0))"))
+    assert raised.value.line == 1
 
 
 def test_a_difference_of_overflows_is_undefined_and_an_overflow_alone_is_large() -> None:

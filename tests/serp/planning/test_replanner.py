@@ -278,6 +278,11 @@ def test_a_time_budget_is_met_and_leaves_a_decision(budget: float) -> None:
     assert spent < budget + 10.0  # the machine may be busy; the whole graph takes minutes
 
 
+def test_a_planner_needs_a_model_and_says_which() -> None:
+    with pytest.raises(SettingsError, match=r"such as `domain\.model`"):
+        MonitorReplanner("cartpole")  # type: ignore[arg-type]
+
+
 def test_a_generous_time_budget_changes_nothing() -> None:
     model = world(5)
     for state in states_of(model, Random(0), 5):

@@ -22,6 +22,8 @@ from serp.planning.settings import MAX_EDGES, MAX_NUMBERS, PlannerSettings
         ("discount", "high"),
         ("depth", True),
         ("depth", "3"),
+        ("depth", 10_001),
+        ("repeat", 10**30),
     ],
 )
 def test_a_value_outside_its_range_is_refused_by_name(name: str, value: object) -> None:
