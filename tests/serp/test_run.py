@@ -723,13 +723,13 @@ def test_a_run_whose_own_files_were_changed_is_not_continued(tmp_path: Path) -> 
     out = tmp_path / "run"
     train(corridor(tmp_path), out, episodes=2)
     for name, old, new in (
-        ("domain.pddl", "0.5", "0.25"),
+        ("domain.pddl", "(reward) 5", "(reward) 6"),
         ("config.json", '"seed": ', '"seed": 1'),
     ):
         file = out / name
         before = file.read_text(encoding="utf-8")
         assert old in before
-        file.write_text(before.replace(old, new, 1), encoding="utf-8")
+        file.write_text(before.replace(old, new), encoding="utf-8")
         with pytest.raises(RunError, match=f"{name} was changed since the run began"):
             resume(corridor(tmp_path), out, episodes=3)
         file.write_text(before, encoding="utf-8")
