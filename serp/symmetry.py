@@ -274,10 +274,8 @@ def _ground_actions(
         try:
             return symmetry_of(model.ground, objects).actions
         except Asymmetry as error:
-            raise _Wrong(
-                f"the domain contradicts it: {error.what}"
-                + (f" ({error.place.source.name}, line {error.place.line})" if error.place else "")
-            ) from None
+            where = f"{error.place}: " if error.place else ""
+            raise _Wrong(f"the domain contradicts it: {where}{error.what}") from None
     named = {(a.schema, a.arguments): k for k, a in enumerate(model.actions)}
     images = []
     for action in model.actions:
@@ -342,10 +340,18 @@ def _of_observation(
     order, signs = symmetry.observation_order, symmetry.observation_signs
     if order is None and signs is None:
         return None, None
-    columns = tuple(range(size)) if order is None else tuple(order)
+    columns = _numbers(range(size) if order is None else order)
     if sorted(columns) != list(range(size)):
         raise _Wrong(f"observation_order must name each of the {size} places once, not {order!r}")
-    factors = (1.0,) * size if signs is None else tuple(float(sign) for sign in signs)
+    factors = _numbers((1,) * size if signs is None else signs)
     if len(factors) != size or not {1.0, -1.0}.issuperset(factors):
         raise _Wrong(f"observation_signs must be {size} times 1 or -1, not {signs!r}")
     return tuple(int(c) for c in columns), factors
+
+
+def _numbers(values: Any) -> tuple[float, ...]:
+    """Return a sequence as numbers; nothing where it is none."""
+    try:
+        return tuple(float(value) for value in values)
+    except (TypeError, ValueError):
+        return ()

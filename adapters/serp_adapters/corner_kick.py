@@ -16,7 +16,7 @@ from serp_envs.soccer.attacker import ALIGNED_SHOT, STAND_MARGIN, WIND_UP
 from serp_envs.soccer.corner_kick import MARK_GAP, UNIT
 from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.robot import NAO
-from serp_envs.soccer.rolling import LOOK
+from serp_envs.soccer.rolling import LOOK, STILL
 from serp_envs.soccer.timing import DECISION
 from serp_envs.soccer.world import REACH
 
@@ -53,13 +53,14 @@ def until_met(x: Numbers, y: Numbers, vx: Numbers, vy: Numbers, gap: float) -> N
         rolling ball, its walk to where that comes to rest.
     """
     speed, slowing = np.hypot(vx, vy)[..., None], SPL_2020.ball_deceleration
-    rolls = speed / slowing
+    rolls = np.where(speed < STILL, 0.0, speed / slowing)
     time = np.minimum(_AHEAD, rolls)
-    share = time * (1.0 - 0.5 * slowing * time / np.maximum(speed, 1e-6))
+    share = time * (1.0 - 0.5 * slowing * time / np.maximum(speed, STILL))
     there = np.hypot(x[..., None] + share * vx[..., None], y[..., None] + share * vy[..., None])
     needed = np.maximum(there - gap, 0.0) / NAO.forward
     # Where it comes to rest everybody arrives in time, sooner or later.
     met = (needed <= _AHEAD) | (rolls <= _AHEAD)
+    met[..., -1] = True
     first = np.argmax(met, axis=-1)[..., None]
     found: Numbers = np.maximum(np.take_along_axis(needed, first, -1), _AHEAD[first])
     return found[..., 0]

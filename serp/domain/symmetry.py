@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -52,10 +53,10 @@ class ModelSymmetry:
         return image
 
 
-def cycles(mapping: Mapping[str, str]) -> str:
+def cycles(mapping: Mapping[Any, Any]) -> str:
     """Return a permutation in words: `left <-> right, a -> b -> c -> a`."""
     told: list[str] = []
-    seen: set[str] = set()
+    seen: set[Any] = set()
     for start in mapping:
         if start in seen or mapping[start] == start:
             continue
@@ -63,7 +64,8 @@ def cycles(mapping: Mapping[str, str]) -> str:
         while (following := mapping[cycle[-1]]) != start:
             cycle.append(following)
         seen.update(cycle)
-        told.append(" <-> ".join(cycle) if len(cycle) == 2 else " -> ".join([*cycle, start]))
+        names = [str(name) for name in cycle]
+        told.append(" <-> ".join(names) if len(cycle) == 2 else " -> ".join([*names, names[0]]))
     return ", ".join(told)
 
 

@@ -184,11 +184,19 @@ class DQN:
         return q
 
     def _mean_q(self, x: npt.NDArray[np.floating], work: Workspace) -> type_F32:
-        symmetry = self.symmetry
-        images = x.astype(np.float32, copy=False) if symmetry is None else symmetry.images(x)
-        q = self._online.forward(images, work)
+        inputs = x.astype(np.float32, copy=False)
+        if self.symmetry is not None:
+            return self._mean_over_images(self.symmetry, inputs, work)
+        q = self._online.forward(inputs, work)
         mean: type_F32 = q[0].copy() if self.settings.members == 1 else q.mean(axis=0)
-        return mean if symmetry is None else symmetry.mean(mean)
+        return mean
+
+    def _mean_over_images(self, symmetry: SymmetryGroup, x: type_F32, work: Workspace) -> type_F32:
+        images: type_F32 = np.empty((work.batch, self.input_size), np.float32)
+        kernels.all_images(np.ascontiguousarray(x), symmetry.columns, symmetry.signs, images)
+        mean: type_F32 = np.empty((len(x), self.action_count), np.float32)
+        kernels.mean_over_images(self._online.forward(images, work), symmetry.actions, mean)
+        return mean
 
     def propose(
         self, x: npt.NDArray[np.floating], explorable: npt.NDArray[np.bool_] | None = None
@@ -296,22 +304,9 @@ class DQN:
         """One gradient update; returns its loss."""
         settings = self.settings
         batch = self.replay.sample()
-        import os
-        if os.environ.get("SYMT") and self.symmetry is not None:
-            sg=self.symmetry
-            def both(net, w):
-                out=None
-                for k in range(sg.averaged):
-                    xk=np.ascontiguousarray(batch.next_observation[..., sg.columns[k]]*sg.signs[k])
-                    qk=net.forward(xk, w)[..., sg.actions[k]]
-                    out = qk if out is None else out+qk
-                return np.ascontiguousarray(out/np.float32(sg.averaged))
-            next_q = both(self._target, self._next_work)
-            choice_q = both(self._online, self._choice_work) if settings.double and self._target is not self._online else next_q
-        else:
-          next_q = self._target.forward(batch.next_observation, self._next_work)
-          choice_q = next_q
-          if settings.double and self._target is not self._online:
+        next_q = self._target.forward(batch.next_observation, self._next_work)
+        choice_q = next_q
+        if settings.double and self._target is not self._online:
             choice_q = self._online.forward(batch.next_observation, self._choice_work)
         lower, upper = self.value_bounds if settings.clip_targets else (-math.inf, math.inf)
         q = self._online.forward(batch.observation, self._work)

@@ -209,6 +209,46 @@ def take_images(
 
 
 @_compiled
+def all_images(x: Any, columns: Any, signs: Any, out: Any) -> None:
+    """The images of inputs under K elements of a symmetry group, those of an element together.
+
+    Args:
+        x: ``[B, F]``.
+        columns: int64 ``[G, F]``; image[i] = signs[g, i] × input[columns[g, i]].
+        signs: ``[G, F]``.
+        out: ``[K · B, F]``, K ≤ G, written.
+    """
+    batch, width = x.shape
+    for r in range(len(out)):
+        g, i = r // batch, r % batch
+        for j in range(width):
+            out[r, j] = signs[g, j] * x[i, columns[g, j]]
+
+
+@_compiled
+def mean_over_images(q: Any, images: Any, out: Any) -> None:
+    """The mean of Q over members and a symmetry group.
+
+    Args:
+        q: ``[E, K · B, A]`` of what `all_images` wrote.
+        images: int64 ``[G, A]``, the image of every action.
+        out: ``[B, A]``, written.
+    """
+    members, rows, actions = q.shape
+    batch = len(out)
+    share = _ONE / np.float32(members * (rows // batch))
+    out[:, :] = _ZERO
+    for e in range(members):
+        for r in range(rows):
+            g, i = r // batch, r % batch
+            for k in range(actions):
+                out[i, k] += q[e, r, images[g, k]]
+    for i in range(batch):
+        for k in range(actions):
+            out[i, k] *= share
+
+
+@_compiled
 def td_gradient(
     q: Any,
     next_q: Any,

@@ -102,67 +102,44 @@ class SymmetryGroup:
                     f"actions does not fit {inputs} and {actions}"
                 )
         identity = Element.identity(inputs, actions)
-        few, _ = _closure(identity, given, MOST_AVERAGED)
-        all_, self.complete = _closure(identity, given, MOST_ELEMENTS)
+        all_, taken = _closure(identity, given, MOST_ELEMENTS)
+        few, _ = _closure(identity, taken, MOST_AVERAGED)
         subgroup = set(few)
+        self.complete = set(given) <= set(all_)
         self.averaged = len(few)
         self.elements = (*few, *(e for e in all_ if e not in subgroup))
         self.columns = np.array([e.columns for e in self.elements], np.int64)
         self.signs = np.array([e.signs for e in self.elements], np.float32)
         self.actions = np.array([e.actions for e in self.elements], np.int64)
-        self._averaged_columns = self.columns[: self.averaged]
-        self._averaged_signs = self.signs[: self.averaged]
-        self._averaged_actions = self.actions[: self.averaged]
 
     def __len__(self) -> int:
         return len(self.elements)
 
-    def images(self, x: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
-        """The images of inputs ``[B, F]`` under the averaged elements: ``[K · B, F]``.
-
-        The images of one element lie next to one another.
-        """
-        turned = x.astype(np.float32, copy=False)[:, self._averaged_columns]
-        turned *= self._averaged_signs
-        images: npt.NDArray[np.float32] = turned.swapaxes(0, 1).reshape(-1, x.shape[1])
-        return images
-
-    def mean(self, q: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """The mean of Q over the group, ``[B, A]``, from Q of `images`, ``[K · B, A]``."""
-        by_element = q.reshape(self.averaged, -1, q.shape[-1])
-        back = np.take_along_axis(by_element, self._averaged_actions[:, np.newaxis], axis=2)
-        mean: npt.NDArray[np.float32] = back.mean(axis=0)
-        return mean
-
 
 def _closure(
-    identity: Element, generators: tuple[Element, ...], most: int
-) -> tuple[list[Element], bool]:
-    """Return the group of as many generators as fit, in a fixed order, and whether all did."""
-    group, complete = [identity], True
+    identity: Element, generators: Iterable[Element], most: int
+) -> tuple[list[Element], list[Element]]:
+    """Return the group of as many generators as fit, in a fixed order, and these generators."""
+    group = [identity]
     taken: list[Element] = []
     for generator in generators:
-        if generator in group:
-            continue
-        larger = _generated(identity, [*taken, generator], most)
-        if larger is None:
-            complete = False
-        else:
-            group = larger
-            taken.append(generator)
-    return group, complete
+        if generator not in group:
+            larger = _generated(identity, [*taken, generator], most)
+            if larger is not None:
+                group = larger
+                taken.append(generator)
+    return group, taken
 
 
 def _generated(identity: Element, generators: list[Element], most: int) -> list[Element] | None:
     """Return the group of some generators, breadth first; None where it is larger."""
-    found = {identity: None}
-    queue = [identity]
-    for element in queue:
+    group, found = [identity], {identity}
+    for element in group:  # which grows meanwhile
         for generator in generators:
             product = generator.after(element)
             if product not in found:
-                if len(found) == most:
+                if len(group) == most:
                     return None
-                found[product] = None
-                queue.append(product)
-    return list(found)
+                found.add(product)
+                group.append(product)
+    return group

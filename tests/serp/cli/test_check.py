@@ -28,6 +28,11 @@ def test_an_installed_task_is_checked_by_name(run: Run) -> None:
     assert "warning" not in shown
 
 
+def test_symmetries_are_told(run: Run) -> None:
+    assert "symmetry: left <-> right\n" in run("check", "soccer").stdout
+    assert "symmetry" not in run("check", "cartpole").stdout
+
+
 def test_a_wrong_file_is_said_where_and_what(run: Run, folder: Path) -> None:
     Path("walk.pddl").write_text(MISSPELT)
     line = MISSPELT.splitlines().index(next(x for x in MISSPELT.splitlines() if "walkd" in x)) + 1

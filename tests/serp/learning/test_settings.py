@@ -18,6 +18,7 @@ OUTSIDE: list[tuple[str, Any]] = [
     ("hidden", "64"),
     ("hidden", (True,)),
     ("layer_norm", 1),
+    ("symmetry", 1),
     ("members", 0),
     ("learning_rate", 0.0),
     ("learning_rate", math.nan),

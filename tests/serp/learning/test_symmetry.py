@@ -154,10 +154,11 @@ def test_every_sample_drawn_is_an_image_and_every_image_is_drawn(name: str) -> N
     drawn = buffer.sample()
     assert set(drawn.reward.flat) == {np.float32(0.5)}
     assert set(drawn.discount.flat) == {np.float32(0.9)}
+    images = [(e.of_input(x), e.of_input(next_x), e.of_actions(~allowed)) for e in group.elements]
     expected = {
-        (tuple(e.of_input(x)), tuple(e.of_input(next_x)), e.actions[1], tuple(e.of_actions(~allowed)))
-        for e in group.elements
-    }  # fmt: skip
+        (tuple(o), tuple(n), e.actions[1], tuple(f))
+        for e, (o, n, f) in zip(group.elements, images, strict=True)
+    }
     rows = zip(
         drawn.observation.reshape(-1, F), drawn.next_observation.reshape(-1, F),
         drawn.action.reshape(-1), drawn.forbidden.reshape(-1, A), strict=True,
