@@ -181,6 +181,7 @@ PRESETS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
             "rho_unit": "episode",
             "veto_horizon": "step",
             "exploration_slack": None,
+            "after_veto": "planner",
             "indifferent": "first",
         },
         "learner": {
@@ -213,9 +214,11 @@ PRESETS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
             "rho_unit": "step",
             "veto_horizon": "lookahead",
             "exploration_slack": float("inf"),
+            "after_veto": "learner",
             "indifferent": "learner",
         },
         "learner": {
+            "symmetry": True,
             "members": 3,
             "layer_norm": True,
             "discount": 0.95,

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from serp.domain.automorphisms import Asymmetry, find_symmetries, symmetry_of
+from serp.domain.automorphisms import find_symmetries
 from serp.domain.model import StateError, TransitionModel, Vector
+from serp.domain.permutation import Asymmetry, symmetry_of
 from serp.domain.source import did_you_mean
 from serp.domain.symmetry import ModelSymmetry, cycles, permuted_columns, violation
 from serp.errors import TaskError

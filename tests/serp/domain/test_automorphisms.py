@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from serp.domain.automorphisms import Asymmetry, find_symmetries, symmetry_of
+from serp.domain.automorphisms import find_symmetries
 from serp.domain.ground import GroundModel
 from serp.domain.loading import Domain
+from serp.domain.permutation import Asymmetry, symmetry_of
 from serp.domain.symmetry import ModelSymmetry
 from serp.registry import load_task
 from tests.generated.models import Generated, load_texts, models, models_with_states
