@@ -64,8 +64,11 @@ class Agent:
         settings: All settings.
         seed: Seed of everything random in the agent.
 
+    Attributes:
+        notices: What the user should know: symmetries that the domain file does not have.
+
     Raises:
-        TaskError: The task declares a symmetry that its domain contradicts.
+        TaskError: The task declares a symmetry that makes no sense.
     """
 
     def __init__(self, task: BoundTask, settings: Settings, seed: int) -> None:
@@ -78,9 +81,10 @@ class Agent:
         self.arbiter = Arbiter(planner, task.actions, settings.arbiter, arbiter_seed)
         self._learner_input = _learner_input(settings.training.inputs)
         self._symmetries: tuple[TaskSymmetry, ...] = ()
+        self.notices: tuple[str, ...] = ()
         group = None
         if settings.learner.symmetry:
-            self._symmetries = declared_symmetries(task)
+            self._symmetries, self.notices = declared_symmetries(task)
             group = symmetry_group(task, self._symmetries, settings.training.inputs)
         self._unchecked = _MIRRORED if self._symmetries else 0
         self.learner = DQN(

@@ -262,8 +262,9 @@ def _train(
     ):
         if settings.tensorboard:
             events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
-        if note is not None:
-            progress.note(note)
+        for text in (note, *trainer.agent.notices):
+            if text is not None:
+                progress.note(text)
         # Whatever happens in the first episodes, the run can be continued.
         due = save()
         while not budget.spent_by(trainer) and not stopping.requested:

@@ -136,26 +136,34 @@ class TaskSymmetry:
         )
 
 
-def declared_symmetries(task: BoundTask) -> tuple[TaskSymmetry, ...]:
-    """Return the symmetries that a task declares, checked against its domain.
+def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tuple[str, ...]]:
+    """Return the symmetries that a task declares and its domain has.
+
+    The domain file is the expert's: an edit of one side alone is no mistake. What the file does not
+    have is left out.
+
+    Returns:
+        The symmetries, and a line for each that was left out, with the reason.
 
     Raises:
-        TaskError: One does not fit the task, or the domain contradicts it.
+        TaskError: A declaration makes no sense, whatever the domain.
     """
     declared = task.task.symmetries
     if not isinstance(declared, Sequence) or not all(isinstance(s, Symmetry) for s in declared):
         raise TaskError(
             f"task {task.name}: symmetries must be a tuple of serp.Symmetry, not {declared!r}"
         )
-    found = []
+    found, left_out = [], []
     for number, symmetry in enumerate(declared, 1):
         try:
             found.append(_resolve(task, symmetry))
+        except _Unfit as error:
+            left_out.append(f"The symmetry {error.name} is not used: {error}")
         except _Wrong as error:
             raise TaskError(
                 f"task {task.name}: symmetry {number} ({error.name}): {error}; {_ADVICE}"
             ) from None
-    return tuple(found)
+    return tuple(found), tuple(left_out)
 
 
 def symmetry_group(
@@ -185,9 +193,13 @@ def symmetry_group(
 
 
 class _Wrong(Exception):
-    """A declared symmetry does not fit."""
+    """A declared symmetry makes no sense."""
 
     name = ""
+
+
+class _Unfit(_Wrong):
+    """A declared symmetry is none of this domain file: another file may have it."""
 
 
 def _resolve(task: BoundTask, symmetry: Symmetry) -> TaskSymmetry:
@@ -198,7 +210,7 @@ def _resolve(task: BoundTask, symmetry: Symmetry) -> TaskSymmetry:
         model = _model_symmetry(task.model, objects, pairs, symmetry.flip)
         contradiction = violation(task.model, model)
         if contradiction is not None:
-            raise _Wrong(f"the domain contradicts it: {contradiction}")
+            raise _Unfit(f"the domain contradicts it: {contradiction}")
         numbers = {a: b for a, b in pairs.items() if not isinstance(a, str)}
         actions = _environment_actions(task.actions, model, numbers)
         columns, signs = _of_observation(task.observation_size, symmetry)
@@ -240,20 +252,20 @@ def _model_symmetry(
     known.update(o for action in model.actions for o in action.arguments)
     for name in objects:
         if name not in known:
-            raise _Wrong(
+            raise _Unfit(
                 f"no fluent or action of the domain is about an object `{name}`; "
                 f"{did_you_mean(str(name), known) or 'none is about any object'}"
             )
     columns = permuted_columns(model.fluents, objects)
     if not isinstance(columns, tuple):
-        raise _Wrong(f"fluent `{columns.name}` has no mirror image")
+        raise _Unfit(f"fluent `{columns.name}` has no mirror image")
     if isinstance(flip, str) or not isinstance(flip, Sequence):
         raise _Wrong(f"flip must be names of fluents, not {flip!r}")
     signs = [1.0] * len(columns)
     index = {fluent.name: fluent for fluent in model.fluents}
     for name in flip:
         if name not in index:
-            raise _Wrong(f"unknown fluent `{name}`; {did_you_mean(str(name), index)}")
+            raise _Unfit(f"unknown fluent `{name}`; {did_you_mean(str(name), index)}")
         if not index[name].numeric:
             raise _Wrong(f"`{name}` is true or false and has no sign")
         signs[index[name].index] = -1.0
@@ -276,14 +288,14 @@ def _ground_actions(
             return symmetry_of(model.ground, objects).actions
         except Asymmetry as error:
             where = f"{error.place}: " if error.place else ""
-            raise _Wrong(f"the domain contradicts it: {where}{error.what}") from None
+            raise _Unfit(f"the domain contradicts it: {where}{error.what}") from None
     named = {(a.schema, a.arguments): k for k, a in enumerate(model.actions)}
     images = []
     for action in model.actions:
         arguments = tuple(objects.get(o, o) for o in action.arguments)
         image = named.get((action.schema, arguments))
         if image is None:
-            raise _Wrong(f"action `{action.name}` has no mirror image")
+            raise _Unfit(f"action `{action.name}` has no mirror image")
         images.append(image)
     for name, to in pairs.items():
         if isinstance(name, str) != isinstance(to, str):
@@ -292,7 +304,7 @@ def _ground_actions(
             try:
                 images[model.action_index(name)] = model.action_index(to)
             except StateError as error:
-                raise _Wrong(f"actions: {error}") from None
+                raise _Unfit(f"actions: {error}") from None
     if len(set(images)) != len(images):
         twice = next(k for k in images if images.count(k) > 1)
         raise _Wrong(f"two actions become `{model.actions[twice].name}`")
@@ -307,7 +319,7 @@ def _environment_actions(
     for ground, image in enumerate(model.actions):
         here, there = actions.environment_action[ground], actions.environment_action[image]
         if images[here] not in (None, there):
-            raise _Wrong(
+            raise _Unfit(
                 f"`{actions.name(here)}` is one action of the environment with two mirror images"
             )
         images[here] = there
@@ -324,7 +336,7 @@ def _environment_actions(
         images[int(number)] = int(to)
     if None in images:
         missing = images.index(None)
-        raise _Wrong(
+        raise _Unfit(
             f"the domain does not mention the environment's action {missing}; say what it becomes, "
             f"as in actions={{{missing}: {missing}}}"
         )

@@ -159,7 +159,12 @@ def task() -> serp.Task:
             "*": {"planner": {"depth": 5, "repeat": 3}},
             # As on soccer: the paper's iteration is a game; refused is what the domain expects to
             # end with a goal or a collision, a ball that goes out (-2) may be worth a try.
-            "paper": {"arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0}},
+            "paper": {
+                "arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0},
+                "training": {"units": 28},
+            },
+            # Explored is what may end as well as the best plan, or at most half a goal worse.
+            "default": {"arbiter": {"exploration_slack": 5.0}},
         },
         description="keep a corner kick out of the goal: mark, intercept, clear",
     )

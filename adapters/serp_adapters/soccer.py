@@ -114,7 +114,12 @@ def task() -> serp.Task:
             "*": {"planner": {"depth": 5, "repeat": 2}},
             # The paper's iteration is a game, 28 of which make a cycle. Refused is what the domain
             # expects to end with a goal or a collision; a ball lost (-4) may be worth a try.
-            "paper": {"arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0}},
+            "paper": {
+                "arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0},
+                "training": {"units": 28},
+            },
+            # Explored is what may end as well as the best plan, or at most half a goal worse.
+            "default": {"arbiter": {"exploration_slack": 5.0}},
         },
         symmetries=(serp.Symmetry(objects={"left": "right"}, observation_signs=MIRROR),),
         description="defend the goal against an attacker who comes with the ball",
