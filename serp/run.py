@@ -163,8 +163,8 @@ def _refuse_changes(before: Mapping[str, str], now: Mapping[str, str]) -> None:
     for name in sorted(before.keys() | now.keys()):
         if before.get(name) != now.get(name):
             raise RunError(
-                f"{name} was changed since the run began, so that it cannot be continued as one; "
-                "undo the change, or begin a run of its own with it"
+                f"{name} of the run was changed since it began, so that what was learned does not "
+                "belong to it any more; undo the change, or begin a run of its own with it"
             )
 
 
@@ -371,15 +371,23 @@ class Run:
         """The agent as of the newest checkpoint.
 
         Raises:
-            RunError: There is no whole checkpoint.
+            RunError: There is no whole checkpoint, or the run's files were changed since.
         """
         checkpoint = self._checkpoint
-        made = made_with(RunFolder.open(self.path))
+        folder = RunFolder.open(self.path)
+        _refuse_changes(checkpoint.meta["made_of"], _made_of(folder))
+        made = made_with(folder)
         # What the agent has to know of the environment outlives it.
         with self.task.bind() as bound:
             agent = Agent(bound, made.settings, made.seed)
         agent.load_state_dict(checkpoint.arrays, checkpoint.meta["agent"])
         return agent
+
+    @property
+    def notice(self) -> str | None:
+        """What is to be known of the agent: that the newest checkpoint is damaged; else None."""
+        damage = self._checkpoint.fallback
+        return None if damage is None else f"{damage} The agent is that of the one before it."
 
     @functools.cached_property
     def _checkpoint(self) -> Checkpoint:

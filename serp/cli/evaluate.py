@@ -8,6 +8,7 @@ from typing import Literal
 import click
 
 from serp.cli.examples import ExampledCommand
+from serp.cli.failures import say
 from serp.cli.output import number, open_console, plural, print_json, print_table
 
 
@@ -41,7 +42,10 @@ def command(
     """Measure a policy of RUN, the folder that plan-and-learn made."""
     from serp.run import load_run
 
-    result = load_run(run).evaluate(policy, episodes=episodes, seed=seed).as_dict()
+    loaded = load_run(run)
+    if loaded.notice is not None:
+        say(loaded.notice)
+    result = loaded.evaluate(policy, episodes=episodes, seed=seed).as_dict()
     if as_json:
         print_json({"run": str(run), "seed": seed, **result})
         return

@@ -41,9 +41,9 @@ _FILM_FPS = {".gif": 50.0, ".mp4": 60.0}
 @click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False),
               metavar="FILE.gif|FILE.mp4",
               help="Write a film there; no screen is needed.  [default: a window]")  # fmt: skip
-@click.option("--speed", type=click.FloatRange(min=0, min_open=True), default=1.0,
+@click.option("--speed", type=click.FloatRange(min=0.05, max=100), default=1.0,
               show_default=True, metavar="X", help="How much faster than real time.")  # fmt: skip
-@click.option("--fps", type=click.FloatRange(min=1), metavar="X",
+@click.option("--fps", type=click.FloatRange(min=1, max=60), metavar="X",
               help="Most frames a second.  [default: 50 in a GIF, else 60]")  # fmt: skip
 @click.option("--width", type=click.IntRange(min=64), metavar="N",
               help="Most pixels in width.  [default: 640 in a GIF, else as it is drawn]",
@@ -87,6 +87,8 @@ def command(
         width=_GIF_WIDTH if width is None and kind == ".gif" else width,
     )
     loaded = load_run(run)
+    if loaded.notice is not None:
+        say(loaded.notice)
     if out is None:
         show_film(loaded, settings, f"{loaded.task.name}, policy {policy}, {run}", _report)
         return

@@ -730,8 +730,10 @@ def test_a_run_whose_own_files_were_changed_is_not_continued(tmp_path: Path) -> 
         before = file.read_text(encoding="utf-8")
         assert old in before
         file.write_text(before.replace(old, new), encoding="utf-8")
-        with pytest.raises(RunError, match=f"{name} was changed since the run began"):
+        with pytest.raises(RunError, match=f"{name} of the run was changed since it began"):
             resume(corridor(tmp_path), out, episodes=3)
+        with pytest.raises(RunError, match=f"{name} of the run was changed"):
+            _ = load_run(out, corridor(tmp_path)).agent
         file.write_text(before, encoding="utf-8")
     resume(corridor(tmp_path), out, episodes=3)
 
@@ -765,3 +767,11 @@ def test_a_reward_without_a_value_is_said_with_its_place_and_without_advice_that
 def test_what_is_no_folder_is_no_run(folder: Any) -> None:
     with pytest.raises(RunError, match="given by its folder"):
         load_run(folder)
+
+
+def test_an_older_agent_is_not_passed_off_as_the_newest(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    assert train(corridor(tmp_path), out, episodes=3).notice is None
+    (out / NEWEST).write_bytes(b"x")
+    notice = load_run(out, corridor(tmp_path)).notice
+    assert notice is not None and notice.endswith("The agent is that of the one before it.")
