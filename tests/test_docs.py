@@ -184,7 +184,7 @@ def test_the_example_of_a_decision_log_has_its_columns_and_words() -> None:
         assert {cells["proposed_by"], cells["executed_by"]} <= {*Actor}
         assert cells["reason"] in {*Reason}
         quoted, line = re.findall(r"`(.+?)` \(line (\d+)\)", cells["explanation"])[0]
-        domain = (ROOT / "domains" / "cartpole.pddl").read_text(encoding="utf-8")
+        domain = (ROOT / "domains" / "soccer.pddl").read_text(encoding="utf-8")
         assert quoted in domain.splitlines()[int(line) - 1]
 
 
