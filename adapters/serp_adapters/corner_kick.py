@@ -16,7 +16,7 @@ from serp_envs.soccer.attacker import ALIGNED_SHOT, STAND_MARGIN, WIND_UP
 from serp_envs.soccer.corner_kick import MARK_GAP, UNIT
 from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.robot import NAO
-from serp_envs.soccer.rolling import LOOK, STILL
+from serp_envs.soccer.rolling import LOOK, STILL, way
 from serp_envs.soccer.timing import DECISION
 from serp_envs.soccer.world import REACH
 
@@ -55,8 +55,8 @@ def until_met(x: Numbers, y: Numbers, vx: Numbers, vy: Numbers, gap: float) -> N
     speed, slowing = np.hypot(vx, vy)[..., None], SPL_2020.ball_deceleration
     rolls = np.where(speed < STILL, 0.0, speed / slowing)
     time = np.minimum(_AHEAD, rolls)
-    share = time * (1.0 - 0.5 * slowing * time / np.maximum(speed, STILL))
-    there = np.hypot(x[..., None] + share * vx[..., None], y[..., None] + share * vy[..., None])
+    far = way(time, np.maximum(speed, STILL), slowing)
+    there = np.hypot(x[..., None] + far * vx[..., None], y[..., None] + far * vy[..., None])
     needed = np.maximum(there - gap, 0.0) / NAO.forward
     # Where it comes to rest everybody arrives in time, sooner or later.
     met = (needed <= _AHEAD) | (rolls <= _AHEAD)

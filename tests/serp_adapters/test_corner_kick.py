@@ -305,7 +305,7 @@ def test_the_charge_alone_is_unsafe_wherever_it_is_chosen(task: BoundTask, seen:
         # It lies in reach, the goal behind the robot.
         (((0.5, 0.0), (1.3, 0.0), (0.75, 0.0)), {}, "clear"),
         # The opponent will shoot before the robot is there, and the goal is open.
-        (((0.5, 0.35), (1.45, 0.0), (1.2, 0.0)), {}, "mark-attacker"),
+        (((0.5, 0.2), (1.45, 0.0), (1.2, 0.0)), {}, "mark-attacker"),
         # The ball is in reach, but from here the robot would kick it into its own goal.
         (((1.0, 0.0), (2.5, 1.5), (0.75, 0.0)), {}, "mark-attacker"),
     ],

@@ -290,12 +290,15 @@ def play(task: BoundTask, act: Callable[[Vector], int], contests: int) -> tuple[
 
 
 def test_the_planner_alone_is_useful_but_leaves_room_for_the_learner(task: BoundTask) -> None:
-    """The band of the planner, widened by two standard errors of 500 contests."""
+    """The bands of goals and of secured balls are those specified; the seed is fixed.
+
+    500 contests scatter by 1.6 and 2.2 points (standard errors) about 15.8 and 44.6 %.
+    """
     contests = 500
     arbiter = planner_of(task)
     outcomes, returns = play(task, lambda state: arbiter.plan(state).action, contests)
-    assert 11 <= 100 * outcomes["goal"] / contests <= 24
-    assert 31 <= 100 * outcomes["secured"] / contests <= 54
+    assert 14 <= 100 * outcomes["goal"] / contests <= 21
+    assert 35 <= 100 * outcomes["secured"] / contests <= 50
     assert 1.2 <= np.mean(returns) <= 3.0
     assert 14 <= outcomes["decisions"] / contests <= 24
     assert outcomes["unsafe"] == 0

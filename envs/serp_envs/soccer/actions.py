@@ -70,7 +70,7 @@ def side_advance(world: World, robot: Robot, side: float, rng: np.random.Generat
     robot.go_to(x, y, x, y)
     bearing = ball_in_front(world, robot)
     if bearing is not None:
-        world.kick(rng.normal(bearing + side * PUSH_TURN, PUSH_SIGMA), PUSH_SPEED, rng)
+        world.kick(rng.normal(bearing + side * PUSH_TURN, PUSH_SIGMA), PUSH_SPEED, rng, robot)
         robot.kick_ready = world.tick + KICK_COOLDOWN
 
 
@@ -93,7 +93,7 @@ def charge(world: World, robot: Robot, opponent: Robot, rng: np.random.Generator
     bearing = ball_in_front(world, robot)
     if bearing is not None:
         spread = rng.uniform(-SHOVE_TURN, SHOVE_TURN)
-        world.kick(bearing + spread, SHOVE_SPEED, rng)
+        world.kick(bearing + spread, SHOVE_SPEED, rng, robot)
         robot.kick_ready = tick + KICK_COOLDOWN
     if robot.hit_ready > tick:
         return False

@@ -10,6 +10,7 @@ import numpy as np
 from serp_envs.soccer.actions import close_in
 from serp_envs.soccer.attacker import Attacker
 from serp_envs.soccer.fields import Field
+from serp_envs.soccer.geometry import along
 from serp_envs.soccer.robot import NAO
 from serp_envs.soccer.timing import ticks
 from serp_envs.soccer.world import World
@@ -62,24 +63,19 @@ def approach(field: Field, rng: np.random.Generator) -> tuple[World, Attacker]:
 def _situation(field: Field, rng: np.random.Generator) -> World | None:
     """Ball, defender and attacker somewhere; None where the defender would not fit."""
     u = rng.random(6).tolist()
-    ball_x, ball_y = _between(BALL_X, u[0]), _between(BALL_Y, u[1])
+    ball_x, ball_y = along(BALL_X, u[0]), along(BALL_Y, u[1])
     goalwards = atan2(-ball_y, field.own_goal_x - ball_x)
-    distance = _between(DEFENDER_DISTANCE, u[2])
+    distance = along(DEFENDER_DISTANCE, u[2])
     angle = goalwards + SPREAD * (2.0 * u[3] - 1.0)
     x, y = ball_x + distance * cos(angle), ball_y + distance * sin(angle)
     if x < field.own_goal_x + GOAL_LINE_GAP:
         return None
     defender = (x, y, atan2(ball_y - y, ball_x - x))
-    distance = _between(ATTACKER_DISTANCE, u[4])
+    distance = along(ATTACKER_DISTANCE, u[4])
     angle = goalwards + pi + SPREAD * (2.0 * u[5] - 1.0)
     x, y = ball_x + distance * cos(angle), ball_y + distance * sin(angle)
     attacker = (x, y, atan2(ball_y - y, ball_x - x))
     return World(field, NAO, (ball_x, ball_y), (defender, attacker))
-
-
-def _between(bounds: tuple[float, float], share: float) -> float:
-    low, high = bounds
-    return low + share * (high - low)
 
 
 def _contested(world: World) -> bool:

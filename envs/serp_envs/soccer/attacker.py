@@ -127,7 +127,7 @@ class Attacker:
                 direction += EVADE_TURN * self._evade(world, off, direction, rng)
         aligned = self._get_behind(world, direction, bearing, distance, ALIGNED_TAP)
         if aligned and ready and distance < world.reach:
-            world.kick(rng.normal(direction, TAP_SIGMA), TAP_SPEED, rng)
+            world.kick(rng.normal(direction, TAP_SIGMA), TAP_SPEED, rng, robot)
             robot.kick_ready = world.tick + TAP_COOLDOWN
 
     def _wind_up(self, world: World, distance: float, rng: np.random.Generator) -> None:
@@ -140,7 +140,7 @@ class Attacker:
             self._winding += 1
         else:
             self._winding = 0
-            world.kick(rng.normal(self._shot, SHOT_SIGMA), SHOT_SPEED, rng)
+            world.kick(rng.normal(self._shot, SHOT_SIGMA), SHOT_SPEED, rng, robot)
             robot.kick_ready = world.tick + SHOT_COOLDOWN
 
     def _best_shot(self, world: World, opponent: Robot, bearing: float) -> float | None:

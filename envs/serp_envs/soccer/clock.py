@@ -36,7 +36,15 @@ class GameClock:
 
     def new_game(self) -> None:
         """Go to the kick-off of the next game."""
-        self.game += 1
+        self.kick_off(self.game + 1)
+
+    def kick_off(self, game: int) -> None:
+        """Go to the kick-off of a game.
+
+        Args:
+            game: Its number, from 0.
+        """
+        self.game = game
         self.seconds = 0.0
         self.contest = 0
 
@@ -67,7 +75,12 @@ class GameClock:
             for count in counts
         ):
             raise ValueError(f"a game clock has the counts game and contest, not {dict(state)}")
-        if isinstance(seconds, bool) or not isinstance(seconds, int | float) or not seconds >= 0.0:
-            raise ValueError(f"seconds of a game must be a number from 0 on, not {seconds!r}")
+        # The contest that ends a game begins within it and takes a minute or so.
+        if (
+            isinstance(seconds, bool)
+            or not isinstance(seconds, int | float)
+            or not 0.0 <= seconds < 2.0 * GAME
+        ):
+            raise ValueError(f"seconds of a game are from 0 to {2.0 * GAME}, not {seconds!r}")
         self.game, self.contest = state["game"], state["contest"]
         self.seconds = float(seconds)

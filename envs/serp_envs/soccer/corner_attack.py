@@ -9,6 +9,7 @@ import numpy as np
 
 from serp_envs.soccer.attacker import Attacker
 from serp_envs.soccer.fields import Field
+from serp_envs.soccer.geometry import along
 from serp_envs.soccer.robot import NAO
 from serp_envs.soccer.rolling import meeting
 from serp_envs.soccer.timing import ticks
@@ -60,11 +61,9 @@ class CornerAttack:
         target_y = side * (across * field.half_goal + ZONE_SPREAD * (2.0 * u[1] - 1.0))
         self._target = (target_x, target_y)
         ball = (goal_x + field.ball_radius, side * (0.5 * field.width - field.ball_radius))
-        away, angle = _between(RUN, u[2]), RUN_SPREAD * (2.0 * u[3] - 1.0)
+        away, angle = along(RUN, u[2]), RUN_SPREAD * (2.0 * u[3] - 1.0)
         attacker = _facing(target_x + away * cos(angle), target_y + away * sin(angle), ball)
-        defender = _facing(
-            goal_x + _between(DEFENDER_X, u[4]), DEFENDER_Y * (2.0 * u[5] - 1.0), ball
-        )
+        defender = _facing(goal_x + along(DEFENDER_X, u[4]), DEFENDER_Y * (2.0 * u[5] - 1.0), ball)
         back = NAO.radius + field.ball_radius + 0.02
         angle = atan2(ball[1] - target_y, ball[0] - target_x)
         kicker = _facing(ball[0] + back * cos(angle), ball[1] + back * sin(angle), ball)
@@ -74,7 +73,7 @@ class CornerAttack:
         """Who plays the attacker once it has the ball."""
         self.kicked = False
         """Whether the corner has been taken."""
-        self._kick_tick = ticks(_between(DELAY, u[6]))
+        self._kick_tick = ticks(along(DELAY, u[6]))
         self._received = False
 
     def act(self, rng: np.random.Generator) -> None:
@@ -100,13 +99,8 @@ class CornerAttack:
         dx, dy = self._target[0] - world.ball_x, self._target[1] - world.ball_y
         slowed = 2.0 * world.field.ball_deceleration * hypot(dx, dy)
         direction = rng.normal(atan2(dy, dx), KICK_SIGMA)
-        world.kick(direction, sqrt(ARRIVAL * ARRIVAL + slowed), rng)
+        world.kick(direction, sqrt(ARRIVAL * ARRIVAL + slowed), rng, world.robots[2])
         self.kicked = True
-
-
-def _between(bounds: tuple[float, float], share: float) -> float:
-    low, high = bounds
-    return low + share * (high - low)
 
 
 def _facing(x: float, y: float, at: tuple[float, float]) -> Pose:

@@ -59,7 +59,7 @@ class CornerKickDefender(SoccerEnv):
     | `outcome` | Reward | Dead time | When                                                       |
     |-----------|--------|-----------|------------------------------------------------------------|
     | `goal`    | −10    | 15 s      | the ball is in the goal                                    |
-    | `cleared` | +10    | 5 s       | a ball that the defender kicked is 2.8 m from the goal     |
+    | `cleared` | +10    | 5 s       | a ball kicked last by the defender is 2.8 m from the goal  |
     | `secured` | +10    | 5 s       | as in `SoccerDefender`                                     |
     | `out`     | −2     | 10 s      | the ball is out of the field                               |
     | `timeout` | −2     | 5 s       | 30 s have passed (truncated, the others terminate)         |

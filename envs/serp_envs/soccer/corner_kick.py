@@ -31,7 +31,7 @@ _SEEN: Final = {ruling.outcome: ruling for ruling in (GOAL, SECURED, OUT)}
 LIMIT: Final = ticks(30.0)
 """A corner longer than this is cut off."""
 CLEARED_AT: Final = 2.8
-"""A ball that the defender kicked is cleared this far from the goal's middle, m."""
+"""A ball that the defender kicked last is cleared this far from the goal's middle, m."""
 POST_DEPTH: Final = 0.35
 """A robot that marks a post stands this far before the goal line, m …"""
 POST_SHARE: Final = 0.6
@@ -79,7 +79,6 @@ class CornerKick(Scenario):
         """Who plays the other two robots, from `start` on."""
         self.referee: Referee
         """Who watches the ball, from `start` on."""
-        self._touched = False
 
     @property
     def observation_space(self) -> spaces.Space[NDArray[np.float32]]:
@@ -93,13 +92,11 @@ class CornerKick(Scenario):
         self.world = self.attack.world
         self.referee = Referee(self.world)
         self.hits = 0
-        self._touched = False
 
     def command(self, action: int, rng: np.random.Generator) -> None:
         """Command the robots for a tick, the defender first."""
         world = self.world
         defender, opponent = world.robots[0], world.robots[1]
-        ready = defender.kick_ready
         if defender.down_until > world.tick:
             defender.stop()
         elif action <= 1:
@@ -113,7 +110,6 @@ class CornerKick(Scenario):
             self._clear(defender, rng)
         else:
             self.hits += charge(world, defender, opponent, rng)
-        self._touched = self._touched or defender.kick_ready != ready
         self.attack.act(rng)
 
     def _mark_post(self, robot: Robot, end: float) -> None:
@@ -139,7 +135,7 @@ class CornerKick(Scenario):
             return
         turn = wrap(atan2(y, x - world.goal_x) - bearing)
         turn = max(-CLEAR_TURN, min(CLEAR_TURN, turn))
-        world.kick(rng.normal(bearing + turn, CLEAR_SIGMA), CLEAR_SPEED, rng)
+        world.kick(rng.normal(bearing + turn, CLEAR_SIGMA), CLEAR_SPEED, rng, robot)
         robot.kick_ready = world.tick + CLEAR_COOLDOWN
 
     def judge(self) -> Ruling | None:
@@ -148,7 +144,10 @@ class CornerKick(Scenario):
         if seen is not None:
             return _SEEN[seen]
         world = self.world
-        if self._touched and hypot(world.ball_x - world.goal_x, world.ball_y) > CLEARED_AT:
+        if (
+            world.kicked_by is world.robots[0]
+            and hypot(world.ball_x - world.goal_x, world.ball_y) > CLEARED_AT
+        ):
             return CLEARED
         return TIMEOUT if world.tick >= LIMIT else None
 

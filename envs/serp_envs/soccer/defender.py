@@ -79,8 +79,9 @@ class SoccerDefender(SoccerEnv):
 
     Contests chain to games of 600 s, with what approaches, contests and dead times take. A game
     does not end within a contest. `reset(seed=…)` leaves the game clock where it is;
-    `reset(options={"new_game": True})` begins the next game. A contest that was not played to its
-    end counts for nothing.
+    `reset(options={"new_game": True})` begins the next game, `reset(options={"game": 0})` the one
+    with that number: with a seed, the run then equals that on a new object, clock and all. A
+    contest that was not played to its end counts for nothing.
 
     ## Info
 

@@ -83,25 +83,39 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         Args:
             seed: Starts the environment's generator afresh; without one it goes on where it is.
                 The game clock goes on in both cases.
-            options: `new_game`: True to begin with the kick-off of the next game.
+            options: `new_game`: True to begin with the kick-off of the next game. `game`: the
+                number of the game with whose kick-off to begin, from 0; with a seed, everything
+                is then as on a new object. One of the two at most.
 
         Returns:
             The observation and the info.
 
         Raises:
-            ValueError: An option is not known.
+            ValueError: An option is not known, or there is no such game.
         """
-        unknown = set(options or {}) - {"new_game"}
-        if unknown:
-            raise ValueError(f"the only option is new_game, not {', '.join(sorted(unknown))}")
+        game = self._game_asked_for(options or {})
         super().reset(seed=seed)
-        if options and options.get("new_game"):
-            self.clock.new_game()
-        else:
+        if game is None:
             self.clock.start()
+        else:
+            self.clock.kick_off(game)
         self._begin()
         self._show(restart=True)
         return self.scenario.observe(), self._info()
+
+    def _game_asked_for(self, options: Mapping[str, Any]) -> int | None:
+        """The game that the options of `reset` open; None for "the one that is on"."""
+        unknown = set(options) - {"new_game", "game"}
+        if unknown:
+            raise ValueError(f"the options are new_game and game, not {', '.join(sorted(unknown))}")
+        game = options.get("game")
+        if game is None:
+            return self.clock.game + 1 if options.get("new_game") else None
+        if options.get("new_game"):
+            raise ValueError("new_game and game exclude each other: give one of them")
+        if isinstance(game, bool) or not isinstance(game, int) or game < 0:
+            raise ValueError(f"game is the number of a game, from 0, not {game!r}")
+        return game
 
     def _begin(self) -> None:
         """Start the episode that clock and generator stand before."""
@@ -236,16 +250,29 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         clock = GameClock()
         clock.load_state_dict(snapshot["clock"])
         generator = self.np_random.bit_generator
+        # Every episode has its own world, referee and opponent: flat copies bring the old one back.
+        before, own_scenario = dict(vars(self)), dict(vars(self.scenario))
+        own_state = generator.state
         try:
             generator.state = snapshot["np_random"]
         except (KeyError, TypeError, ValueError, OverflowError) as error:
+            generator.state = own_state
             raise ValueError(f"np_random is no state of {type(generator).__name__}") from error
         self.clock = clock
         self._actions = None
-        if actions is not None:
-            self._begin()
-            for action in actions:
-                self._play(action, show=False)
+        self._frames = []
+        if actions is None:
+            return
+        self._begin()
+        for number, action in enumerate(actions, 1):
+            if self._play(action, show=False) is not None:
+                _put_back(self, before)
+                _put_back(self.scenario, own_scenario)
+                generator.state = own_state
+                raise ValueError(
+                    f"the episode ends with action {number} of the snapshot's {len(actions)}: "
+                    "it is of another version or was changed"
+                )
 
     def render(self) -> Any:
         """The picture of now, or those since the last call.
@@ -315,6 +342,12 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         if self._viewer is not None:
             self._viewer.close()
             self._viewer = None
+
+
+def _put_back(thing: object, attributes: Mapping[str, Any]) -> None:
+    """Give an object its attributes of before, and no others."""
+    vars(thing).clear()
+    vars(thing).update(attributes)
 
 
 def _minutes(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""Angles, lanes and shadows on the pitch. Plain floats: metres and radians."""
+"""Angles, intervals and shadows on the pitch. Plain floats: metres and radians."""
 
 from __future__ import annotations
 
@@ -12,6 +12,12 @@ def wrap(angle: float) -> float:
     if angle < -pi:
         return angle + 2.0 * pi
     return angle
+
+
+def along(interval: tuple[float, float], share: float) -> float:
+    """The number at that share, 0 to 1, of the way from the lower bound to the upper."""
+    low, high = interval
+    return low + share * (high - low)
 
 
 def goal_coverage(

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 from math import hypot
-from typing import Final
+from typing import Any, Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from serp_envs.soccer.robot import Robot
 from serp_envs.soccer.world import World
 
 LOOK: Final = 0.2
 """The way ahead is looked at in steps of this, s."""
-
-
 STILL: Final = 1e-6
 """A slower ball lies, m/s."""
 
+Number = TypeVar("Number", float, NDArray[np.floating[Any]])
 
-def _way(time: float, speed: float, slowing: float) -> float:
-    """How far a ball rolls in that time, as the seconds it would take at its present speed."""
-    rests = speed / slowing
-    time = time if time < rests else rests
+
+def way(time: Number, speed: Number, slowing: float) -> Number:
+    """How far a ball rolls in that time, as the seconds it would take at its present speed.
+
+    Args:
+        time: s, not longer than it rolls: speed / slowing.
+        speed: m/s, not 0. Floats, or arrays that fit to each other.
+        slowing: What rolling costs it, m/s².
+    """
     return time * (1.0 - 0.5 * slowing * time / speed)
 
 
@@ -29,8 +36,9 @@ def rolled(world: World, seconds: float) -> tuple[float, float]:
     speed = hypot(vx, vy)
     if speed < STILL:
         return world.ball_x, world.ball_y
-    way = _way(seconds, speed, world.field.ball_deceleration)
-    return world.ball_x + way * vx, world.ball_y + way * vy
+    slowing = world.field.ball_deceleration
+    far = way(min(seconds, speed / slowing), speed, slowing)
+    return world.ball_x + far * vx, world.ball_y + far * vy
 
 
 def meeting(world: World, robot: Robot) -> tuple[float, float, float]:
@@ -49,8 +57,8 @@ def meeting(world: World, robot: Robot) -> tuple[float, float, float]:
     end = speed / slowing
     time = 0.0
     while True:
-        way = _way(time, speed, slowing)
-        dx, dy = way * vx, way * vy
+        far = way(time if time < end else end, speed, slowing)
+        dx, dy = far * vx, far * vy
         needed = (hypot(from_x + dx, from_y + dy) - contact) / pace
         if needed <= time or time >= end:
             return x + dx, y + dy, max(time, needed)

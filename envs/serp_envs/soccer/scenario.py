@@ -36,8 +36,8 @@ PLAYING = "playing"
 class Scenario(ABC):
     """One situation of a game, played over and over; `SoccerEnv` makes an environment of it.
 
-    The environment calls `start`, then for each decision `begin`, for each tick of it `command`
-    and, after the physics, `judge`, and at its end `reward`, `observe` and `facts`.
+    The environment calls `start`, then for each tick of a decision `command` and, after the
+    physics, `judge`, and at the end of the decision `reward`, `observe` and `facts`.
     """
 
     actions: ClassVar[tuple[str, ...]]

@@ -41,6 +41,7 @@ class World:
         "contact",
         "field",
         "goal_x",
+        "kicked_by",
         "reach",
         "robots",
         "tick",
@@ -77,6 +78,8 @@ class World:
             for number in range(len(bodies))
         )
         """The robots in the order of their poses."""
+        self.kicked_by: Robot | None = None
+        """Who kicked the ball last."""
         self.look()
 
     def advance(self) -> None:
@@ -90,14 +93,22 @@ class World:
         self.ball_x, self.ball_y, self.ball_vx, self.ball_vy = self._engine.ball()
         self._engine.place(self.robots)
 
-    def kick(self, direction: float, speed: float, rng: np.random.Generator) -> None:
+    def kick(
+        self,
+        direction: float,
+        speed: float,
+        rng: np.random.Generator,
+        by: Robot | None = None,
+    ) -> None:
         """Give the ball a velocity.
 
         Args:
             direction: Where it goes, rad.
             speed: How fast on average, m/s; `KICK_SPREAD` around it by chance.
             rng: Draws the speed.
+            by: Who kicks; None for nobody of this world.
         """
+        self.kicked_by = by
         speed *= rng.uniform(1.0 - KICK_SPREAD, 1.0 + KICK_SPREAD)
         self.ball_vx, self.ball_vy = speed * cos(direction), speed * sin(direction)
         self._engine.kick(self.ball_vx, self.ball_vy)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import random
 import time
@@ -26,9 +27,14 @@ def choices(seed: int, n: int = 120) -> list[int]:
     return [int(a) for a in np.random.default_rng(seed).integers(0, 5, n)]
 
 
-def play(env: SoccerDefender, seed: int | None, actions: list[int]) -> list[Any]:
+def play(
+    env: SoccerDefender,
+    seed: int | None,
+    actions: list[int],
+    options: dict[str, Any] | None = None,
+) -> list[Any]:
     """All that the contests show, floats as their bits, until the actions end."""
-    observation, info = env.reset(seed=seed)
+    observation, info = env.reset(seed=seed, options=options)
     seen: list[Any] = [(observation.tobytes(), info)]
     for action in actions:
         observation, reward, terminated, truncated, info = env.step(action)
@@ -158,9 +164,35 @@ def test_a_seed_keeps_the_clock_and_new_game_opens_a_game() -> None:
     assert info["clock"] < clock
 
 
-def test_an_unknown_option_is_refused() -> None:
-    with pytest.raises(ValueError, match="new_game"):
-        SoccerDefender().reset(options={"newgame": True})
+def test_a_run_from_the_kick_off_of_a_game_equals_one_on_a_new_object_with_the_clock() -> None:
+    env = SoccerDefender()
+    play(env, 8, choices(1))
+    env.reset(options={"new_game": True})
+    for game in (0, 3):
+        again = play(env, 7, choices(0), options={"game": game})
+        assert again == play(SoccerDefender(), 7, choices(0), options={"game": game})
+        assert again[0][-1]["game"] == game
+    first = play(env, 7, choices(0), options={"game": 0})
+    assert first == play(SoccerDefender(), 7, choices(0))
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"newgame": True}, "new_game"),
+        ({"game": -1}, "from 0"),
+        ({"game": True}, "from 0"),
+        ({"game": 1.0}, "from 0"),
+        ({"game": 1, "new_game": True}, "exclude"),
+    ],
+)
+def test_a_wrong_option_is_refused_and_changes_nothing(options: dict[str, Any], says: str) -> None:
+    env = SoccerDefender()
+    env.reset(seed=1)
+    before = env.state_dict()
+    with pytest.raises(ValueError, match=says):
+        env.reset(seed=2, options=options)
+    assert env.state_dict() == before
 
 
 # Snapshots
@@ -217,7 +249,11 @@ def test_a_snapshot_between_contests_keeps_clock_and_generator() -> None:
         ({"clock": {"game": 0}}, "clock"),
         ({"clock": None}, "clock"),
         ({"clock": {"game": 0, "contest": 0, "seconds": -1.0}}, "seconds"),
+        ({"clock": {"game": 0, "contest": 0, "seconds": math.nan}}, "seconds"),
+        ({"clock": {"game": 0, "contest": 0, "seconds": math.inf}}, "seconds"),
+        ({"clock": {"game": 0, "contest": 0, "seconds": 10**400}}, "seconds"),
         ({"np_random": {}}, "np_random"),
+        ({"actions": [1] * 100}, "ends with action"),
         ({"extra": 1}, "snapshot"),
     ],
 )
@@ -229,6 +265,36 @@ def test_a_bad_snapshot_is_refused_and_changes_nothing(change: dict[str, Any], s
     with pytest.raises(ValueError, match=says):
         env.load_state_dict({**before, **change})
     assert env.state_dict() == before
+    unharmed = SoccerDefender()
+    unharmed.reset(seed=1)
+    unharmed.step(1)
+    assert _bits(env.step(0)) == _bits(unharmed.step(0))
+    assert play(env, None, choices(4)) == play(unharmed, None, choices(4))
+
+
+def test_a_refused_snapshot_leaves_an_environment_without_an_episode_without_one() -> None:
+    env, other = SoccerDefender(), SoccerDefender()
+    other.reset(seed=1)
+    before = env.state_dict()
+    with pytest.raises(ValueError, match="ends with action"):
+        env.load_state_dict({**other.state_dict(), "actions": [0] * 100})
+    assert env.state_dict() == before
+    with pytest.raises(ResetNeeded):
+        env.step(0)
+
+
+def test_the_action_that_ended_the_episode_ends_a_snapshot_too() -> None:
+    env = SoccerDefender()
+    env.reset(seed=2)
+    snapshot = env.state_dict()
+    ended, taken = False, 0
+    while not ended:
+        _, _, terminated, truncated, _ = env.step(0)
+        ended, taken = terminated or truncated, taken + 1
+    with pytest.raises(ValueError, match=f"action {taken} of"):
+        env.load_state_dict({**snapshot, "actions": [0] * taken})
+    env.load_state_dict({**snapshot, "actions": [0] * (taken - 1)})
+    assert env.step(0)[2]
 
 
 # Gymnasium's rules
@@ -297,6 +363,9 @@ def test_a_list_of_pictures_has_one_each_tick() -> None:
     env.step(0)
     assert len(env.render()) == 4
     assert env.render() == []
+    env.step(0)
+    env.load_state_dict(env.state_dict())
+    assert env.render() == []  # those of before are of another run
     env.close()
 
 

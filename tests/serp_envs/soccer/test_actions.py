@@ -1,0 +1,167 @@
+"""The charge: when it hits, what a hit does, how it kicks a ball that is in the way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from serp_envs.soccer import CornerKickDefender, SoccerDefender, actions
+from serp_envs.soccer.environment import SoccerEnv
+from serp_envs.soccer.fields import FIELDS, SPL_2020, Field
+from serp_envs.soccer.robot import NAO
+from serp_envs.soccer.world import World
+
+FAR_AWAY = (3.0, 2.0)
+
+
+def facing(
+    distance: float,
+    off: float,
+    ball: tuple[float, float] = FAR_AWAY,
+    field: Field = SPL_2020,
+) -> World:
+    """A robot at (0, 0) that looks along x, an opponent so far from it, so far off its heading."""
+    place = (distance * math.cos(off), distance * math.sin(off), 0.0)
+    return World(field, NAO, ball, ((0.0, 0.0, 0.0), place))
+
+
+def charge(world: World, seed: int = 0) -> bool:
+    robot, opponent = world.robots
+    return actions.charge(world, robot, opponent, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("field", FIELDS.values(), ids=FIELDS)
+@pytest.mark.parametrize(
+    ("distance", "off", "hits"),
+    [
+        (0.399, 0.0, True),
+        (0.401, 0.0, False),
+        (0.35, 0.599, True),
+        (0.35, -0.599, True),
+        (0.35, 0.601, False),
+        (0.35, -0.601, False),
+        (0.35, math.pi, False),
+    ],
+)
+def test_a_charge_hits_within_40_cm_and_within_0_6_rad_of_its_heading(
+    field: Field, distance: float, off: float, hits: bool
+) -> None:
+    world = facing(distance, off, field=field)
+    robot, opponent = world.robots
+    assert charge(world) == hits
+    assert (robot.hit_ready > 0) == hits
+    if not hits:
+        assert (robot.down_until, opponent.down_until) == (0, 0)
+
+
+def test_the_heading_of_a_turned_robot_counts_across_pi() -> None:
+    for heading in (math.pi - 0.01, -math.pi + 0.01):
+        poses = ((0.0, 0.0, heading), (-0.35, 0.0, 0.0))
+        assert charge(World(SPL_2020, NAO, FAR_AWAY, poses))
+
+
+def test_seven_hits_in_ten_fell_the_opponent_and_two_the_charger_for_four_seconds() -> None:
+    hits = 4000
+    rng = np.random.default_rng(7)
+    world = facing(0.35, 0.0)
+    robot, opponent = world.robots
+    falls = np.zeros((hits, 2), dtype=bool)
+    for hit in range(hits):
+        robot.hit_ready = robot.down_until = opponent.down_until = 0
+        assert actions.charge(world, robot, opponent, rng)
+        for column, one in enumerate((opponent, robot)):
+            assert one.down_until in (0, world.tick + 40)
+            falls[hit, column] = one.down_until > 0
+    for share, probability in zip(falls.mean(axis=0), (0.7, 0.2), strict=True):
+        error = math.sqrt(probability * (1.0 - probability) / hits)
+        assert abs(share - probability) < 4.0 * error
+    # The one falls whether or not the other does.
+    both = falls.all(axis=1).mean()
+    assert abs(both - 0.14) < 4.0 * math.sqrt(0.14 * 0.86 / hits)
+
+
+def test_a_robot_that_fell_is_down_for_forty_ticks_and_nobody_hits_it_again() -> None:
+    world = facing(0.35, 0.0)
+    robot, opponent = world.robots
+    opponent.down_until = 40
+    for _ in range(40):
+        assert not charge(world)
+        robot.stop()  # stays where it can hit
+        opponent.stop()
+        world.advance()
+    assert charge(world)
+
+
+def test_a_second_passes_between_two_hits() -> None:
+    world = facing(0.35, 0.0)
+    robot, opponent = world.robots
+    assert charge(world)
+    seen = []
+    for _ in range(10):
+        robot.down_until = opponent.down_until = 0
+        robot.stop()
+        opponent.stop()
+        world.advance()
+        seen.append(charge(world, 1))
+    assert seen == [False] * 9 + [True]
+
+
+@pytest.mark.parametrize(("kind", "action"), [(SoccerDefender, 4), (CornerKickDefender, 5)])
+def test_the_info_counts_the_damaging_hits(kind: Callable[[], SoccerEnv], action: int) -> None:
+    env = kind()
+    env.reset(seed=0)
+    counted = before = 0
+    for _ in range(800):
+        defender = env.scenario.world.robots[0]
+        ready = defender.hit_ready
+        _, _, terminated, truncated, info = env.step(action)
+        hits = info["damaging_hits"] - before
+        # A hit makes the robot wait 10 ticks, so a decision of 4 has at most one.
+        assert hits == (defender.hit_ready != ready)
+        counted, before = counted + hits, info["damaging_hits"]
+        if terminated or truncated:
+            env.reset()
+            before = 0
+    assert counted > 5
+
+
+def test_a_charge_kicks_the_ball_in_front_of_it_anywhere_near_its_line() -> None:
+    rng = np.random.default_rng(3)
+    directions, speeds = [], []
+    for _ in range(1000):
+        world = facing(1.0, 0.0, ball=(0.21, 0.0))
+        robot, opponent = world.robots
+        assert not actions.charge(world, robot, opponent, rng)
+        assert robot.kick_ready == world.tick + 6  # 0.6 s
+        directions.append(math.atan2(world.ball_vy, world.ball_vx))
+        speeds.append(math.hypot(world.ball_vx, world.ball_vy))
+    # Uniform within ± 0.8 rad and within ± 10 % of 0.6 m/s.
+    for values, middle, half in ((directions, 0.0, 0.8), (speeds, 0.6, 0.06)):
+        assert np.abs(np.array(values) - middle).max() <= half + 1e-9
+        assert np.abs(np.array(values) - middle).max() > 0.98 * half
+        assert abs(np.mean(values) - middle) < 4.0 * half / math.sqrt(3.0 * 1000)
+
+
+@pytest.mark.parametrize(
+    ("ball", "why"),
+    [
+        ((0.27, 0.0), "out of reach: 0.265 m"),
+        ((0.2 * math.cos(0.71), 0.2 * math.sin(0.71)), "beside it: more than 0.7 rad"),
+        ((-0.21, 0.0), "behind it"),
+    ],
+)
+def test_a_charge_kicks_no_ball_elsewhere(ball: tuple[float, float], why: str) -> None:
+    world = facing(1.0, 0.0, ball=ball)
+    assert not charge(world)
+    assert (world.ball_vx, world.ball_vy) == (0.0, 0.0), why
+    assert world.robots[0].kick_ready == 0
+
+
+def test_a_charge_at_an_opponent_that_is_down_kicks_nothing() -> None:
+    world = facing(1.0, 0.0, ball=(0.21, 0.0))
+    world.robots[1].down_until = 40
+    assert not charge(world)
+    assert (world.ball_vx, world.ball_vy) == (0.0, 0.0)
