@@ -305,7 +305,8 @@ def test_the_planner_alone_is_useful_but_leaves_room_for_the_learner(task: Bound
 
 
 def test_the_papers_preset_counts_games(task: BoundTask) -> None:
-    chosen = resolve("paper", task.task.settings).arbiter
-    assert (chosen.rho_unit, chosen.rho_increment) == ("game", 0.1)
+    settings = resolve("paper", task.task.settings)
+    chosen = settings.arbiter
+    assert (chosen.rho_unit, chosen.rho_increment, settings.training.units) == ("game", 0.1, 28)
     _, info = task.reset(seed=1)
     assert isinstance(info[chosen.rho_unit], int)
