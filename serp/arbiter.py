@@ -261,6 +261,14 @@ class Arbiter:
         forecast = self.forecast(state)
         return self._consider(forecast, self.admissible(forecast), proposal)
 
+    def let(self, state: Vector, proposal: Proposed) -> Decision:
+        """Record a proposal that is executed whatever the model says of it.
+
+        It measures a learner alone: there is no veto, and the guarantee does not hold.
+        """
+        forecast = self.forecast(state)
+        return self._accept(forecast, self.admissible(forecast), proposal)
+
     def plan(self, state: Vector) -> Decision:
         """Let the planner act, whatever ρ is."""
         forecast = self.forecast(state)
@@ -275,15 +283,20 @@ class Arbiter:
     def _consider(
         self, forecast: ActionForecast, admissible: NDArray[np.bool_], proposal: Proposed
     ) -> Decision:
-        actor = Actor.EXPLORATION if proposal.exploratory else Actor.LEARNER
-        action = int(proposal.action)
+        actor, action = _proposer(proposal), int(proposal.action)
         if admissible[action]:
-            return self._record(forecast, admissible, action, actor, Reason.ACCEPTED, action, actor)
+            return self._accept(forecast, admissible, proposal)
         refusal = self._refusal(forecast, action)
         if self.settings.after_veto == "learner" and proposal.q is not None and admissible.any():
             second = int(np.where(admissible, proposal.q, -np.inf).argmax())
             return self._record(forecast, admissible, second, actor, refusal, action, actor)
         return self._planner_acts(forecast, admissible, action, actor, refusal)
+
+    def _accept(
+        self, forecast: ActionForecast, admissible: NDArray[np.bool_], proposal: Proposed
+    ) -> Decision:
+        actor, action = _proposer(proposal), int(proposal.action)
+        return self._record(forecast, admissible, action, actor, Reason.ACCEPTED, action, actor)
 
     def _explorable(
         self, forecast: ActionForecast, admissible: NDArray[np.bool_]
@@ -407,3 +420,7 @@ class Arbiter:
         """Restore what `state_dict` returned."""
         self.rho = float(meta["rho"])
         self._random.bit_generator.state = dict(meta["random"])
+
+
+def _proposer(proposal: Proposed) -> Actor:
+    return Actor.EXPLORATION if proposal.exploratory else Actor.LEARNER

@@ -9,8 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from serp.agent import Agent
-from serp.arbiter import Actor, Decision, Reason
-from serp.domain.flags import APPLICABLE, UNSAFE
+from serp.arbiter import Decision
 from serp.domain.model import Vector
 from serp.domain.source import did_you_mean
 from serp.errors import SettingsError
@@ -177,27 +176,5 @@ def _policies(agent: Agent) -> dict[str, _Policy]:
     return {
         "serp": agent.decide_greedily,
         "planner": lambda state, x: agent.arbiter.plan(state),
-        "learner": lambda state, x: _learner_alone(agent, state, x),
+        "learner": lambda state, x: agent.arbiter.let(state, agent.learner.propose_greedily(x)),
     }
-
-
-def _learner_alone(agent: Agent, state: Vector, x: Vector) -> Decision:
-    """Return the learner's greedy choice, executed whatever the model says of it."""
-    arbiter = agent.arbiter
-    action = int(agent.learner.greedy(x))
-    forecast = arbiter.forecast(state)
-    flags = int(forecast.flags[action])
-    unsafe = bool(flags & UNSAFE)
-    return Decision(
-        action=action,
-        executed_by=Actor.LEARNER,
-        reason=Reason.ACCEPTED,
-        proposed=action,
-        proposed_by=Actor.LEARNER,
-        rho=arbiter.rho,
-        predicted_reward=float(forecast.reward[action]) if flags & APPLICABLE else np.nan,
-        unsafe=unsafe,
-        proposal_unsafe=unsafe,
-        admissible=arbiter.admissible(forecast),
-        forecast=forecast,
-    )

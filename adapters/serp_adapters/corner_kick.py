@@ -12,6 +12,7 @@ import serp
 import serp_envs
 from serp_adapters.domains import domain_file
 from serp_adapters.soccer_geometry import CONTACT, Numbers, open_share
+from serp_adapters.soccer_protocol import PROTOCOL
 from serp_envs.soccer.attacker import ALIGNED_SHOT, STAND_MARGIN, WIND_UP
 from serp_envs.soccer.corner_kick import MARK_GAP, UNIT
 from serp_envs.soccer.fields import SPL_2020
@@ -157,14 +158,7 @@ def task() -> serp.Task:
         settings={
             # Fifteen decisions, 6 s: as long as the usual walk to a ball from the corner.
             "*": {"planner": {"depth": 5, "repeat": 3}},
-            # As on soccer: the paper's iteration is a game; refused is what the domain expects to
-            # end with a goal or a collision, a ball that goes out (-2) may be worth a try.
-            "paper": {
-                "arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0},
-                "training": {"units": 28},
-            },
-            # Explored is what may end as well as the best plan, or at most half a goal worse.
-            "default": {"arbiter": {"exploration_slack": 5.0}},
+            **PROTOCOL,
         },
         description="keep a corner kick out of the goal: mark, intercept, clear",
     )

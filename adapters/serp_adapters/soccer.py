@@ -12,6 +12,7 @@ import serp
 import serp_envs
 from serp_adapters.domains import domain_file
 from serp_adapters.soccer_geometry import open_share
+from serp_adapters.soccer_protocol import PROTOCOL
 from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.observation import FAR, MIRROR, NEAR
 from serp_envs.soccer.timing import DECISION
@@ -112,14 +113,7 @@ def task() -> serp.Task:
         settings={
             # Ten decisions, 4 s: as long as the longest walk to a ball that is contested.
             "*": {"planner": {"depth": 5, "repeat": 2}},
-            # The paper's iteration is a game, 28 of which make a cycle. Refused is what the domain
-            # expects to end with a goal or a collision; a ball lost (-4) may be worth a try.
-            "paper": {
-                "arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0},
-                "training": {"units": 28},
-            },
-            # Explored is what may end as well as the best plan, or at most half a goal worse.
-            "default": {"arbiter": {"exploration_slack": 5.0}},
+            **PROTOCOL,
         },
         symmetries=(serp.Symmetry(objects={"left": "right"}, observation_signs=MIRROR),),
         description="defend the goal against an attacker who comes with the ball",

@@ -8,8 +8,8 @@ from typing import Literal
 import click
 
 from serp.cli.examples import ExampledCommand
-from serp.cli.failures import say
 from serp.cli.output import number, open_console, plural, print_json, print_table
+from serp.cli.policies import open_run, policy_of_run
 
 
 @click.command(
@@ -22,11 +22,7 @@ from serp.cli.output import number, open_console, plural, print_json, print_tabl
         "serp evaluate runs/seven --policy learner --json > learner.json",
     ],
 )
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option("--policy", type=click.Choice(["serp", "planner", "learner"]), default="serp",
-              show_default=True,
-              help="serp: the learner's choice within the vetoes; planner: the planner alone; "
-                   "learner: the learner alone, no veto.")  # fmt: skip
+@policy_of_run
 @click.option("--episodes", type=click.IntRange(min=1), default=20, show_default=True, metavar="N",
               help="Episodes to measure.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
@@ -40,11 +36,7 @@ def command(
     as_json: bool,
 ) -> None:
     """Measure a policy of RUN, the folder that plan-and-learn made."""
-    from serp.run import load_run
-
-    loaded = load_run(run)
-    if loaded.notice is not None:
-        say(loaded.notice)
+    loaded = open_run(run)
     result = loaded.evaluate(policy, episodes=episodes, seed=seed).as_dict()
     if as_json:
         print_json({"run": str(run), "seed": seed, **result})

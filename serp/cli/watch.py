@@ -10,6 +10,7 @@ import click
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say
 from serp.cli.output import number, open_console, plural
+from serp.cli.policies import open_run, policy_of_run
 
 if TYPE_CHECKING:
     from serp.watching.film import EpisodeResult
@@ -29,11 +30,7 @@ _FILM_FPS = {".gif": 50.0, ".mp4": 60.0}
         "serp watch runs/seven --episodes 1 --seed 3 --out seven.mp4",
     ],
 )
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option("--policy", type=click.Choice(["serp", "planner", "learner"]), default="serp",
-              show_default=True,
-              help="serp: the learner's choice within the vetoes; planner: the planner alone; "
-                   "learner: the learner alone, no veto.")  # fmt: skip
+@policy_of_run
 @click.option("--episodes", type=click.IntRange(min=1), default=3, show_default=True, metavar="N",
               help="Episodes to show.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
@@ -70,7 +67,6 @@ def command(
         raise click.BadParameter("a film is a GIF or an MP4; name a file that ends in .gif or .mp4",
                                  ctx, param_hint="--out")  # fmt: skip
 
-    from serp.run import load_run
     from serp.watching import show_film, write_film
     from serp.watching.film import FilmSettings
     from serp.watching.window import require_display
@@ -86,9 +82,7 @@ def command(
         fps=most if fps is None else min(fps, most),
         width=_GIF_WIDTH if width is None and kind == ".gif" else width,
     )
-    loaded = load_run(run)
-    if loaded.notice is not None:
-        say(loaded.notice)
+    loaded = open_run(run)
     if out is None:
         show_film(loaded, settings, f"{loaded.task.name}, policy {policy}, {run}", _report)
         return

@@ -144,7 +144,7 @@ class PlanningGraph:
             )  # fmt: skip
             for k, (source, target, reward, weight, flags, periods) in enumerate(columns):
                 total = reward + weight * values[target]
-                safe = periods if flags & UNSAFE else _later(steps[target], periods)
+                safe = _safe_steps(flags, periods, steps[target])
                 if (
                     best[source] < 0
                     or safe > steps[source]
@@ -162,8 +162,7 @@ class PlanningGraph:
         edges = root.edges
         for k, (action, target) in enumerate(zip(edges.action, root.target, strict=True)):
             value[action] = edges.reward[k] + edges.weight[k] * self._value[target]
-            after = _later(self._safe_steps[target], edges.periods[k])
-            steps[action] = edges.periods[k] if edges.flags[k] & UNSAFE else after
+            steps[action] = _safe_steps(edges.flags[k], edges.periods[k], self._safe_steps[target])
             reward[action], flags[action] = edges.first_reward[k], edges.first_flags[k]
         choice = edges.action[self._best[0]] if self._best[0] >= 0 else -1
         state = list(self.states[0])
@@ -236,6 +235,8 @@ class PlanningGraph:
         return graph
 
 
-def _later(safe_steps: int, periods: int) -> int:
-    """Return the safe control periods seen from some periods earlier."""
-    return SAFE if safe_steps == SAFE else safe_steps + periods
+def _safe_steps(flags: int, periods: int, following: int) -> int:
+    """Return the safe control periods through an edge, and of what follows it."""
+    if flags & UNSAFE:
+        return periods
+    return SAFE if following == SAFE else following + periods
