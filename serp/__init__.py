@@ -15,10 +15,12 @@ _HOMES = {
     "ActionMap": "serp.actions",
     "Arbiter": "serp.arbiter",
     "ArbiterSettings": "serp.arbiter",
+    "Comparison": "serp.comparison.study",
     "DQN": "serp.learning",
     "DQNSettings": "serp.learning",
     "Domain": "serp.domain.loading",
     "DomainError": "serp.domain.source",
+    "GuideSettings": "serp.strategies.settings",
     "Lookahead": "serp.planning.lookahead",
     "MonitorReplanner": "serp.planning.replanner",
     "Outcome": "serp.domain.model",
@@ -31,6 +33,7 @@ _HOMES = {
     "Symmetry": "serp.symmetry",
     "Task": "serp.task",
     "TransitionModel": "serp.domain.model",
+    "compare": "serp.comparison.study",
     "load_domain": "serp.domain.loading",
     "load_run": "serp.run",
     "plan_and_learn": "serp.run",
@@ -42,6 +45,8 @@ if TYPE_CHECKING:
     from serp.actions import ActionMap as ActionMap
     from serp.arbiter import Arbiter as Arbiter
     from serp.arbiter import ArbiterSettings as ArbiterSettings
+    from serp.comparison.study import Comparison as Comparison
+    from serp.comparison.study import compare as compare
     from serp.domain.loading import Domain as Domain
     from serp.domain.loading import load_domain as load_domain
     from serp.domain.model import Outcome as Outcome
@@ -59,6 +64,7 @@ if TYPE_CHECKING:
     from serp.run import load_run as load_run
     from serp.run import plan_and_learn as plan_and_learn
     from serp.settings import Settings as Settings
+    from serp.strategies.settings import GuideSettings as GuideSettings
     from serp.symmetry import Symmetry as Symmetry
     from serp.task import Task as Task
 

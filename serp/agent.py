@@ -16,6 +16,8 @@ from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.planning.settings import PlannerSettings
 from serp.settings import Settings
+from serp.strategies.making import make_strategy
+from serp.strategies.strategy import Learner, Mask, Values
 from serp.symmetry import TaskSymmetry, declared_symmetries, symmetry_group
 from serp.task import BoundTask
 
@@ -56,6 +58,37 @@ def _learner_input(inputs: str) -> Callable[[Vector, Vector], Vector]:
     return lambda observation, state: np.concatenate((observation, state))
 
 
+class _Asked:
+    """The learner before one input."""
+
+    def __init__(self, learner: DQN, x: Vector) -> None:
+        self._learner = learner
+        self._x = x
+
+    def propose(
+        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
+        return _limited(self._learner.propose(self._x, explorable, base), among)
+
+    def propose_greedily(
+        self, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
+        return _limited(self._learner.propose_greedily(self._x, base), among)
+
+    def member_q(self) -> Values:
+        return self._learner.member_q(self._x)
+
+    def target_q(self) -> Values:
+        return self._learner.target_q(self._x)
+
+
+def _limited(proposal: Proposal, among: Mask | None) -> Proposal:
+    """Return the best of the actions that a greedy choice is limited to."""
+    if among is None or proposal.q is None or among[proposal.action] or not among.any():
+        return proposal
+    return proposal._replace(action=int(np.where(among, proposal.q, -np.inf).argmax()))
+
+
 class Agent:
     """Planner, learner and arbiter of one task.
 
@@ -74,11 +107,13 @@ class Agent:
     def __init__(self, task: BoundTask, settings: Settings, seed: int) -> None:
         self.task = task
         self.settings = settings
-        arbiter_seed, learner_seed, random_seed = np.random.SeedSequence(
+        strategy_seed, learner_seed, random_seed = np.random.SeedSequence(
             entropy=seed, spawn_key=(0,)
         ).spawn(3)
         planner = make_planner(task.model, settings.planner)
-        self.arbiter = Arbiter(planner, task.actions, settings.arbiter, arbiter_seed)
+        strategy = make_strategy(settings, strategy_seed)
+        horizon = settings.planner.depth * settings.planner.repeat
+        self.arbiter = Arbiter(planner, task.actions, settings.arbiter, strategy, horizon)
         self._learner_input = _learner_input(settings.training.inputs)
         self._symmetries: tuple[TaskSymmetry, ...] = ()
         self.notices: tuple[str, ...] = ()
@@ -88,7 +123,12 @@ class Agent:
             group = symmetry_group(task, self._symmetries, settings.training.inputs)
         self._unchecked = _MIRRORED if self._symmetries else 0
         self.learner = DQN(
-            self._input_size(), task.actions.size, settings.learner, learner_seed, group
+            self._input_size(),
+            task.actions.size,
+            settings.learner,
+            learner_seed,
+            group,
+            guided=strategy.guided,
         )
         self._random = np.random.default_rng(random_seed)
 
@@ -114,7 +154,7 @@ class Agent:
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide by the arbiter, exploration included."""
-        return self.arbiter.decide(state, lambda explorable: self.learner.propose(x, explorable))
+        return self.arbiter.decide(state, self.before(x))
 
     def decide_randomly(self, state: Vector) -> Decision:
         """Decide on a uniformly drawn proposal, for D_0; vetoes hold as ever."""
@@ -122,8 +162,16 @@ class Agent:
         return self.arbiter.judge_proposal(state, Proposal(action, True, None))
 
     def decide_greedily(self, state: Vector, x: Vector) -> Decision:
-        """Decide as the trained agent does: the learner's greedy choice within the vetoes."""
-        return self.arbiter.judge_proposal(state, self.learner.propose_greedily(x))
+        """Decide as the trained agent does: by its strategy, without exploration."""
+        return self.arbiter.decide_greedily(state, self.before(x))
+
+    def decide_alone(self, state: Vector, x: Vector) -> Decision:
+        """Let the learner's greedy choice be executed: no planner, no veto."""
+        return self.arbiter.let(state, self.before(x))
+
+    def before(self, x: Vector) -> Learner:
+        """Return the learner as it stands before an input."""
+        return _Asked(self.learner, x)
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""

@@ -9,7 +9,7 @@ executed only where nothing is predicted safe. Every decision passes `Arbiter.de
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Literal, NamedTuple, Protocol
@@ -23,7 +23,10 @@ from serp.domain.model import TransitionModel, Vector
 from serp.errors import SettingsError
 from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.planning.forecast import SAFE, Forecast
-from serp.quantities import real
+from serp.promises import Promises
+from serp.quantities import real, whole
+from serp.strategies.mixture import Mixture
+from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
 
 
 class Actor(StrEnum):
@@ -50,25 +53,6 @@ class Reason(StrEnum):
     NO_APPLICABLE_ACTION = "no action of the model is applicable"
 
 
-class Proposed(Protocol):
-    """What a learner proposes: an environment action, whether it was explored, and why."""
-
-    @property
-    def action(self) -> int:
-        """Environment action."""
-
-    @property
-    def exploratory(self) -> bool:
-        """Whether it was drawn at random."""
-
-    @property
-    def q(self) -> NDArray[np.floating[Any]] | None:
-        """`[E]` what each action promises in the learner's eyes; None where it was drawn."""
-
-
-Propose = Callable[[NDArray[np.bool_] | None], Proposed]
-
-
 class Forecaster(Protocol):
     """What the arbiter needs of a planner; `Lookahead` is one."""
 
@@ -86,10 +70,16 @@ class ArbiterSettings:
         rho_unit: `step`, `episode`, or the name of a counter in the environment's `info`
             (such as `game`) at whose every change ρ grows.
         rho_max: Largest ρ.
+        surety: In the planner's turn the learner's choice is executed all the same where its
+            networks agree that it is better than the planner's: where the mean of their
+            differences of Q exceeds so many standard deviations. None: never.
         r_min: R_min: a proposal with a smaller predicted reward is refused; None refuses none.
         veto_horizon: `step` refuses what the next step predicts; `lookahead` also refuses what
             leads within the lookahead to where every action is predicted unsafe, while another
             action does not.
+        broken_promises: So often the lookahead's word may be broken (see `serp.promises`) before it
+            is believed for the next step only: what it refuses beyond that is then allowed. None:
+            it is always believed.
         exploration_slack: None: the learner explores among all actions, and vetoes follow. A
             number: it explores only among the admissible actions whose best plan is worth no less
             than the best plan minus this (infinity: among all admissible ones).
@@ -105,8 +95,10 @@ class ArbiterSettings:
     rho_increment: float = 0.01
     rho_unit: str = "episode"
     rho_max: float = 1.0
+    surety: float | None = None
     r_min: float | None = None
     veto_horizon: Literal["step", "lookahead"] = "lookahead"
+    broken_promises: int | None = None
     exploration_slack: float | None = None
     after_veto: Literal["planner", "learner"] = "planner"
     unmodelled: Literal["allow", "veto"] = "allow"
@@ -129,6 +121,19 @@ class ArbiterSettings:
             if r_min is None:
                 raise SettingsError(f"arbiter: r_min must be a number or none, not {self.r_min!r}")
             object.__setattr__(self, "r_min", r_min)
+        if self.surety is not None:
+            surety = real(self.surety)
+            if surety is None or surety < 0:
+                raise SettingsError(f"arbiter: surety must be >= 0, or none, not {self.surety!r}")
+            object.__setattr__(self, "surety", surety)
+        if self.broken_promises is not None:
+            number = whole(self.broken_promises, 0)
+            if number is None:
+                raise SettingsError(
+                    "arbiter: broken_promises must be a whole number >= 0, or none, not "
+                    f"{self.broken_promises!r}"
+                )
+            object.__setattr__(self, "broken_promises", number)
         if not isinstance(self.rho_unit, str):
             raise SettingsError(f"arbiter: rho_unit must be a name, not {self.rho_unit!r}")
         if self.exploration_slack is not None:
@@ -148,6 +153,18 @@ class ArbiterSettings:
                 raise SettingsError(
                     f"arbiter: {name} must be {' or '.join(allowed)}, not {getattr(self, name)!r}"
                 )
+
+    def mixture(self, seed: int | np.random.SeedSequence) -> Mixture:
+        """Return the strategy of Algorithm 1 with these settings."""
+        return Mixture(
+            rho=self.rho,
+            increment=self.rho_increment,
+            unit=self.rho_unit,
+            most=self.rho_max,
+            ask_when_indifferent=self.indifferent == "learner",
+            surety=self.surety,
+            seed=seed,
+        )
 
 
 class Decision(NamedTuple):
@@ -187,13 +204,17 @@ class Decision(NamedTuple):
 
 
 class Arbiter:
-    """Mixes planner and learner and keeps refused actions from being executed.
+    """Lets a strategy mix planner and learner and keeps refused actions from being executed.
 
     Args:
         planner: Where forecasts come from, usually a `Lookahead`.
         actions: The map between ground and environment actions.
         settings: See `ArbiterSettings`.
-        seed: Seed of the draws "planner or learner?".
+        strategy: Who proposes; by default Algorithm 1 as the settings have it.
+        horizon: Control periods that the planner looks ahead.
+
+    Attributes:
+        promises: How often the planner's word was broken.
     """
 
     def __init__(
@@ -201,13 +222,14 @@ class Arbiter:
         planner: Forecaster,
         actions: ActionMap,
         settings: ArbiterSettings | None = None,
-        seed: int | np.random.SeedSequence = 0,
+        strategy: Strategy | None = None,
+        horizon: int = 1,
     ) -> None:
         self.planner = planner
         self.actions = actions
         self.settings = settings or ArbiterSettings()
-        self.rho = self.settings.rho
-        self._random = np.random.default_rng(seed)
+        self.strategy = strategy or self.settings.mixture(seed=0)
+        self.promises = Promises(horizon, self.settings.broken_promises)
         self._unmodelled_allowed = (
             ~actions.modelled
             if self.settings.unmodelled == "allow"
@@ -219,10 +241,10 @@ class Arbiter:
         """The transition model."""
         return self.actions.model
 
-    def end_unit(self, unit: str) -> None:
-        """Let ρ grow if it grows by this unit."""
-        if unit == self.settings.rho_unit:
-            self.rho = min(self.settings.rho_max, self.rho + self.settings.rho_increment)
+    @property
+    def rho(self) -> float:
+        """The probability that the learner is asked next."""
+        return self.strategy.rho
 
     def forecast(self, state: Vector) -> ActionForecast:
         """Return the planner's view of a state `[F]` in terms of environment actions."""
@@ -233,70 +255,86 @@ class Arbiter:
         allowed = forecast.safe
         if self.settings.r_min is not None:
             allowed &= forecast.reward >= self.settings.r_min
-        if self.settings.veto_horizon == "lookahead":
+        if self.settings.veto_horizon == "lookahead" and self.promises.believed:
             # Against the best that the model knows: where all is lost, nothing is refused for it.
             known = forecast.safe_steps[self.actions.modelled]
             if known.size and known.max() == SAFE:
                 allowed &= forecast.safe_steps == SAFE
         return allowed | self._unmodelled_allowed
 
-    def decide(self, state: Vector, propose: Propose) -> Decision:
+    def decide(self, state: Vector, learner: Learner) -> Decision:
         """Decide what to do in a state.
 
         Args:
             state: Monitored state `[F]`.
-            propose: Asked for the learner's proposal when it is the learner's turn; its argument
-                is the mask `[E]` of actions to explore among, or None for all.
+            learner: The learner before this state; the strategy asks it where it is its turn.
         """
-        forecast = self.forecast(state)
-        admissible = self.admissible(forecast)
-        planners_turn = self._random.random() > self.rho
-        if planners_turn and not (forecast.indifferent and self.settings.indifferent == "learner"):
-            return self._planners_turn(forecast, admissible)
-        proposal = propose(self._explorable(forecast, admissible))
-        return self._consider(forecast, admissible, proposal)
+        situation = self._situation(state)
+        return self._follow(situation, self.strategy.propose(situation, learner))
+
+    def decide_greedily(self, state: Vector, learner: Learner) -> Decision:
+        """Decide as the trained policy does, without exploration or draw."""
+        situation = self._situation(state)
+        return self._follow(situation, self.strategy.propose_greedily(situation, learner))
 
     def judge_proposal(self, state: Vector, proposal: Proposed) -> Decision:
-        """Decide on a proposal whatever ρ is: it is executed, or refused and the planner acts."""
-        forecast = self.forecast(state)
-        return self._consider(forecast, self.admissible(forecast), proposal)
+        """Decide on a proposal whoever's turn it is: it is executed, or refused."""
+        return self._consider(self._situation(state), proposal)
 
-    def let(self, state: Vector, proposal: Proposed) -> Decision:
-        """Record a proposal that is executed whatever the model says of it.
+    def let(self, state: Vector, learner: Learner) -> Decision:
+        """Record what the learner does alone, whatever the model says of it.
 
-        It measures a learner alone: there is no veto, and the guarantee does not hold.
+        There is no veto, and the guarantee does not hold.
         """
-        forecast = self.forecast(state)
-        return self._accept(forecast, self.admissible(forecast), proposal)
+        situation = self._situation(state)
+        return self._accept(situation, self.strategy.propose_alone(situation, learner))
 
     def plan(self, state: Vector) -> Decision:
         """Let the planner act, whatever ρ is."""
-        forecast = self.forecast(state)
-        return self._planners_turn(forecast, self.admissible(forecast))
+        return self._planners_turn(self._situation(state))
+
+    def observe(self, decision: Decision, *, unsafe: bool, last: bool) -> None:
+        """Take note of what came of a decision in training.
+
+        Args:
+            decision: It.
+            unsafe: Whether something unsafe was observed.
+            last: Whether the episode ended with it.
+        """
+        promised = decision.forecast.safe_steps[decision.action] == SAFE
+        self.promises.observe(bool(promised), unsafe, last)
 
     # Who acts ----------------------------------------------------------------------------------
 
-    def _planners_turn(self, forecast: ActionForecast, admissible: NDArray[np.bool_]) -> Decision:
-        action = forecast.choice
-        return self._planner_acts(forecast, admissible, action, Actor.PLANNER, Reason.PLANNER_TURN)
+    def _situation(self, state: Vector) -> Situation:
+        forecast = self.forecast(state)
+        admissible = self.admissible(forecast)
+        explorable = self._explorable(forecast, admissible)
+        return Situation(forecast, admissible, explorable, self.promises.believed)
 
-    def _consider(
-        self, forecast: ActionForecast, admissible: NDArray[np.bool_], proposal: Proposed
-    ) -> Decision:
+    def _follow(self, situation: Situation, proposal: Proposed | None) -> Decision:
+        if proposal is None:
+            return self._planners_turn(situation)
+        return self._consider(situation, proposal)
+
+    def _planners_turn(self, situation: Situation) -> Decision:
+        action = situation.forecast.choice
+        return self._planner_acts(situation, action, Actor.PLANNER, Reason.PLANNER_TURN)
+
+    def _consider(self, situation: Situation, proposal: Proposed) -> Decision:
+        admissible = situation.admissible
         actor, action = _proposer(proposal), int(proposal.action)
         if admissible[action]:
-            return self._accept(forecast, admissible, proposal)
-        refusal = self._refusal(forecast, action)
+            return self._accept(situation, proposal)
+        refusal = self._refusal(situation.forecast, action)
         if self.settings.after_veto == "learner" and proposal.q is not None and admissible.any():
             second = int(np.where(admissible, proposal.q, -np.inf).argmax())
-            return self._record(forecast, admissible, second, actor, refusal, action, actor)
-        return self._planner_acts(forecast, admissible, action, actor, refusal)
+            return self._record(situation, second, actor, refusal, action, actor)
+        return self._planner_acts(situation, action, actor, refusal)
 
-    def _accept(
-        self, forecast: ActionForecast, admissible: NDArray[np.bool_], proposal: Proposed
-    ) -> Decision:
+    def _accept(self, situation: Situation, proposal: Proposed) -> Decision:
         actor, action = _proposer(proposal), int(proposal.action)
-        return self._record(forecast, admissible, action, actor, Reason.ACCEPTED, action, actor)
+        return self._record(situation, action, actor, Reason.ACCEPTED, action, actor)
 
     def _explorable(
         self, forecast: ActionForecast, admissible: NDArray[np.bool_]
@@ -326,22 +364,16 @@ class Arbiter:
         return Reason.UNSAFE_AHEAD
 
     def _planner_acts(
-        self,
-        forecast: ActionForecast,
-        admissible: NDArray[np.bool_],
-        proposed: int,
-        proposed_by: Actor,
-        reason: Reason,
+        self, situation: Situation, proposed: int, proposed_by: Actor, reason: Reason
     ) -> Decision:
+        forecast = situation.forecast
         action, executed_by = forecast.choice, Actor.PLANNER
         if action < 0 or forecast.flags[action] & UNSAFE:
             reason = Reason.NO_APPLICABLE_ACTION if action < 0 else Reason.NO_SAFE_ACTION
             instead = self._least_evil(forecast, proposed, otherwise=action)
             if instead != action:
                 action, executed_by = instead, Actor.FALLBACK
-        return self._record(
-            forecast, admissible, action, executed_by, reason, proposed, proposed_by
-        )
+        return self._record(situation, action, executed_by, reason, proposed, proposed_by)
 
     def _least_evil(self, forecast: ActionForecast, proposed: int, otherwise: int) -> int:
         """Return what is done where no action is safe; `otherwise` is the planner's, or -1.
@@ -360,14 +392,14 @@ class Arbiter:
 
     def _record(
         self,
-        forecast: ActionForecast,
-        admissible: NDArray[np.bool_],
+        situation: Situation,
         action: int,
         executed_by: Actor,
         reason: Reason,
         proposed: int,
         proposed_by: Actor,
     ) -> Decision:
+        forecast, admissible = situation.forecast, situation.admissible
         flags = int(forecast.flags[action])
         return Decision(
             action=action,
@@ -414,12 +446,15 @@ class Arbiter:
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
-        return {}, {"rho": self.rho, "random": self._random.bit_generator.state}
+        return {}, {
+            "strategy": self.strategy.state_dict(),
+            "promises": self.promises.state_dict(),
+        }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned."""
-        self.rho = float(meta["rho"])
-        self._random.bit_generator.state = dict(meta["random"])
+        self.strategy.load_state_dict(meta["strategy"])
+        self.promises.load_state_dict(meta["promises"])
 
 
 def _proposer(proposal: Proposed) -> Actor:

@@ -32,3 +32,7 @@ class MissingExtra(SerpError):
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(f"{what} needs an optional part: pip install 'serp[{extra}]'")
+
+
+class Interrupted(SerpError):
+    """The user stopped a training or a comparison; it can be continued."""

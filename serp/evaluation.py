@@ -135,9 +135,14 @@ def _play(
     agent: Agent, task: BoundTask, decide: _Policy, episodes: int, seed: int
 ) -> Iterator[Episode]:
     for episode in range(episodes):
-        sequence = np.random.SeedSequence(entropy=seed, spawn_key=(_SEEDS, episode))
-        raw, info = task.reset(seed=int(sequence.generate_state(1)[0]))
+        raw, info = task.reset(seed=episode_seed(seed, episode))
         yield Episode(episode + 1, info, _steps(agent, task, decide, raw))
+
+
+def episode_seed(seed: int, episode: int) -> int:
+    """Return the environment's seed for an episode, from 0, of an evaluation."""
+    sequence = np.random.SeedSequence(entropy=seed, spawn_key=(_SEEDS, episode))
+    return int(sequence.generate_state(1)[0])
 
 
 def _steps(agent: Agent, task: BoundTask, decide: _Policy, raw: Any) -> Iterator[Step]:
@@ -176,5 +181,5 @@ def _policies(agent: Agent) -> dict[str, _Policy]:
     return {
         "serp": agent.decide_greedily,
         "planner": lambda state, x: agent.arbiter.plan(state),
-        "learner": lambda state, x: agent.arbiter.let(state, agent.learner.propose_greedily(x)),
+        "learner": agent.decide_alone,
     }

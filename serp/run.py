@@ -15,8 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import threadpoolctl
-import torch
 from numpy.typing import NDArray
 
 from serp.agent import Agent
@@ -24,7 +22,7 @@ from serp.arbiter import Decision
 from serp.budget import Budget
 from serp.domain.loading import Domain, load_domain
 from serp.domain.model import StateError
-from serp.errors import RunError, SerpError, SettingsError, TaskError
+from serp.errors import Interrupted, RunError, SettingsError, TaskError
 from serp.evaluation import EvaluationResult, Policy, evaluate
 from serp.made_with import made_with
 from serp.progress import ProgressStats, open_progress
@@ -39,11 +37,8 @@ from serp.runs.tensorboard import EventWriter, require_tensorboard
 from serp.settings import resolve
 from serp.stopping import ANSWER, stop_between_episodes
 from serp.task import BoundTask, Task
-from serp.training import Trainer
-
-
-class Interrupted(SerpError):
-    """The user stopped a training; the run can be continued."""
+from serp.threads import one_thread
+from serp.training import Trainer, Transition
 
 
 def plan_and_learn(
@@ -245,7 +240,7 @@ def _train(
         cost = trainer.wall_time - begun
         return trainer.wall_time + min(settings.checkpoint_seconds, 50 * cost)
 
-    def after_step() -> None:
+    def after_step(transition: Transition) -> None:
         if stopping.answer_due():
             progress.answer(ANSWER)
         if progress.due():
@@ -256,7 +251,7 @@ def _train(
     events: EventWriter | None = None
     with (
         contextlib.ExitStack() as stack,
-        _one_thread(),
+        one_thread(),
         stop_between_episodes() as stopping,
         progress,
     ):
@@ -299,18 +294,6 @@ def _stats(trainer: Trainer) -> ProgressStats:
         vetoes=trainer.vetoes,
         unsafe_executed=trainer.unsafe_executed,
     )
-
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Keep torch and BLAS to one thread: threads cost more than they bring in small networks."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with threadpoolctl.threadpool_limits(1):
-            yield
-    finally:
-        torch.set_num_threads(threads)
 
 
 def load_run(folder: str | Path, task: Task | None = None) -> Run:
@@ -406,7 +389,7 @@ class Run:
             SerpError: The run or its task cannot be loaded, or the environment failed.
         """
         agent = self.agent
-        with self.environment() as task, _one_thread():
+        with self.environment() as task, one_thread():
             return evaluate(agent, task, policy, episodes=episodes, seed=seed)
 
     @contextlib.contextmanager

@@ -16,6 +16,7 @@ from serp.errors import SettingsError
 from serp.learning.settings import DQNSettings
 from serp.planning.settings import PlannerSettings
 from serp.quantities import real, truth, whole
+from serp.strategies.settings import GuideSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +73,7 @@ class Settings:
 
     planner: PlannerSettings = field(default_factory=PlannerSettings)
     arbiter: ArbiterSettings = field(default_factory=ArbiterSettings)
+    guide: GuideSettings = field(default_factory=GuideSettings)
     learner: DQNSettings = field(default_factory=DQNSettings)
     training: TrainingSettings = field(default_factory=TrainingSettings)
 
@@ -212,14 +214,16 @@ PRESETS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
             "rho": 0.3,
             "rho_increment": 0.00014,
             "rho_unit": "step",
+            "surety": 1.0,
             "veto_horizon": "lookahead",
+            "broken_promises": 3,
             "exploration_slack": float("inf"),
             "after_veto": "learner",
             "indifferent": "learner",
         },
         "learner": {
             "symmetry": True,
-            "members": 3,
+            "members": 5,
             "layer_norm": True,
             "discount": 0.95,
             "target_period": None,

@@ -51,6 +51,7 @@ class Task:
             The key `*` stands for every preset.
         symmetries: Transformations that the task looks the same under (`serp.Symmetry`); the
             learner makes use of them where `learner.symmetry` is set.
+        counters: Counters of the environment's info, per episode, that a comparison adds up.
         description: One line for `serp list`.
     """
 
@@ -64,6 +65,7 @@ class Task:
     reward: Literal["domain", "environment"] | None = None
     settings: Mapping[str, Overrides] = field(default_factory=dict)
     symmetries: Sequence[Symmetry] = ()
+    counters: Sequence[str] = ()
     description: str = ""
 
     def load(self) -> Domain:

@@ -4,23 +4,72 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from serp.actions import ActionForecast
 from serp.agent import Agent
 from serp.arbiter import Actor, Decision, Reason
-from serp.domain.model import StateError, Vector
+from serp.domain.model import Vector
 from serp.errors import SettingsError
+from serp.learning.dqn import DQN
+from serp.reward import judge
 from serp.runs.rows import DecisionRow, MetricsRow
 from serp.runs.tables import Table
 from serp.settings import Settings
 from serp.task import BoundTask
 
 _EPISODES = 1  # spawn key of the environment's seeds
+_T = TypeVar("_T")
+
+LearningPoints = Generator[DQN, float | None, _T]
+"""A training that stops wherever its learner is to learn.
+
+It yields the learner, takes the result of one call of `DQN.learn` of it, and goes on; in the end it
+returns what it has found. Whoever drives it may let several learners learn together.
+"""
+
+
+def learn_alone(points: LearningPoints[_T]) -> _T:
+    """Drive a training to its end, each learner learning by itself; return what it has found."""
+    result: float | None = None
+    while True:
+        try:
+            learner = points.send(result)  # None begins it
+        except StopIteration as end:
+            found: _T = end.value
+            return found
+        result = learner.learn()
+
+
+def episode_seed(seed: int, episode: int) -> int:
+    """Return the environment's seed for an episode, from 0, of a training."""
+    sequence = np.random.SeedSequence(entropy=seed, spawn_key=(_EPISODES, episode))
+    return int(sequence.generate_state(1)[0])
+
+
+class Transition(NamedTuple):
+    """One env step of a training.
+
+    Attributes:
+        decision: What was done, who did it and why.
+        reward: What is learned from: the domain's reward or the environment's.
+        env_reward: The environment's reward.
+        terminated: Whether the environment ended the episode here.
+        truncated: Whether the episode was cut off here.
+        info: What the environment says besides.
+    """
+
+    decision: Decision
+    reward: float
+    env_reward: float
+    terminated: bool
+    truncated: bool
+    info: dict[str, Any]
 
 
 @dataclass
@@ -42,8 +91,10 @@ class _Episode:
     no_safe_action: int = 0
     losses: list[float] = field(default_factory=list)
 
-    def count(self, decision: Decision) -> None:
+    def count(self, decision: Decision, env_reward: float, domain_reward: float) -> None:
         self.length += 1
+        self.return_ += env_reward
+        self.domain_return += domain_reward
         vetoed = decision.vetoed
         self.vetoes += vetoed
         if decision.executed_by is Actor.LEARNER:
@@ -87,12 +138,13 @@ class Trainer:
         settings: All settings.
         seed: Seed of everything random.
         decisions: Where decisions are logged; None logs none.
+        agent: Who is trained; by default a new `Agent`.
 
     Attributes:
         decisions: The same, to be set before the first episode.
         episode, env_steps: How many there were.
         units: How many units of `arbiter.rho_unit` have ended.
-        on_step: Called after every env step, where it is set.
+        on_step: Called with every env step that was made and learned from, where it is set.
     """
 
     def __init__(
@@ -101,12 +153,13 @@ class Trainer:
         settings: Settings,
         seed: int,
         decisions: Table | None = None,
+        agent: Agent | None = None,
     ) -> None:
         self.task = task
         self.settings = settings
         self.seed = seed
         try:
-            self.agent = Agent(task, settings, seed)
+            self.agent = agent or Agent(task, settings, seed)
         except (MemoryError, RuntimeError) as error:
             if isinstance(error, RuntimeError) and "alloc" not in str(error):  # torch says it so
                 raise
@@ -121,7 +174,7 @@ class Trainer:
         self.unsafe_executed = 0
         self.recent: deque[float] = deque(maxlen=20)
         self.decisions = decisions
-        self.on_step: Callable[[], None] | None = None
+        self.on_step: Callable[[Transition], None] | None = None
         self._pretrained = settings.training.random_steps == 0
         self._wall_before = 0.0
         self._clock = time.monotonic()
@@ -144,9 +197,13 @@ class Trainer:
             EnvironmentFailure: The environment raised or gave NaN.
             SettingsError: The environment has no such unit as `arbiter.rho_unit`.
         """
-        agent, task = self.agent, self.task
+        return learn_alone(self.learning_points())
+
+    def learning_points(self) -> LearningPoints[MetricsRow]:
+        """As `run_episode`, for a driver that does the learning; see `LearningPoints`."""
+        agent, task, strategy = self.agent, self.task, self.agent.arbiter.strategy
         episode = _Episode()
-        raw, info = task.reset(seed=self._episode_seed())
+        raw, info = task.reset(seed=episode_seed(self.seed, self.episode))
         self._notice_unit(info, reset=True)
         state, x = agent.perceive(raw)
         random_phase = not self._pretrained
@@ -155,34 +212,41 @@ class Trainer:
             self._log(decision, state)
             raw, env_reward, terminated, truncated, info = task.step(decision.action)
             next_state, next_x = agent.perceive(raw)
-            reward, failed = self._judge(episode, decision, state, next_state, env_reward)
-            episode.count(decision)
+            ground = int(decision.forecast.ground[decision.action])
+            reward, domain_reward, failed = judge(task, state, ground, next_state, env_reward)
+            episode.count(decision, env_reward, domain_reward)
             limit = self.settings.training.episode_steps
             truncated = truncated or (episode.length >= limit and not terminated)
+            self._observe(decision, unsafe=failed, last=terminated or truncated)
             self.env_steps += 1
             self.vetoes += decision.vetoed
             self.unsafe_executed += decision.unsafe
             # The next decision is made before learning: its mask belongs to this transition.
             following: Decision | None = None
+            ahead: ActionForecast | None = None
+            allowed: NDArray[np.bool_] | None = None
             if terminated:
-                allowed = None
+                pass
             elif truncated:
-                allowed = agent.arbiter.admissible(agent.arbiter.forecast(next_state))
+                ahead = agent.arbiter.forecast(next_state)
+                allowed = strategy.allowed(ahead, agent.arbiter.admissible(ahead))
             else:
                 following = self._decide(next_state, next_x, random_phase=random_phase)
-                allowed = following.admissible
+                ahead = following.forecast
+                allowed = strategy.allowed(ahead, following.admissible)
             agent.learner.remember(
-                x, decision.action, reward, next_x, terminated, truncated, allowed,
-                failed,
+                x, decision.action, reward, next_x, terminated, truncated, allowed, failed,
+                strategy.guidance(decision.forecast, decision.action, ahead),
             )  # fmt: skip
             if not random_phase:
-                loss = agent.learner.learn()
+                agent.learner.margin_weight = strategy.margin_weight
+                loss = yield agent.learner
                 if loss is not None:
                     episode.losses.append(loss)
                 self._end_unit("step")
             self._notice_unit(info)
             if self.on_step is not None:
-                self.on_step()
+                self.on_step(Transition(decision, reward, env_reward, terminated, truncated, info))
             if following is None:
                 episode.terminated, episode.truncated = terminated, truncated
                 return self._end_episode(episode)
@@ -193,32 +257,12 @@ class Trainer:
             return self.agent.decide_randomly(state)
         return self.agent.decide(state, x)
 
-    def _judge(
-        self,
-        episode: _Episode,
-        decision: Decision,
-        state: Vector,
-        next_state: Vector,
-        env_reward: float,
-    ) -> tuple[float, bool]:
-        """Return the reward to learn from and whether the observed step was unsafe."""
-        ground = int(decision.forecast.ground[decision.action])
-        by_domain = self.task.rewarded_by == "domain"
-        episode.return_ += env_reward
-        try:
-            judged = self.task.model.judge(state, ground, next_state)
-        except StateError:
-            if by_domain:
-                raise
-            return env_reward, False  # the domain has no say in it
-        episode.domain_return += judged.reward
-        return judged.reward if by_domain else env_reward, judged.unsafe
-
     def _end_episode(self, episode: _Episode) -> MetricsRow:
         self.episode += 1
         agent = self.agent
         if self._pretrained:
             self._end_unit("episode")
+            agent.arbiter.strategy.end_episode(episode.return_, episode.length)
         elif self.env_steps >= self.settings.training.random_steps:
             agent.learner.pretrain()
             self._pretrained = True
@@ -226,6 +270,18 @@ class Trainer:
         return episode.row(
             self.episode, self.env_steps, agent.arbiter.rho, agent.learner.epsilon, self.wall_time
         )
+
+    def _observe(self, decision: Decision, *, unsafe: bool, last: bool) -> None:
+        """Tell the arbiter what came of a decision, and the user what the arbiter makes of it."""
+        arbiter, say = self.agent.arbiter, self.task.on_notice
+        believed = arbiter.promises.believed
+        arbiter.observe(decision, unsafe=unsafe, last=last)
+        if believed and not arbiter.promises.believed and say is not None:
+            say(
+                f"{arbiter.promises.broken} times in {self.env_steps + 1} env steps something "
+                "unsafe happened that the domain file said could be kept away. From here on it is "
+                "believed for the next step only: does it say rightly what the actions do?"
+            )
 
     def _notice_unit(self, info: Mapping[str, Any], *, reset: bool = False) -> None:
         """Let ρ grow when the counter that its unit names has changed."""
@@ -252,9 +308,8 @@ class Trainer:
         self._unit_value = value
 
     def _end_unit(self, unit: str) -> None:
-        if unit == self.settings.arbiter.rho_unit:
-            self.units += 1
-            self.agent.arbiter.end_unit(unit)
+        self.units += unit == self.settings.arbiter.rho_unit
+        self.agent.arbiter.strategy.end_unit(unit)
 
     def _log(self, decision: Decision, state: Vector) -> None:
         if self.decisions is None:
@@ -276,10 +331,6 @@ class Trainer:
                 explanation=explanation,
             )
         )
-
-    def _episode_seed(self) -> int:
-        sequence = np.random.SeedSequence(entropy=self.seed, spawn_key=(_EPISODES, self.episode))
-        return int(sequence.generate_state(1)[0])
 
     # State, between episodes ------------------------------------------------------------------
 

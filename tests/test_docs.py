@@ -37,6 +37,7 @@ import serp
 from serp.arbiter import Actor, Reason
 from serp.cli import main
 from serp.cli.root import serp as group
+from serp.comparison.algorithms import OWN, algorithm_entries
 from serp.domain.instantiate import MAX_EXPANSION, MAX_FLUENTS, MAX_GROUND_SCHEMAS
 from serp.domain.program import MAX_NATIVE_SIZE
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
@@ -288,6 +289,15 @@ def run_files() -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+def comparison_files() -> set[str]:
+    folder = Path("compared")
+    serp.compare(
+        "cartpole", algorithms=["mrp"], seeds=1, env_steps=30, final_episodes=1, out=folder,
+        jobs=1, quiet=True,
+    )  # fmt: skip
+    return {path.name + "/" * path.is_dir() for path in folder.iterdir()}
+
+
 LISTS: dict[str, Callable[[], set[str]]] = {
     "metrics.csv": lambda: set(METRICS_COLUMNS),
     "decisions.csv": lambda: set(DECISIONS_COLUMNS),
@@ -295,6 +305,8 @@ LISTS: dict[str, Callable[[], set[str]]] = {
     "reasons": lambda: {reason.value for reason in Reason},
     "public names": lambda: {f"serp.{name}" for name in serp.__all__},
     "run folder": run_files,
+    "algorithms": lambda: {*OWN, *algorithm_entries()},
+    "comparison folder": comparison_files,
 }
 NOT_IN_EVERY_RUN = {"problem.pddl", "tensorboard/", "checkpoint-damaged.safetensors"}
 
@@ -317,7 +329,7 @@ def test_code_that_is_named_exists() -> None:
     for document in DOCUMENTS:
         text = FENCE.sub("", document.read_text(encoding="utf-8"))
         for dotted in sorted(set(re.findall(r"`(serp(?:_\w+)?(?:\.\w+)+)(?:\([^`]*\))?`", text))):
-            if dotted == "serp.tasks":  # the group of entry points
+            if dotted in ("serp.tasks", "serp.algorithms"):  # groups of entry points
                 continue
             assert resolves(dotted), f"{document.name}: {dotted}"
 

@@ -160,5 +160,6 @@ def task() -> serp.Task:
             "*": {"planner": {"depth": 5, "repeat": 3}},
             **PROTOCOL,
         },
+        counters=("unsafe_choices", "damaging_hits"),
         description="keep a corner kick out of the goal: mark, intercept, clear",
     )

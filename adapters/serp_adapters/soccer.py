@@ -116,5 +116,6 @@ def task() -> serp.Task:
             **PROTOCOL,
         },
         symmetries=(serp.Symmetry(objects={"left": "right"}, observation_signs=MIRROR),),
+        counters=("unsafe_choices", "damaging_hits"),
         description="defend the goal against an attacker who comes with the ball",
     )

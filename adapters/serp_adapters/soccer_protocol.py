@@ -13,5 +13,9 @@ PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
         "training": {"units": 28},
     },
     # Explored is what may end as well as the best plan, or at most half a goal worse.
-    "default": {"arbiter": {"exploration_slack": 5.0}},
+    # Decisions are few and dear: each is learned from twice.
+    "default": {
+        "arbiter": {"exploration_slack": 5.0},
+        "learner": {"updates_per_step": 2.0},
+    },
 }

@@ -81,7 +81,8 @@ def command(
                 "give --domain (`serp list` names the tasks), or --resume RUN", ctx
             )
         path, task = _new_run(domain, out)
-    from serp.run import Interrupted, plan_and_learn
+    from serp.errors import Interrupted
+    from serp.run import plan_and_learn
 
     episodes_before = _episodes(path) if resuming else 0
     try:

@@ -11,6 +11,7 @@ COMMANDS = {
     "plan-and-learn": "Train: the planner acts first, the learner takes over.",
     "plan": "Show one decision of the planner, as a table or a picture.",
     "evaluate": "Measure a trained policy.",
+    "compare": "Compare algorithms on one task, on equal terms.",
     "watch": "See a trained policy act, in a window or on a film.",
     "check": "Say whether domain files are right, and what to mend.",
     "list": "List the installed tasks and the presets.",

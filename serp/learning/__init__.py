@@ -5,11 +5,19 @@
 ``network``    `QNetwork`: parameters in one flat tensor, forward and backward pass
 ``kernels``    the compiled loops of both passes, of the TD loss and of Adam
 ``adam``       `Adam` on that tensor
+``samples``    `Samples`: what is remembered, side by side in arrays
 ``replay``     `ReplayBuffer`: n-step samples, masks, protected memory
+``sampling``   `Sampler`: batches from it
+``td``         `TDGradient`: from a batch to the gradient of the loss
+``guidance``   `Guidance`, `GuidedLearning`: learning from a guide
+``guided_kernels``  the compiled loops of that
 ``bounds``     `ReturnBounds`: between which values a return can lie
 ``schedule``   `LinearSchedule`: exploration over time
 ``symmetry``   `SymmetryGroup`: mirror images of inputs and actions
+``mean_q``     `MeanQ`: Q over members and mirror images
+``networks``   `Networks`: what a gradient update changes
 ``dqn``        `DQN`: proposes, remembers, learns; `Proposal`
+``side_by_side``   `SideBySide`: several learners learn in one pass
 =============  =======================================================================
 
 The names below are imported on first use, so that torch is loaded only where something learns.
@@ -22,16 +30,29 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from serp.learning.dqn import DQN, Proposal
+    from serp.learning.guidance import Guidance, GuidedLearning
     from serp.learning.replay import ReplayBuffer
     from serp.learning.settings import DQNSettings
+    from serp.learning.side_by_side import SideBySide
 
-__all__ = ["DQN", "DQNSettings", "Proposal", "ReplayBuffer"]
+__all__ = [
+    "DQN",
+    "DQNSettings",
+    "Guidance",
+    "GuidedLearning",
+    "Proposal",
+    "ReplayBuffer",
+    "SideBySide",
+]
 
 _HOME = {
     "DQN": "serp.learning.dqn",
     "DQNSettings": "serp.learning.settings",
+    "Guidance": "serp.learning.guidance",
+    "GuidedLearning": "serp.learning.guidance",
     "Proposal": "serp.learning.dqn",
     "ReplayBuffer": "serp.learning.replay",
+    "SideBySide": "serp.learning.side_by_side",
 }
 
 

@@ -21,14 +21,16 @@ import numpy.typing as npt
 import torch
 
 from serp.errors import RunError
-from serp.learning import kernels
-from serp.learning.adam import Adam
 from serp.learning.bounds import ReturnBounds
-from serp.learning.network import MeanOfImages, QNetwork, Workspace, type_F32
+from serp.learning.guidance import Guidance, GuidedLearning
+from serp.learning.mean_q import MeanQ
+from serp.learning.networks import Networks
 from serp.learning.replay import ReplayBuffer
+from serp.learning.samples import Samples, type_F32
 from serp.learning.schedule import LinearSchedule
 from serp.learning.settings import DQNSettings
 from serp.learning.symmetry import SymmetryGroup
+from serp.learning.td import TDGradient
 
 
 class Proposal(NamedTuple):
@@ -37,7 +39,8 @@ class Proposal(NamedTuple):
     Attributes:
         action: index of the action.
         exploratory: it was drawn at random.
-        q: Q-values ``[A]`` behind a greedy choice; None where it was drawn at random.
+        q: Q-values ``[A]`` behind a greedy choice, `base` included; None where it was drawn at
+            random.
     """
 
     action: int
@@ -54,9 +57,17 @@ class DQN:
         settings: all choices.
         seed: equal seeds give equal bits. A `SeedSequence` is read and left as it was.
         symmetry: symmetries of inputs and actions, used where `settings.symmetry` says so.
+        guided: how it learns from a guide; None, or nothing of it in use: not at all.
 
     Attributes:
         symmetry: those in use; None where there are none.
+        guided: as given, where something of it is in use; else None. Then `remember` needs no
+            guidance.
+        networks: what gradient updates change.
+        replay: what it remembers.
+
+    Under residual learning every method that asks for Q takes `base`, the guide's values ``[A]`` or
+    ``[B, A]`` in units of Q, which are added to the network's; None adds none.
     """
 
     def __init__(
@@ -66,39 +77,23 @@ class DQN:
         settings: DQNSettings,
         seed: np.random.SeedSequence | int,
         symmetry: SymmetryGroup | None = None,
+        guided: GuidedLearning | None = None,
     ) -> None:
+        self.guided = guided if guided is not None and guided.in_use else None
+        self._margin_weight = 0.0 if self.guided is None else self.guided.margin_weight
         self.symmetry = symmetry if settings.symmetry and symmetry and len(symmetry) > 1 else None
         self.input_size = input_size
         self.action_count = action_count
         self.settings = settings
         start_rng, sample_rng, self._explore_rng = _generators(seed)
 
-        self._online = QNetwork(
+        self.networks = Networks(
             input_size,
             action_count,
-            settings.hidden,
-            layer_norm=settings.layer_norm,
-            members=settings.members,
-            rng=start_rng,
+            settings,
+            start_rng,
+            start_at_zero=self.guided is not None and self.guided.residual,
         )
-        # Without a target network the network itself values the next state (paper, equation 3).
-        self._target = self._online
-        if settings.has_target:
-            self._target = QNetwork(
-                input_size,
-                action_count,
-                settings.hidden,
-                layer_norm=settings.layer_norm,
-                members=settings.members,
-            )
-            self._target.copy_from(self._online)
-        self._optimizer = Adam(
-            self._online.parameters,
-            self._online.gradient,
-            settings.learning_rate,
-            settings.gradient_clip,
-        )
-
         self.replay = ReplayBuffer(
             input_size,
             action_count,
@@ -113,6 +108,7 @@ class DQN:
             failing_window=settings.failing_window,
             rng=sample_rng,
             symmetry=self.symmetry,
+            guided=self.guided is not None,
         )
         self._bounds = ReturnBounds(settings.discount)
         self._epsilon = LinearSchedule(
@@ -120,13 +116,9 @@ class DQN:
         )
         self._env_steps = 0
         self._learn_calls = 0
-        self._updates = 0
 
-        self._single = Workspace(self._online, self._rows(1))
-        self._many = Workspace(self._online, 0)
-        self._work = Workspace(self._online, settings.batch_size)
-        self._next_work = Workspace(self._online, settings.batch_size)
-        self._choice_work = Workspace(self._online, settings.batch_size)
+        self._mean_q = MeanQ(self.networks.online, self.symmetry)
+        self._td = TDGradient(self.networks.online, self.networks.target, settings, self.guided)
 
     @property
     def env_steps(self) -> int:
@@ -136,7 +128,7 @@ class DQN:
     @property
     def updates(self) -> int:
         """Gradient updates done, those of `pretrain` included."""
-        return self._updates
+        return self.networks.updates
 
     @property
     def epsilon(self) -> float:
@@ -148,58 +140,61 @@ class DQN:
         """Smallest and largest possible return, in units of Q; ±inf before the first reward."""
         return self._bounds.lower, self._bounds.upper
 
-    def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
+    @property
+    def margin_weight(self) -> float:
+        """Weight of imitation, ≥ 0.
+
+        It starts as `guided` says and may be changed at any time; it is no part of the state.
+
+        Raises:
+            ValueError: set to what is negative or not finite, or above 0 for a learner that keeps
+                no guidance or learns a residual.
+        """
+        return self._margin_weight
+
+    @margin_weight.setter
+    def margin_weight(self, weight: float) -> None:
+        if not 0.0 <= weight < math.inf:
+            raise ValueError(f"the weight of imitation must be a number ≥ 0, not {weight}")
+        if weight > 0.0 and (self.guided is None or self.guided.residual):
+            kind = "keeps no guidance" if self.guided is None else "learns a residual"
+            raise ValueError(f"a learner that {kind} cannot imitate")
+        self._margin_weight = float(weight)
+
+    def q_values(
+        self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
+    ) -> type_F32:
         """Q of every action, the mean of members and mirror images.
 
         In units of reward × `reward_scale`.
 
         Args:
             x: one input ``[F]`` or a batch ``[B, F]``.
+            base: the guide's values ``[A]`` or ``[B, A]``, added; None: none.
 
         Returns:
             ``[A]`` or ``[B, A]``, float32, the caller's own.
 
         Raises:
-            ValueError: the input has another shape.
+            ValueError: the input or `base` has another shape.
         """
-        if x.ndim == 1:
-            return self._q_of_one(x)
-        if x.ndim != 2 or x.shape[1] != self.input_size:
-            raise ValueError(
-                f"an input must have shape ({self.input_size},) or (batch, {self.input_size}), "
-                f"not {x.shape}"
-            )
-        if self._many.batch != self._rows(len(x)):
-            self._many = Workspace(self._online, self._rows(len(x)))
-        return self._mean_q(x, self._many)
+        return self._mean_q.of(self.networks.online, x, base)
 
-    def _rows(self, inputs: int) -> int:
-        """How many inputs of the network so many inputs stand for."""
-        return inputs if self.symmetry is None else inputs * self.symmetry.averaged
+    def target_q(
+        self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
+    ) -> type_F32:
+        """As `q_values`, by the target network; without one, by the network itself."""
+        return self._mean_q.of(self.networks.target, x, base)
 
-    def _q_of_one(self, x: npt.NDArray[np.floating]) -> type_F32:
-        if x.shape != (self.input_size,):
-            raise ValueError(f"an input must have shape ({self.input_size},), not {x.shape}")
-        q: type_F32 = self._mean_q(x[np.newaxis], self._single)[0]
-        return q
-
-    def _mean_q(self, x: npt.NDArray[np.floating], work: Workspace) -> type_F32:
-        inputs = x.astype(np.float32, copy=False)
-        if self.symmetry is not None:
-            return self._mean_over_images(self.symmetry, inputs, work)
-        q = self._online.forward(inputs, work)
-        mean: type_F32 = q[0].copy() if self.settings.members == 1 else q.mean(axis=0)
-        return mean
-
-    def _mean_over_images(self, symmetry: SymmetryGroup, x: type_F32, work: Workspace) -> type_F32:
-        images: type_F32 = np.empty((work.batch, self.input_size), np.float32)
-        kernels.all_images(np.ascontiguousarray(x), symmetry.columns, symmetry.signs, images)
-        mean: type_F32 = np.empty((len(x), self.action_count), np.float32)
-        kernels.mean_over_images(self._online.forward(images, work), symmetry.actions, mean)
-        return mean
+    def member_q(self, x: npt.NDArray[np.floating]) -> type_F32:
+        """Q of every action in the eyes of each network: ``[members, A]`` for one input ``[F]``."""
+        return self._mean_q.of_members(self.networks.online, x)
 
     def propose(
-        self, x: npt.NDArray[np.floating], explorable: npt.NDArray[np.bool_] | None = None
+        self,
+        x: npt.NDArray[np.floating],
+        explorable: npt.NDArray[np.bool_] | None = None,
+        base: npt.NDArray[np.floating] | None = None,
     ) -> Proposal:
         """ε-greedy choice.
 
@@ -209,9 +204,10 @@ class DQN:
         Args:
             x: one input ``[F]``.
             explorable: ``[A]``; None, or none True: all.
+            base: the guide's values ``[A]``, added to Q; None: none.
 
         Raises:
-            ValueError: the input has another shape.
+            ValueError: the input or `base` has another shape.
         """
         rng = self._explore_rng
         if rng.random() < self._epsilon(self._env_steps):
@@ -220,26 +216,39 @@ class DQN:
                 if len(candidates):
                     return Proposal(int(candidates[rng.integers(len(candidates))]), True, None)
             return Proposal(int(rng.integers(self.action_count)), True, None)
-        return self.propose_greedily(x)
+        return self.propose_greedily(x, base)
 
-    def propose_greedily(self, x: npt.NDArray[np.floating]) -> Proposal:
+    def propose_greedily(
+        self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
+    ) -> Proposal:
         """The action with the largest Q for one input ``[F]``, the lowest index among equals.
 
         Draws nothing at random.
         """
-        q = self._q_of_one(x)
+        q = self._q_of_one(x, base)
         return Proposal(int(q.argmax()), False, q)
 
-    def greedy(self, x: npt.NDArray[np.floating]) -> int:
+    def greedy(
+        self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
+    ) -> int:
         """The action with the largest Q for one input ``[F]``, the lowest index among equals.
 
         Draws nothing at random.
         """
-        return int(self._q_of_one(x).argmax())
+        return int(self._q_of_one(x, base).argmax())
 
-    def greedy_batch(self, x: npt.NDArray[np.floating]) -> npt.NDArray[np.int64]:
+    def _q_of_one(
+        self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None
+    ) -> type_F32:
+        if x.ndim != 1:
+            raise ValueError(f"an input must have shape ({self.input_size},), not {x.shape}")
+        return self._mean_q.of(self.networks.online, x, base)
+
+    def greedy_batch(
+        self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
+    ) -> npt.NDArray[np.int64]:
         """As `greedy`, for each of a batch of inputs ``[B, F]``: int64 ``[B]``."""
-        best: npt.NDArray[np.int64] = self.q_values(x).argmax(axis=-1)
+        best: npt.NDArray[np.int64] = self.q_values(x, base).argmax(axis=-1)
         return best
 
     def remember(
@@ -252,6 +261,7 @@ class DQN:
         truncated: bool,
         next_allowed: npt.NDArray[np.bool_] | None = None,
         failing: bool = False,
+        guidance: Guidance | None = None,
     ) -> None:
         """Takes one env step with the *executed* action; see `ReplayBuffer.add`."""
         scaled = float(reward) * self.settings.reward_scale
@@ -264,6 +274,7 @@ class DQN:
             truncated,
             next_allowed if self.settings.mask_targets else None,
             failing,
+            guidance,
         )
         self._bounds.observe(scaled, terminated)
         self._env_steps += 1
@@ -275,12 +286,16 @@ class DQN:
             Mean loss over these updates, or None where none was due: before `learning_starts`,
             or with less than one update a step.
         """
+        return self._train(self.take_due())
+
+    def take_due(self) -> int:
+        """How many gradient updates are due for one env step; they count as done from then on."""
         if self._env_steps < self.settings.learning_starts or not self.replay.size:
-            return None
+            return 0
         # From whole counts, so that a share such as 0.1 never drifts.
         done = int(self._learn_calls * self.settings.updates_per_step)
         self._learn_calls += 1
-        return self._train(int(self._learn_calls * self.settings.updates_per_step) - done)
+        return int(self._learn_calls * self.settings.updates_per_step) - done
 
     def pretrain(self, updates: int | None = None) -> float | None:
         """Gradient updates on what was remembered so far (Algorithm 1, line 1).
@@ -298,45 +313,31 @@ class DQN:
     def _train(self, updates: int) -> float | None:
         if updates <= 0:
             return None
-        return sum(self._update() for _ in range(updates)) / updates
+        return sum(self.update() for _ in range(updates)) / updates
 
-    def _update(self) -> float:
-        """One gradient update; returns its loss."""
-        settings = self.settings
-        batch = self.replay.sample()
-        next_q = self._target.forward(batch.next_observation, self._next_work)
-        choice_q = next_q
-        if settings.double and self._target is not self._online:
-            choice_q = self._online.forward(batch.next_observation, self._choice_work)
-        lower, upper = self.value_bounds if settings.clip_targets else (-math.inf, math.inf)
-        q = self._online.forward(batch.observation, self._work)
-        loss: float = kernels.td_gradient(
-            q,
-            next_q,
-            choice_q,
-            batch.action,
-            batch.reward,
-            batch.discount,
-            batch.forbidden,
-            np.float32(lower),
-            np.float32(upper),
-            settings.loss == "huber",
-            self._work.q_gradient,
-        )
-        self._online.backward(self._work)
-        self._optimizer.step()
-        self._updates += 1
-        self._follow()
+    def update(self) -> float:
+        """One gradient update; returns its loss.
+
+        Raises:
+            ValueError: there is no sample yet.
+        """
+        batch, td = self.replay.sample(), self._td
+        td.forward(batch.observation, batch.next_observation, self._margin_weight > 0.0)
+        loss = self.loss(td, 0, batch)
+        td.backward()
+        self.networks.step()
         return loss
 
-    def _follow(self) -> None:
-        """Lets the target network follow."""
-        period, polyak = self.settings.target_period, self.settings.target_polyak
-        if period is not None:
-            if self._updates % period == 0:
-                self._target.copy_from(self._online)
-        elif polyak is not None:
-            self._target.move_towards(self._online, polyak)
+    def loss(self, td: TDGradient, number: int, batch: Samples) -> float:
+        """The loss on a batch of its own, by forward passes made before.
+
+        Args:
+            td: which has made them, and prepares its backward pass here.
+            number: which of its learners this one is.
+            batch: what was passed forward.
+        """
+        lower, upper = self.value_bounds if self.settings.clip_targets else (-math.inf, math.inf)
+        return td.loss(number, batch, lower, upper, self._margin_weight)
 
     def module(self) -> torch.nn.Module:
         """An independent copy of the network for export, ``[batch, F]`` → ``[batch, A]``.
@@ -344,28 +345,20 @@ class DQN:
         An ordinary `torch.nn.Sequential`; with several members, or symmetries, a module that takes
         the mean over them.
         """
-        module = self._online.module()
-        if self.symmetry is None:
-            return module
-        used = slice(self.symmetry.averaged)
-        columns, signs, actions = (
-            torch.from_numpy(array[used].copy())
-            for array in (self.symmetry.columns, self.symmetry.signs, self.symmetry.actions)
-        )
-        return MeanOfImages(module, columns, signs, actions)
+        return self._mean_q.module(self.networks.online)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Everything the future depends on: arrays and plain JSON values."""
         replay_arrays, replay_meta = self.replay.state_dict()
         arrays: dict[str, npt.NDArray[Any]] = {
-            name: array.copy() for name, array in self._trained().items()
+            name: array.copy() for name, array in self.networks.arrays().items()
         }
         arrays |= {f"replay.{name}": array for name, array in replay_arrays.items()}
         meta = {
             "env_steps": self._env_steps,
             "learn_calls": self._learn_calls,
-            "updates": self._updates,
-            "adam_steps": self._optimizer.steps,
+            "updates": self.networks.updates,
+            "adam_steps": self.networks.optimizer.steps,
             "seen_rewards": self._bounds.state(),
             "explore_rng": self._explore_rng.bit_generator.state,
             "replay": replay_meta,
@@ -381,7 +374,7 @@ class DQN:
             RunError: the state belongs to a learner of another shape, or is incomplete; this
                 learner is unchanged.
         """
-        trained = self._trained()
+        trained = self.networks.arrays()
         for name, array in trained.items():
             shape = arrays[name].shape if name in arrays else "absent"
             if shape != array.shape:
@@ -401,20 +394,10 @@ class DQN:
             array[...] = arrays[name]
         self._env_steps = int(meta["env_steps"])
         self._learn_calls = int(meta["learn_calls"])
-        self._updates = int(meta["updates"])
-        self._optimizer.steps = int(meta["adam_steps"])
+        self.networks.updates = int(meta["updates"])
+        self.networks.optimizer.steps = int(meta["adam_steps"])
         self._bounds.load_state(meta["seen_rewards"])
         self._explore_rng.bit_generator.state = meta["explore_rng"]
-
-    def _trained(self) -> dict[str, type_F32]:
-        arrays: dict[str, type_F32] = {
-            "parameters": self._online.parameters.numpy(),
-            "adam_first": self._optimizer.first,
-            "adam_second": self._optimizer.second,
-        }
-        if self._target is not self._online:
-            arrays["target"] = self._target.parameters.numpy()
-        return arrays
 
 
 def _generators(seed: np.random.SeedSequence | int) -> list[np.random.Generator]:

@@ -34,13 +34,14 @@ _TWO = np.float32(2.0)
 _NORM_EPSILON = np.float32(NORM_EPSILON)
 
 
-def _compiled(function: _F) -> _F:
+def compiled(function: _F) -> _F:
+    """Compiles a loop with the arithmetic said above."""
     flags = {"reassoc", "contract", "nsz"}
-    compiled: _F = cached_njit(error_model="numpy", fastmath=flags)(function)
-    return compiled
+    loop: _F = cached_njit(error_model="numpy", fastmath=flags)(function)
+    return loop
 
 
-@_compiled
+@compiled
 def add_bias(z: Any, parameters: Any, at: int, floor: Any) -> None:
     """In place, z ``[E, B, H]`` = max(z + bias, floor): ReLU with floor 0, none with −inf."""
     members, batch, outputs = z.shape
@@ -53,7 +54,7 @@ def add_bias(z: Any, parameters: Any, at: int, floor: Any) -> None:
                 row[j] = value if value > floor else floor
 
 
-@_compiled
+@compiled
 def normalize(z: Any, h: Any, inverse: Any, parameters: Any, at: int) -> None:
     """Sets h to ReLU(LayerNorm(z + bias)).
 
@@ -91,7 +92,7 @@ def normalize(z: Any, h: Any, inverse: Any, parameters: Any, at: int) -> None:
                 out[j] = value if value > _ZERO else _ZERO
 
 
-@_compiled
+@compiled
 def add_bias_backward(d: Any, gradient: Any, at: int) -> None:
     """Gradient of a bias with nothing after it: the sum of d ``[E, B, H]`` over the batch."""
     members, batch, outputs = d.shape
@@ -104,7 +105,7 @@ def add_bias_backward(d: Any, gradient: Any, at: int) -> None:
                 bias[j] += row[j]
 
 
-@_compiled
+@compiled
 def relu_backward(d: Any, h: Any, gradient: Any, at: int) -> None:
     """From dloss/dh to dloss/dz, in place in d ``[E, B, H]``; writes the gradient of the bias."""
     members, batch, outputs = d.shape
@@ -119,7 +120,7 @@ def relu_backward(d: Any, h: Any, gradient: Any, at: int) -> None:
                 bias[j] += value
 
 
-@_compiled
+@compiled
 def normalize_backward(
     d: Any, h: Any, z: Any, inverse: Any, parameters: Any, gradient: Any, at: int
 ) -> None:
@@ -163,7 +164,69 @@ def normalize_backward(
                 bias_gradient[j] += value
 
 
-@_compiled
+@compiled
+def choose_rows(uniform: Any, starts: Any, counts: Any, rows: Any) -> None:
+    """From uniform random numbers to rows of the replay memory.
+
+    Args:
+        uniform: float64 ``[E, B]``, in [0, 1).
+        starts: int64 ``[B]``, the first row that a column of a batch is drawn from.
+        counts: float64 ``[B]``, how many rows.
+        rows: int64 ``[E · B]``, written.
+    """
+    members, batch = uniform.shape
+    for e in range(members):
+        for i in range(batch):
+            rows[e * batch + i] = starts[i] + np.int64(uniform[e, i] * counts[i])
+
+
+@compiled
+def take_samples(
+    rows: Any,
+    observation: Any,
+    action: Any,
+    reward: Any,
+    next_observation: Any,
+    discount: Any,
+    forbidden: Any,
+    to_observation: Any,
+    to_action: Any,
+    to_reward: Any,
+    to_next_observation: Any,
+    to_discount: Any,
+    to_forbidden: Any,
+) -> None:
+    """Copies samples.
+
+    Args:
+        rows: int64 ``[N]``, which samples.
+        observation: the memory, see `Samples`.
+        action: likewise.
+        reward: likewise.
+        next_observation: likewise.
+        discount: likewise.
+        forbidden: likewise.
+        to_observation: written, N samples.
+        to_action: likewise.
+        to_reward: likewise.
+        to_next_observation: likewise.
+        to_discount: likewise.
+        to_forbidden: likewise.
+    """
+    width, count = observation.shape[1], forbidden.shape[1]
+    for i in range(len(rows)):
+        row = rows[i]
+        for j in range(width):
+            to_observation[i, j] = observation[row, j]
+            to_next_observation[i, j] = next_observation[row, j]
+        to_action[i] = action[row]
+        to_reward[i] = reward[row]
+        to_discount[i] = discount[row]
+        for k in range(count):
+            to_forbidden[i, k] = forbidden[row, k]
+
+
+@compiled
 def take_images(
     rows: Any,
     elements: Any,
@@ -172,29 +235,37 @@ def take_images(
     images: Any,
     observation: Any,
     action: Any,
+    reward: Any,
     next_observation: Any,
+    discount: Any,
     forbidden: Any,
     to_observation: Any,
     to_action: Any,
+    to_reward: Any,
     to_next_observation: Any,
+    to_discount: Any,
     to_forbidden: Any,
 ) -> None:
-    """Copies samples, each as its image under an element of a symmetry group.
+    """As `take_samples`, each as its image under an element of a symmetry group.
 
     Args:
-        rows: int64 ``[N]``, which samples.
+        rows: as there.
         elements: int64 ``[N]``, under which element each.
         columns: int64 ``[G, F]``; image[i] = signs[g, i] × input[columns[g, i]].
         signs: ``[G, F]``.
         images: int64 ``[G, A]``, the image of every action.
-        observation: the memory, see `Samples`.
-        action: likewise.
-        next_observation: likewise.
-        forbidden: likewise.
-        to_observation: written, N samples.
-        to_action: likewise.
-        to_next_observation: likewise.
-        to_forbidden: likewise.
+        observation: as there.
+        action: as there.
+        reward: as there.
+        next_observation: as there.
+        discount: as there.
+        forbidden: as there.
+        to_observation: as there.
+        to_action: as there.
+        to_reward: as there.
+        to_next_observation: as there.
+        to_discount: as there.
+        to_forbidden: as there.
     """
     width, count = columns.shape[1], images.shape[1]
     for i in range(len(rows)):
@@ -204,11 +275,13 @@ def take_images(
             to_observation[i, j] = sign * observation[row, column]
             to_next_observation[i, j] = sign * next_observation[row, column]
         to_action[i] = images[g, action[row]]
+        to_reward[i] = reward[row]
+        to_discount[i] = discount[row]
         for k in range(count):
             to_forbidden[i, images[g, k]] = forbidden[row, k]
 
 
-@_compiled
+@compiled
 def all_images(x: Any, columns: Any, signs: Any, out: Any) -> None:
     """The images of inputs under K elements of a symmetry group, those of an element together.
 
@@ -225,7 +298,7 @@ def all_images(x: Any, columns: Any, signs: Any, out: Any) -> None:
             out[r, j] = signs[g, j] * x[i, columns[g, j]]
 
 
-@_compiled
+@compiled
 def mean_over_images(q: Any, images: Any, out: Any) -> None:
     """The mean of Q over members and a symmetry group.
 
@@ -248,7 +321,7 @@ def mean_over_images(q: Any, images: Any, out: Any) -> None:
             out[i, k] *= share
 
 
-@_compiled
+@compiled
 def td_gradient(
     q: Any,
     next_q: Any,
@@ -311,7 +384,7 @@ def td_gradient(
     return mean
 
 
-@_compiled
+@compiled
 def adam(
     parameters: Any,
     gradient: Any,

@@ -8,62 +8,19 @@ forgets what a failure is.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from serp.errors import RunError
-from serp.learning import kernels
+from serp.learning.guidance import Guidance
+from serp.learning.samples import Samples, type_Bool, type_F32
+from serp.learning.sampling import Sampler
 from serp.learning.symmetry import SymmetryGroup
-
-type_F32 = npt.NDArray[np.float32]
-type_I64 = npt.NDArray[np.int64]
-type_Bool = npt.NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True)
-class Samples:
-    """Samples side by side, one array a field; the leading axes N are the same in all.
-
-    Attributes:
-        observation: float32 ``[*N, F]`` before the action.
-        action: int64 ``[*N]``.
-        reward: float32 ``[*N]``, the discounted sum of up to n rewards.
-        next_observation: float32 ``[*N, F]`` after the last of them.
-        discount: float32 ``[*N]``, γᵏ for k rewards; 0 where the episode terminated.
-        forbidden: bool ``[*N, A]``, actions that may not be chosen next; never all.
-    """
-
-    observation: type_F32
-    action: type_I64
-    reward: type_F32
-    next_observation: type_F32
-    discount: type_F32
-    forbidden: type_Bool
-
-    @staticmethod
-    def zeros(count: int, observation_size: int, action_count: int) -> Samples:
-        """Room for `count` samples."""
-        return Samples(
-            observation=np.zeros((count, observation_size), np.float32),
-            action=np.zeros(count, np.int64),
-            reward=np.zeros(count, np.float32),
-            next_observation=np.zeros((count, observation_size), np.float32),
-            discount=np.zeros(count, np.float32),
-            forbidden=np.zeros((count, action_count), np.bool_),
-        )
-
-    def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """Field → array."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
-    def reshaped(self, *lead: int) -> Samples:
-        """Views with the one leading axis split into several."""
-        return Samples(**{k: a.reshape(*lead, *a.shape[1:]) for k, a in self.arrays().items()})
 
 
 class ReplayBuffer:
@@ -87,6 +44,7 @@ class ReplayBuffer:
         rng: draws the samples; from now on the buffer's own.
         symmetry: every sample drawn is replaced by its image under an element of it, drawn
             uniformly; None: samples stay as they are.
+        guided: what a guide said is kept with every sample.
 
     A *failure* is a step that terminates with a negative reward, or that the caller says is one.
     """
@@ -107,10 +65,12 @@ class ReplayBuffer:
         failing_window: int = 1,
         rng: np.random.Generator,
         symmetry: SymmetryGroup | None = None,
+        guided: bool = False,
     ) -> None:
         if failing_window > capacity:
             raise ValueError(f"failing_window {failing_window} exceeds the capacity {capacity}")
         self._capacity = capacity
+        self._batch_size = batch_size
         self._n_step = n_step
         self._powers = [discount**k for k in range(n_step + 1)]
         self._window = failing_window
@@ -119,8 +79,6 @@ class ReplayBuffer:
             self._protected_rows = max(self._protected_rows, 1)
         self._early_capacity = protected_early if protected_share > 0.0 else 0
         self._failing_capacity = protected_failing if protected_share > 0.0 else 0
-        self._rng = rng
-        self._symmetry = symmetry
 
         # Rows: the ring, then early samples, then failing ones.
         self._early_start = capacity
@@ -128,7 +86,7 @@ class ReplayBuffer:
         rows = self._failing_start + self._failing_capacity
         self._shape = (observation_size,)
         self._action_count = action_count
-        self._store = Samples.zeros(rows, observation_size, action_count)
+        self._store = Samples.zeros(rows, observation_size, action_count, guided=guided)
         self._fields = self._store.arrays()
         self._size = self._head = 0
         self._early_size = 0
@@ -139,19 +97,16 @@ class ReplayBuffer:
         self._pending_action = [0] * n_step
         self._pending_return = [0.0] * n_step
         self._pending_failing = [False] * n_step
+        # What the guide said about their own states; about the next state it is `_guidance`'s.
+        self._pending_guide: list[tuple[int, float]] = [(-1, 0.0)] * n_step
+        self._guidance: Guidance | None = None
         self._first = self._pending = 0
         self._next_forbidden: type_Bool = np.zeros(action_count, np.bool_)
         # Of the running episode: its steps, and [step, row, is it copied?] of its last samples.
         self._episode_steps = 0
         self._recent: deque[list[int]] = deque(maxlen=failing_window)
 
-        self._uniform = np.zeros((members, batch_size))
-        self._rows: type_I64 = np.zeros((members, batch_size), np.int64)
-        self._flat_rows = self._rows.reshape(-1)
-        self._counts = np.zeros(batch_size)
-        self._starts: type_I64 = np.zeros(batch_size, np.int64)
-        self._flat = Samples.zeros(members * batch_size, observation_size, action_count)
-        self._batch = self._flat.reshaped(members, batch_size)
+        self._sampler = Sampler(self._store, members, batch_size, rng, symmetry)
         self._dirty = True
 
     @property
@@ -174,6 +129,7 @@ class ReplayBuffer:
         truncated: bool,
         next_allowed: npt.NDArray[np.bool_] | None = None,
         failing: bool = False,
+        guidance: Guidance | None = None,
     ) -> None:
         """Takes one env step.
 
@@ -187,9 +143,12 @@ class ReplayBuffer:
             truncated: the episode was cut off: what would follow is estimated.
             next_allowed: ``[A]``, which actions may be chosen next; None, or none True: all.
             failing: this step is a failure.
+            guidance: what the guide said about the step; needed by a guided buffer, which keeps
+                what it said about the first state of a sample and about the last. Others leave it.
 
         Raises:
-            ValueError: an observation has another shape, or there is no such action.
+            ValueError: an observation has another shape, there is no such action, or guidance is
+                needed and absent, of another shape or not finite.
         """
         if observation.shape != self._shape or next_observation.shape != self._shape:
             raise ValueError(
@@ -200,6 +159,9 @@ class ReplayBuffer:
             raise ValueError(f"there are {self._action_count} actions, none is {action}")
         n = self._n_step
         slot = (self._first + self._pending) % n
+        if self._store.guide is not None:
+            self._guidance = self._checked(guidance)
+            self._pending_guide[slot] = self._guidance.action, self._guidance.value
         self._pending_observation[slot] = observation
         self._pending_action[slot] = action
         self._pending_return[slot] = 0.0
@@ -228,6 +190,20 @@ class ReplayBuffer:
             self._episode_steps = 0
             self._recent.clear()
 
+    def _checked(self, guidance: Guidance | None) -> Guidance:
+        if guidance is None:
+            raise ValueError("a learner that learns from a guide needs its guidance for every step")
+        actions = self._action_count
+        for action in (guidance.action, guidance.next_action):
+            if not -1 <= action < actions:
+                raise ValueError(f"there are {actions} actions, a guide cannot choose {action}")
+        values = guidance.next_values
+        if values.shape != (actions,):
+            raise ValueError(f"a guide's values must have shape ({actions},), not {values.shape}")
+        if not (math.isfinite(guidance.value) and np.isfinite(values).all()):
+            raise ValueError(f"a guide's values must be finite, not {guidance.value} and {values}")
+        return guidance
+
     def _emit(self, next_observation: npt.NDArray[np.floating], terminated: bool) -> None:
         """Makes a sample of the oldest pending step."""
         slot, row, store = self._first, self._head, self._store
@@ -237,6 +213,10 @@ class ReplayBuffer:
         store.next_observation[row] = next_observation
         store.discount[row] = 0.0 if terminated else self._powers[self._pending]
         store.forbidden[row] = self._next_forbidden
+        if store.guide is not None and self._guidance is not None:
+            store.guide.action[row], store.guide.value[row] = self._pending_guide[slot]
+            store.guide.next_action[row] = self._guidance.next_action
+            store.guide.next_values[row] = self._guidance.next_values
         if self._early_size < self._early_capacity:
             self._copy_row(row, self._early_start + self._early_size)
             self._early_size += 1
@@ -288,37 +268,16 @@ class ReplayBuffer:
         if self._size == 0:
             raise ValueError("the replay buffer has no sample yet")
         if self._dirty:
-            self._divide_batch()
-        rows = self._rows
-        self._rng.random(out=self._uniform)
-        np.multiply(self._uniform, self._counts, out=self._uniform)
-        np.copyto(rows, self._uniform, casting="unsafe")  # rounds down
-        np.add(rows, self._starts, out=rows)
-        # Every row exists; mode "clip" only spares take a copy of its output.
-        flat, store, out = self._flat_rows, self._store, self._flat
-        store.reward.take(flat, out=out.reward, mode="clip")
-        store.discount.take(flat, out=out.discount, mode="clip")
-        if self._symmetry is not None:
-            self._take_images(self._symmetry)
-            return self._batch
-        store.observation.take(flat, axis=0, out=out.observation, mode="clip")
-        store.action.take(flat, out=out.action, mode="clip")
-        store.next_observation.take(flat, axis=0, out=out.next_observation, mode="clip")
-        store.forbidden.take(flat, axis=0, out=out.forbidden, mode="clip")
-        return self._batch
+            self._sampler.divide(self._ranges())
+            self._dirty = False
+        return self._sampler.draw()
 
-    def _take_images(self, symmetry: SymmetryGroup) -> None:
-        self._rng.random(out=self._uniform)
-        elements = (self._uniform.reshape(-1) * len(symmetry)).astype(np.int64)  # rounds down
-        store, out = self._store, self._flat
-        kernels.take_images(
-            self._flat_rows, elements, symmetry.columns, symmetry.signs, symmetry.actions,
-            store.observation, store.action, store.next_observation, store.forbidden,
-            out.observation, out.action, out.next_observation, out.forbidden,
-        )  # fmt: skip
+    def sample_into(self, out: Samples) -> None:
+        """Says where `sample` writes from now on: ``[members · batch]`` samples."""
+        self._sampler.draw_into(out)
 
-    def _divide_batch(self) -> None:
-        """Which rows of memory each column of a batch is drawn from."""
+    def _ranges(self) -> tuple[tuple[int, int, int], ...]:
+        """Which rows the columns of a batch are drawn from, see `Sampler.divide`."""
         protected = self._protected_rows
         if not self._failing_size and not self._early_size:
             failing = protected = 0
@@ -328,13 +287,11 @@ class ReplayBuffer:
             failing = protected
         else:
             failing = (protected + 1) // 2
-        self._counts[:failing] = self._failing_size
-        self._starts[:failing] = self._failing_start
-        self._counts[failing:protected] = self._early_size
-        self._starts[failing:protected] = self._early_start
-        self._counts[protected:] = self._size
-        self._starts[protected:] = 0
-        self._dirty = False
+        return (
+            (failing, self._failing_start, self._failing_size),
+            (protected - failing, self._early_start, self._early_size),
+            (self._batch_size - protected, 0, self._size),
+        )
 
     def _memories(self) -> tuple[tuple[str, int, int], ...]:
         """Name, first row and rows in use of each memory."""
@@ -375,8 +332,13 @@ class ReplayBuffer:
             "pending_failing": [self._pending_failing[i] for i in order],
             "episode_steps": self._episode_steps,
             "recent": [list(entry) for entry in self._recent],
-            "rng": self._rng.bit_generator.state,
+            "rng": self._sampler.rng.bit_generator.state,
         }
+        if self._store.guide is not None:
+            meta["pending_guide"] = [
+                [int(action), float(value)]
+                for action, value in (self._pending_guide[i] for i in order)
+            ]
         return arrays, meta
 
     def load_state_dict(
@@ -395,6 +357,13 @@ class ReplayBuffer:
                     f"the saved replay memory has {name} {saved}, this learner {here}; continue "
                     "with the task and the settings it was saved with"
                 )
+        guided = self._store.guide is not None
+        if guided != ("pending_guide" in meta):
+            raise RunError(
+                f"the saved replay memory is that of a learner {'without' if guided else 'with'} a "
+                f"guide to learn from, this learner has {'one' if guided else 'none'}; continue "
+                "with the settings it was saved with"
+            )
         sizes = [int(size) for size in meta["sizes"]]
         pending = len(meta["pending_action"])
         lengths = {
@@ -405,8 +374,15 @@ class ReplayBuffer:
         for name, length in lengths.items():
             if name not in arrays or len(arrays[name]) != length:
                 raise RunError(f"the saved replay memory is incomplete: {name}")
-            if name.endswith(".action") and not _all_within(arrays[name], self._action_count):
+            least = _LEAST_ACTION.get(name.partition(".")[2])
+            if least is not None and not _all_within(arrays[name], least, self._action_count):
                 raise RunError(f"the saved replay memory has actions that do not exist: {name}")
+
+        guide = [(int(action), float(value)) for action, value in meta.get("pending_guide", ())]
+        if guided and len(guide) != pending:
+            raise RunError("the saved replay memory is incomplete: pending_guide")
+        if not all(-1 <= action < self._action_count for action, _ in guide):
+            raise RunError("the saved replay memory has actions that do not exist: pending_guide")
 
         self._size, self._early_size, self._failing_size = sizes
         for memory, start, size in self._memories():
@@ -419,12 +395,18 @@ class ReplayBuffer:
         self._pending_action[:pending] = map(int, meta["pending_action"])
         self._pending_return[:pending] = map(float, meta["pending_return"])
         self._pending_failing[:pending] = map(bool, meta["pending_failing"])
+        if guided:
+            self._pending_guide[:pending] = guide
         self._episode_steps = int(meta["episode_steps"])
         self._recent.clear()
         self._recent.extend([int(value) for value in entry] for entry in meta["recent"])
-        self._rng.bit_generator.state = meta["rng"]
+        self._sampler.rng.bit_generator.state = meta["rng"]
         self._dirty = True
 
 
-def _all_within(actions: npt.NDArray[Any], count: int) -> bool:
-    return bool(((actions >= 0) & (actions < count)).all())
+_LEAST_ACTION = {"action": 0, "guide_action": -1, "guide_next_action": -1}
+"""Fields that hold actions → the least that they may hold."""
+
+
+def _all_within(actions: npt.NDArray[Any], least: int, count: int) -> bool:
+    return bool(((actions >= least) & (actions < count)).all())

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import io
-from typing import Any, Final, Literal
+from typing import Any
 
 import matplotlib.style
 import numpy as np
@@ -12,35 +11,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
 from serp.colours import EXPLORATION, LEARNER, PLANNER
+from serp.picture import FAINT, INK, STYLE, legend_above
+from serp.picture import render as render
 from serp.runs.summary import WINDOW, Metrics, moving_mean
 
-_INK: Final = "#222222"
-_FAINT: Final = "#8A8F98"
-
-_STYLE: Final[dict[str, Any]] = {
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
-    "font.size": 11,
-    "axes.titlesize": 13,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.labelcolor": _INK,
-    "axes.edgecolor": _FAINT,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.grid": True,
-    "grid.color": "#E4E7EB",
-    "grid.linewidth": 0.8,
-    "xtick.color": _INK,
-    "ytick.color": _INK,
-    "legend.frameon": False,
-    "legend.fontsize": 10,
-    "svg.hashsalt": "serp",  # names of clip paths: random without it
-    "svg.fonttype": "path",
-    "text.parse_math": False,  # a name with dollar signs is a name
-}
 _MANY = 5_000  # episodes, above which an SVG holds the light layer as pixels
 _BINS = 200
 
@@ -55,7 +29,7 @@ def learning_curve(metrics: Metrics, title: str = "Learning curve") -> Figure:
     Returns:
         A figure of its own, known to no global state of matplotlib.
     """
-    with matplotlib.style.context(["default", _STYLE]):
+    with matplotlib.style.context(["default", STYLE]):
         figure = Figure(figsize=(8.0, 5.6), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
         steps = metrics["env_steps"].astype(float)
@@ -70,20 +44,11 @@ def learning_curve(metrics: Metrics, title: str = "Learning curve") -> Figure:
     return figure
 
 
-def render(figure: Figure, kind: Literal["png", "svg"]) -> bytes:
-    """The bytes of a picture file, without a date, so that equal runs give equal files."""
-    buffer = io.BytesIO()
-    metadata: dict[str, Any] = {"Date": None} if kind == "svg" else {}
-    with matplotlib.style.context(["default", _STYLE]):
-        figure.savefig(buffer, format=kind, dpi=150, metadata=metadata)
-    return buffer.getvalue()
-
-
 def _draw_returns(axes: Axes, steps: np.ndarray[Any, Any], returns: np.ndarray[Any, Any]) -> None:
     axes.plot(
         steps,
         returns,
-        color=_FAINT,
+        color=FAINT,
         linewidth=0.8,
         marker=".",
         markersize=3.5,
@@ -92,10 +57,10 @@ def _draw_returns(axes: Axes, steps: np.ndarray[Any, Any], returns: np.ndarray[A
         rasterized=len(steps) > _MANY,
     )
     axes.plot(
-        steps, moving_mean(returns), color=_INK, linewidth=2.4, label=f"mean of {WINDOW} episodes"
+        steps, moving_mean(returns), color=INK, linewidth=2.4, label=f"mean of {WINDOW} episodes"
     )
     axes.set_ylabel("return per episode")
-    _legend_above(axes, columns=2)
+    legend_above(axes, columns=2)
 
 
 def _draw_shares(axes: Axes, steps: np.ndarray[Any, Any], metrics: Metrics) -> None:
@@ -113,7 +78,7 @@ def _draw_shares(axes: Axes, steps: np.ndarray[Any, Any], metrics: Metrics) -> N
     axes.plot(
         steps,
         metrics["rho"],
-        color=_INK,
+        color=INK,
         linewidth=1.8,
         label="learner probability ρ",
         clip_on=False,  # at 0 and 1 the frame would take half of the line
@@ -123,18 +88,7 @@ def _draw_shares(axes: Axes, steps: np.ndarray[Any, Any], metrics: Metrics) -> N
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     axes.yaxis.set_major_locator(MaxNLocator(2))
     axes.grid(False)
-    _legend_above(axes, columns=4)
-
-
-def _legend_above(axes: Axes, columns: int) -> None:
-    axes.legend(
-        loc="lower left",
-        bbox_to_anchor=(0, 1.0),
-        ncols=columns,
-        borderaxespad=0.2,
-        handlelength=1.6,
-        columnspacing=1.6,
-    )
+    legend_above(axes, columns=4)
 
 
 def _binned_shares(

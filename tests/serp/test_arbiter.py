@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 import re
 from collections import Counter
@@ -24,6 +23,7 @@ from serp.learning.settings import DQNSettings
 from serp.planning.forecast import SAFE
 from serp.planning.lookahead import Lookahead
 from serp.planning.settings import PlannerSettings
+from serp.strategies.strategy import Mask, Values
 from tests.serp.planning.worlds import WORLDS, load, states_of, text_of, world
 
 LEARNERS = (Actor.LEARNER, Actor.EXPLORATION)
@@ -59,15 +59,52 @@ class Proposer:
         self.mask: NDArray[np.bool_] | None = None
         self.asked = 0
 
-    def __call__(self, explorable: NDArray[np.bool_] | None) -> Proposal:
+    def propose(
+        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
         self.mask, self.asked = explorable, self.asked + 1
         if self.random.random() < 0.5:
             allowed = np.arange(self.actions)
             if explorable is not None and explorable.any():
                 allowed = np.flatnonzero(explorable)
             return Proposal(int(self.random.choice(allowed)), True, None)
+        return self.propose_greedily()
+
+    def propose_greedily(
+        self, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
         q = self.random.normal(size=self.actions).astype(np.float32)
         return Proposal(int(q.argmax()), False, q)
+
+    def member_q(self) -> Values:
+        raise AssertionError("Algorithm 1 asks for no values")
+
+    def target_q(self) -> Values:
+        raise AssertionError("Algorithm 1 asks for no values")
+
+
+class Before:
+    """The real learner before a state."""
+
+    def __init__(self, learner: DQN, state: Vector) -> None:
+        self.learner = learner
+        self.state = state
+
+    def propose(
+        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
+        return self.learner.propose(self.state, explorable, base)
+
+    def propose_greedily(
+        self, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
+        return self.learner.propose_greedily(self.state, base)
+
+    def member_q(self) -> Values:
+        return self.learner.member_q(self.state)
+
+    def target_q(self) -> Values:
+        return self.learner.target_q(self.state)
 
 
 def action_maps(model: TransitionModel, random: Random) -> Iterator[ActionMap]:
@@ -165,7 +202,7 @@ def every_case(check: Checked, *, choices: int = 13) -> int:
                     PlannerSettings(depth=random.randint(1, 3), repeat=random.choice((1, 1, 2))),
                 )
                 settings = settings_of(random)
-                arbiter = Arbiter(planner, actions, settings, seed=k)
+                arbiter = Arbiter(planner, actions, settings, settings.mixture(seed=k))
                 proposer = Proposer(1000 * seed + 100 * number + k, actions.size)
                 for state in states_of(model, random, STATES):
                     decision = arbiter.decide(state, proposer)
@@ -374,7 +411,7 @@ def test_the_same_holds_with_the_real_learner() -> None:
             planner, actions, ArbiterSettings(rho=0.7, exploration_slack=0.5, unmodelled="veto")
         )
         for state in states_of(model, Random(seed), 60):
-            decision = arbiter.decide(state, functools.partial(learner.propose, state))
+            decision = arbiter.decide(state, Before(learner, state))
             view = View.of(model, actions, planner, state)
             if "safe" in view.kind:
                 assert view.kind[decision.action] == "safe"
@@ -399,16 +436,36 @@ STATE = np.array([0.0])[: len(TWO.fluents)]
 
 def two(**settings: object) -> Arbiter:
     """An arbiter whose planner always wants action 0."""
-    return Arbiter(
-        Lookahead(TWO, PlannerSettings(depth=2)),
-        ActionMap(TWO, 2),
-        ArbiterSettings(**settings),  # type: ignore[arg-type]
-        seed=7,
-    )
+    chosen = ArbiterSettings(**settings)  # type: ignore[arg-type]
+    planner = Lookahead(TWO, PlannerSettings(depth=2))
+    return Arbiter(planner, ActionMap(TWO, 2), chosen, chosen.mixture(seed=7))
 
 
-def propose(action: int, *, exploratory: bool = False) -> Callable[[object], Proposal]:
-    return lambda mask: Proposal(action, exploratory, None)
+class Stubborn:
+    """A learner that always proposes the same, with no values behind it."""
+
+    def __init__(self, proposal: Proposal) -> None:
+        self.proposal = proposal
+
+    def propose(
+        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
+        return self.proposal
+
+    def propose_greedily(
+        self, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
+        return self.proposal
+
+    def member_q(self) -> Values:
+        raise AssertionError("Algorithm 1 asks for no values")
+
+    def target_q(self) -> Values:
+        raise AssertionError("Algorithm 1 asks for no values")
+
+
+def propose(action: int, *, exploratory: bool = False) -> Stubborn:
+    return Stubborn(Proposal(action, exploratory, None))
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.1, 0.35, 0.8, 1.0])
@@ -456,11 +513,11 @@ def test_what_cannot_be_stopped_any_more_is_refused_ahead_of_time() -> None:
 def test_rho_grows_by_its_unit_alone_and_no_farther_than_its_maximum(unit: str) -> None:
     arbiter = two(rho=0.1, rho_increment=0.25, rho_max=0.8, rho_unit=unit)
     for other in {"step", "episode", "game"} - {unit}:
-        arbiter.end_unit(other)
+        arbiter.strategy.end_unit(other)
     assert arbiter.rho == 0.1
     seen = []
     for _ in range(4):
-        arbiter.end_unit(unit)
+        arbiter.strategy.end_unit(unit)
         seen.append(arbiter.rho)
     assert seen == [0.35, 0.6, 0.8, 0.8]
 
@@ -495,7 +552,7 @@ def test_a_restored_arbiter_goes_on_as_the_one_that_was_saved() -> None:
     arbiter = two(rho=0.5, rho_unit="step")
     for _ in range(50):
         arbiter.decide(STATE, propose(1))
-        arbiter.end_unit("step")
+        arbiter.strategy.end_unit("step")
     arrays, meta = arbiter.state_dict()
     other = two(rho=0.5, rho_unit="step")
     other.load_state_dict(arrays, meta)

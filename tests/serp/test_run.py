@@ -22,8 +22,8 @@ import pytest
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
 from serp.domain.model import StateError
-from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
-from serp.run import Interrupted, Run, load_run, plan_and_learn
+from serp.errors import EnvironmentFailure, Interrupted, RunError, SettingsError, TaskError
+from serp.run import Run, load_run, plan_and_learn
 from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS, load
 from serp.runs.folder import RunFolder
 from serp.runs.rows import MetricsRow

@@ -261,7 +261,8 @@ def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> Non
     rows = [trainer.run_episode() for _ in range(40)]
     ends = [seen for seen in recorder.seen if seen[4] or seen[5]]
     assert len(ends) == len(rows)
-    for row, (_, _, _, _, terminated, truncated, allowed, failing) in zip(rows, ends, strict=True):
+    for row, seen in zip(rows, ends, strict=True):
+        terminated, truncated, allowed, failing = seen[4:8]
         assert (row.terminated, row.truncated) == (terminated, truncated)
         # A task that ended has no next action; one that was cut short has, and bootstraps on it.
         assert (allowed is None) == terminated

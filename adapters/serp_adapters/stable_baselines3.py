@@ -1,0 +1,252 @@
+"""Two learners of stable-baselines3, to be compared with: DQN and PPO.
+
+On cart-pole their settings are those that RL Baselines3 Zoo has tuned for CartPole-v1
+(https://github.com/DLR-RM/rl-baselines3-zoo, commit eec15dc, `hyperparams/dqn.yml` and `ppo.yml`).
+On any other task they are stable-baselines3's own, as the zoo's `default` entry has it; what counts
+in env steps there and is meant for a million of them is adapted, and named in `terms`.
+
+Importing this module without stable-baselines3 raises `serp.errors.MissingExtra`.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, Final
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.errors import MissingExtra
+
+if TYPE_CHECKING:
+    from stable_baselines3.common.base_class import BaseAlgorithm
+
+if find_spec("stable_baselines3") is None:
+    raise MissingExtra("a comparison with stable-baselines3 (`sb3-dqn`, `ppo`)", "sb3")
+
+_ZOO: Final = "rl-baselines3-zoo, CartPole-v1"
+_DEFAULTS: Final = "stable-baselines3's defaults"
+
+
+class StableBaselines3:
+    """A learner of stable-baselines3 on an environment.
+
+    It draws from random numbers of its own: Python's, NumPy's and torch's global ones, which
+    stable-baselines3 uses, are as before whenever a call returns.
+
+    Args:
+        make: Makes the model.
+        rollout: Env steps between two rounds of updates.
+        terms: See the attribute.
+
+    Attributes:
+        terms: Name → text: what it is like.
+    """
+
+    def __init__(
+        self, make: Callable[[], BaseAlgorithm], rollout: int, terms: Mapping[str, str]
+    ) -> None:
+        import torch
+        from stable_baselines3.common.logger import Logger
+
+        self.terms = terms
+        self._rollout = rollout
+        self._random: _Random = _drawn(torch)
+        with self._own_random():
+            self._model = make()
+        # Its own logger makes a folder, even where it has nothing to write.
+        self._model.set_logger(Logger(None, []))
+
+    def learn(self, env_steps: int) -> None:
+        """Train for so many env steps, exactly.
+
+        Exploration, learning rate and clipping move along the steps of one call, so the budget is
+        given at once. Updates come after whole rollouts: what is left of the last one is not
+        learned from.
+
+        Args:
+            env_steps: How many, at least 1.
+        """
+        model, end = self._model, self._model.num_timesteps + env_steps
+        # Where the last rollout is whole, its updates must not be cut off.
+        stop = None if env_steps % self._rollout == 0 else lambda *_: model.num_timesteps < end
+        with self._own_random():
+            model.learn(env_steps, callback=stop, reset_num_timesteps=False)
+
+    def act(self, inputs: NDArray[np.float32]) -> NDArray[np.int64]:
+        """Return the greedy actions `[B]` for observations `[B, F]`: no exploration, no sampling.
+
+        It may be called while `learn` runs, from within the environment.
+        """
+        actions, _ = self._model.predict(np.asarray(inputs, dtype=np.float32), deterministic=True)
+        return np.asarray(actions, dtype=np.int64)
+
+    @contextmanager
+    def _own_random(self) -> Iterator[None]:
+        """Use this learner's random numbers, on one thread."""
+        import torch
+
+        others, threads = _drawn(torch), torch.get_num_threads()
+        _draw_from(torch, self._random)
+        torch.set_num_threads(1)
+        try:
+            yield
+        finally:
+            self._random = _drawn(torch)
+            _draw_from(torch, others)
+            torch.set_num_threads(threads)
+
+
+def dqn(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
+    """stable-baselines3's DQN, rl-zoo's settings where they exist.
+
+    Args:
+        env: Environment with flat observations and discrete actions; its reward is learned from.
+        task: Name of the task.
+        seed: Seed of everything random.
+    """
+    from stable_baselines3 import DQN
+
+    settings = _DQN_CARTPOLE if task == "cartpole" else _DQN
+    source = _ZOO if task == "cartpole" else f"{_DEFAULTS}; memory and target network adapted"
+    explored = (
+        f"ε 1 → {settings['exploration_final_eps']:g} "
+        f"in the first {settings['exploration_fraction']:.0%} of the budget"
+    )
+    terms = {
+        "settings": source,
+        "network": f"{_layers(settings)}, ReLU",
+        "learning rate": f"{settings['learning_rate']:g}, Adam",
+        "discount": f"{settings['gamma']:g}",
+        "exploration": explored,
+        "updates": f"{settings['gradient_steps']} every {settings['train_freq']} env steps, batch "
+        f"{settings['batch_size']}, from step {settings['learning_starts']:,} on",
+        "memory": f"{settings['buffer_size']:,} samples",
+        "target network": f"copied every {settings['target_update_interval']:,} env steps",
+        "loss": "Huber",
+        "returns": "1-step",
+    }
+    return StableBaselines3(
+        lambda: DQN("MlpPolicy", env, seed=seed, device="cpu", **settings),
+        settings["train_freq"],
+        terms,
+    )
+
+
+def ppo(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
+    """stable-baselines3's PPO, rl-zoo's settings where they exist.
+
+    The zoo runs eight environments side by side on CartPole-v1, 32 steps each between updates. Here
+    there is one, which makes the same 256 steps.
+
+    Args:
+        env: Environment with flat observations and discrete actions; its reward is learned from.
+        task: Name of the task.
+        seed: Seed of everything random.
+    """
+    from stable_baselines3 import PPO
+
+    tuned = task == "cartpole"
+    settings = _PPO_CARTPOLE if tuned else _PPO
+    falling = " → 0 over the budget" if tuned else ""
+    passed = dict(settings)
+    if tuned:
+        for name in ("learning_rate", "clip_range"):
+            passed[name] = _falling(settings[name])
+    steps = settings["n_steps"]
+    terms = {
+        "settings": f"{_ZOO}; 1 environment × {steps} steps, not 8 × 32" if tuned else _DEFAULTS,
+        "network": f"{_layers(settings)}, tanh, policy and value apart",
+        "learning rate": f"{settings['learning_rate']:g}{falling}, Adam",
+        "discount": f"{settings['gamma']:g}",
+        "exploration": "actions drawn from the policy, entropy bonus 0",
+        "updates": f"{settings['n_epochs']} epochs every {steps:,} env steps, batch "
+        f"{settings['batch_size']}",
+        "clipping": f"{settings['clip_range']:g}{falling}",
+        "returns": f"GAE, λ {settings['gae_lambda']:g}",
+    }
+    return StableBaselines3(
+        lambda: PPO("MlpPolicy", env, seed=seed, device="cpu", **passed), steps, terms
+    )
+
+
+_DQN_CARTPOLE: Final[Mapping[str, Any]] = {
+    "learning_rate": 2.3e-3,
+    "batch_size": 64,
+    "buffer_size": 100_000,
+    "learning_starts": 1_000,
+    "gamma": 0.99,
+    "target_update_interval": 10,
+    "train_freq": 256,
+    "gradient_steps": 128,
+    "exploration_fraction": 0.16,
+    "exploration_final_eps": 0.04,
+    "policy_kwargs": {"net_arch": [256, 256]},
+}
+_PPO_CARTPOLE: Final[Mapping[str, Any]] = {
+    "n_steps": 8 * 32,
+    "batch_size": 256,
+    "gae_lambda": 0.8,
+    "gamma": 0.98,
+    "n_epochs": 20,
+    "ent_coef": 0.0,
+    "learning_rate": 0.001,
+    "clip_range": 0.2,
+    "policy_kwargs": {"net_arch": [64, 64]},
+}
+_DQN: Final[Mapping[str, Any]] = {
+    "learning_rate": 1e-4,
+    "batch_size": 32,
+    # A million by default, more than any of our budgets, and allocated at once.
+    "buffer_size": 50_000,
+    "learning_starts": 100,
+    "gamma": 0.99,
+    # 10,000 by default: with budgets of some thousands it would never be copied. The zoo's Atari
+    # games have 1,000 as well.
+    "target_update_interval": 1_000,
+    "train_freq": 4,
+    "gradient_steps": 1,
+    "exploration_fraction": 0.1,
+    "exploration_final_eps": 0.05,
+    "policy_kwargs": {"net_arch": [64, 64]},
+}
+_PPO: Final[Mapping[str, Any]] = {
+    "n_steps": 2048,
+    "batch_size": 64,
+    "gae_lambda": 0.95,
+    "gamma": 0.99,
+    "n_epochs": 10,
+    "ent_coef": 0.0,
+    "learning_rate": 3e-4,
+    "clip_range": 0.2,
+    "policy_kwargs": {"net_arch": [64, 64]},
+}
+
+
+def _layers(settings: Mapping[str, Any]) -> str:
+    sizes: list[int] = settings["policy_kwargs"]["net_arch"]
+    return " × ".join(map(str, sizes))
+
+
+def _falling(start: float) -> Callable[[float], float]:
+    """Return `lin_<start>` of the zoo: from there to 0 as what is left of the budget shrinks."""
+    return lambda left: start * left
+
+
+_Random = tuple[Any, Any, Any]
+
+
+def _drawn(torch: Any) -> _Random:
+    """Return the global generators' states."""
+    return random.getstate(), np.random.get_state(), torch.get_rng_state()
+
+
+def _draw_from(torch: Any, states: _Random) -> None:
+    pythons, numpys, torchs = states
+    random.setstate(pythons)
+    np.random.set_state(numpys)
+    torch.set_rng_state(torchs)

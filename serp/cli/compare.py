@@ -1,0 +1,182 @@
+"""`serp compare`: algorithms side by side on one task, on equal terms."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from serp.cli.examples import ExampledCommand
+from serp.cli.failures import INTERRUPTED, say
+from serp.cli.output import open_console, print_table
+from serp.cli.values import parse_settings
+
+if TYPE_CHECKING:
+    from serp.comparison.study import Comparison
+
+
+@click.command(
+    "compare",
+    cls=ExampledCommand,
+    short_help="Compare algorithms on one task, on equal terms.",
+    examples=[
+        "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
+        "serp compare --domain cartpole --model-variants all",
+        "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
+        "serp compare --out runs/soccer --algorithms jump-start --seeds 10",
+    ],
+)
+@click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
+@click.option("--algorithms", metavar="NAME,...",
+              help="What is compared, the first with all others. NAME:SECTION.NAME=VALUE is one "
+                   "with a setting changed.  [default: serp,mrp,dqn]")  # fmt: skip
+@click.option("--seeds", metavar="N|A-B|A,B",
+              help="So many seeds from 0 on, or the seeds themselves.  [default: 5]")  # fmt: skip
+@click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
+              help="Budget of each training.")  # fmt: skip
+@click.option("--model-variants", multiple=True, metavar="FILE",
+              help="How bad may the model be? Other domain files for the task: files, names of "
+                   "files beside the task's own, patterns, or `all`. May be repeated.")  # fmt: skip
+@click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
+              help="Change a setting of all our algorithms; may be repeated.")  # fmt: skip
+@click.option("--threshold", type=float, metavar="X",
+              help="Return from which a policy counts as good.")  # fmt: skip
+@click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
+              help="Evaluate the learner alone every N env steps.  "
+                   "[default: budget/10]")  # fmt: skip
+@click.option("--evaluation-episodes", type=click.IntRange(min=1), metavar="N",
+              help="Episodes of each such evaluation.  [default: 10]")  # fmt: skip
+@click.option("--final-episodes", type=click.IntRange(min=1), metavar="N",
+              help="Episodes of each evaluation at the end.  [default: 50]")  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+              help="Folder of the comparison; one that is there is continued.  "
+                   "[default: runs/compare-<domain>-<time>]")  # fmt: skip
+@click.option("--jobs", type=click.IntRange(min=1), metavar="N",
+              help="Processes.  [default: one a core]")  # fmt: skip
+@click.option("--quiet", is_flag=True, help="No display; print the folder alone.")
+@click.option("--list", "listing", is_flag=True, help="List the algorithms.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    domain: str | None,
+    algorithms: str | None,
+    seeds: str | None,
+    model_variants: tuple[str, ...],
+    assignments: tuple[str, ...],
+    out: Path | None,
+    quiet: bool,
+    listing: bool,
+    env_steps: int | None,
+    threshold: float | None,
+    evaluate_every: int | None,
+    evaluation_episodes: int | None,
+    final_episodes: int | None,
+    jobs: int | None,
+) -> int | None:
+    """Train several algorithms on one task, with the same budget, seeds, reward and observation.
+
+    The report says how fast each learns, what it costs and what is left to chance. With the same
+    --out only what is missing is run: more algorithms, seeds or domain files, or the rest of what
+    Ctrl-C stopped (exit status 130).
+    """
+    if listing:
+        _list()
+        return None
+    if domain is None and out is None:
+        raise click.UsageError("give --domain (`serp list` names the tasks), or --out DIR", ctx)
+    names, changed = _algorithms(algorithms)
+    settings = parse_settings(assignments)
+    chosen = _seeds(ctx, seeds)
+    from serp.comparison.study import compare
+    from serp.errors import Interrupted
+
+    try:
+        comparison = compare(
+            domain, algorithms=names, seeds=chosen, settings=settings,
+            model_variants=model_variants,
+            changed=changed, out=out, quiet=quiet, env_steps=env_steps, threshold=threshold,
+            evaluate_every=evaluate_every, evaluation_episodes=evaluation_episodes,
+            final_episodes=final_episodes, jobs=jobs,
+            command=["serp", *sys.argv[1:]] if sys.argv[1:2] == ["compare"] else None,
+        )  # fmt: skip
+    except Interrupted as stop:
+        say(
+            f"{stop}.\nGo on with the same command" + (" and --out of that folder." * (out is None))
+        )
+        return INTERRUPTED
+    if quiet:
+        click.echo(comparison.path)
+    else:
+        _print_results(comparison)
+    return None
+
+
+def _algorithms(text: str | None) -> tuple[list[str] | None, dict[str, Any]]:
+    """Return names, and what those of the form `name:section.setting=value` change."""
+    if text is None:
+        return None, {}
+    names = _split(text)
+    changed = {
+        name: parse_settings(tuple(name.partition(":")[2].split(";")))
+        for name in names
+        if ":" in name
+    }
+    return names, changed
+
+
+def _split(text: str) -> list[str]:
+    """Split at commas outside brackets."""
+    parts, depth, start = [], 0, 0
+    for place, letter in enumerate(text):
+        depth += (letter in "[(") - (letter in "])")
+        if letter == "," and depth == 0:
+            parts.append(text[start:place])
+            start = place + 1
+    parts.append(text[start:])
+    return [part.strip() for part in parts if part.strip()]
+
+
+def _seeds(ctx: click.Context, text: str | None) -> int | list[int] | None:
+    if text is None:
+        return None
+    try:
+        if "," not in text and "-" not in text:
+            return int(text)
+        seeds: list[int] = []
+        for part in text.split(","):
+            first, dash, last = part.partition("-")
+            seeds += range(int(first), int(last) + 1) if dash else [int(first)]
+    except ValueError:
+        seeds = []
+    if not seeds:
+        raise click.BadParameter("expected a number, or seeds such as 0-9 or 1,3", ctx,
+                                 param_hint="--seeds")  # fmt: skip
+    return seeds
+
+
+def _list() -> None:
+    from serp.comparison.algorithms import OWN, algorithm_entries
+
+    rows = [(name, algorithm.description) for name, algorithm in OWN.items()]
+    rows += [(name, f"from outside ({e.value})") for name, e in algorithm_entries().items()]
+    print_table(open_console(), ("algorithm", ""), rows)
+
+
+def _print_results(comparison: Comparison) -> None:
+    console = open_console()
+    console.print("")
+    print_table(console, *comparison.overview())
+    console.print("\nNext:")
+    print_table(
+        console,
+        ("", ""),
+        [
+            (f"  {comparison.path / 'report.html'}", "the whole comparison on one page"),
+            (f"  {comparison.path / 'measures.csv'}", "all measures, a row a trial"),
+            (f"  serp compare --out {shlex.quote(str(comparison.path))} --seeds 10",
+             "more seeds; what is there is kept"),
+        ],
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Comparing algorithms on one task, on equal terms: `serp compare`."""

@@ -1,0 +1,130 @@
+"""An algorithm that is being trained: what a trial needs to know of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.agent import Agent
+from serp.arbiter import Arbiter, Decision
+from serp.comparison.algorithms import Algorithm, Guest
+from serp.comparison.alone import Unguarded
+from serp.comparison.guest import Fixed, GuestEnv
+from serp.comparison.terms import terms_of
+from serp.domain.flags import UNSAFE
+from serp.domain.model import Vector
+from serp.settings import Settings
+from serp.task import BoundTask
+from serp.training import Trainer, Transition
+
+OnStep = Callable[[Transition], None]
+Chosen = Sequence[tuple[int, bool]]
+
+
+class Contender(Protocol):
+    """An algorithm with a task and a seed.
+
+    Attributes:
+        agent: Perceives; its arbiter holds the vetoes.
+        terms: Name → text: what it is like.
+    """
+
+    agent: Agent
+    terms: Mapping[str, str]
+
+    def train(self, env_steps: int, on_step: OnStep) -> None:
+        """Train for at least so many env steps, unless `on_step` raises."""
+
+    def alone(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the greedy actions `[B]` of the learner alone."""
+
+    def vetoed(self, state: Vector, x: Vector) -> Decision:
+        """Decide greedily within the vetoes."""
+
+
+def make_contender(
+    algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
+) -> Contender:
+    """Return an algorithm, ready to be trained.
+
+    Args:
+        algorithm: Which.
+        task: The task, in the environment to train in.
+        settings: All settings.
+        seed: Seed of everything random.
+    """
+    agent = Agent(task, settings, seed)
+    if algorithm.make_guest is not None:
+        return _Visitor(algorithm, task, agent, seed)
+    return _Own(algorithm, task, settings, agent, seed)
+
+
+class _Own:
+    """Ours: `Trainer` trains it."""
+
+    def __init__(
+        self, algorithm: Algorithm, task: BoundTask, settings: Settings, agent: Agent, seed: int
+    ) -> None:
+        self.agent = agent
+        self.terms = terms_of(algorithm, settings)
+        self._guarded = agent.arbiter
+        if algorithm.kind == "alone":
+            guarded = agent.arbiter
+            agent.arbiter = Unguarded(
+                guarded.planner, task.actions, settings.arbiter, guarded.strategy
+            )
+        self._trainer = Trainer(task, settings, seed, agent=agent)
+
+    def train(self, env_steps: int, on_step: OnStep) -> None:
+        self._trainer.on_step = on_step
+        while self._trainer.env_steps < env_steps:
+            self._trainer.run_episode()
+
+    def alone(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
+        strategy, learner = self._guarded.strategy, self.agent.learner
+        if strategy.guided is None or not strategy.guided.residual:
+            return learner.greedy_batch(inputs)
+        bases = [strategy.base(self._guarded.forecast(state)) for state in states]
+        return learner.greedy_batch(inputs, np.stack([base for base in bases if base is not None]))
+
+    def vetoed(self, state: Vector, x: Vector) -> Decision:
+        return self._guarded.decide_greedily(state, self.agent.before(x))
+
+
+class _Visitor:
+    """A guest: it trains itself in the environment that it is given."""
+
+    def __init__(self, algorithm: Algorithm, task: BoundTask, agent: Agent, seed: int) -> None:
+        self.agent = agent
+        self._on_step: OnStep | None = None
+        env = GuestEnv(task, agent, seed, self._notice)
+        assert algorithm.make_guest is not None
+        self._guest: Guest = algorithm.make_guest(env, task.name, seed)
+        self.terms: Mapping[str, str] = dict(self._guest.terms)
+
+    def _notice(self, transition: Transition) -> None:
+        if self._on_step is not None:
+            self._on_step(transition)
+
+    def train(self, env_steps: int, on_step: OnStep) -> None:
+        self._on_step = on_step
+        self._guest.learn(env_steps)
+
+    def alone(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
+        actions: NDArray[Any] = self._guest.act(inputs.astype(np.float32))
+        return actions.astype(np.int64)
+
+    def vetoed(self, state: Vector, x: Vector) -> Decision:
+        action = int(self.alone([state], x[np.newaxis])[0])
+        return self.agent.arbiter.judge_proposal(state, Fixed(action))
+
+
+def flagged(arbiter: Arbiter, states: Sequence[Vector], actions: NDArray[np.int64]) -> Chosen:
+    """Return each action with whether it is predicted unsafe in its state."""
+    return [
+        (int(action), bool(arbiter.forecast(state).flags[action] & UNSAFE))
+        for state, action in zip(states, actions, strict=True)
+    ]

@@ -1,0 +1,114 @@
+"""What is written down of a training, whoever trains."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+
+from serp.actions import ActionMap
+from serp.arbiter import Actor
+from serp.comparison.records import EpisodeRow
+from serp.training import Transition
+
+
+class Log:
+    """Collects the rows of the episodes of one training.
+
+    Args:
+        actions: The task's map of actions.
+        unit: Name of the counter in the environment's info that is written down as `unit`.
+        counters: Names of the counters that are written down as `info.<name>`.
+        clock: Seconds, monotonic.
+
+    Attributes:
+        env_steps: Env steps so far.
+        rows: Of the episodes that have ended: an `EpisodeRow` and the value of each counter.
+        pauses: Seconds that were spent on something else than training.
+    """
+
+    def __init__(
+        self,
+        actions: ActionMap,
+        unit: str,
+        counters: Sequence[str],
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self._actions = actions
+        self._unit = unit
+        self._counters = tuple(counters)
+        self._clock = clock
+        self._begin = clock()
+        self.pauses = 0.0
+        self.env_steps = 0
+        self.rows: list[tuple[EpisodeRow, tuple[float, ...]]] = []
+        self._begin_episode()
+
+    def _begin_episode(self) -> None:
+        self._return = self._learner_return = 0.0
+        self._length = self._unsafe = self._avoidable = self._vetoes = self._planned = 0
+
+    @property
+    def seconds(self) -> float:
+        """Seconds of training."""
+        return self._clock() - self._begin - self.pauses
+
+    @contextmanager
+    def paused(self) -> Any:
+        """Leave what happens inside out of the time of training."""
+        begin = self._clock()
+        try:
+            yield
+        finally:
+            self.pauses += self._clock() - begin
+
+    def step(self, transition: Transition) -> None:
+        """Write an env step down."""
+        decision = transition.decision
+        self.env_steps += 1
+        self._length += 1
+        self._return += transition.env_reward
+        self._learner_return += transition.reward
+        self._vetoes += decision.vetoed
+        self._planned += decision.executed_by is Actor.PLANNER
+        if decision.unsafe:
+            self._unsafe += 1
+            # The same words as the arbiter's guarantee.
+            self._avoidable += bool((decision.forecast.safe | ~self._actions.modelled).any())
+        if transition.terminated or transition.truncated:
+            self._end_episode(transition)
+
+    def _end_episode(self, transition: Transition) -> None:
+        info = transition.info
+        row = EpisodeRow(
+            episode=len(self.rows) + 1,
+            env_steps=self.env_steps,
+            unit=_number(info.get(self._unit, 0)),
+            return_=self._return,
+            learner_return=self._learner_return,
+            length=self._length,
+            terminated=transition.terminated,
+            outcome=outcome_of(info),
+            unsafe=self._unsafe,
+            avoidable_unsafe=self._avoidable,
+            vetoes=self._vetoes,
+            planner_steps=self._planned,
+            seconds=self.seconds,
+        )
+        self.rows.append((row, tuple(float(info.get(name, 0)) for name in self._counters)))
+        self._begin_episode()
+
+
+def outcome_of(info: dict[str, Any]) -> str:
+    """Return what the environment says of how an episode ended; empty where it says nothing."""
+    outcome = info.get("outcome")
+    return outcome if isinstance(outcome, str) else ""
+
+
+def _number(value: Any) -> int:
+    if isinstance(value, np.ndarray) and value.size == 1:
+        value = value.item()
+    return int(value) if isinstance(value, int | float | np.number) else 0

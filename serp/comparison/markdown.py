@@ -1,0 +1,112 @@
+"""Pieces of Markdown: tables, numbers, and text that is shown as it is, whatever it holds."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from serp.comparison.statistics import Estimate, Times
+
+NOTHING: Final = "–"
+
+
+def plain(text: object) -> str:
+    """Text that Markdown shows as it stands, in one cell of a table too.
+
+    Control characters, which have no picture, become U+FFFD.
+    """
+    line = " ".join(str(text).split())
+    line = re.sub(r"[\x00-\x1f\x7f-\x9f]", "\ufffd", line)
+    line = re.sub(r"([\\`*_\[\]<>|#&~$!])", r"\\\1", line)
+    # What would begin a list or underline a heading.
+    return re.sub(r"^(\d*)([-+.)](?= |$)|[-=]+$)", r"\1\\\2", line)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> str:
+    """A table of finished Markdown cells; the first `left` columns are texts, the rest numbers."""
+    marks = ["---"] * left + ["---:"] * (len(head) - left)
+    lines = [head, marks, *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def code(text: str, language: str = "sh") -> str:
+    """A block of text that is shown letter by letter."""
+    longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
+    fence = "`" * max(3, longest + 1)
+    return f"{fence}{language}\n{text}\n{fence}"
+
+
+def number(value: float | None) -> str:
+    """A number with three or four digits that count; a dash for none."""
+    if value is None or math.isnan(value):
+        return NOTHING
+    return _fixed(value, _decimals([value]))
+
+
+def estimate_text(found: Estimate | None, *, signed: bool = False) -> str:
+    """A value with its interval, such as `482.1 [471.0, 495.2]`; the value alone without one."""
+    if found is None or math.isnan(found.value):
+        return NOTHING
+    ends = [end for end in (found.low, found.high) if end is not None]
+    decimals = _decimals([found.value, *ends])
+    value = _fixed(found.value, decimals, signed=signed)
+    if len(ends) < 2:
+        return value
+    low, high = (_fixed(end, decimals, signed=signed) for end in ends)
+    return f"{value} [{low}, {high}]"
+
+
+def spread_text(mean: float, deviation: float) -> str:
+    """`480.3 ± 12.1`."""
+    if math.isnan(mean):
+        return NOTHING
+    decimals = _decimals([mean, deviation])
+    return f"{_fixed(mean, decimals)} ± {_fixed(deviation, decimals)}"
+
+
+def times_text(found: Times) -> str:
+    """The median, its interval and how often it never happened.
+
+    Such as `12,000 [9,000, never], never in 3 of 10`, or `never (8 of 10)`.
+    """
+    if not found.trials:
+        return NOTHING
+    if math.isinf(found.median) and (found.low is None or math.isinf(found.low)):
+        return f"never ({found.never} of {found.trials})"
+    text = _time(found.median)
+    if found.low is not None and found.high is not None:
+        text += f" [{_time(found.low)}, {_time(found.high)}]"
+    if found.never:
+        text += f", never in {found.never} of {found.trials}"
+    return text
+
+
+def percent(share: float) -> str:
+    """A share as whole percents."""
+    return f"{100 * share:.0f} %"
+
+
+def _time(value: float) -> str:
+    return "never" if math.isinf(value) else f"{value:,.0f}"
+
+
+def _decimals(values: Sequence[float]) -> int:
+    """How many decimals leave the largest of some values about four digits, at least."""
+    size = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+    if size == 0 or size >= 1000:
+        return 0
+    whole = [float(value).is_integer() for value in values if math.isfinite(value)]
+    if all(whole):
+        return 0
+    return min(4, max(1, 2 - math.floor(math.log10(size))))
+
+
+def _fixed(value: float, decimals: int, *, signed: bool = False) -> str:
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    text = f"{value:{'+' if signed else ''},.{decimals}f}"
+    if float(text.replace(",", "")) == 0:
+        text = text.lstrip("+-")
+    return text.replace("-", "−")

@@ -1,0 +1,213 @@
+"""What a comparison consists of: its algorithms, domain files, seeds and terms."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from serp.comparison.algorithms import Algorithm, Changes, ablation, find_algorithm
+from serp.comparison.conditions import Conditions
+from serp.comparison.records import Trial
+from serp.comparison.storage import PLAN, digest, is_complete, read_about
+from serp.comparison.trial import trial_settings
+from serp.domain.loading import Domain
+from serp.errors import RunError, SettingsError
+from serp.runs.durable import write_durably
+from serp.runs.json_files import finite, json_text, read_json
+from serp.settings import Settings
+from serp.task import Task
+
+_DOMAINS: Final = "domains"
+_WHAT: Final = {
+    "settings": "other settings",
+    "domain": "another domain file",
+    "conditions": "another budget or other evaluations",
+    "algorithm": "another algorithm",
+}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A comparison, as far as it was asked for up to now.
+
+    Attributes:
+        folder: Its folder.
+        name: Name of the task.
+        variants: Name of each domain file → the task with that file. The first is the base:
+            algorithms that use no model run on it alone.
+        algorithms: By name.
+        trials: All that are asked for.
+        conditions: The equal terms.
+        changes: What is changed in the settings of all algorithms.
+        threshold: Return from which a policy counts as good; None for none.
+    """
+
+    folder: Path
+    name: str
+    variants: Mapping[str, Task]
+    algorithms: Mapping[str, Algorithm]
+    trials: Sequence[Trial]
+    conditions: Conditions
+    changes: Changes
+    threshold: float | None
+
+    @property
+    def base(self) -> str:
+        """Name of the base variant."""
+        return next(iter(self.variants))
+
+    @property
+    def seeds(self) -> list[int]:
+        """All seeds, in ascending order."""
+        return sorted({trial.seed for trial in self.trials})
+
+    def settings(self, trial: Trial) -> Settings:
+        """Return the settings of a trial."""
+        task = self.variants[trial.variant]
+        return trial_settings(self.algorithms[trial.algorithm], task, self.changes)
+
+    def made_of(self, trial: Trial) -> dict[str, str]:
+        """Return digests of what a trial is made of."""
+        algorithm = self.algorithms[trial.algorithm]
+        domain = self.variants[trial.variant].load()
+        texts = [s.text for s in (domain.source, domain.problem_source) if s is not None]
+        return {
+            "settings": digest(self.settings(trial).as_dict()),
+            "domain": digest({"texts": texts}),
+            "conditions": digest(self.conditions.as_dict()),
+            "algorithm": digest({"kind": algorithm.kind, "preset": algorithm.preset}),
+        }
+
+    def missing(self) -> list[Trial]:
+        """Return the trials that are not complete, seed by seed.
+
+        Raises:
+            RunError: A complete one is made of something else than is asked for now.
+        """
+        missing: list[Trial] = []
+        for trial in sorted(self.trials, key=lambda trial: trial.seed):
+            if not is_complete(self.folder, trial):
+                missing.append(trial)
+                continue
+            before, now = read_about(self.folder, trial).get("made_of", {}), self.made_of(trial)
+            for part, what in _WHAT.items():
+                if before.get(part) != now[part]:
+                    raise RunError(
+                        f"{self.folder}: the trial of {trial.algorithm} on {trial.variant}, seed "
+                        f"{trial.seed}, was made with {what} than now. Compare in another folder "
+                        "(--out), or remove that trial."
+                    )
+        return missing
+
+    def write(self) -> None:
+        """Write `plan.json`, so that the comparison can be continued.
+
+        Raises:
+            RunError: The disk refused it.
+        """
+        values = {
+            "task": self.name,
+            "variants": list(self.variants),
+            "algorithms": {
+                name: {"changes": algorithm.changes} for name, algorithm in self.algorithms.items()
+            },
+            "trials": [list(trial) for trial in self.trials],
+            "conditions": self.conditions.as_dict(),
+            "changes": self.changes,
+            "threshold": self.threshold,
+        }
+        write_durably(self.folder / PLAN, json_text(_plain(values)))
+
+
+def _plain(value: Any) -> Any:
+    """Return JSON values, the infinities as text."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return str(value) if isinstance(value, float) and finite(value) is None else value
+
+
+def read_plan(folder: Path) -> dict[str, Any] | None:
+    """Return what `Plan.write` wrote; None where there is no comparison.
+
+    Raises:
+        RunError: The file is damaged.
+    """
+    if not (folder / PLAN).is_file():
+        return None
+    return read_json(folder / PLAN, "Restore it from a copy, or begin another comparison.")
+
+
+def named(names: Iterable[str], changed: Mapping[str, Changes]) -> dict[str, Algorithm]:
+    """Return algorithms by name.
+
+    Args:
+        names: Names of algorithms.
+        changed: Name of the form `algorithm:text` → what is changed in that algorithm's settings.
+
+    Raises:
+        SettingsError: There is no such algorithm.
+    """
+    found: dict[str, Algorithm] = {}
+    for name in names:
+        base, colon, _ = name.partition(":")
+        algorithm = find_algorithm(base)
+        if colon:
+            if name not in changed:
+                raise SettingsError(f"nothing is said of what `{name}` changes")
+            algorithm = ablation(algorithm, name, changed[name])
+        found[name] = algorithm
+    return found
+
+
+def trials_of(
+    algorithms: Mapping[str, Algorithm], variants: Sequence[str], seeds: Iterable[int]
+) -> list[Trial]:
+    """Return all trials: what uses no model runs on the first variant alone."""
+    return [
+        Trial(name, variant, seed)
+        for seed in seeds
+        for variant in variants
+        for name, algorithm in algorithms.items()
+        if algorithm.uses_model or variant == variants[0]
+    ]
+
+
+def kept_file(folder: Path, variant: str) -> Path:
+    """Return where a comparison keeps the domain file of a variant."""
+    return folder / _DOMAINS / f"{variant}.pddl"
+
+
+def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
+    """Return the task with the domain file as the comparison keeps it.
+
+    The file as it was at the beginning is copied into the folder, so that an edit in between
+    changes nothing.
+
+    Raises:
+        RunError: The comparison has another file of that name.
+    """
+    place = kept_file(folder, variant)
+    texts = {place: domain.source.text}
+    beside = place.with_name(f"{variant}-problem.pddl")
+    problem = None if domain.problem_source is None else beside
+    if domain.problem_source is not None:
+        texts[beside] = domain.problem_source.text
+    elif place.is_file() and beside.is_file():
+        raise RunError(
+            f"{beside} is a problem file, and the domain file `{variant}` has none now. Compare in "
+            "another folder (--out)."
+        )
+    place.parent.mkdir(parents=True, exist_ok=True)
+    for file, text in texts.items():
+        if file.is_file() and file.read_text(encoding="utf-8") != text:
+            raise RunError(
+                f"{file} is not what the domain file `{variant}` says now: it was edited since "
+                "this comparison began. Compare in another folder (--out)."
+            )
+        write_durably(file, text)
+    return dataclasses.replace(task, domain=place, problem=problem)

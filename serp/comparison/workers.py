@@ -1,0 +1,190 @@
+"""Running trials, one after another or in several processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing import connection
+from pathlib import Path
+from typing import Any
+
+from serp.comparison.algorithms import Algorithm, Changes
+from serp.comparison.conditions import Conditions
+from serp.comparison.records import Trial
+from serp.comparison.storage import write_trial
+from serp.comparison.trial import run_trial
+from serp.errors import SerpError
+from serp.task import Task
+
+OnProgress = Callable[[Trial, int], None]
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that a worker needs for a trial; it writes the trial itself.
+
+    Attributes:
+        folder: The folder of the comparison.
+        trial: What it is of.
+        algorithm: Its algorithm.
+        task: The task with the domain file of the variant.
+        conditions: The equal terms.
+        changes: What is changed in the settings of all algorithms.
+        about: What the trial is to say of itself besides what it finds.
+    """
+
+    folder: Path
+    trial: Trial
+    algorithm: Algorithm
+    task: Task
+    conditions: Conditions
+    changes: Changes
+    about: Mapping[str, Any]
+
+    def run(self, on_progress: OnProgress) -> None:
+        """Run the trial and write what it found.
+
+        Raises:
+            SerpError: Task, settings or environment are wrong, or the disk refused something.
+        """
+        trial = self.trial
+        measured = run_trial(
+            trial,
+            self.algorithm,
+            self.task,
+            self.conditions,
+            self.changes,
+            lambda steps: on_progress(trial, steps),
+        )
+        about = {**self.about, "terms": measured.terms, "seconds": measured.seconds}
+        write_trial(self.folder, trial, measured, about, self.task.counters)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a trial ended.
+
+    Attributes:
+        trial: Which.
+        error: What went wrong; None where it is complete.
+    """
+
+    trial: Trial
+    error: str | None
+
+
+def portable(jobs: Sequence[Job]) -> bool:
+    """Whether the jobs can be sent to other processes: functions in them have to be importable."""
+    try:
+        pickle.dumps(jobs)
+    except Exception:  # whatever an attribute of somebody's task raises
+        return False
+    return True
+
+
+def run_here(jobs: Sequence[Job], on_progress: OnProgress) -> Iterator[Ended]:
+    """Run jobs in this process, one after another, and yield how each ended."""
+    for job in jobs:
+        yield _ended(job, on_progress)
+
+
+def run_in_processes(
+    jobs: Sequence[Job],
+    processes: int,
+    on_progress: OnProgress,
+    stopped: Callable[[], bool],
+) -> Iterator[Ended]:
+    """Run jobs in processes of their own, and yield how each ended.
+
+    Args:
+        jobs: What is to be run.
+        processes: In so many processes.
+        on_progress: Called with a trial and its env steps so far.
+        stopped: Whether no more jobs are to be begun; those that run come to their end.
+    """
+    context = multiprocessing.get_context("spawn")
+    stop = context.Event()
+    steps: Any = context.Queue()
+
+    def begin() -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(
+            1, mp_context=context, initializer=_begin_worker, initargs=(stop, steps)
+        )
+
+    # A pool each: where a process dies, its pool is lost with all that runs in it.
+    idle = [begin() for _ in range(processes)]
+    running: dict[Future[Ended], tuple[Job, ProcessPoolExecutor]] = {}
+    try:
+        waiting = iter(jobs)
+        while True:
+            while idle and not stopped():
+                job = next(waiting, None)
+                if job is None:
+                    break
+                pool = idle.pop()
+                running[pool.submit(_work, job)] = job, pool
+            if not running:
+                return
+            done, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
+            while not steps.empty():
+                on_progress(*steps.get())
+            for future in done:
+                job, pool = running.pop(future)
+                died = isinstance(future.exception(), BrokenProcessPool)
+                if died:
+                    pool.shutdown(wait=False)
+                idle.append(begin() if died else pool)
+                yield Ended(job.trial, _DIED) if died else future.result()
+    except KeyboardInterrupt:
+        stop.set()
+        raise
+    finally:
+        for pool in (*idle, *(pool for _, pool in running.values())):
+            pool.shutdown(wait=not stop.is_set(), cancel_futures=True)
+
+
+_DIED = "its process died; not enough memory?"
+
+
+_steps: Any = None
+
+
+def _begin_worker(stop: Any, steps: Any) -> None:
+    """Leave Ctrl-C to the parent, and end with it or when it says so."""
+    global _steps
+    _steps = steps
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+    threading.Thread(target=_end_when, args=(stop,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    connection.wait([sentinel])
+    os._exit(1)
+
+
+def _end_when(stop: Any) -> None:
+    stop.wait()
+    os._exit(1)
+
+
+def _work(job: Job) -> Ended:
+    return _ended(job, lambda trial, steps: _steps.put((trial, steps)))
+
+
+def _ended(job: Job, on_progress: OnProgress) -> Ended:
+    try:
+        job.run(on_progress)
+    except SerpError as error:
+        notes: list[str] = getattr(error, "__notes__", [])
+        return Ended(job.trial, "\n".join([str(error), *notes]))
+    return Ended(job.trial, None)

@@ -1,0 +1,96 @@
+"""Learning from a guide: what it said about each env step, and what the learner makes of it.
+
+A guide (the planner) can do more for the learner than act in its place. Three ways are known to
+work, and may be combined except where said:
+
+* imitation: where the guide would act is worth a margin more than anything else (DQfD, Hester et
+  al. 2018, arXiv 1704.03732), unless the learner has reason to believe in something better (the
+  Q-filter of Nair et al. 2018, arXiv 1709.10089);
+* the guide's action as a candidate in the target (IBRL, Hu et al. 2024, arXiv 2311.02198);
+* the network learns only what the guide's value lacks (residual learning, Silver et al. 2018,
+  arXiv 1812.06298; Johannink et al. 2019, arXiv 1812.03201).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+import numpy.typing as npt
+
+from serp.errors import SettingsError
+from serp.quantities import real, truth
+
+
+class Guidance(NamedTuple):
+    """What the guide says about one env step.
+
+    Attributes:
+        action: the guide's action in the state acted in, to be imitated; -1: imitate nothing here.
+        value: the guide's value of the *executed* action in that state, in units of Q (reward ×
+            `reward_scale`), finite.
+        next_action: the guide's action in the next state; -1: it has none.
+        next_values: ``[A]``, the guide's values of all actions in the next state, in units of Q,
+            finite. Nothing is made of it after a terminal step.
+    """
+
+    action: int
+    value: float
+    next_action: int
+    next_values: npt.NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidedLearning:
+    """How a `serp.learning.DQN` learns from its guide. As the defaults are, it does not.
+
+    Raises:
+        SettingsError: a value is outside its range, or two of them contradict each other.
+    """
+
+    margin: float = 0.8
+    """By how much the guide's action should be worth more than any other, in units of Q, ≥ 0: the m
+    of the loss max over a of (Q(s, a) + m·[a ≠ guide's]) − Q(s, guide's)."""
+
+    margin_weight: float = 0.0
+    """Weight of that loss beside the TD loss, ≥ 0; 0: no imitation. `DQN.margin_weight` starts
+    here."""
+
+    q_filter: bool = True
+    """Imitate only where the target network (without one: the network) values the guide's action
+    no lower than the learner's own greedy choice."""
+
+    bootstrap_guide: bool = False
+    """Value the next state by the better, by the target network, of the learner's greedy action and
+    the guide's action, unless that is forbidden. It changes double DQN only: without `double` the
+    learner's action already is the best by that network."""
+
+    residual: bool = False
+    """Q(s, a) is the guide's value plus the network's output, in the TD error, in every choice and
+    within the bounds of `clip_targets`. The network's last layer then starts at zero, so that Q
+    starts as the guide's value. Excludes imitation, which would need the guide's values of every
+    action in the state acted in."""
+
+    def __post_init__(self) -> None:
+        for name in ("margin", "margin_weight"):
+            number = real(getattr(self, name))
+            if number is None or number < 0:
+                self._refuse(name, "a number ≥ 0")
+            object.__setattr__(self, name, number)
+        for name in ("q_filter", "bootstrap_guide", "residual"):
+            flag = truth(getattr(self, name))
+            if flag is None:
+                self._refuse(name, "true or false")
+            object.__setattr__(self, name, flag)
+        if self.residual and self.margin_weight > 0:
+            self._refuse("margin_weight", "0 while residual is true")
+
+    @property
+    def in_use(self) -> bool:
+        """Whether anything is learned from the guide, so that its advice has to be remembered."""
+        return self.margin_weight > 0 or self.bootstrap_guide or self.residual
+
+    def _refuse(self, name: str, allowed: str) -> NoReturn:
+        value = getattr(self, name)
+        raise SettingsError(f"guided learning: {name} is {value!r}, but must be {allowed}")

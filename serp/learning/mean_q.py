@@ -1,0 +1,121 @@
+"""Q of an input: the mean over the members and over the mirror images of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import torch
+
+from serp.learning import kernels
+from serp.learning.network import MeanOfImages, QNetwork, Workspace
+from serp.learning.samples import type_F32
+from serp.learning.symmetry import SymmetryGroup
+
+
+class MeanQ:
+    """Asks networks of one shape for their Q-values.
+
+    Args:
+        network: one of that shape.
+        symmetry: what Q is averaged over; None: over no images.
+    """
+
+    def __init__(self, network: QNetwork, symmetry: SymmetryGroup | None) -> None:
+        self._input_size, self._action_count = network.sizes[0], network.sizes[-1]
+        self._symmetry = symmetry
+        self._single = Workspace(network, self._rows(1))
+        self._many = Workspace(network, 0)
+
+    def _rows(self, inputs: int) -> int:
+        """How many inputs of the network so many inputs stand for."""
+        return inputs if self._symmetry is None else inputs * self._symmetry.averaged
+
+    def of(
+        self,
+        network: QNetwork,
+        x: npt.NDArray[np.floating],
+        base: npt.NDArray[np.floating] | None,
+    ) -> type_F32:
+        """Q of every action.
+
+        Args:
+            network: who is asked.
+            x: one input ``[F]`` or a batch ``[B, F]``.
+            base: ``[A]`` or ``[B, A]``, added; None: nothing.
+
+        Returns:
+            ``[A]`` or ``[B, A]``, float32, the caller's own.
+
+        Raises:
+            ValueError: the input or `base` has another shape.
+        """
+        q: type_F32
+        if x.ndim == 1:
+            if x.shape != (self._input_size,):
+                raise ValueError(f"an input must have shape ({self._input_size},), not {x.shape}")
+            q = self._mean(network, x[np.newaxis], self._single)[0]
+        elif x.ndim != 2 or x.shape[1] != self._input_size:
+            raise ValueError(
+                f"an input must have shape ({self._input_size},) or (batch, {self._input_size}), "
+                f"not {x.shape}"
+            )
+        else:
+            if self._many.batch != self._rows(len(x)):
+                self._many = Workspace(network, self._rows(len(x)))
+            q = self._mean(network, x, self._many)
+        if base is not None:
+            if base.shape != q.shape and base.shape != (self._action_count,):
+                raise ValueError(f"the guide's values must have shape {q.shape}, not {base.shape}")
+            q += base.astype(np.float32, copy=False)
+        return q
+
+    def _mean(self, network: QNetwork, x: npt.NDArray[np.floating], work: Workspace) -> type_F32:
+        inputs = x.astype(np.float32, copy=False)
+        if self._symmetry is not None:
+            return self._mean_over_images(self._symmetry, network, inputs, work)
+        q = network.forward(inputs, work)
+        mean: type_F32 = q[0].copy() if network.members == 1 else q.mean(axis=0)
+        return mean
+
+    def _mean_over_images(
+        self, symmetry: SymmetryGroup, network: QNetwork, x: type_F32, work: Workspace
+    ) -> type_F32:
+        images: type_F32 = np.empty((work.batch, self._input_size), np.float32)
+        kernels.all_images(np.ascontiguousarray(x), symmetry.columns, symmetry.signs, images)
+        mean: type_F32 = np.empty((len(x), self._action_count), np.float32)
+        kernels.mean_over_images(network.forward(images, work), symmetry.actions, mean)
+        return mean
+
+    def of_members(self, network: QNetwork, x: npt.NDArray[np.floating]) -> type_F32:
+        """Q of every action in the eyes of each member, the mean over mirror images.
+
+        Args:
+            network: who is asked.
+            x: one input ``[F]``.
+
+        Returns:
+            ``[members, A]``, float32, the caller's own.
+        """
+        inputs = x[np.newaxis].astype(np.float32, copy=False)
+        if self._symmetry is None:
+            alone: type_F32 = network.forward(inputs, self._single)[:, 0].copy()
+            return alone
+        group = self._symmetry
+        images: type_F32 = np.empty((self._single.batch, self._input_size), np.float32)
+        kernels.all_images(np.ascontiguousarray(inputs), group.columns, group.signs, images)
+        q = network.forward(images, self._single)
+        own = np.take_along_axis(q, group.actions[np.newaxis, : len(images)], axis=2)
+        mean: type_F32 = own.mean(axis=1)
+        return mean
+
+    def module(self, network: QNetwork) -> torch.nn.Module:
+        """An independent copy of a network for export, ``[batch, F]`` → ``[batch, A]``."""
+        module = network.module()
+        if self._symmetry is None:
+            return module
+        used = slice(self._symmetry.averaged)
+        columns, signs, actions = (
+            torch.from_numpy(array[used].copy())
+            for array in (self._symmetry.columns, self._symmetry.signs, self._symmetry.actions)
+        )
+        return MeanOfImages(module, columns, signs, actions)

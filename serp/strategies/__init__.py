@@ -1,0 +1,1 @@
+"""Ways in which planner and learner share the decisions, one a file."""

@@ -1,0 +1,90 @@
+"""Algorithm 1 of the paper: the planner acts with probability 1 - ρ, and ρ grows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
+
+
+class Mixture(Strategy):
+    """The planner's turn with probability 1 - ρ, else the learner's (paper, Algorithm 1).
+
+    Args:
+        rho: ρ at the start, in [0, 1].
+        increment: Δρ, what it gains at the end of each unit.
+        unit: `step`, `episode` or the name of a counter.
+        most: Largest ρ.
+        ask_when_indifferent: Whether the learner is asked where all plans are worth the same.
+        surety: The learner acts in the planner's turn where its networks agree that its own choice
+            is better: the mean of what they see in it exceeds so many standard deviations. None:
+            never.
+        seed: Seed of the draws.
+    """
+
+    def __init__(
+        self,
+        *,
+        rho: float,
+        increment: float,
+        unit: str,
+        most: float,
+        ask_when_indifferent: bool,
+        surety: float | None = None,
+        seed: int | np.random.SeedSequence,
+    ) -> None:
+        self._rho = rho
+        self._increment = increment
+        self._unit = unit
+        self._most = most
+        self._ask_when_indifferent = ask_when_indifferent
+        self._surety = surety
+        self._random = np.random.default_rng(seed)
+
+    @property
+    def rho(self) -> float:
+        """ρ."""
+        return self._rho
+
+    def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
+        """Draw whose turn it is."""
+        planners_turn = self._random.random() > self._rho
+        if planners_turn and not (self._ask_when_indifferent and situation.forecast.indifferent):
+            return self._sure(situation, learner)
+        explorable, admissible = situation.explorable, situation.admissible
+        filtered = explorable is not None and explorable is not admissible
+        if filtered and self._sure(situation, learner) is not None:
+            explorable = admissible  # plans that are known to mislead filter nothing
+        return learner.propose(explorable)
+
+    def _sure(self, situation: Situation, learner: Learner) -> Proposed | None:
+        """Return the learner's own choice where it is sure that it is better than the planner's."""
+        planned = situation.forecast.choice
+        if self._surety is None or planned < 0:
+            return None
+        q = learner.member_q()
+        if len(q) < 2:  # nobody to agree with
+            return None
+        mean = q.mean(axis=0)
+        own = int(np.where(situation.admissible, mean, -np.inf).argmax())
+        gain = q[:, own] - q[:, planned]
+        if own == planned or gain.mean() <= self._surety * gain.std():
+            return None
+        return learner.propose_greedily(among=situation.admissible)
+
+    def end_unit(self, unit: str) -> None:
+        """Let ρ grow if it grows by this unit."""
+        if unit == self._unit:
+            self._rho = min(self._most, self._rho + self._increment)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly."""
+        return {"rho": self._rho, "random": self._random.bit_generator.state}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned."""
+        self._rho = float(meta["rho"])
+        self._random.bit_generator.state = dict(meta["random"])

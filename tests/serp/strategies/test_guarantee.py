@@ -1,0 +1,167 @@
+"""The guarantee holds whoever proposes: nothing unsafe while there is something else."""
+
+from __future__ import annotations
+
+from collections import Counter
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.arbiter import Actor, Decision
+from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
+from serp.domain.model import TransitionModel
+from serp.settings import Settings, resolve
+from serp.strategies.settings import STRATEGIES
+from serp.training import Trainer, Transition
+from tests.serp.planning.worlds import WORLDS
+from tests.serp.strategies.imagined import imagined
+
+STEPS = 90
+"""Env steps of training in each world."""
+
+
+def settings_of(strategy: str, random: Random, seed: int) -> Settings:
+    """Settings of all kinds; the planner has handed over long before the training is over."""
+    return resolve(
+        random.choice(("default", "paper")),
+        imagined(seed).settings,
+        {
+            "arbiter": {
+                "rho": 0.5,
+                "rho_increment": 0.1,
+                "rho_unit": "episode",
+                "veto_horizon": random.choice(("step", "lookahead")),
+                "after_veto": random.choice(("planner", "learner")),
+                "exploration_slack": random.choice((None, 0.5, float("inf"))),
+                "unmodelled": random.choice(("allow", "veto")),
+                "r_min": random.choice((None, -0.5)),
+            },
+            "guide": {
+                "strategy": strategy,
+                "jump_stages": 2,
+                "jump_tolerance": 5.0,
+                "restrict_slack": random.choice((0.0, 0.2)),
+                "imitation_steps": 40,
+            },
+            "training": {"random_steps": random.choice((0, 20))},
+        },
+    )
+
+
+def kinds(model: TransitionModel, state: Any, size: int) -> list[str]:
+    """What the model predicts of every environment action, read off the model itself."""
+    found = []
+    for action in range(size):
+        if action >= len(model.actions):
+            found.append("unknown")
+            continue
+        flags = model.transition(state.tolist(), action)[1]
+        found.append(
+            "unsafe" if flags & UNSAFE
+            else "undefined" if flags & UNDEFINED
+            else "safe" if flags & APPLICABLE
+            else "not applicable"
+        )  # fmt: skip
+    return found
+
+
+def check(decision: Decision, expected: list[str], settings: Settings, met: Counter[str]) -> None:
+    """Check one decision."""
+    executed = expected[decision.action]
+    alternative = "safe" in expected or (
+        "unknown" in expected and settings.arbiter.unmodelled == "allow"
+    )
+    if alternative:
+        assert executed in ("safe", "unknown")
+        if executed == "unknown":
+            assert settings.arbiter.unmodelled == "allow"
+    assert decision.unsafe == (executed == "unsafe")
+    met[f"{executed}, {'with' if alternative else 'without'} alternative"] += 1
+    met[decision.executed_by] += 1
+    met["refused as unsafe"] += decision.proposal_unsafe and decision.vetoed
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_nothing_unsafe_is_executed_while_there_is_an_alternative(strategy: str) -> None:
+    """In training, exploration and D_0 included, and of the trained policy; real learners."""
+    met: Counter[str] = Counter()
+    for seed in range(WORLDS):
+        task = imagined(seed).bind()
+        settings = settings_of(strategy, Random(seed), seed)
+        trainer = Trainer(task, settings, seed)
+        model, size = task.model, task.actions.size
+        agent = trainer.agent
+        seen: list[Any] = []
+        perceive = agent.perceive
+
+        def noting(raw: Any, perceive: Any = perceive, seen: Any = seen) -> Any:
+            seen.append(perceive(raw))
+            return seen[-1]
+
+        agent.perceive = noting  # type: ignore[method-assign]
+        made: list[Transition] = []
+        trainer.on_step = made.append
+        while trainer.env_steps < STEPS:
+            begin = len(made)
+            seen.clear()
+            trainer.run_episode()
+            for (state, _), transition in zip(seen, made[begin:], strict=False):
+                check(transition.decision, kinds(model, state, size), settings, met)
+            for state, x in seen:
+                greedy = agent.decide_greedily(state, x)
+                check(greedy, kinds(model, state, size), settings, met)
+        assert agent.learner.updates > 0
+    # It was not for want of danger, nor of anybody who would have gone there.
+    assert met["unsafe, without alternative"] > 50
+    assert met["safe, with alternative"] > 500
+    assert met["refused as unsafe"] > 50
+    for actor in (Actor.PLANNER, Actor.LEARNER, Actor.EXPLORATION):
+        assert met[actor] > 50, actor
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_what_the_greedy_policy_does_follows_the_strategy(strategy: str) -> None:
+    """In real worlds, before anything is learned and after."""
+    compared = 0
+    for seed in range(0, WORLDS, 3):
+        task = imagined(seed).bind()
+        changes = {"guide": {"strategy": strategy}, "arbiter": {"after_veto": "learner"}}
+        trainer = Trainer(task, resolve("default", task.task.settings, changes), seed)
+        agent = trainer.agent
+        for trained in (False, True):
+            while trained and trainer.env_steps < STEPS:
+                trainer.run_episode()
+            for k in range(30):
+                state, x = agent.perceive(task.reset(seed=k)[0])
+                decision = agent.decide_greedily(state, x)
+                forecast, admissible = decision.forecast, decision.admissible
+                if not admissible.any():
+                    continue
+                executed, planned = decision.action, forecast.choice
+                compared += 1
+                if strategy == "residual" and not trained:
+                    assert (agent.learner.q_values(x) == 0).all()
+                    known = admissible & task.actions.modelled
+                    if known.any() and planned >= 0 and admissible[planned]:
+                        # Single precision may tie what the planner tells apart.
+                        assert (
+                            forecast.value[executed]
+                            == pytest.approx(forecast.value[planned], rel=1e-6)
+                            or not task.actions.modelled[executed]
+                        )
+                elif strategy == "restrict":
+                    best = forecast.value[admissible].max()
+                    if np.isfinite(best):
+                        assert forecast.value[executed] >= best - 0.2 * abs(best)
+                elif strategy == "argmax-q":
+                    q, target = agent.learner.q_values(x), agent.learner.target_q(x)
+                    own = int(q.argmax())
+                    if planned >= 0 and admissible[planned] and admissible[own]:
+                        assert executed in (own, planned)
+                        assert target[executed] == max(target[own], target[planned])
+                else:
+                    q = agent.learner.q_values(x, agent.arbiter.strategy.base(forecast))
+                    assert executed == int(np.where(admissible, q, -np.inf).argmax())
+    assert compared > 150

@@ -1,0 +1,204 @@
+"""The learners of stable-baselines3, on a tiny environment."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import random
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+from serp.errors import MissingExtra
+
+pytest.importorskip("stable_baselines3")
+
+from stable_baselines3 import DQN, PPO
+
+from serp_adapters import stable_baselines3
+from serp_adapters.stable_baselines3 import StableBaselines3
+
+Make = Callable[[gym.Env[Any, Any], str, int], StableBaselines3]
+MAKERS: dict[str, Make] = {"dqn": stable_baselines3.dqn, "ppo": stable_baselines3.ppo}
+CASES = [(name, task) for name in MAKERS for task in ("cartpole", "other")]
+
+
+class Sign(gym.Env[Any, Any]):
+    """One of two actions is rewarded, depending on the sign of a number; 8 steps an episode."""
+
+    observation_space = spaces.Box(-np.inf, np.inf, (2,), np.float32)
+    action_space = spaces.Discrete(2)
+
+    def __init__(self) -> None:
+        self.steps = 0
+        self.actions: list[int] = []
+        self.during: Callable[[], None] = lambda: None
+
+    def _seen(self) -> Any:
+        self._x = float(self.np_random.uniform(-1.0, 1.0))
+        return np.array([self._x, 1.0], dtype=np.float32)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        self._left = 8
+        return self._seen(), {}
+
+    def step(self, action: Any) -> Any:
+        self.steps += 1
+        self.actions.append(int(action))
+        self.during()
+        reward = float(action == (self._x > 0.0))
+        self._left -= 1
+        return self._seen(), reward, False, self._left == 0, {}
+
+
+INPUTS = np.stack([np.linspace(-1.0, 1.0, 41), np.ones(41)], axis=1).astype(np.float32)
+
+
+def global_random() -> tuple[float, float, float]:
+    import torch
+
+    return random.random(), float(np.random.random()), float(torch.rand(()))
+
+
+@pytest.mark.parametrize(("name", "task"), CASES)
+def test_it_makes_exactly_so_many_steps(name: str, task: str) -> None:
+    for budget in (3, 256, 300):
+        env = Sign()
+        MAKERS[name](env, task, 0).learn(budget)
+        assert env.steps == budget
+
+
+def test_updates_after_a_last_whole_rollout_are_made() -> None:
+    for steps, epochs in ((255, 0), (256, 20), (511, 20), (512, 40)):
+        learner = stable_baselines3.ppo(Sign(), "cartpole", 0)
+        learner.learn(steps)
+        assert learner._model._n_updates == epochs
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_it_learns(name: str) -> None:
+    learner = MAKERS[name](Sign(), "cartpole", 1)
+    learner.learn(2_048)
+    right = learner.act(INPUTS) == (INPUTS[:, 0] > 0.0)
+    assert right.mean() > 0.85
+
+
+@pytest.mark.parametrize(("name", "task"), CASES)
+def test_equal_seeds_give_equal_learners_whatever_happens_beside(name: str, task: str) -> None:
+    played = []
+    for seed, disturbed in ((3, False), (3, True), (4, False)):
+        env = Sign()
+        learner = MAKERS[name](env, task, seed)
+        if disturbed:
+            global_random()
+            learner.act(INPUTS)
+        learner.learn(600)
+        played.append((env.actions, learner.act(INPUTS).tolist()))
+    assert played[0] == played[1]
+    assert played[0][0] != played[2][0]
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_global_random_numbers_are_left_as_they_were(name: str) -> None:
+    import torch
+
+    def seeded(work: Callable[[], None]) -> tuple[float, float, float]:
+        random.seed(1)
+        np.random.seed(1)
+        torch.manual_seed(1)
+        work()
+        return global_random()
+
+    def fail() -> None:
+        def stop() -> None:
+            raise KeyError
+
+        env = Sign()
+        learner = MAKERS[name](env, "cartpole", 5)
+        env.during = stop
+        with pytest.raises(KeyError):
+            learner.learn(10)
+
+    untouched = seeded(lambda: None)
+    threads = torch.get_num_threads()
+    assert seeded(lambda: MAKERS[name](Sign(), "cartpole", 5).learn(300)) == untouched
+    assert seeded(fail) == untouched
+    assert torch.get_num_threads() == threads
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_it_acts_on_batches_greedily_also_while_it_learns(name: str) -> None:
+    env = Sign()
+    learner = MAKERS[name](env, "cartpole", 2)
+    env.during = lambda: asked.append(learner.act(INPUTS).tolist())
+    asked: list[list[int]] = []
+    learner.learn(300)
+    watched = env.actions
+
+    actions = learner.act(INPUTS)
+    assert actions.shape == (41,) and actions.dtype == np.int64
+    assert set(actions.tolist()) <= {0, 1}
+    np.testing.assert_array_equal(learner.act(INPUTS), actions)
+    np.testing.assert_array_equal(learner.act(INPUTS[7:8]), actions[7:8])
+
+    other = Sign()
+    MAKERS[name](other, "cartpole", 2).learn(300)
+    assert other.actions == watched  # asking has changed nothing
+
+
+@pytest.mark.parametrize(("name", "task"), CASES)
+def test_terms_are_text_and_say_whose_settings_these_are(name: str, task: str) -> None:
+    terms = MAKERS[name](Sign(), task, 0).terms
+    assert {"settings", "network", "learning rate", "discount", "exploration"} <= set(terms)
+    assert all(isinstance(text, str) and text for text in (*terms, *terms.values()))
+    assert ("zoo" in terms["settings"]) == (task == "cartpole")
+
+
+def test_settings_that_are_not_adapted_are_the_defaults() -> None:
+    import inspect
+
+    for kind, settings, adapted in (
+        (DQN, stable_baselines3._DQN, {"buffer_size", "target_update_interval"}),
+        (PPO, stable_baselines3._PPO, set()),
+    ):
+        defaults = inspect.signature(kind).parameters
+        changed = {
+            name
+            for name, value in settings.items()
+            if name != "policy_kwargs" and defaults[name].default != value
+        }
+        assert changed == adapted
+
+
+def test_schedules_of_the_zoo_fall_to_nothing_over_the_budget() -> None:
+    learner = stable_baselines3.ppo(Sign(), "cartpole", 0)
+    learner.learn(1_024)
+    model: Any = learner._model
+    (rate,) = {group["lr"] for group in model.policy.optimizer.param_groups}
+    assert rate == model.clip_range(0.0) == 0.0
+    assert (model.lr_schedule(0.5), model.clip_range(0.5)) == (0.0005, 0.1)
+
+
+@pytest.mark.parametrize("name", MAKERS)
+def test_nothing_is_written_or_printed(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    MAKERS[name](Sign(), "cartpole", 0).learn(1_300)
+    assert os.listdir(tmp_path) == []
+    assert capfd.readouterr() == ("", "")
+
+
+def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    monkeypatch.delitem(sys.modules, "serp_adapters.stable_baselines3")
+    with pytest.raises(MissingExtra, match=r"`sb3-dqn`, `ppo`.*pip install 'serp\[sb3\]'"):
+        importlib.import_module("serp_adapters.stable_baselines3")
