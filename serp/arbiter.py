@@ -237,6 +237,11 @@ class Arbiter:
         )
 
     @property
+    def available(self) -> NDArray[np.bool_]:
+        """`[E]` the actions that the model does not know and that may be executed all the same."""
+        return self._unmodelled_allowed
+
+    @property
     def model(self) -> TransitionModel:
         """The transition model."""
         return self.actions.model
@@ -301,16 +306,16 @@ class Arbiter:
             unsafe: Whether something unsafe was observed.
             last: Whether the episode ended with it.
         """
-        promised = decision.forecast.safe_steps[decision.action] == SAFE
-        self.promises.observe(bool(promised), unsafe, last)
+        known = bool(self.actions.modelled[decision.action])
+        promised = known and decision.forecast.safe_steps[decision.action] == SAFE
+        self.promises.observe(promised if known else None, unsafe, last)
 
     # Who acts ----------------------------------------------------------------------------------
 
     def _situation(self, state: Vector) -> Situation:
         forecast = self.forecast(state)
         admissible = self.admissible(forecast)
-        explorable = self._explorable(forecast, admissible)
-        return Situation(forecast, admissible, explorable, self.promises.believed)
+        return Situation(forecast, admissible, self._explorable(forecast, admissible))
 
     def _follow(self, situation: Situation, proposal: Proposed | None) -> Decision:
         if proposal is None:

@@ -37,16 +37,19 @@ class Promises:
         """Whether the lookahead is believed beyond the next step."""
         return self._forgiven is None or self.broken <= self._forgiven + _PER_STEP * self._steps
 
-    def observe(self, promised: bool, unsafe: bool, last: bool) -> None:
+    def observe(self, promised: bool | None, unsafe: bool, last: bool) -> None:
         """Take an env step into account.
 
         Args:
-            promised: Whether the executed action was promised to be safe.
+            promised: Whether the executed action was promised to be safe; None for one that the
+                model does not know, after which no promise holds any more.
             unsafe: Whether something unsafe was observed.
             last: Whether the episode ended with it.
         """
         self._steps += 1
-        if promised:
+        if promised is None:
+            self._since = None
+        elif promised:
             self._since = 0
         elif self._since is not None:
             self._since += 1

@@ -68,13 +68,16 @@ def find_task(domain: str) -> Task:
     """Return the task that `--domain` means.
 
     A file belongs to the task that is named like the domain in it, or like the file up to a
-    hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`).
+    hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`); variants that an
+    installed package ships are found by name.
 
     Raises:
         TaskError: There is no such file, or no task for it.
         DomainError: The file is wrong.
     """
     path = find_domain_file(domain)
+    if path is None:
+        path = None if domain in task_entries() else _shipped_beside(domain)
     if path is None:
         return load_task(domain)
     loaded = load_domain(path)
@@ -86,6 +89,22 @@ def find_task(domain: str) -> Task:
             "environment of your own, write a serp.Task and call serp.plan_and_learn"
         )
     return task
+
+
+def _shipped_beside(name: str) -> Path | None:
+    """Return the file of that name beside the domain file of an installed task; None for none.
+
+    Raises:
+        TaskError: The package that offers the task fails.
+    """
+    entries = task_entries()
+    for task in _shortened(name):
+        if task in entries:
+            own = load_task(task).domain
+            if isinstance(own, str | Path):
+                path = Path(own).with_name(f"{name}.pddl")
+                return path if path.is_file() else None
+    return None
 
 
 def task_of(domain: Domain, path: Path) -> Task | None:

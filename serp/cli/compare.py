@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,7 +40,8 @@ if TYPE_CHECKING:
               help="How bad may the model be? Other domain files for the task: files, names of "
                    "files beside the task's own, patterns, or `all`. May be repeated.")  # fmt: skip
 @click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
-              help="Change a setting of all our algorithms; may be repeated.")  # fmt: skip
+              help="Change a setting of all our algorithms, where none sets it itself; may be "
+                   "repeated.")  # fmt: skip
 @click.option("--threshold", type=float, metavar="X",
               help="Return from which a policy counts as good.")  # fmt: skip
 @click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
@@ -100,7 +100,6 @@ def command(
             changed=changed, out=out, quiet=quiet, env_steps=env_steps, threshold=threshold,
             evaluate_every=evaluate_every, evaluation_episodes=evaluation_episodes,
             final_episodes=final_episodes, jobs=jobs,
-            command=["serp", *sys.argv[1:]] if sys.argv[1:2] == ["compare"] else None,
         )  # fmt: skip
     except Interrupted as stop:
         say(
@@ -119,6 +118,8 @@ def _algorithms(text: str | None) -> tuple[list[str] | None, dict[str, Any]]:
     if text is None:
         return None, {}
     names = _split(text)
+    if not names:
+        raise click.BadParameter("no algorithm is named", param_hint="--algorithms")
     changed = {
         name: parse_settings(tuple(name.partition(":")[2].split(";")))
         for name in names
@@ -139,6 +140,9 @@ def _split(text: str) -> list[str]:
     return [part.strip() for part in parts if part.strip()]
 
 
+_MOST_SEEDS = 10_000
+
+
 def _seeds(ctx: click.Context, text: str | None) -> int | list[int] | None:
     if text is None:
         return None
@@ -148,7 +152,10 @@ def _seeds(ctx: click.Context, text: str | None) -> int | list[int] | None:
         seeds: list[int] = []
         for part in text.split(","):
             first, dash, last = part.partition("-")
-            seeds += range(int(first), int(last) + 1) if dash else [int(first)]
+            several = range(int(first), int(last) + 1) if dash else [int(first)]
+            if len(several) > _MOST_SEEDS:
+                raise ValueError
+            seeds += several
     except ValueError:
         seeds = []
     if not seeds:

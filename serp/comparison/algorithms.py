@@ -79,6 +79,10 @@ def _guided(name: str, description: str, changes: Changes | None = None) -> Algo
 _NO_GUIDE: Final[Changes] = {"guide": {"strategy": "mixture"}}
 """Others make the learner listen to the planner, or act in the planner's place."""
 
+_CALM: Final[Changes] = {"learner": {"epsilon_start": 0.1}}
+"""Little exploration from the first step on: what begins as good as the planner would lose it all.
+"""
+
 _OWN: Final[tuple[Algorithm, ...]] = (
     Algorithm(name="serp", description="preset default", kind="guided"),
     Algorithm(
@@ -118,13 +122,22 @@ _OWN: Final[tuple[Algorithm, ...]] = (
     ),
     _guided("jump-start", "the planner begins each episode, the learner ends it (JSRL)"),
     _guided("argmax-q", "whichever of both proposals the learner values more (IBRL)"),
-    _guided("restrict", "the learner chooses among the actions of good plans (DARLING)"),
-    _guided("imitate-then-learn", "the learner copies the planner, then learns alone (LOKI)"),
-    _guided("residual", "Q is the planner's value plus a network"),
+    _guided("restrict", "the learner chooses among the actions of good plans (DARLING)", _CALM),
+    _guided(
+        "imitate-then-learn", "the learner copies the planner, then learns alone (LOKI)", _CALM
+    ),
+    _guided("residual", "Q is the planner's value plus a network", _CALM),
     _guided(
         "dqfd",
         "demonstrations of the planner with a margin loss (DQfD), Q-filter",
-        {"learner": {"protected_early": 1_000, "protected_share": 0.25}},
+        {
+            "learner": {
+                **_CALM["learner"],
+                "protected_early": 1_000,
+                "protected_failing": 0,
+                "protected_share": 0.25,
+            }
+        },
     ),
 )
 

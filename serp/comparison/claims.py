@@ -157,7 +157,7 @@ def _blocks(results: Results, subject: str) -> Evidence:
     worst = int(np.argmin(band.centre))
     note = (
         f"the lowest is that from env step {edges[worst]:,}; below in {len(below)} of "
-        f"{len(band.centre)} (the interval lies wholly below 0)"
+        f"{len(band.centre)} (the interval lies wholly below 0; confirmed where it is in none)"
     )
     lowest = Estimate(*(float(values[worst]) for values in band))
     return Evidence(what, lowest, "not confirmed" if len(below) else "confirmed", note)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,9 +17,10 @@ from serp.comparison.guest import Fixed, GuestEnv
 from serp.comparison.terms import terms_of
 from serp.domain.flags import UNSAFE
 from serp.domain.model import Vector
+from serp.errors import RunError, SerpError
 from serp.settings import Settings
 from serp.task import BoundTask
-from serp.training import Trainer, Transition
+from serp.training import LearningPoints, Trainer, Transition, learn_alone
 
 OnStep = Callable[[Transition], None]
 Chosen = Sequence[tuple[int, bool]]
@@ -56,19 +58,25 @@ def make_contender(
         settings: All settings.
         seed: Seed of everything random.
     """
-    agent = Agent(task, settings, seed)
     if algorithm.make_guest is not None:
-        return _Visitor(algorithm, task, agent, seed)
-    return _Own(algorithm, task, settings, agent, seed)
+        return _Visitor(algorithm, task, Agent(task, settings, seed), seed)
+    return Own(algorithm, task, settings, seed)
 
 
-class _Own:
-    """Ours: `Trainer` trains it."""
+class Own:
+    """A contender of ours: `Trainer` trains it.
+
+    Args:
+        algorithm: Which, no guest.
+        task: The task, in the environment to train in.
+        settings: All settings.
+        seed: Seed of everything random.
+    """
 
     def __init__(
-        self, algorithm: Algorithm, task: BoundTask, settings: Settings, agent: Agent, seed: int
+        self, algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
     ) -> None:
-        self.agent = agent
+        self.agent = agent = Agent(task, settings, seed)
         self.terms = terms_of(algorithm, settings)
         self._guarded = agent.arbiter
         if algorithm.kind == "alone":
@@ -79,11 +87,17 @@ class _Own:
         self._trainer = Trainer(task, settings, seed, agent=agent)
 
     def train(self, env_steps: int, on_step: OnStep) -> None:
+        """Train for at least so many env steps, unless `on_step` raises."""
+        learn_alone(self.learning_points(env_steps, on_step))
+
+    def learning_points(self, env_steps: int, on_step: OnStep) -> LearningPoints[None]:
+        """As `train`, for a driver that does the learning."""
         self._trainer.on_step = on_step
         while self._trainer.env_steps < env_steps:
-            self._trainer.run_episode()
+            yield from self._trainer.learning_points()
 
     def alone(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the greedy actions `[B]` of the learner alone."""
         strategy, learner = self._guarded.strategy, self.agent.learner
         if strategy.guided is None or not strategy.guided.residual:
             return learner.greedy_batch(inputs)
@@ -91,6 +105,7 @@ class _Own:
         return learner.greedy_batch(inputs, np.stack([base for base in bases if base is not None]))
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
+        """Decide greedily within the vetoes."""
         return self._guarded.decide_greedily(state, self.agent.before(x))
 
 
@@ -102,7 +117,9 @@ class _Visitor:
         self._on_step: OnStep | None = None
         env = GuestEnv(task, agent, seed, self._notice)
         assert algorithm.make_guest is not None
-        self._guest: Guest = algorithm.make_guest(env, task.name, seed)
+        self._name = algorithm.name
+        with self._blamed():
+            self._guest: Guest = algorithm.make_guest(env, task.name, seed)
         self.terms: Mapping[str, str] = dict(self._guest.terms)
 
     def _notice(self, transition: Transition) -> None:
@@ -114,8 +131,19 @@ class _Visitor:
         self._guest.learn(env_steps)
 
     def alone(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
-        actions: NDArray[Any] = self._guest.act(inputs.astype(np.float32))
-        return actions.astype(np.int64)
+        with self._blamed():
+            actions: NDArray[Any] = np.asarray(self._guest.act(inputs.astype(np.float32)))
+            return actions.astype(np.int64)
+
+    @contextlib.contextmanager
+    def _blamed(self) -> Iterator[None]:
+        """Say who failed, whatever it raised: it is not ours."""
+        try:
+            yield
+        except SerpError:
+            raise
+        except Exception as error:
+            raise RunError(f"`{self._name}` failed: {type(error).__name__}: {error}") from error
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
         action = int(self.alone([state], x[np.newaxis])[0])

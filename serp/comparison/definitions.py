@@ -101,14 +101,17 @@ MEASURES: Final = (
     Measure(
         "final_learner",
         "final learner alone",
-        "Mean return of the learner alone (greedy, no planner, no veto) at the end of training.",
+        "Mean return of the learner alone (greedy, no planner, no veto) at the end of training. "
+        "`residual` keeps the planner's values, which are a part of its Q.",
         "return",
         "higher",
     ),
     Measure(
         "final_vetoed",
         "final policy within the vetoes",
-        "The same with the vetoes: a refused proposal gives way to the planner's action.",
+        "The same within the vetoes. What takes the place of a refused proposal is for the "
+        "algorithm's settings to say (`arbiter.after_veto`); for algorithms from outside it is the "
+        "planner's action.",
         "return",
         "higher",
     ),
@@ -167,7 +170,8 @@ MEASURES: Final = (
     Measure(
         "seconds",
         "seconds of training",
-        "Wall time of training, evaluations left out.",
+        "Wall time of training, evaluations left out; of seeds that learn side by side in one "
+        "process, the time of their own steps and an equal share of the common learning.",
         "seconds",
         "lower",
     ),

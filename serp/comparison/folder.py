@@ -7,9 +7,11 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from serp.comparison.storage import PLAN
+from serp.comparison.storage import DOMAINS, PLAN
+from serp.errors import RunError
+from serp.runs.config import CONFIG
 from serp.runs.durable import cannot_write
-from serp.runs.lock import RunLock
+from serp.runs.lock import LOCK, RunLock
 
 
 @contextlib.contextmanager
@@ -20,8 +22,9 @@ def writing(folder: Path) -> Iterator[None]:
         folder: It may exist.
 
     Raises:
-        RunError: It cannot be made, or another process writes it.
+        RunError: It cannot be made, holds something else, or another process writes it.
     """
+    _refuse_foreign(folder)
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -34,8 +37,26 @@ def writing(folder: Path) -> Iterator[None]:
         finally:
             lock.release()
     finally:
+        if not (folder / PLAN).exists():  # what is there was made here: it was empty before
+            shutil.rmtree(folder / DOMAINS, ignore_errors=True)
         if folder in missing and not (folder / PLAN).exists():
             shutil.rmtree(folder, ignore_errors=True)
             with contextlib.suppress(OSError):  # somebody else has put something there
                 for place in missing[1:]:
                     place.rmdir()
+
+
+def _refuse_foreign(folder: Path) -> None:
+    """Refuse a folder that holds something, and no comparison.
+
+    Raises:
+        RunError: It does.
+    """
+    if not folder.is_dir() or (folder / PLAN).exists():
+        return
+    if any(entry.name != LOCK for entry in folder.iterdir()):
+        what = "a run" if (folder / CONFIG).exists() else "other files"
+        raise RunError(
+            f"{folder} holds {what}, no comparison. Give a new or empty folder with --out. Nothing "
+            "was changed."
+        )

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from serp.actions import ActionMap
 from serp.arbiter import Actor
 from serp.comparison.records import EpisodeRow
 from serp.training import Transition
@@ -19,7 +19,7 @@ class Log:
     """Collects the rows of the episodes of one training.
 
     Args:
-        actions: The task's map of actions.
+        available: `[E]` actions that the model does not know and that may be executed.
         unit: Name of the counter in the environment's info that is written down as `unit`.
         counters: Names of the counters that are written down as `info.<name>`.
         clock: Seconds, monotonic.
@@ -32,12 +32,12 @@ class Log:
 
     def __init__(
         self,
-        actions: ActionMap,
+        available: NDArray[np.bool_],
         unit: str,
         counters: Sequence[str],
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        self._actions = actions
+        self._available = available
         self._unit = unit
         self._counters = tuple(counters)
         self._clock = clock
@@ -77,7 +77,7 @@ class Log:
         if decision.unsafe:
             self._unsafe += 1
             # The same words as the arbiter's guarantee.
-            self._avoidable += bool((decision.forecast.safe | ~self._actions.modelled).any())
+            self._avoidable += bool((decision.forecast.safe | self._available).any())
         if transition.terminated or transition.truncated:
             self._end_episode(transition)
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 from serp.comparison.algorithms import Algorithm, Changes, ablation, find_algorithm
 from serp.comparison.conditions import Conditions
 from serp.comparison.records import Trial
-from serp.comparison.storage import PLAN, digest, is_complete, read_about
+from serp.comparison.storage import DOMAINS, PLAN, digest, file_name, is_complete, read_about
 from serp.comparison.trial import trial_settings
 from serp.domain.loading import Domain
 from serp.errors import RunError, SettingsError
@@ -20,7 +20,6 @@ from serp.runs.json_files import finite, json_text, read_json
 from serp.settings import Settings
 from serp.task import Task
 
-_DOMAINS: Final = "domains"
 _WHAT: Final = {
     "settings": "other settings",
     "domain": "another domain file",
@@ -139,7 +138,21 @@ def read_plan(folder: Path) -> dict[str, Any] | None:
     """
     if not (folder / PLAN).is_file():
         return None
-    return read_json(folder / PLAN, "Restore it from a copy, or begin another comparison.")
+    advice = "Restore it from a copy, or begin another comparison."
+    plan = read_json(folder / PLAN, advice)
+    try:
+        Conditions.from_dict(plan["conditions"])
+        whole = (
+            all(isinstance(entry["changes"], dict) for entry in plan["algorithms"].values())
+            and all(len(trial) == 3 for trial in plan["trials"])
+            and isinstance(plan["variants"][0], str)
+            and {"task", "changes", "threshold"} <= plan.keys()
+        )
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, SettingsError):
+        whole = False
+    if not whole:
+        raise RunError(f"{folder / PLAN} is no plan of a comparison. {advice}")
+    return plan
 
 
 def named(names: Iterable[str], changed: Mapping[str, Changes]) -> dict[str, Algorithm]:
@@ -179,7 +192,7 @@ def trials_of(
 
 def kept_file(folder: Path, variant: str) -> Path:
     """Return where a comparison keeps the domain file of a variant."""
-    return folder / _DOMAINS / f"{variant}.pddl"
+    return folder / DOMAINS / f"{file_name(variant)}.pddl"
 
 
 def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
@@ -193,7 +206,7 @@ def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
     """
     place = kept_file(folder, variant)
     texts = {place: domain.source.text}
-    beside = place.with_name(f"{variant}-problem.pddl")
+    beside = place.with_name(f"{place.stem}-problem.pddl")
     problem = None if domain.problem_source is None else beside
     if domain.problem_source is not None:
         texts[beside] = domain.problem_source.text

@@ -35,26 +35,28 @@ from serp.runs.reading import read_rows
 from serp.runs.tables import Table
 
 PLAN: Final = "plan.json"
+DOMAINS: Final = "domains"
 _TRIALS: Final = "trials"
 _DONE: Final = "trial.json"
 _EPISODES: Final = "episodes.csv"
 _EVALUATIONS: Final = "evaluations.csv"
 _INFO: Final = "info."
+_LONGEST: Final = 100
 _ADVICE: Final = "Remove the folder of this trial to run it again."
 
 
 def trial_folder(folder: Path, trial: Trial) -> Path:
     """Return where a trial lies in the folder of a comparison."""
-    names = (_file_name(trial.algorithm), _file_name(trial.variant), f"seed-{trial.seed}")
+    names = (file_name(trial.algorithm), file_name(trial.variant), f"seed-{trial.seed}")
     return folder.joinpath(_TRIALS, *names)
 
 
-def _file_name(name: str) -> str:
+def file_name(name: str) -> str:
     """Return a name that every file system takes, different for different names."""
     plain = re.sub(r"[^A-Za-z0-9_.=-]", "_", name)
-    if plain == name and not plain.startswith("."):
+    if plain == name and len(name) <= _LONGEST and not plain.startswith("."):
         return plain
-    return f"{plain[:80]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+    return f"{plain[:_LONGEST]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
 
 
 def digest(made_of: Mapping[str, Any]) -> str:
@@ -119,7 +121,10 @@ def read_trial(folder: Path, trial: Trial) -> Record:
     """
     place = trial_folder(folder, trial)
     about = read_about(folder, trial)
-    info = [_INFO + str(name) for name in about.get("counters", ())]
+    counters = about.get("counters")
+    if not isinstance(counters, list):
+        raise RunError(f"{place / _DONE} is not what serp wrote. {_ADVICE}")
+    info = [_INFO + str(name) for name in counters]
     return Record(
         trial=trial,
         episodes=_read(place / _EPISODES, [*EPISODE_COLUMNS, *info], EpisodeRow),

@@ -18,7 +18,7 @@ _OF_STRATEGY: Final[Mapping[str, tuple[str, ...]]] = {
     "dqfd": ("imitation_steps", "margin"),
 }
 """Strategy → the settings of section `guide` that it reads."""
-_MIXING: Final = ("rho", "rho_increment", "rho_unit", "rho_max", "indifferent")
+_MIXING: Final = ("rho", "rho_increment", "rho_unit", "rho_max", "surety", "indifferent")
 """Settings of the arbiter that only the mixture reads."""
 _NOT_OF_TRAINING: Final = ("env_steps", "units", "checkpoint_seconds", "tensorboard")
 """Settings that a comparison does not read."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from serp.comparison.algorithms import Algorithm, Changes, merged
 from serp.comparison.conditions import Conditions
-from serp.comparison.contender import Chosen, Contender, flagged, make_contender
+from serp.comparison.contender import Chosen, Contender, Own, flagged, make_contender
 from serp.comparison.log import Log
 from serp.comparison.playing import Arena
 from serp.comparison.records import EvaluationRow, Trial
@@ -21,7 +21,7 @@ from serp.errors import RunError, SerpError
 from serp.settings import Settings, resolve
 from serp.task import BoundTask, Task
 from serp.threads import one_thread
-from serp.training import Transition
+from serp.training import LearningPoints, Transition
 
 
 class _Spent(Exception):
@@ -91,6 +91,33 @@ def run_trial(
         return _Trial(algorithm, contender, bound, conditions, on_progress).run()
 
 
+def trial_in_turns(
+    trial: Trial,
+    algorithm: Algorithm,
+    task: Task,
+    conditions: Conditions,
+    changes: Changes,
+    on_progress: Callable[[int], None],
+    clock: Callable[[], float],
+) -> LearningPoints[Measured]:
+    """As `run_trial`, for a driver that lets several trials of ours take turns.
+
+    Args:
+        trial: What it is of.
+        algorithm: Its algorithm, no guest.
+        task: The task, with the domain file of the variant.
+        conditions: The equal terms.
+        changes: What the user changes in the settings of all algorithms.
+        on_progress: Called with the env steps so far, some times a second at most.
+        clock: Seconds that this trial has had.
+    """
+    settings = trial_settings(algorithm, task, changes)
+    with task.bind() as bound:
+        own = Own(algorithm, bound, settings, trial.seed)
+        run = _Trial(algorithm, own, bound, conditions, on_progress, clock)
+        return (yield from run.learning_points(own))
+
+
 class _Trial:
     def __init__(
         self,
@@ -99,6 +126,7 @@ class _Trial:
         bound: BoundTask,
         conditions: Conditions,
         on_progress: Callable[[int], None],
+        clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         self._algorithm = algorithm
         self._contender = contender
@@ -107,16 +135,29 @@ class _Trial:
         self._on_progress = on_progress
         self._next_progress = 0.0
         self._evaluations: list[EvaluationRow] = []
-        self._log = Log(bound.actions, unit_of(bound.task), bound.task.counters)
+        available = contender.agent.arbiter.available
+        self._log = Log(available, unit_of(bound.task), bound.task.counters, clock)
         most = max(conditions.evaluation_episodes, conditions.final_episodes)
         self._arena = Arena(bound.task, contender.agent, most, conditions.evaluation_seed)
 
     def run(self) -> Measured:
-        log = self._log
         try:
             self._train()
         finally:
             self._arena.close()
+        return self._measured()
+
+    def learning_points(self, own: Own) -> LearningPoints[Measured]:
+        try:
+            yield from own.learning_points(self._conditions.env_steps, self._after_step)
+        except _Spent:
+            pass
+        finally:
+            self._arena.close()
+        return self._measured()
+
+    def _measured(self) -> Measured:
+        log = self._log
         return Measured(
             log,
             self._evaluations,

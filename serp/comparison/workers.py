@@ -7,10 +7,12 @@ import os
 import pickle
 import signal
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from multiprocessing import connection
 from pathlib import Path
 from typing import Any
@@ -18,8 +20,9 @@ from typing import Any
 from serp.comparison.algorithms import Algorithm, Changes
 from serp.comparison.conditions import Conditions
 from serp.comparison.records import Trial
-from serp.comparison.storage import write_trial
-from serp.comparison.trial import run_trial
+from serp.comparison.storage import is_complete, write_trial
+from serp.comparison.together import run_together
+from serp.comparison.trial import Measured, run_trial
 from serp.errors import SerpError
 from serp.task import Task
 
@@ -28,43 +31,56 @@ OnProgress = Callable[[Trial, int], None]
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that a worker needs for a trial; it writes the trial itself.
+    """Everything that a worker needs for one trial or several; it writes them itself.
 
     Attributes:
         folder: The folder of the comparison.
-        trial: What it is of.
+        trials: What they are of, at least one; several take turns, equal in all but their seeds.
         algorithm: Its algorithm.
         task: The task with the domain file of the variant.
         conditions: The equal terms.
         changes: What is changed in the settings of all algorithms.
-        about: What the trial is to say of itself besides what it finds.
+        about: What a trial is to say of itself besides what it finds.
     """
 
     folder: Path
-    trial: Trial
+    trials: tuple[Trial, ...]
     algorithm: Algorithm
     task: Task
     conditions: Conditions
     changes: Changes
     about: Mapping[str, Any]
 
-    def run(self, on_progress: OnProgress) -> None:
-        """Run the trial and write what it found.
+    def run(self, on_progress: OnProgress) -> Iterator[Ended]:
+        """Run the trials, write what each found, and yield how it ended."""
+        terms = (self.algorithm, self.task, self.conditions, self.changes)
+        if len(self.trials) > 1:
+            for trial, found in run_together(self.trials, *terms, on_progress):
+                yield self._end(trial, found)
+            return
+        (trial,) = self.trials
+        try:
+            measured = run_trial(trial, *terms, partial(on_progress, trial))
+        except SerpError as error:
+            yield self._end(trial, error)
+        else:
+            yield self._end(trial, measured)
 
-        Raises:
-            SerpError: Task, settings or environment are wrong, or the disk refused something.
-        """
-        trial = self.trial
-        measured = run_trial(
-            trial,
-            self.algorithm,
-            self.task,
-            self.conditions,
-            self.changes,
-            lambda steps: on_progress(trial, steps),
-        )
-        about = {**self.about, "terms": measured.terms, "seconds": measured.seconds}
-        write_trial(self.folder, trial, measured, about, self.task.counters)
+    def _end(self, trial: Trial, found: Measured | SerpError) -> Ended:
+        if isinstance(found, Measured):
+            about = {**self.about, "terms": found.terms, "seconds": found.seconds}
+            try:
+                write_trial(self.folder, trial, found, about, self.task.counters)
+            except SerpError as error:
+                found = error
+            else:
+                return Ended(trial, None)
+        notes: list[str] = getattr(found, "__notes__", [])
+        return Ended(trial, "\n".join([str(found), *notes]))
+
+    def one_by_one(self, trials: Iterable[Trial]) -> list[Job]:
+        """Return jobs that run some of the trials, each by itself."""
+        return [replace(self, trials=(trial,)) for trial in trials]
 
 
 @dataclass(frozen=True)
@@ -83,16 +99,27 @@ class Ended:
 def portable(jobs: Sequence[Job]) -> bool:
     """Whether the jobs can be sent to other processes: functions in them have to be importable."""
     try:
-        pickle.dumps(jobs)
+        sent = pickle.dumps(jobs)
     except Exception:  # whatever an attribute of somebody's task raises
         return False
-    return True
+    # A process of its own imports no notebook, and would run an unguarded script once more.
+    return b"__main__" not in sent
 
 
-def run_here(jobs: Sequence[Job], on_progress: OnProgress) -> Iterator[Ended]:
-    """Run jobs in this process, one after another, and yield how each ended."""
+def run_here(
+    jobs: Sequence[Job], on_progress: OnProgress, stopped: Callable[[], bool] = lambda: False
+) -> Iterator[Ended]:
+    """Run jobs in this process, one after another, and yield how each trial ended.
+
+    Args:
+        jobs: What is to be run.
+        on_progress: Called with a trial and its env steps so far.
+        stopped: Whether no more jobs are to be begun; the one that runs comes to its end.
+    """
     for job in jobs:
-        yield _ended(job, on_progress)
+        if stopped():
+            return
+        yield from job.run(on_progress)
 
 
 def run_in_processes(
@@ -101,7 +128,10 @@ def run_in_processes(
     on_progress: OnProgress,
     stopped: Callable[[], bool],
 ) -> Iterator[Ended]:
-    """Run jobs in processes of their own, and yield how each ended.
+    """Run jobs in processes of their own, and yield how each trial ended.
+
+    Where a process dies with several trials, those that it has not completed are run again, each by
+    itself: what killed it is to take no other trial with it.
 
     Args:
         jobs: What is to be run.
@@ -111,37 +141,55 @@ def run_in_processes(
     """
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
-    steps: Any = context.Queue()
+    said: Any = context.Queue()
 
     def begin() -> ProcessPoolExecutor:
         return ProcessPoolExecutor(
-            1, mp_context=context, initializer=_begin_worker, initargs=(stop, steps)
+            1, mp_context=context, initializer=_begin_worker, initargs=(stop, said)
         )
 
     # A pool each: where a process dies, its pool is lost with all that runs in it.
     idle = [begin() for _ in range(processes)]
-    running: dict[Future[Ended], tuple[Job, ProcessPoolExecutor]] = {}
+    running: dict[Future[list[Ended]], tuple[Job, ProcessPoolExecutor]] = {}
+    waiting = deque(jobs)
+    over: set[Trial] = set()
+
+    def news(ends: Iterable[Ended]) -> Iterator[Ended]:
+        for ended in ends:
+            if ended.trial not in over:
+                over.add(ended.trial)
+                yield ended
+
     try:
-        waiting = iter(jobs)
         while True:
-            while idle and not stopped():
-                job = next(waiting, None)
-                if job is None:
-                    break
+            while idle and waiting and not stopped():
                 pool = idle.pop()
+                job = waiting.popleft()
                 running[pool.submit(_work, job)] = job, pool
             if not running:
                 return
             done, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
-            while not steps.empty():
-                on_progress(*steps.get())
+            while not said.empty():
+                message = said.get()
+                if isinstance(message, Ended):
+                    yield from news([message])
+                elif message[0] not in over:
+                    on_progress(*message)
             for future in done:
                 job, pool = running.pop(future)
                 died = isinstance(future.exception(), BrokenProcessPool)
-                if died:
-                    pool.shutdown(wait=False)
-                idle.append(begin() if died else pool)
-                yield Ended(job.trial, _DIED) if died else future.result()
+                if not died:
+                    idle.append(pool)
+                    yield from news(future.result())  # the queue may be late
+                    continue
+                pool.shutdown(wait=False)
+                idle.append(begin())
+                yield from news(Ended(t, None) for t in job.trials if is_complete(job.folder, t))
+                left = [trial for trial in job.trials if trial not in over]
+                if len(job.trials) > 1:
+                    waiting.extendleft(reversed(job.one_by_one(left)))
+                else:
+                    yield from news(Ended(trial, _DIED) for trial in left)
     except KeyboardInterrupt:
         stop.set()
         raise
@@ -153,13 +201,13 @@ def run_in_processes(
 _DIED = "its process died; not enough memory?"
 
 
-_steps: Any = None
+_said: Any = None
 
 
-def _begin_worker(stop: Any, steps: Any) -> None:
+def _begin_worker(stop: Any, said: Any) -> None:
     """Leave Ctrl-C to the parent, and end with it or when it says so."""
-    global _steps
-    _steps = steps
+    global _said
+    _said = said
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -177,14 +225,9 @@ def _end_when(stop: Any) -> None:
     os._exit(1)
 
 
-def _work(job: Job) -> Ended:
-    return _ended(job, lambda trial, steps: _steps.put((trial, steps)))
-
-
-def _ended(job: Job, on_progress: OnProgress) -> Ended:
-    try:
-        job.run(on_progress)
-    except SerpError as error:
-        notes: list[str] = getattr(error, "__notes__", [])
-        return Ended(job.trial, "\n".join([str(error), *notes]))
-    return Ended(job.trial, None)
+def _work(job: Job) -> list[Ended]:
+    ends = []
+    for ended in job.run(lambda trial, steps: _said.put((trial, steps))):
+        ends.append(ended)
+        _said.put(ended)
+    return ends

@@ -35,7 +35,7 @@ from serp.runs.durable import (
     write_durably,
 )
 
-FORMAT = 1
+FORMAT = 2
 NEWEST = "checkpoint.safetensors"
 PREVIOUS = "checkpoint-previous.safetensors"
 DAMAGED = "checkpoint-damaged.safetensors"
@@ -217,6 +217,12 @@ def _decode(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], d
         raise RunError(
             f"the checkpoint {path} has format {version}; this serp knows formats up to {FORMAT}. "
             "Install a newer serp to read it."
+        )
+    if version < FORMAT:
+        raise RunError(
+            f"the checkpoint {path} has format {version}, which an earlier serp wrote; this one "
+            f"reads format {FORMAT}. Use the run with the version that config.json names, or train "
+            "again."
         )
     if _digest(loaded, meta) != digest:
         raise damaged("its content is not what was written (the digest differs)")

@@ -70,13 +70,11 @@ class Situation(NamedTuple):
         forecast: The planner's view.
         admissible: `[E]` actions that no veto refuses.
         explorable: `[E]` actions to explore among; None for all.
-        believed: Whether the planner is believed beyond the next step.
     """
 
     forecast: ActionForecast
     admissible: Mask
     explorable: Mask | None
-    believed: bool = True
 
 
 class Strategy:

@@ -59,7 +59,7 @@ def decisions(folder: Path) -> dict[str, Decision]:
 
 def test_an_episode_is_the_sum_of_its_steps(tmp_path: Path) -> None:
     clock, made = Clock(), decisions(tmp_path)
-    log = Log(arbiter(tmp_path).actions, "game", ["slips"], clock)
+    log = Log(arbiter(tmp_path).available, "game", ["slips"], clock)
     for k, name in enumerate(("planner", "learner", "vetoed", "unsafe")):
         clock.now += 2.0
         log.step(transition(made[name], k + 1.0, last=k == 3, game=4, slips=7 + k, outcome="pit"))
@@ -82,11 +82,11 @@ def test_unsafe_counts_as_avoidable_while_there_was_something_else(tmp_path: Pat
     only = made.forecast._replace(flags=np.array([made.forecast.flags[0]] * 3 + [0]))
     actions = arbiter(tmp_path).actions
     for forecast, avoidable in ((made.forecast, 1), (only, 1)):  # `dance` is not predicted
-        log = Log(actions, "step", ())
+        log = Log(~actions.modelled, "step", ())
         log.step(transition(made._replace(forecast=forecast), last=True))
         assert log.rows[0][0].avoidable_unsafe == avoidable
     known = type(actions)(actions.model, 3)  # in this environment there is no such action
-    log = Log(known, "step", ())
+    log = Log(~known.modelled, "step", ())
     lost = only._replace(flags=only.flags[:3])
     log.step(transition(made._replace(forecast=lost), last=True))
     assert (log.rows[0][0].unsafe, log.rows[0][0].avoidable_unsafe) == (1, 0)
@@ -96,7 +96,7 @@ def test_an_episode_that_is_cut_short_ends_too_and_one_that_runs_is_not_written(
     tmp_path: Path,
 ) -> None:
     made = decisions(tmp_path)["learner"]
-    log = Log(arbiter(tmp_path).actions, "step", ())
+    log = Log(arbiter(tmp_path).available, "step", ())
     log.step(transition(made)._replace(truncated=True))
     log.step(transition(made))
     ((row, _),) = log.rows
@@ -108,7 +108,7 @@ def test_an_episode_that_is_cut_short_ends_too_and_one_that_runs_is_not_written(
     ("value", "unit"), [(3, 3), (3.0, 3), (np.int32(3), 3), (np.array([3]), 3), ("third", 0)]
 )
 def test_the_unit_is_a_whole_number_or_nothing(tmp_path: Path, value: Any, unit: int) -> None:
-    log = Log(arbiter(tmp_path).actions, "game", ())
+    log = Log(arbiter(tmp_path).available, "game", ())
     log.step(transition(decisions(tmp_path)["learner"], last=True, game=value))
     assert log.rows[0][0].unit == unit
 
@@ -120,7 +120,7 @@ def test_the_outcome_is_a_text_or_nothing() -> None:
 
 def test_time_of_what_failed_is_left_out_too(tmp_path: Path) -> None:
     clock = Clock()
-    log = Log(arbiter(tmp_path).actions, "step", (), clock)
+    log = Log(arbiter(tmp_path).available, "step", (), clock)
     with pytest.raises(ValueError, match="no"), log.paused():
         clock.now += 5.0
         raise ValueError("no")

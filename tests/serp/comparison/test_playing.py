@@ -113,7 +113,7 @@ def test_what_the_learner_learned_to_see_is_what_it_sees(tmp_path: Path) -> None
     """Running statistics are those of training, and of no evaluation."""
     counts: list[float] = []
 
-    class Seen(NormalizeObservation):  # type: ignore[type-arg]
+    class Seen(NormalizeObservation):
         def reset(self, **options: Any) -> Any:
             counts.append(self.obs_rms.count)
             return super().reset(**options)

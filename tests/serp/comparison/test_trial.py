@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +28,21 @@ SWIFT = {"guide": {"jump_stages": 2, "jump_tolerance": 5.0, "imitation_steps": 4
 """So that planner and learner both act within a small budget."""
 
 
+@pytest.fixture(scope="module")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Measured]:
+    """Trials that several tests look at."""
+    folder = tmp_path_factory.mktemp("trials")
+
+    @functools.cache
+    def get(algorithm: str, seed: int = 0) -> Measured:
+        return measured(folder, algorithm, seed=seed, changes=SWIFT)
+
+    return get
+
+
+Once = Callable[..., Measured]
+
+
 def found(measured: Measured) -> Any:
     """What was found, but for the time it took."""
     return episodes_of(measured), measured.evaluations, measured.terms
@@ -33,24 +50,22 @@ def found(measured: Measured) -> Any:
 
 @pytest.mark.parametrize("algorithm", OWN)
 def test_equal_seeds_give_equal_records_and_others_give_others(
-    tmp_path: Path, algorithm: str
+    tmp_path: Path, algorithm: str, once: Once
 ) -> None:
-    one, same, other = (
-        measured(tmp_path, algorithm, seed=seed, changes=SWIFT) for seed in (1, 1, 2)
-    )
+    one, other = once(algorithm, 1), once(algorithm, 2)
+    same = measured(tmp_path, algorithm, seed=1, changes=SWIFT)
     assert found(one) == found(same)
     assert found(one)[0] != found(other)[0]
 
 
 @pytest.mark.parametrize("algorithm", [*OWN, "drawing"])
 def test_evaluations_change_nothing_in_training(
-    tmp_path: Path, algorithm: str, guests: None
+    tmp_path: Path, algorithm: str, guests: None, once: Once
 ) -> None:
     often = dataclasses.replace(
         CONDITIONS, evaluate_every=7, evaluation_episodes=5, evaluation_seed=1
     )
-    seldom = dataclasses.replace(CONDITIONS, evaluate_every=1_000)
-    runs = [measured(tmp_path, algorithm, conditions=c, changes=SWIFT) for c in (often, seldom)]
+    runs = [measured(tmp_path, algorithm, conditions=often, changes=SWIFT), once(algorithm)]
     assert episodes_of(runs[0]) == episodes_of(runs[1])
     assert len(runs[0].evaluations) > len(runs[1].evaluations) or algorithm == "mrp"
 
@@ -81,8 +96,8 @@ def test_the_budget_is_met_exactly(tmp_path: Path, algorithm: str, guests: None)
 
 
 @pytest.mark.parametrize("algorithm", [*OWN, "drawing"])
-def test_what_is_evaluated_when(tmp_path: Path, algorithm: str, guests: None) -> None:
-    rows = measured(tmp_path, algorithm, changes=SWIFT).evaluations
+def test_what_is_evaluated_when(algorithm: str, guests: None, once: Once) -> None:
+    rows = once(algorithm).evaluations
     played: dict[tuple[int, str], list[int]] = {}
     for row in rows:
         played.setdefault((row.env_steps, row.policy), []).append(row.episode)
@@ -102,10 +117,9 @@ def test_what_is_evaluated_when(tmp_path: Path, algorithm: str, guests: None) ->
 
 @pytest.mark.parametrize("algorithm", [*GUIDED, "mrp"])
 def test_nothing_unsafe_is_done_by_a_guided_one_while_it_can_be_avoided(
-    tmp_path: Path, algorithm: str
+    algorithm: str, once: Once
 ) -> None:
-    rows = [row for seed in range(3) for row, _ in measured(
-        tmp_path, algorithm, seed=seed, changes=SWIFT).log.rows]  # fmt: skip
+    rows = [row for seed in range(3) for row, _ in once(algorithm, seed).log.rows]
     assert sum(row.avoidable_unsafe for row in rows) == 0
     if algorithm == "mrp":
         assert all(row.planner_steps == row.length for row in rows)
@@ -113,7 +127,7 @@ def test_nothing_unsafe_is_done_by_a_guided_one_while_it_can_be_avoided(
 
 
 def test_the_planner_alone_is_the_planner_whatever_is_set(tmp_path: Path) -> None:
-    changes = {
+    changes: Any = {
         "arbiter": {"rho": 1.0, "indifferent": "learner"},
         "guide": {"strategy": "argmax-q"},
         "training": {"random_steps": 50},

@@ -140,6 +140,19 @@ def test_q_of_a_mirror_image_is_the_mirror_image_of_q(name: str, members: int) -
         np.testing.assert_allclose(one, element.of_actions(q[0]), atol=1e-6)
 
 
+@pytest.mark.parametrize("members", [1, 3])
+@pytest.mark.parametrize("name", [None, *GROUPS])
+def test_q_is_the_mean_of_what_each_network_says(name: str | None, members: int) -> None:
+    group = None if name is None else SymmetryGroup(F, A, GROUPS[name][0])
+    agent = learner(group, members=members)
+    rng = np.random.default_rng(2)
+    live(agent, rng, 20)
+    for x in rng.standard_normal((20, F)):
+        q = agent.member_q(x)
+        assert q.shape == (members, A)
+        np.testing.assert_allclose(q.mean(axis=0), agent.q_values(x), atol=1e-6)
+
+
 @pytest.mark.parametrize("name", GROUPS)
 def test_every_sample_drawn_is_an_image_and_every_image_is_drawn(name: str) -> None:
     group = SymmetryGroup(F, A, GROUPS[name][0])

@@ -18,7 +18,7 @@ from serp.training import Trainer, Transition
 from tests.serp.planning.worlds import WORLDS
 from tests.serp.strategies.imagined import imagined
 
-STEPS = 90
+STEPS = 60
 """Env steps of training in each world."""
 
 

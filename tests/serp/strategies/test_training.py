@@ -22,7 +22,7 @@ from serp.task import Task
 from serp.training import Trainer, Transition
 from tests.serp.tasks import corridor
 
-EPISODES = 18
+EPISODES = 15
 
 
 def changes(strategy: str) -> dict[str, dict[str, Any]]:

@@ -1,0 +1,53 @@
+"""The command that does a comparison again."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from itertools import pairwise
+from typing import Any
+
+from serp.comparison.algorithms import Changes
+from serp.comparison.plan import Plan, kept_file
+
+
+def command(plan: Plan) -> str:
+    """Return the command that begins the comparison anew, with the domain files as it keeps them.
+
+    Files are named from within its folder.
+    """
+    conditions = plan.conditions
+    base, *others = (
+        kept_file(plan.folder, name).relative_to(plan.folder).as_posix() for name in plan.variants
+    )
+    words = ["serp", "compare", "--domain", base, "--algorithms", ",".join(plan.algorithms)]
+    words += ["--seeds", _seeds(plan.seeds), "--env-steps", str(conditions.env_steps)]
+    words += ["--evaluate-every", str(conditions.evaluate_every)]
+    words += ["--evaluation-episodes", str(conditions.evaluation_episodes)]
+    words += ["--final-episodes", str(conditions.final_episodes)]
+    for file in others:
+        words += ["--model-variants", file]
+    for setting in _assignments(plan.changes):
+        words += ["--set", setting]
+    return shlex.join([*words, "--out", "again"])
+
+
+def _seeds(seeds: list[int]) -> str:
+    if all(b == a + 1 for a, b in pairwise(seeds)):  # a single number would be how many
+        return f"{seeds[0]}-{seeds[-1]}"
+    return ",".join(map(str, seeds))
+
+
+def _assignments(changes: Changes) -> list[str]:
+    return [
+        f"{section}.{name}={_text(value)}"
+        for section, values in changes.items()
+        for name, value in values.items()
+    ]
+
+
+def _text(value: Any) -> str:
+    """Return a value as it is typed."""
+    if value is None or isinstance(value, bool | tuple | list):
+        return json.dumps(value)
+    return str(value)

@@ -1,0 +1,257 @@
+"""`serp compare`."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from serp.cli.root import serp
+from serp.comparison import workers
+from serp.comparison.algorithms import OWN
+from tests.serp.cli.conftest import Run
+
+TINY = [
+    "--env-steps=60",
+    "--evaluation-episodes=1",
+    "--final-episodes=1",
+    "--seeds=1",
+    "--jobs=1",
+    "--set=planner.depth=2",
+    # Falls soon: a full episode would be longer than the budget.
+    "--set=arbiter.rho=1",
+    "--set=arbiter.veto_horizon=step",
+]
+COMPARE = ["compare", "--domain=cartpole", *TINY]
+
+
+@pytest.fixture(autouse=True)
+def _without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("serp.comparison.report.render", lambda figure, kind: b"<svg/>")
+
+
+@pytest.fixture(scope="session")
+def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A tiny comparison."""
+    out = tmp_path_factory.mktemp("comparisons") / "c"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp.comparison.report.render", lambda figure, kind: b"<svg/>")
+        result = CliRunner().invoke(
+            serp, [*COMPARE, "--algorithms=dqn,mrp", f"--out={out}", "--quiet"]
+        )
+    assert result.exit_code == 0, result.output
+    assert result.stdout == f"{out}\n"
+    assert result.stderr == ""
+    return out
+
+
+def plan(folder: str | Path) -> Any:
+    return json.loads((Path(folder) / "plan.json").read_text())
+
+
+def trials(folder: str | Path) -> list[tuple[str, str, int]]:
+    return [tuple(trial) for trial in plan(folder)["trials"]]
+
+
+def test_help_says_what_it_is_for(run: Run) -> None:
+    text = " ".join(run("compare", "--help").stdout.split())
+    assert "with the same budget, seeds, reward and observation" in text
+    for option in ("--domain", "--algorithms", "--seeds", "--env-steps", "--model-variants",
+                   "--set", "--threshold", "--out", "--jobs", "--quiet", "--list"):  # fmt: skip
+        assert option in text
+    assert "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5" in text
+    assert "Compare algorithms on one task" in run("--help").stdout
+
+
+def test_the_algorithms_are_listed_those_from_outside_too(run: Run) -> None:
+    lines = run("compare", "--list").stdout.splitlines()
+    names = [line.split()[0] for line in lines if line.strip()]
+    assert {*OWN, "ppo", "sb3-dqn"} <= set(names)
+    assert any(line.startswith("ppo") and "from outside" in line for line in lines)
+
+
+def test_the_end_shows_a_table_and_what_to_do_next(run: Run) -> None:
+    result = run(*COMPARE, "--algorithms=serp,dqn", "--out=my comparison")
+    assert "algorithm" in result.stdout
+    for name in ("serp", "dqn"):
+        assert any(line.split()[:1] == [name] for line in result.stdout.splitlines())
+        assert f"{name} on cartpole, seed 0" in result.stderr
+    assert "my comparison/report.html" in result.stdout
+    assert "serp compare --out 'my comparison' --seeds 10" in result.stdout
+    for name in ("report.html", "report.md", "measures.csv", "comparison.json"):
+        assert (Path("my comparison") / name).stat().st_size > 0
+    assert plan("my comparison")["conditions"]["env_steps"] == 60
+    assert "serp compare" in Path("my comparison/report.md").read_text()
+
+
+def test_a_comparison_without_a_name_gets_one(run: Run) -> None:
+    out = run(*COMPARE, "--algorithms=mrp", "--quiet").stdout.strip()
+    assert Path(out).parent == Path("runs")
+    assert Path(out).name.startswith("compare-cartpole-")
+    assert trials(out) == [("mrp", "cartpole", 0)]
+
+
+def test_continuing_needs_nothing_but_the_folder(run: Run, compared: Path) -> None:
+    shutil.copytree(compared, "c")
+    before = {p: p.stat().st_mtime_ns for p in Path("c").rglob("trial.json")}
+    run("compare", "--out=c", "--seeds=2", "--jobs=1", "--quiet")
+    assert trials("c") == [(name, "cartpole", seed) for seed in (0, 1) for name in ("dqn", "mrp")]
+    now = {p: p.stat().st_mtime_ns for p in Path("c").rglob("trial.json")}
+    assert len(now) == 4
+    assert {p: now[p] for p in before} == before
+
+
+@pytest.mark.parametrize(
+    ("text", "seeds"),
+    [("2", [0, 1]), ("3-5", [3, 4, 5]), ("1,7", [1, 7]), ("0-1,9", [0, 1, 9]), ("4,", None),
+     ("4-4", [4]), (" 1 , 2 ", [1, 2])],
+)  # fmt: skip
+def test_seeds_are_a_number_of_them_or_the_seeds_themselves(
+    text: str, seeds: list[int] | None, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, Any] = {}
+
+    def compare(*arguments: Any, **options: Any) -> Any:
+        asked.update(options)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("serp.comparison.study.compare", compare)
+    result = CliRunner().invoke(serp, ["compare", "--domain=cartpole", f"--seeds={text}"])
+    if seeds is None:
+        assert result.exit_code == 2
+        return
+    assert result.exit_code == 130
+    given = asked["seeds"]
+    assert (list(range(given)) if isinstance(given, int) else given) == seeds
+
+
+def test_settings_of_one_algorithm_alone(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {}
+    monkeypatch.setattr(
+        "serp.comparison.study.compare", lambda *a, **options: asked.update(options) or 1 / 0
+    )
+    names = "serp,dqn:learner.hidden=[8,8];learner.members=1, serp:arbiter.r_min=none"
+    CliRunner().invoke(serp, ["compare", "--domain=cartpole", f"--algorithms={names}"])
+    assert asked["algorithms"] == [
+        "serp", "dqn:learner.hidden=[8,8];learner.members=1", "serp:arbiter.r_min=none",
+    ]  # fmt: skip
+    assert list(asked["changed"].values()) == [
+        {"learner": {"hidden": (8, 8), "members": 1}}, {"arbiter": {"r_min": None}},
+    ]  # fmt: skip
+
+
+def test_model_variants_are_run_beside_the_task(run: Run, folder: Path) -> None:
+    run(*COMPARE, "--algorithms=mrp", "--model-variants=cartpole-reversed", "--out=c", "--quiet")
+    assert {trial[1] for trial in trials("c")} == {"cartpole", "cartpole-reversed"}
+    assert Path("c/domains/cartpole-reversed.pddl").exists()
+    run("compare", "--out=c", "--model-variants=cartpole-cart-only", "--jobs=1", "--quiet")
+    assert {trial[1] for trial in trials("c")} == {
+        "cartpole", "cartpole-reversed", "cartpole-cart-only",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "give --domain"),
+        (["--domain=cartpole", "--seeds=many"], "expected a number, or seeds such as 0-9"),
+        (["--domain=cartpole", "--seeds=5-2"], "expected a number, or seeds such as 0-9"),
+        (["--domain=cartpole", "--seeds=1,,2"], "expected a number, or seeds such as 0-9"),
+        (["--domain=cartpole", "--env-steps=0"], "is not in the range"),
+        (["--domain=cartpole", "--jobs=0"], "is not in the range"),
+        (["--domain=cartpole", "--set=depth=3"], "expected section.name=value"),
+        (["--domain=cartpole", "--algorithms=serp:members=1"], "expected section.name=value"),
+        (["--domain=cartpole", "--algorithms=serp:"], "expected section.name=value"),
+        (["--domain=cartpole", "--threshold=high"], "not a valid float"),
+    ],
+)
+def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
+    assert message in run("compare", *arguments, expect=2).stderr
+    assert list(Path().iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--domain=cartpol"], "did you mean `cartpole`?"),
+        (["--domain=nosuch/file.pddl"], "there is no such domain file"),
+        (["--domain=cartpole", "--algorithms=srep"], "no algorithm `srep`; did you mean `serp`"),
+        (["--domain=cartpole", "--algorithms=srep:learner.members=1"], "did you mean `serp`"),
+        (["--domain=cartpole", "--algorithms=serp:lerner.members=1"], "did you mean `learner`"),
+        (["--domain=cartpole", "--seeds=0"], "seeds must be a number >= 1"),
+        (["--domain=cartpole", "--set=planer.depth=3"], "did you mean `planner`?"),
+        (["--domain=cartpole", "--set=planner.depth=deep"], "planner: depth must be"),
+        (["--domain=cartpole", "--set=guide.strategy=jump"], "guide: there is no strategy"),
+        (["--domain=cartpole", "--model-variants=nosuch.pddl"], "nosuch.pddl"),
+        (["--domain=cartpole", "--model-variants=nosuch-*.pddl"], "nosuch-*.pddl"),
+        (["--domain=cartpole", "--threshold=nan"], "threshold must be a number"),
+        (["--out=nosuch"], "name a task; nosuch holds no comparison yet"),
+    ],
+)
+def test_mistakes_leave_nothing_behind(arguments: list[str], message: str, run: Run) -> None:
+    assert message in run("compare", *arguments, expect=1).stderr
+    assert list(Path().iterdir()) == []
+
+
+def test_one_from_outside_has_no_settings_of_ours(run: Run) -> None:
+    pytest.importorskip("stable_baselines3")
+    arguments = ["--domain=cartpole", "--algorithms=ppo:learner.members=1"]
+    message = run("compare", *arguments, expect=1).stderr
+    assert "`ppo` has no settings that serp could change" in message
+    assert list(Path().iterdir()) == []
+
+
+def test_an_extra_that_is_missing_is_named(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    import importlib.util
+    import sys
+
+    found = importlib.util.find_spec
+    monkeypatch.delitem(sys.modules, "serp_adapters.stable_baselines3", raising=False)
+    monkeypatch.setattr(
+        "importlib.util.find_spec",
+        lambda name, *rest: None if name == "stable_baselines3" else found(name, *rest),
+    )
+    message = run("compare", "--domain=cartpole", "--algorithms=ppo", expect=1).stderr
+    assert "pip install 'serp[sb3]'" in message
+    assert list(Path().iterdir()) == []
+
+
+def test_other_terms_in_the_same_folder_are_refused(run: Run, compared: Path) -> None:
+    shutil.copytree(compared, "c")
+    for arguments, message in (
+        (["--env-steps=61"], "has env_steps = 60, not 61"),
+        (["--set=planner.depth=3"], "settings of a comparison cannot change"),
+        (["--domain=corner-kick"], "compares on task cartpole, not on corner-kick"),
+    ):
+        assert message in run("compare", "--out=c", *arguments, expect=1).stderr
+    same = ["--set=planner.depth=2", "--set=arbiter.rho=1", "--set=arbiter.veto_horizon=step"]
+    run("compare", "--domain=cartpole", "--out=c", "--env-steps=60", *same, "--jobs=1")
+
+
+def test_ctrl_c_keeps_what_is_complete_and_says_how_to_go_on(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def pressing(jobs: Any, on_progress: Any, stopped: Any) -> Any:
+        def pressed(trial: Any, steps: int) -> None:
+            if not stopped():
+                os.kill(os.getpid(), signal.SIGINT)
+            on_progress(trial, steps)
+
+        return here(jobs, pressed, stopped)
+
+    here = workers.run_here
+    monkeypatch.setattr("serp.comparison.study.run_here", pressing)
+    arguments = [*COMPARE, "--algorithms=mrp,dqn"]
+    stopped = run(*arguments, "--out=c", expect=130)
+    assert "stopped with 1 of 2 trials complete in c" in stopped.stderr
+    assert "Go on with the same command" in stopped.stderr
+    assert Path("c/report.html").exists()
+    monkeypatch.setattr("serp.comparison.study.run_here", here)
+    run(*arguments, "--out=c", "--quiet")
+    assert len(list(Path("c").rglob("trial.json"))) == 2
