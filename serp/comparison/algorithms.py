@@ -130,14 +130,7 @@ _OWN: Final[tuple[Algorithm, ...]] = (
     _guided(
         "dqfd",
         "demonstrations of the planner with a margin loss (DQfD), Q-filter",
-        {
-            "learner": {
-                **_CALM["learner"],
-                "protected_early": 1_000,
-                "protected_failing": 0,
-                "protected_share": 0.25,
-            }
-        },
+        {"learner": {"protected_early": 1_000, "protected_share": 0.25}},
     ),
 )
 

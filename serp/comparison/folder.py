@@ -30,16 +30,15 @@ def writing(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise cannot_write(folder, error, "Nothing was made.") from error
+    lock = RunLock(folder)
     try:
-        lock = RunLock(folder)
-        try:
-            yield
-        finally:
-            lock.release()
+        yield
     finally:
-        if not (folder / PLAN).exists():  # what is there was made here: it was empty before
+        begun = (folder / PLAN).exists()
+        if not begun:  # what is there was made here: the folder was empty before
             shutil.rmtree(folder / DOMAINS, ignore_errors=True)
-        if folder in missing and not (folder / PLAN).exists():
+        lock.release()
+        if folder in missing and not begun:
             shutil.rmtree(folder, ignore_errors=True)
             with contextlib.suppress(OSError):  # somebody else has put something there
                 for place in missing[1:]:

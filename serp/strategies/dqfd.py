@@ -18,7 +18,7 @@ class Demonstrations(Strategy):
     samples the planner's action is to be worth a margin more than any other, beside the TD loss.
     With the Q-filter of Nair et al. (2018, arXiv 1709.10089) this holds only where the target
     network does not know better. Demonstrations stay in the memory: `learner.protected_early` and
-    `learner.protected_share` say how many, and which share of a batch they are.
+    `learner.protected_share` say how many, and which share of a batch they and failing samples are.
 
     Args:
         steps: Env steps of demonstration.

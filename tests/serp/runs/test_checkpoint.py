@@ -178,13 +178,21 @@ def test_a_flipped_bit_anywhere_is_noticed_or_without_effect(tmp_path):
 
 def test_newer_format_is_refused_with_the_reason(tmp_path, monkeypatch):
     with monkeypatch.context() as later:
-        later.setattr(checkpoint, "FORMAT", 2)
+        later.setattr(checkpoint, "FORMAT", 3)
         save(tmp_path / NEWEST, ARRAYS, META)
-    with pytest.raises(RunError, match="has format 2; this serp knows formats up to 1"):
+    with pytest.raises(RunError, match="has format 3; this serp knows formats up to 2"):
         load(tmp_path / NEWEST)
     save(tmp_path / PREVIOUS, ARRAYS, META)
     with pytest.raises(RunError, match="Install a newer serp"):  # not damaged: no way round it
         load_newest(tmp_path)
+
+
+def test_older_format_is_refused_with_the_reason(tmp_path, monkeypatch):
+    with monkeypatch.context() as earlier:
+        earlier.setattr(checkpoint, "FORMAT", 1)
+        save(tmp_path / NEWEST, ARRAYS, META)
+    with pytest.raises(RunError, match="has format 1, which an earlier serp wrote"):
+        load(tmp_path / NEWEST)
 
 
 def test_other_safetensors_files_are_no_checkpoints(tmp_path):
