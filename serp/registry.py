@@ -47,8 +47,9 @@ def load_task(name: str) -> Task:
 def find_domain_file(domain: str) -> Path | None:
     """Return the file that `--domain` means.
 
-    That is a path, or `domains/NAME.pddl` or `NAME.pddl` in the working directory; None where the
-    name is left to the installed tasks.
+    That is a path, or `domains/NAME.pddl` or `NAME.pddl` in the working directory, or a variant
+    `NAME.pddl` that lies beside the domain file of an installed task; None where the name is left
+    to the installed tasks.
 
     Raises:
         TaskError: It is written as a path, and there is no such file.
@@ -61,23 +62,20 @@ def find_domain_file(domain: str) -> Path | None:
     for candidate in (Path("domains") / f"{domain}.pddl", Path(f"{domain}.pddl")):
         if candidate.is_file():
             return candidate
-    return None
+    return None if domain in task_entries() else _shipped_beside(domain)
 
 
 def find_task(domain: str) -> Task:
     """Return the task that `--domain` means.
 
     A file belongs to the task that is named like the domain in it, or like the file up to a
-    hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`); variants that an
-    installed package ships are found by name.
+    hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`).
 
     Raises:
         TaskError: There is no such file, or no task for it.
         DomainError: The file is wrong.
     """
     path = find_domain_file(domain)
-    if path is None:
-        path = None if domain in task_entries() else _shipped_beside(domain)
     if path is None:
         return load_task(domain)
     loaded = load_domain(path)
