@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import operator
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -79,6 +80,12 @@ class ActionMap:
         self._one_to_one = all(len(group) <= 1 for group in groups)
         self._first = np.array([group[0] if group else -1 for group in groups], dtype=np.int64)
         self._identity = bool((self._first == np.arange(size)).all()) and self._one_to_one
+
+    def over(self, model: TransitionModel) -> ActionMap:
+        """Return the same map for another model of the same ground actions."""
+        other = copy.copy(self)
+        other.model = model
+        return other
 
     def _resolve(self, mapping: Mapping[str, int] | None) -> list[int]:
         model, size = self.model, self.size

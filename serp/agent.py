@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.arbiter import Arbiter, Decision, Forecaster
+from serp.correction.correction import Correction
+from serp.correction.curiosity import Curiosity
 from serp.domain.model import TransitionModel, Vector
 from serp.learning.dqn import DQN, Proposal
 from serp.planning.forecast import Forecast
@@ -98,7 +100,9 @@ class Agent:
         seed: Seed of everything random in the agent.
 
     Attributes:
-        notices: What the user should know: symmetries that the domain file does not have.
+        correction: What the model learns from its errors.
+        notices: What the user should know: symmetries that the domain file does not have, and a
+            model that cannot be corrected.
 
     Raises:
         TaskError: The task declares a symmetry that makes no sense.
@@ -107,13 +111,19 @@ class Agent:
     def __init__(self, task: BoundTask, settings: Settings, seed: int) -> None:
         self.task = task
         self.settings = settings
-        strategy_seed, learner_seed, random_seed = np.random.SeedSequence(
+        strategy_seed, learner_seed, random_seed, correction_seed = np.random.SeedSequence(
             entropy=seed, spawn_key=(0,)
-        ).spawn(3)
-        planner = make_planner(task.model, settings.planner)
+        ).spawn(4)
+        self.correction = Correction(task.model, settings.correction, correction_seed)
+        model = self.correction.model
+        planner = make_planner(model, settings.planner)
+        tries = 0 if model is task.model else settings.correction.tries
         strategy = make_strategy(settings, strategy_seed)
         horizon = settings.planner.depth * settings.planner.repeat
-        self.arbiter = Arbiter(planner, task.actions, settings.arbiter, strategy, horizon)
+        self.arbiter = Arbiter(
+            planner, task.actions.over(model), settings.arbiter, strategy, horizon,
+            Curiosity(self.correction.tried, tries), lambda: self.correction.reliable,
+        )  # fmt: skip
         self._learner_input = _learner_input(settings.training.inputs)
         self._symmetries: tuple[TaskSymmetry, ...] = ()
         self.notices: tuple[str, ...] = ()
@@ -121,6 +131,8 @@ class Agent:
         if settings.learner.symmetry:
             self._symmetries, self.notices = declared_symmetries(task)
             group = symmetry_group(task, self._symmetries, settings.training.inputs)
+        if self.correction.notice is not None:
+            self.notices = (*self.notices, self.correction.notice)
         self._unchecked = _MIRRORED if self._symmetries else 0
         self.learner = DQN(
             self._input_size(),
@@ -152,6 +164,10 @@ class Agent:
                 symmetry.check_grounding(self.task, observation, state)
         return state, self._learner_input(observation, state)
 
+    def observe(self, state: Vector, action: int, next_state: Vector, ended: bool) -> None:
+        """Let the model learn from an env step; see `Correction.observe`."""
+        self.correction.observe(state, action, next_state, ended)
+
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide by the arbiter, exploration included."""
         return self.arbiter.decide(state, self.before(x))
@@ -177,10 +193,13 @@ class Agent:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays, learner = self.learner.state_dict()
         _, arbiter = self.arbiter.state_dict()
+        corrected, correction = self.correction.state_dict()
         return (
-            {f"learner.{name}": array for name, array in arrays.items()},
+            {f"learner.{name}": array for name, array in arrays.items()}
+            | {f"correction.{name}": array for name, array in corrected.items()},
             {
                 "learner": learner,
+                "correction": correction,
                 "arbiter": arbiter,
                 "random": self._random.bit_generator.state,
             },
@@ -192,8 +211,11 @@ class Agent:
         Raises:
             RunError: The learner has another shape.
         """
-        prefix = "learner."
-        own = {k.removeprefix(prefix): a for k, a in arrays.items() if k.startswith(prefix)}
-        self.learner.load_state_dict(own, meta["learner"])
+        self.learner.load_state_dict(_under("learner.", arrays), meta["learner"])
+        self.correction.load_state_dict(_under("correction.", arrays), meta["correction"])
         self.arbiter.load_state_dict({}, meta["arbiter"])
         self._random.bit_generator.state = dict(meta["random"])
+
+
+def _under(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
+    return {k.removeprefix(prefix): a for k, a in arrays.items() if k.startswith(prefix)}

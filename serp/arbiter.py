@@ -9,7 +9,7 @@ executed only where nothing is predicted safe. Every decision passes `Arbiter.de
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Literal, NamedTuple, Protocol
@@ -72,7 +72,11 @@ class ArbiterSettings:
         rho_max: Largest ρ.
         surety: In the planner's turn the learner's choice is executed all the same where its
             networks agree that it is better than the planner's: where the mean of their
-            differences of Q exceeds so many standard deviations. None: never.
+            differences of Q exceeds so many standard deviations. Not where the model has foreseen
+            what happened (see `serp.correction.skill`), and never for None.
+        imitation: Weight of the learner's imitation loss: where the model has foreseen what
+            happened, what the planner would do is to be worth a margin more than anything else.
+            0: nothing is imitated.
         r_min: R_min: a proposal with a smaller predicted reward is refused; None refuses none.
         veto_horizon: `step` refuses what the next step predicts; `lookahead` also refuses what
             leads within the lookahead to where every action is predicted unsafe, while another
@@ -96,6 +100,7 @@ class ArbiterSettings:
     rho_unit: str = "episode"
     rho_max: float = 1.0
     surety: float | None = None
+    imitation: float = 0.0
     r_min: float | None = None
     veto_horizon: Literal["step", "lookahead"] = "lookahead"
     broken_promises: int | None = None
@@ -126,6 +131,10 @@ class ArbiterSettings:
             if surety is None or surety < 0:
                 raise SettingsError(f"arbiter: surety must be >= 0, or none, not {self.surety!r}")
             object.__setattr__(self, "surety", surety)
+        imitation = real(self.imitation)
+        if imitation is None or imitation < 0:
+            raise SettingsError(f"arbiter: imitation must be >= 0, not {self.imitation!r}")
+        object.__setattr__(self, "imitation", imitation)
         if self.broken_promises is not None:
             number = whole(self.broken_promises, 0)
             if number is None:
@@ -163,6 +172,7 @@ class ArbiterSettings:
             most=self.rho_max,
             ask_when_indifferent=self.indifferent == "learner",
             surety=self.surety,
+            imitation=self.imitation,
             seed=seed,
         )
 
@@ -203,6 +213,14 @@ class Decision(NamedTuple):
         return self.proposed_by is not Actor.PLANNER and self.reason is not Reason.ACCEPTED
 
 
+Preference = Callable[[Forecast], Forecast]
+"""Gives a forecast another choice."""
+
+
+def _no_preference(forecast: Forecast) -> Forecast:
+    return forecast
+
+
 class Arbiter:
     """Lets a strategy mix planner and learner and keeps refused actions from being executed.
 
@@ -212,6 +230,8 @@ class Arbiter:
         settings: See `ArbiterSettings`.
         strategy: Who proposes; by default Algorithm 1 as the settings have it.
         horizon: Control periods that the planner looks ahead.
+        curiosity: What the planner does for the sake of learning, in training; by default nothing.
+        reliable: Says whether the model has foreseen what happened, of late; by default never.
 
     Attributes:
         promises: How often the planner's word was broken.
@@ -224,12 +244,16 @@ class Arbiter:
         settings: ArbiterSettings | None = None,
         strategy: Strategy | None = None,
         horizon: int = 1,
+        curiosity: Preference = _no_preference,
+        reliable: Callable[[], bool] = lambda: False,
     ) -> None:
         self.planner = planner
         self.actions = actions
         self.settings = settings or ArbiterSettings()
         self.strategy = strategy or self.settings.mixture(seed=0)
         self.promises = Promises(horizon, self.settings.broken_promises)
+        self._curiosity = curiosity
+        self._reliable = reliable
         self._unmodelled_allowed = (
             ~actions.modelled
             if self.settings.unmodelled == "allow"
@@ -274,7 +298,7 @@ class Arbiter:
             state: Monitored state `[F]`.
             learner: The learner before this state; the strategy asks it where it is its turn.
         """
-        situation = self._situation(state)
+        situation = self._situation(state, self._curiosity)
         return self._follow(situation, self.strategy.propose(situation, learner))
 
     def decide_greedily(self, state: Vector, learner: Learner) -> Decision:
@@ -312,10 +336,11 @@ class Arbiter:
 
     # Who acts ----------------------------------------------------------------------------------
 
-    def _situation(self, state: Vector) -> Situation:
-        forecast = self.forecast(state)
+    def _situation(self, state: Vector, preference: Preference = _no_preference) -> Situation:
+        forecast = self.actions.project(preference(self.planner.forecast(state)))
         admissible = self.admissible(forecast)
-        return Situation(forecast, admissible, self._explorable(forecast, admissible))
+        explorable = self._explorable(forecast, admissible)
+        return Situation(forecast, admissible, explorable, self._reliable())
 
     def _follow(self, situation: Situation, proposal: Proposed | None) -> Decision:
         if proposal is None:

@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from serp.arbiter import ArbiterSettings
+from serp.correction.settings import CorrectionSettings
 from serp.domain.source import did_you_mean
 from serp.errors import SettingsError
 from serp.learning.settings import DQNSettings
@@ -72,6 +73,7 @@ class Settings:
     """Everything that can be set, by section."""
 
     planner: PlannerSettings = field(default_factory=PlannerSettings)
+    correction: CorrectionSettings = field(default_factory=CorrectionSettings)
     arbiter: ArbiterSettings = field(default_factory=ArbiterSettings)
     guide: GuideSettings = field(default_factory=GuideSettings)
     learner: DQNSettings = field(default_factory=DQNSettings)
@@ -210,11 +212,14 @@ PRESETS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "default": {
         # Two control periods an edge see twice as far at the same cost.
         "planner": {"depth": 5, "repeat": 2, "discount": 0.99},
+        # The file says what the expert knows; the rest is found out.
+        "correction": {"mode": "residual", "tries": 4},
         "arbiter": {
             "rho": 0.3,
             "rho_increment": 0.00014,
             "rho_unit": "step",
             "surety": 1.0,
+            "imitation": 1.0,
             "veto_horizon": "lookahead",
             "broken_promises": 3,
             "exploration_slack": float("inf"),

@@ -218,6 +218,7 @@ class Trainer:
             limit = self.settings.training.episode_steps
             truncated = truncated or (episode.length >= limit and not terminated)
             self._observe(decision, unsafe=failed, last=terminated or truncated)
+            agent.observe(state, ground, next_state, terminated or truncated)
             self.env_steps += 1
             self.vetoes += decision.vetoed
             self.unsafe_executed += decision.unsafe
@@ -274,8 +275,10 @@ class Trainer:
     def _observe(self, decision: Decision, *, unsafe: bool, last: bool) -> None:
         """Tell the arbiter what came of a decision, and the user what the arbiter makes of it."""
         arbiter, say = self.agent.arbiter, self.task.on_notice
-        believed = arbiter.promises.believed
+        believed, broken = arbiter.promises.believed, arbiter.promises.broken
         arbiter.observe(decision, unsafe=unsafe, last=last)
+        if arbiter.promises.broken > broken:
+            self.agent.correction.doubt()
         if believed and not arbiter.promises.believed and say is not None:
             say(
                 f"{arbiter.promises.broken} times in {self.env_steps + 1} env steps something "

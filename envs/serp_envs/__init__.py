@@ -12,16 +12,43 @@ from typing import Any, Final
 
 import gymnasium
 
+from serp_envs import hill, landing, swing_up
 from serp_envs.cartpole import CartPole
+from serp_envs.hill import Hill
+from serp_envs.landing import Landing
 from serp_envs.soccer import CornerKickDefender, SoccerDefender
+from serp_envs.swing_up import SwingUp
 
-__all__ = ["CartPole", "CornerKickDefender", "SoccerDefender", "register"]
+__all__ = [
+    "CartPole",
+    "CornerKickDefender",
+    "Hill",
+    "Landing",
+    "SoccerDefender",
+    "SwingUp",
+    "register",
+]
 
 _ENVIRONMENTS: Final[dict[str, dict[str, Any]]] = {
     "serp/CartPole-v0": {
         "entry_point": "serp_envs.cartpole:CartPole",
         "max_episode_steps": 500,
         "reward_threshold": 475.0,
+    },
+    "serp/Hill-v0": {
+        "entry_point": "serp_envs.hill:Hill",
+        "max_episode_steps": 200,
+        "reward_threshold": hill.SOLVED,
+    },
+    "serp/Landing-v0": {
+        "entry_point": "serp_envs.landing:Landing",
+        "max_episode_steps": 200,
+        "reward_threshold": landing.SOLVED,
+    },
+    "serp/SwingUp-v0": {
+        "entry_point": "serp_envs.swing_up:SwingUp",
+        "max_episode_steps": 200,
+        "reward_threshold": swing_up.SOLVED,
     },
     # These end their episodes by themselves.
     "serp/SoccerDefender-v0": {"entry_point": "serp_envs.soccer:SoccerDefender"},

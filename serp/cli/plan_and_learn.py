@@ -30,6 +30,7 @@ _FROM_OUT = ""
         "serp plan-and-learn --domain cartpole",
         "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
         "serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7",
+        "serp plan-and-learn --domain cartpole --correct off",
         "serp plan-and-learn --resume runs/seven --episodes 500",
     ],
 )
@@ -46,6 +47,8 @@ _FROM_OUT = ""
               help="Folder of the run.  [default: runs/<domain>-<time>]")  # fmt: skip
 @click.option("--resume", is_flag=False, flag_value=_FROM_OUT, metavar="[RUN]",
               help="Continue a run: this one, or that in --out.")  # fmt: skip
+@click.option("--correct", metavar="off|literals|residual|full",
+              help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
 @click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
               help="Change a setting; may be repeated.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
@@ -59,6 +62,7 @@ def command(
     seed: int,
     out: Path | None,
     resume: str | None,
+    correct: str | None,
     assignments: tuple[str, ...],
     quiet: bool,
 ) -> int | None:
@@ -71,6 +75,10 @@ def command(
     second Ctrl-C stops at once, and the run goes on from its last checkpoint.
     """
     settings = parse_settings(assignments)
+    if correct is not None:
+        if "mode" in settings.setdefault("correction", {}):
+            raise click.UsageError("give --correct or --set correction.mode, not both", ctx)
+        settings["correction"]["mode"] = correct
     resuming = resume is not None
     if resuming:
         path = _run_to_resume(ctx, resume or None, out)
@@ -109,7 +117,8 @@ def command(
 
 def _run_to_resume(ctx: click.Context, given: str | None, out: Path | None) -> Path:
     """Return the run that `--resume` means; what belongs to its beginning cannot be given."""
-    for name, option in (("preset", "--preset"), ("seed", "--seed"), ("assignments", "--set")):
+    fixed = {"preset": "--preset", "seed": "--seed", "correct": "--correct", "assignments": "--set"}
+    for name, option in fixed.items():
         if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             raise click.UsageError(f"{option} cannot change in a run that is resumed", ctx)
     if given is not None and out is not None and Path(given) != out:

@@ -12,6 +12,8 @@ COMMANDS = {
     "plan": "Show one decision of the planner, as a table or a picture.",
     "evaluate": "Measure a trained policy.",
     "compare": "Compare algorithms on one task, on equal terms.",
+    "diagnose": "Say what a run found wrong or missing in its domain file.",
+    "repair": "Write the domain file as a run would have it.",
     "watch": "See a trained policy act, in a window or on a film.",
     "check": "Say whether domain files are right, and what to mend.",
     "list": "List the installed tasks and the presets.",

@@ -79,6 +79,9 @@ def _guided(name: str, description: str, changes: Changes | None = None) -> Algo
 _NO_GUIDE: Final[Changes] = {"guide": {"strategy": "mixture"}}
 """Others make the learner listen to the planner, or act in the planner's place."""
 
+_ALONE: Final[Changes] = {**_NO_GUIDE, "correction": {"mode": "off"}}
+"""Nor does a model play any part that had to be corrected."""
+
 _CALM: Final[Changes] = {"learner": {"epsilon_start": 0.1}}
 """Little exploration from the first step on: what begins as good as the planner would lose it all.
 """
@@ -111,14 +114,14 @@ _OWN: Final[tuple[Algorithm, ...]] = (
         name="dqn",
         description="the learner of preset default alone: no planner, no veto",
         kind="alone",
-        changes=_NO_GUIDE,
+        changes=_ALONE,
     ),
     Algorithm(
         name="dqn-paper",
         description="the learner of preset paper alone: no planner, no veto",
         kind="alone",
         preset="paper",
-        changes=_NO_GUIDE,
+        changes=_ALONE,
     ),
     _guided("jump-start", "the planner begins each episode, the learner ends it (JSRL)"),
     _guided("argmax-q", "whichever of both proposals the learner values more (IBRL)"),

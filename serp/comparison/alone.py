@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from serp.actions import ActionForecast
 from serp.arbiter import Arbiter, Decision
 from serp.domain.model import Vector
-from serp.strategies.strategy import Learner, Proposed, Situation
+from serp.strategies.strategy import Learner, Proposed
 
 
 class Unguarded(Arbiter):
@@ -30,6 +30,7 @@ class Unguarded(Arbiter):
         """Let a proposal be executed."""
         return self._accept(self._situation(state), proposal)
 
-    def _situation(self, state: Vector) -> Situation:
-        forecast = self.forecast(state)
-        return Situation(forecast, self.admissible(forecast), None)
+    def _explorable(
+        self, forecast: ActionForecast, admissible: NDArray[np.bool_]
+    ) -> NDArray[np.bool_] | None:
+        return None

@@ -69,7 +69,7 @@ def grouped(
         groups = [group for seeds in alike.values() for group in _split(seeds, most, processes)]
         groups += alone
         groups.sort(key=lambda group: -len(group))
-        time = _time(groups, processes)
+        time = time_of(groups, processes)
         if time < least:
             best, least = groups, time
     return best
@@ -83,7 +83,7 @@ def _split(trials: Sequence[Trial], most: int, processes: int) -> list[Group]:
     return [tuple(trials[a:b]) for a, b in itertools.pairwise(bounds)]
 
 
-def _time(groups: Iterable[Group], processes: int) -> float:
+def time_of(groups: Iterable[Group], processes: int) -> float:
     """Return how long groups take in so many processes, in units of a trial alone."""
     ends = [0.0] * processes
     for group in groups:

@@ -18,7 +18,9 @@ _OF_STRATEGY: Final[Mapping[str, tuple[str, ...]]] = {
     "dqfd": ("imitation_steps", "margin"),
 }
 """Strategy → the settings of section `guide` that it reads."""
-_MIXING: Final = ("rho", "rho_increment", "rho_unit", "rho_max", "surety", "indifferent")
+_MIXING: Final = (
+    "rho", "rho_increment", "rho_unit", "rho_max", "surety", "imitation", "indifferent",
+)  # fmt: skip
 """Settings of the arbiter that only the mixture reads."""
 _NOT_OF_TRAINING: Final = ("env_steps", "units", "checkpoint_seconds", "tensorboard")
 """Settings that a comparison does not read."""
@@ -28,6 +30,8 @@ def terms_of(algorithm: Algorithm, settings: Settings) -> Mapping[str, str]:
     """Return what an algorithm of ours is like: name → text."""
     planner = settings.planner
     plan = f"lookahead, depth {planner.depth}, {planner.repeat} control periods an edge"
+    if settings.correction.mode != "off":
+        plan += f", corrected ({settings.correction.mode})"
     vetoes = "unsafe and not applicable"
     if settings.arbiter.veto_horizon == "lookahead":
         vetoes += ", and what leads there within the lookahead"
@@ -61,7 +65,7 @@ def settings_in_use(algorithm: Algorithm, settings: Settings) -> dict[str, dict[
     if algorithm.kind == "alone":
         return {name: said[name] for name in ("learner", "training")}
     if algorithm.kind == "planner":
-        return {"planner": said["planner"]}
+        return {name: said[name] for name in ("planner", "correction")}
     strategy = settings.guide.strategy
     said["guide"] = {
         name: value

@@ -4,10 +4,15 @@ The generated functions are straight-line code over flat sequences of floats. Th
 
     step(s, a, theta, dt, out) -> flags
 
-and CPython runs it in two parts, so that a domain of thousands of actions costs what is used of it:
+and CPython runs it in three parts, so that a domain of thousands of actions costs what is used of
+it:
 
     action(s, theta, dt, out) -> flags               the effects of one action
-    aftermath(s, flags, theta, dt, out) -> flags     processes, events, goal, metric
+    drift(s, flags, theta, dt, out) -> flags         processes
+    settle(s, flags, theta, dt, out) -> flags        events, goal, metric
+
+`flow(s, a, theta, dt, out)` is the effects of all actions and the processes, for those who change
+what the file predicts before its events look at it.
 
 `s` is the state, `a` the position of the action, `theta` the literals, `dt` the control period;
 `out` comes as a copy of `s` with one more slot, 0, and leaves as the next state and, in the last
@@ -80,9 +85,19 @@ def generate_action(
     return _Generator(model, traced=traced).action(action)
 
 
-def generate_aftermath(model: g.GroundModel, *, traced: bool = False) -> Generated:
-    """Generate what follows an action; traced, it takes a list `trace` as last argument."""
-    return _Generator(model, traced=traced).aftermath()
+def generate_drift(model: g.GroundModel, *, traced: bool = False) -> Generated:
+    """Generate what the world does by itself; traced, it takes a list `trace` as last argument."""
+    return _Generator(model, traced=traced).drift()
+
+
+def generate_settle(model: g.GroundModel, *, traced: bool = False) -> Generated:
+    """Generate what follows from where a step led; traced, it takes a list `trace` last."""
+    return _Generator(model, traced=traced).settle()
+
+
+def generate_flow(model: g.GroundModel) -> Generated:
+    """Generate the effects of all actions, and what the world does by itself."""
+    return _Generator(model).flow()
 
 
 def generate_judged_action(
@@ -106,13 +121,17 @@ class _Generator(Emitter):
     # The functions -----------------------------------------------------------------------------
 
     def step(self) -> Generated:
-        self._begin()
-        if self.model.actions:
-            self.body += self._search(0, len(self.model.actions))
+        self._actions()
         self._processes()
         self._events()
         self._finish("out")
         return self._function("step", ["s", "a", "theta", "dt", "out"])
+
+    def flow(self) -> Generated:
+        self._actions()
+        self._processes()
+        self._end()
+        return self._function("flow", ["s", "a", "theta", "dt", "out"])
 
     def action(self, action: g.GroundSchema) -> Generated:
         self._begin()
@@ -120,12 +139,17 @@ class _Generator(Emitter):
         self._end()
         return self._function("action", ["s", "theta", "dt", "out"])
 
-    def aftermath(self) -> Generated:
+    def drift(self) -> Generated:
         self._resume()
         self._processes()
+        self._end()
+        return self._function("drift", ["s", "flags", "theta", "dt", "out"])
+
+    def settle(self) -> Generated:
+        self._resume()
         self._events()
         self._finish("out")
-        return self._function("aftermath", ["s", "flags", "theta", "dt", "out"])
+        return self._function("settle", ["s", "flags", "theta", "dt", "out"])
 
     def judged_action(self, action: g.GroundSchema) -> Generated:
         self._begin()
@@ -199,6 +223,11 @@ class _Generator(Emitter):
         self._end()
 
     # Actions -----------------------------------------------------------------------------------
+
+    def _actions(self) -> None:
+        self._begin()
+        if self.model.actions:
+            self.body += self._search(0, len(self.model.actions))
 
     def _search(self, start: int, end: int) -> list[ast.stmt]:
         """Return a binary search over the position of the action."""

@@ -269,6 +269,11 @@ class TransitionModel:
         out = [*state, 0.0]
         return out, self._program.step(state, action, self._theta_list, self.dt, out)
 
+    @property
+    def data(self) -> Vector:
+        """What `native_step` reads beside the state: here the literals θ."""
+        return self.theta
+
     def judge(self, state: Vector, action: int, next_state: Vector) -> Judgement:
         """Read reward and flags off an observed transition, R(s') in the paper's words.
 
@@ -346,7 +351,7 @@ class TransitionModel:
             address_of(self.native_step()),
             flat,
             np.ascontiguousarray(actions),
-            self.theta,
+            self.data,
             self.dt,
             out,
             flags,

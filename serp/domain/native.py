@@ -27,7 +27,8 @@ from serp.domain.codegen import Generated
 from serp.domain.interpreted import load_function
 
 _POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
-_STEP = types.int64(_POINTER, types.int64, _POINTER, types.float64, _POINTER)
+STEP_SIGNATURE = types.int64(_POINTER, types.int64, _POINTER, types.float64, _POINTER)
+"""Of every compiled transition function: state, action, data, Δt, out → flags."""
 
 
 def cache_folder() -> Path:
@@ -51,10 +52,10 @@ def compile_native(generated: Generated) -> Any:
     path = _cached_listing(generated)
     if path is not None:
         try:
-            return cfunc(_STEP, cache=True, **options)(load_function(generated, str(path)))
+            return cfunc(STEP_SIGNATURE, cache=True, **options)(load_function(generated, str(path)))
         except Exception as error:  # numba's cache files: cut short, unreadable, of another make
             warnings.warn(f"compiled model in {path.parent} not used: {error}", stacklevel=2)
-    return cfunc(_STEP, **options)(load_function(generated, "<serp step>"))
+    return cfunc(STEP_SIGNATURE, **options)(load_function(generated, "<serp step>"))
 
 
 def _cached_listing(generated: Generated) -> Path | None:
@@ -109,6 +110,16 @@ def _call_step(typing_context, address, state, action, theta, dt, out):  # type:
     return types.int64(address, state, action, theta, dt, out), generate
 
 
+def _advanced(typing_context, pointer, count):  # type: ignore[no-untyped-def]
+    """Return a pointer so many entries further on, for compiled code."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.gep(arguments[0], [arguments[1]])
+
+    return _POINTER(pointer, count), generate
+
+
+advanced: Any = intrinsic(_advanced)
 pointer_to: Any = intrinsic(_pointer_to)
 call_step: Any = intrinsic(_call_step)
 

@@ -9,9 +9,11 @@ from typing import Any
 from serp.domain.codegen import (
     Generated,
     generate_action,
-    generate_aftermath,
+    generate_drift,
+    generate_flow,
     generate_judged_action,
     generate_judged_aftermath,
+    generate_settle,
     generate_step,
 )
 from serp.domain.emit import Site
@@ -24,6 +26,7 @@ MAX_NATIVE_SIZE = 400
 MAX_NATIVE_TEST = 200
 
 _Function = Callable[..., int]
+Amendment = Callable[[list[float], int, list[float]], None]
 
 
 class Program:
@@ -42,15 +45,32 @@ class Program:
         self._judged: dict[int, _Function] = {}
 
     def step(
-        self, state: list[float], action: int, theta: list[float], dt: float, out: list[float]
+        self,
+        state: list[float],
+        action: int,
+        theta: list[float],
+        dt: float,
+        out: list[float],
     ) -> int:
-        """Carry out an action; return the flags."""
+        """Carry out an action; return the flags.
+
+        Args:
+            state: `[F]`, not changed.
+            action: Position of the ground action.
+            theta: Literals, `[P]`.
+            dt: Control period, seconds.
+            out: A copy of the state and the reward 0 behind it; becomes what follows.
+        """
         function = self._actions.get(action)
         if function is None:
             generated = generate_action(self.ground, self.ground.actions[action])
             function = self._actions[action] = _load(generated)
         flags = function(state, theta, dt, out)
-        return self._aftermath(state, flags, theta, dt, out) if flags & APPLICABLE else flags
+        if flags & APPLICABLE:
+            flags = self._drift(state, flags, theta, dt, out)
+        if not flags & APPLICABLE:
+            return flags
+        return self._settle(state, flags, theta, dt, out)
 
     def judge(
         self,
@@ -74,14 +94,23 @@ class Program:
         return self._judged_aftermath(state, next_state, flags, theta, dt, out)
 
     def trace(
-        self, state: list[float], action: int, theta: list[float], dt: float
+        self,
+        state: list[float],
+        action: int,
+        theta: list[float],
+        dt: float,
+        amend: Amendment | None = None,
     ) -> tuple[list[Site], int]:
-        """Carry out an action; return the sites passed, in order, and the flags."""
+        """Carry out an action as `step` does; return the sites passed, in order, and the flags."""
         out, sites = [*state, 0.0], _Trace()
         generated = generate_action(self.ground, self.ground.actions[action], traced=True)
         flags = sites.run(_load(generated), generated.sites, state, theta, dt, out)
         if flags & APPLICABLE:
-            flags = sites.run(*self._traced_aftermath, state, flags, theta, dt, out)
+            flags = sites.run(*self._traced_drift, state, flags, theta, dt, out)
+        if flags & APPLICABLE:
+            if amend is not None:
+                amend(state, action, out)
+            flags = sites.run(*self._traced_settle, state, flags, theta, dt, out)
         return sites.passed, flags
 
     def trace_judged(
@@ -106,16 +135,25 @@ class Program:
         return sites.passed
 
     @functools.cached_property
-    def _aftermath(self) -> _Function:
-        return _load(generate_aftermath(self.ground))
+    def _drift(self) -> _Function:
+        return _load(generate_drift(self.ground))
+
+    @functools.cached_property
+    def _settle(self) -> _Function:
+        return _load(generate_settle(self.ground))
 
     @functools.cached_property
     def _judged_aftermath(self) -> _Function:
         return _load(generate_judged_aftermath(self.ground))
 
     @functools.cached_property
-    def _traced_aftermath(self) -> tuple[_Function, tuple[Site, ...]]:
-        generated = generate_aftermath(self.ground, traced=True)
+    def _traced_drift(self) -> tuple[_Function, tuple[Site, ...]]:
+        generated = generate_drift(self.ground, traced=True)
+        return _load(generated), generated.sites
+
+    @functools.cached_property
+    def _traced_settle(self) -> tuple[_Function, tuple[Site, ...]]:
+        generated = generate_settle(self.ground, traced=True)
         return _load(generated), generated.sites
 
     @functools.cached_property
@@ -124,6 +162,20 @@ class Program:
         from serp.domain.native import compile_native
 
         return compile_native(generate_step(self.ground))
+
+    @functools.cached_property
+    def native_flow(self) -> Any:
+        """The compiled C callback of effects and processes, without events."""
+        from serp.domain.native import compile_native
+
+        return compile_native(generate_flow(self.ground))
+
+    @functools.cached_property
+    def native_settle(self) -> Any:
+        """The compiled C callback of events, goal and metric; it takes flags for the action."""
+        from serp.domain.native import compile_native
+
+        return compile_native(generate_settle(self.ground))
 
     @property
     def compiles(self) -> bool:

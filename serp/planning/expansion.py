@@ -106,7 +106,7 @@ def _follow_native(
     flags, periods, first_flags = np.empty((3, tried), dtype=np.int64)
     kernels.expand(
         address_of(model.native_step()), rows.reshape(-1), len(nodes), actions,
-        settings.repeat, settings.discount, model.theta, model.dt, out.reshape(-1),
+        settings.repeat, settings.discount, model.data, model.dt, out.reshape(-1),
         reward, weight, flags, periods, first_reward, first_flags,
     )  # fmt: skip
     there = np.flatnonzero(flags & APPLICABLE)

@@ -102,7 +102,7 @@ class Lookahead:
         settings = self.settings
         choice, depth, bound = kernels.search(
             self._address, state, self._width, actions, settings.depth, settings.repeat,
-            settings.discount, self._budget, self._edge_budget, self.model.theta, self.model.dt,
+            settings.discount, self._budget, self._edge_budget, self.model.data, self.model.dt,
             *self._scratch, value, steps, reward, flags,
         )  # fmt: skip
         return Forecast(choice, value, steps, reward, flags, depth, _BOUNDS[bound])
@@ -132,7 +132,7 @@ class Lookahead:
         with _POOL:
             kernels.search_batch(
                 self._address, batch, actions, settings.depth, settings.repeat, settings.discount,
-                self._budget, self._edge_budget, self.model.theta, self.model.dt,
+                self._budget, self._edge_budget, self.model.data, self.model.dt,
                 *self._batch_scratch, *result,
             )  # fmt: skip
         return result

@@ -2,7 +2,7 @@
 
 The file is an ordinary safetensors file. Its metadata has one entry, ``serp``, a JSON object::
 
-    {"format": 1, "sha256": "<digest of the content>", "meta": {...}}
+    {"format": 3, "sha256": "<digest of the content>", "meta": {...}}
 
 One entry, because safetensors writes several in no fixed order: so equal states give equal bytes.
 Integers of any size stay exact (a PCG64 state has 128 bits). NaN and the infinities, which JSON
@@ -35,7 +35,7 @@ from serp.runs.durable import (
     write_durably,
 )
 
-FORMAT = 2
+FORMAT = 3
 NEWEST = "checkpoint.safetensors"
 PREVIOUS = "checkpoint-previous.safetensors"
 DAMAGED = "checkpoint-damaged.safetensors"

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+from serp.actions import ActionForecast
+from serp.learning.guidance import Guidance, GuidedLearning
+from serp.strategies.advice import advice
 from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
+
+_MARGIN: Final = 0.8
+"""By how much the imitated action is to be worth more, in units of Q."""
 
 
 class Mixture(Strategy):
@@ -20,8 +26,11 @@ class Mixture(Strategy):
         most: Largest ρ.
         ask_when_indifferent: Whether the learner is asked where all plans are worth the same.
         surety: The learner acts in the planner's turn where its networks agree that its own choice
-            is better: the mean of what they see in it exceeds so many standard deviations. None:
-            never.
+            is better: the mean of what they see in it exceeds so many standard deviations. Not
+            where the model is reliable, and never for None.
+        imitation: Weight of the learner's imitation loss: where the model is reliable, what the
+            planner would do is to be worth a margin more than anything else (Hester et al. 2018).
+            0: nothing is imitated.
         seed: Seed of the draws.
     """
 
@@ -34,8 +43,12 @@ class Mixture(Strategy):
         most: float,
         ask_when_indifferent: bool,
         surety: float | None = None,
+        imitation: float = 0.0,
         seed: int | np.random.SeedSequence,
     ) -> None:
+        if imitation > 0.0:
+            self.guided = GuidedLearning(margin=_MARGIN, margin_weight=imitation, q_filter=False)
+        self._reliable = False
         self._rho = rho
         self._increment = increment
         self._unit = unit
@@ -51,6 +64,7 @@ class Mixture(Strategy):
 
     def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
         """Draw whose turn it is."""
+        self._reliable = situation.reliable
         planners_turn = self._random.random() > self._rho
         if planners_turn and not (self._ask_when_indifferent and situation.forecast.indifferent):
             return self._sure(situation, learner)
@@ -63,7 +77,7 @@ class Mixture(Strategy):
     def _sure(self, situation: Situation, learner: Learner) -> Proposed | None:
         """Return the learner's own choice where it is sure that it is better than the planner's."""
         planned = situation.forecast.choice
-        if self._surety is None or planned < 0:
+        if self._surety is None or planned < 0 or situation.reliable:
             return None
         q = learner.member_q()
         if len(q) < 2:  # nobody to agree with
@@ -74,6 +88,14 @@ class Mixture(Strategy):
         if own == planned or gain.mean() <= self._surety * gain.std():
             return None
         return learner.propose_greedily(among=situation.admissible)
+
+    def guidance(
+        self, forecast: ActionForecast, action: int, following: ActionForecast | None
+    ) -> Guidance | None:
+        """Return what the planner would have done, to be imitated where its model is reliable."""
+        if self.guided is None:
+            return None
+        return advice(forecast, action, following, scale=1.0, imitate=self._reliable)
 
     def end_unit(self, unit: str) -> None:
         """Let ρ grow if it grows by this unit."""

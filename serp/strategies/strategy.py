@@ -70,11 +70,13 @@ class Situation(NamedTuple):
         forecast: The planner's view.
         admissible: `[E]` actions that no veto refuses.
         explorable: `[E]` actions to explore among; None for all.
+        reliable: Whether the model has foreseen what happened, of late.
     """
 
     forecast: ActionForecast
     admissible: Mask
     explorable: Mask | None
+    reliable: bool = False
 
 
 class Strategy:

@@ -30,9 +30,12 @@ WORTH = {
     "cartpole-no-velocity": (20, 46.0, 60.0),
     "cartpole-cart-only": (20, 35.0, 55.0),
     "cartpole-reversed": (20, 9.0, 11.0),
+    # All actions are the same to it: it always pushes to the left.
+    "cartpole-empty": (20, 9.0, 11.5),
     # Between the planner with soccer.pddl, 1.83, and actions drawn at random, -1.73; standard
     # errors of so many contests are 0.4.
     "soccer-coarse": (300, -0.7, 1.6),
+    "soccer-hasty": (300, -0.7, 1.6),
     "soccer-wrong-side": (100, -10.0, -5.0),
 }
 

@@ -12,6 +12,15 @@ from tests.serp.cli.conftest import WALK, WALK_PROBLEM
 
 ROOT = Path(__file__).resolve().parents[3]
 
+# Files that leave the dynamics out on purpose, and all that is to be said of them: what the learned
+# model fills in changes nothing yet, or is read by nobody.
+KNOW_NO_DYNAMICS = {
+    "cartpole-empty": ("changes nothing", "`cart-velocity` is declared", "`pole-velocity` is decl"),
+    "swing-up": ("changes nothing", "`side` is declared", "nothing is ever `(unsafe)`"),
+    "hill": ("changes nothing", "nothing is ever `(unsafe)`"),
+    "landing": ("changes nothing",),
+}
+
 
 def warned(folder: Path, domain: str, problem: str | None = WALK_PROBLEM) -> list[str]:
     file = folder / "walk.pddl"
@@ -25,7 +34,10 @@ def warned(folder: Path, domain: str, problem: str | None = WALK_PROBLEM) -> lis
 @pytest.mark.parametrize("file", sorted((ROOT / "domains").glob("*.pddl")), ids=lambda p: p.name)
 def test_what_is_shipped_has_forgotten_nothing(file: Path) -> None:
     if not file.stem.endswith("-problem"):
-        assert warnings_of(load_domain(file)) == []
+        found = [str(finding) for finding in warnings_of(load_domain(file))]
+        expected = KNOW_NO_DYNAMICS.get(file.stem, ())
+        assert [text for text in found if not any(words in text for words in expected)] == []
+        assert [words for words in expected if not any(words in text for text in found)] == []
 
 
 def test_a_whole_domain_has_no_warning(tmp_path: Path) -> None:

@@ -25,9 +25,11 @@ def test_only_what_is_read_is_told(name: str) -> None:
     assert used is not None
     json.dumps(used, allow_nan=False)
     if algorithm.kind == "guided":
-        assert set(used) == {"planner", "arbiter", "guide", "learner", "training"}
+        assert set(used) == {
+            "planner", "correction", "arbiter", "guide", "learner", "training",
+        }  # fmt: skip
     assert ("arbiter" in used) == ("guide" in used) == (name in GUIDED)
-    assert ("planner" in used) == (algorithm.kind != "alone")
+    assert ("planner" in used) == ("correction" in used) == (algorithm.kind != "alone")
     assert ("learner" in used) == (algorithm.kind != "planner")
     assert not {"env_steps", "checkpoint_seconds"} & set(used.get("training", {}))
 

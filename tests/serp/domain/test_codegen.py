@@ -12,9 +12,11 @@ import pytest
 from serp.domain.codegen import (
     Generated,
     generate_action,
-    generate_aftermath,
+    generate_drift,
+    generate_flow,
     generate_judged_action,
     generate_judged_aftermath,
+    generate_settle,
     generate_step,
 )
 from serp.domain.ground import GroundModel
@@ -22,7 +24,7 @@ from serp.domain.interpreted import load_function
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts
 
 OWN_NAMES = re.compile(
-    r"(step|action|aftermath|judged_action|judged_aftermath|s|a|n|flags|theta|dt|out|trace|reward|unsafe|terminal|again"
+    r"(step|flow|action|drift|settle|judged_action|judged_aftermath|s|a|n|flags|theta|dt|out|trace|reward|unsafe|terminal|again"
     r"|fired\d+|kind\d+|t\d+)"
 )
 OWN_NODES = (
@@ -66,8 +68,11 @@ def check_own_code(generated: Generated) -> None:
 def all_generated(ground: GroundModel) -> list[Generated]:
     return [
         generate_step(ground),
-        generate_aftermath(ground),
-        generate_aftermath(ground, traced=True),
+        generate_drift(ground),
+        generate_drift(ground, traced=True),
+        generate_settle(ground),
+        generate_settle(ground, traced=True),
+        generate_flow(ground),
         generate_judged_aftermath(ground),
         *(generate_action(ground, action, traced=t) for action in ground.actions for t in (0, 1)),
         *(generate_judged_action(ground, action) for action in ground.actions),

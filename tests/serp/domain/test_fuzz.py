@@ -113,7 +113,7 @@ def test_damaged_domains_load_or_are_refused(block: int) -> None:
         random = Random(f"{block}/{seed}")
         texts = random.choice(SHIPPED) if block % 2 else write_texts(random, FULL)
         loaded += load_or_refuse(damage(texts, random))
-    assert 5 < loaded < 120  # some of the damage does no harm
+    assert 2 < loaded < 120  # some of the damage does no harm
 
 
 @given(st.randoms(use_true_random=False), st.sampled_from(SHIPPED))

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from serp.agent import Agent
 from serp.arbiter import Actor, Decision
 from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
 from serp.domain.model import TransitionModel
 from serp.settings import Settings, resolve
 from serp.strategies.settings import STRATEGIES
-from serp.training import Trainer, Transition
+from serp.training import Trainer
 from tests.serp.planning.worlds import WORLDS
 from tests.serp.strategies.imagined import imagined
 
@@ -51,7 +52,7 @@ def settings_of(strategy: str, random: Random, seed: int) -> Settings:
 
 
 def kinds(model: TransitionModel, state: Any, size: int) -> list[str]:
-    """What the model predicts of every environment action, read off the model itself."""
+    """What a model predicts of every environment action, read off the model itself."""
     found = []
     for action in range(size):
         if action >= len(model.actions):
@@ -83,6 +84,25 @@ def check(decision: Decision, expected: list[str], settings: Settings, met: Coun
     met["refused as unsafe"] += decision.proposal_unsafe and decision.vetoed
 
 
+def watch(agent: Agent, size: int, settings: Settings, met: Counter[str]) -> None:
+    """Check every decision of training, and what the trained policy would do in its place.
+
+    The model corrects itself while it is trained: what counts is that of the moment.
+    """
+    decide, decide_randomly = agent.decide, agent.decide_randomly
+
+    def checked(decision: Decision, state: Any) -> Decision:
+        check(decision, kinds(agent.correction.model, state, size), settings, met)
+        return decision
+
+    def deciding(state: Any, x: Any) -> Decision:
+        checked(agent.decide_greedily(state, x), state)
+        return checked(decide(state, x), state)
+
+    agent.decide = deciding  # type: ignore[method-assign]
+    agent.decide_randomly = lambda state: checked(decide_randomly(state), state)  # type: ignore[method-assign]
+
+
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_nothing_unsafe_is_executed_while_there_is_an_alternative(strategy: str) -> None:
     """In training, exploration and D_0 included, and of the trained policy; real learners."""
@@ -91,27 +111,10 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative(strategy: str)
         task = imagined(seed).bind()
         settings = settings_of(strategy, Random(seed), seed)
         trainer = Trainer(task, settings, seed)
-        model, size = task.model, task.actions.size
-        agent = trainer.agent
-        seen: list[Any] = []
-        perceive = agent.perceive
-
-        def noting(raw: Any, perceive: Any = perceive, seen: Any = seen) -> Any:
-            seen.append(perceive(raw))
-            return seen[-1]
-
-        agent.perceive = noting  # type: ignore[method-assign]
-        made: list[Transition] = []
-        trainer.on_step = made.append
+        size, agent = task.actions.size, trainer.agent
+        watch(agent, size, settings, met)
         while trainer.env_steps < STEPS:
-            begin = len(made)
-            seen.clear()
             trainer.run_episode()
-            for (state, _), transition in zip(seen, made[begin:], strict=False):
-                check(transition.decision, kinds(model, state, size), settings, met)
-            for state, x in seen:
-                greedy = agent.decide_greedily(state, x)
-                check(greedy, kinds(model, state, size), settings, met)
         assert agent.learner.updates > 0
     # It was not for want of danger, nor of anybody who would have gone there.
     assert met["unsafe, without alternative"] > 50

@@ -1,0 +1,106 @@
+"""What the small environments of this package share: a picture or a window, drawn by pygame."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, Final
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+Observation = NDArray[np.float32]
+
+WIDTH: Final = 600
+HEIGHT: Final = 400
+"""Size of a picture, pixels."""
+INK: Final = (40, 40, 40)
+PAPER: Final = (255, 255, 255)
+GROUND: Final = (110, 140, 90)
+BODY: Final = (202, 152, 101)
+FORCE: Final = (200, 60, 50)
+"""Colours: lines, background, what stands still, what moves, what pushes it."""
+
+
+class DrawnEnv(gym.Env[Observation, int]):
+    """An environment with discrete actions that can be drawn.
+
+    A subclass says what there is to see (`_draw`), and calls `_show` at the end of `reset` and
+    `step`. pygame is imported when the first picture is drawn: `pip install 'serp[render]'`.
+
+    Args:
+        render_mode: `None`, `"human"` (a window) or `"rgb_array"` (uint8 of shape
+            `(400, 600, 3)`).
+
+    Raises:
+        ValueError: There is no such render mode.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (gymnasium declares it so)
+        "render_modes": ["human", "rgb_array"],
+        "render_fps": 20,
+    }
+
+    def __init__(self, render_mode: str | None = None) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise ValueError(
+                f"render_mode must be None or one of {self.metadata['render_modes']}, "
+                f"not {render_mode!r}"
+            )
+        self.render_mode = render_mode
+        self._surface: Any = None
+        self._clock: Any = None
+
+    @abstractmethod
+    def _draw(self, pygame: Any, surface: Any) -> None:
+        """Draw the situation on a surface of WIDTH × HEIGHT that is blank."""
+
+    def _show(self) -> None:
+        """Bring a window up to date, where there is one."""
+        if self.render_mode == "human":
+            self._picture()
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a picture in the mode `rgb_array`; a window needs no calls.
+
+        Raises:
+            DependencyNotInstalled: pygame is not there.
+        """
+        if self.render_mode is None:
+            gym.logger.warn("render() without a render_mode draws nothing")
+            return None
+        picture = self._picture()
+        return picture if self.render_mode == "rgb_array" else None
+
+    def _picture(self) -> NDArray[np.uint8]:
+        try:
+            import pygame
+        except ImportError as error:
+            raise DependencyNotInstalled(
+                "pygame is not installed, run `pip install 'serp[render]'`"
+            ) from error
+        window = self.render_mode == "human"
+        if self._surface is None:
+            if window:
+                pygame.init()
+                self._surface = pygame.display.set_mode((WIDTH, HEIGHT))
+                self._clock = pygame.time.Clock()
+            else:
+                self._surface = pygame.Surface((WIDTH, HEIGHT))
+        self._surface.fill(PAPER)
+        self._draw(pygame, self._surface)
+        if window:
+            pygame.event.pump()
+            self._clock.tick(self.metadata["render_fps"])
+            pygame.display.flip()
+        return np.transpose(np.array(pygame.surfarray.pixels3d(self._surface)), axes=(1, 0, 2))
+
+    def close(self) -> None:
+        """Close the window, where there is one."""
+        if self._clock is not None:
+            import pygame
+
+            pygame.display.quit()
+            pygame.quit()
+        self._surface = self._clock = None

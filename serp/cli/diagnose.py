@@ -1,0 +1,238 @@
+"""`serp diagnose`: what a run says of its domain file, in the words of the file."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from serp.cli.examples import ExampledCommand
+from serp.cli.failures import say
+from serp.cli.output import number, open_console, plural, print_json, print_table
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from serp.correction.diagnosis import Diagnosis, FitRow
+    from serp.correction.monitor import MonitorRow
+
+_ROWS = 10  # of each table, without --all
+_NAMED = 6  # fluents of a state that is shown
+
+
+@click.command(
+    "diagnose",
+    cls=ExampledCommand,
+    short_help="Say what a run found wrong or missing in its domain file.",
+    examples=[
+        "serp diagnose runs/seven",
+        "serp diagnose runs/seven --all --svg diagnosis.svg",
+        "serp diagnose runs/seven --json > diagnosis.json",
+    ],
+)
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--all", "everything", is_flag=True,
+              help="List what hardly matters, too.")  # fmt: skip
+@click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
+@click.option("--csv", "table", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.csv",
+              help="Write the numbers there, a row for each ground action and "
+                   "fluent.")  # fmt: skip
+@click.option("--png", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.png",
+              help="Draw predicted against observed there.")  # fmt: skip
+@click.option("--svg", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.svg",
+              help="The same as SVG.")  # fmt: skip
+@click.pass_context
+def command(
+    ctx: click.Context,
+    run: Path,
+    everything: bool,
+    as_json: bool,
+    table: Path | None,
+    png: Path | None,
+    svg: Path | None,
+) -> None:
+    """Say what is wrong or missing in the domain file of RUN, a folder of plan-and-learn.
+
+    The effects in the file are compared with what the actions did in the run's newest steps (up to
+    20,000). What costs most comes first. The environment is not needed, and nothing is changed.
+    """
+    for option, file, suffix in (("--csv", table, ".csv"), ("--png", png, ".png"),
+                                 ("--svg", svg, ".svg")):  # fmt: skip
+        if file is not None and file.suffix.lower() != suffix:
+            raise click.BadParameter(f"name a file that ends in {suffix}", ctx, param_hint=option)
+
+    from serp.correction.diagnosis import diagnose
+    from serp.runs.durable import write_durably
+
+    diagnosis = diagnose(run)
+    if diagnosis.recorded.notice is not None:
+        say(diagnosis.recorded.notice)
+    if as_json:
+        print_json(diagnosis.as_dict())
+    else:
+        print_diagnosis(open_console(), diagnosis, everything=everything)
+    if table is not None:
+        text = io.StringIO()
+        csv.writer(text, lineterminator="\n").writerows(diagnosis.table())
+        write_durably(table, text.getvalue())
+        say(f"The numbers are in {table}")
+    if png is not None or svg is not None:
+        from serp.correction.applied import predictions_with
+        from serp.correction.pictures import draw_diagnosis
+        from serp.correction.sample import predictions
+        from serp.picture import render
+
+        model, sample = diagnosis.recorded.model, diagnosis.sample
+        figure = draw_diagnosis(
+            diagnosis,
+            predictions(model, sample.states, sample.actions),
+            predictions_with(model, diagnosis.findings, sample.states, sample.actions),
+        )
+        if png is not None:
+            write_durably(png, render(figure, "png"))
+            say(f"Predicted against observed is drawn in {png}")
+        if svg is not None:
+            write_durably(svg, render(figure, "svg"))
+            say(f"Predicted against observed is drawn in {svg}")
+
+
+def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool = False) -> None:
+    """Print a diagnosis for people.
+
+    Args:
+        console: Where to.
+        diagnosis: What is printed.
+        everything: List what hardly matters, too.
+    """
+    for line in _head(diagnosis):
+        console.print(line)
+    told = diagnosis.told if everything else diagnosis.matter
+    if told:
+        console.print("")
+        rows = [(f"{_share(diagnosis.share(remark))}", remark.text) for remark in told]
+        print_table(console, ("of the error", "what the file says, and what was observed"), rows,
+                    right=[0])  # fmt: skip
+    rest = len(diagnosis.told) - len(told)
+    if rest:
+        console.print(f"{plural(rest, 'finding')} that hardly matter: --all lists them")
+    wrong = [row for row in diagnosis.fits if row.cost > 0.0]
+    _table(console, "Predicted one step ahead", _FIT_HEAD, list(_fit_rows(wrong)), everything,
+           range(2, 7))  # fmt: skip
+    missed = [row for row in diagnosis.observed if not row.numeric and _missed(row)]
+    _table(console, "Predicates, over the whole run", _PREDICATE_HEAD,
+           list(_predicate_rows(missed)), everything, range(2, 6))  # fmt: skip
+    _table(console, "Predicted worst, over the whole run", _WORST_HEAD,
+           list(_worst_rows(diagnosis)), everything, (2, 3))  # fmt: skip
+
+
+def _head(diagnosis: Diagnosis) -> Iterator[str]:
+    recorded, sample = diagnosis.recorded, diagnosis.sample
+    file = next(iter(recorded.files.values()), recorded.domain.name)
+    yield f"{recorded.run}: {file} beside the last {plural(len(sample), 'step')} of " + (
+        f"{recorded.env_steps:,}"
+    )
+    if sample.skipped:
+        yield (
+            f"{plural(sample.skipped, 'step')} left out: no number, an action that the file does "
+            "not know, or one that it calls not applicable there"
+        )
+    if diagnosis.motion == 0.0:
+        yield "No fluent changed in these steps: nothing can be said of the file."
+        return
+    error = f"{_share(diagnosis.off)} of the change"
+    if not diagnosis.matter:
+        yield (
+            f"The file predicts well: one step ahead its error is {error}, and nothing is found "
+            "that would make much of a difference."
+        )
+        worst = max(diagnosis.fits, key=lambda row: row.cost, default=None)
+        if worst is not None and worst.cost > 0.0:
+            yield (
+                f"The largest error is that of ({worst.fluent}) after `{worst.action}`: "
+                f"{number(worst.rmse_written, 2)}, where it changes by {number(worst.change, 2)} "
+                f"and ranges over {number(worst.scale, 2)}."
+            )
+        return
+    yield (
+        f"One step ahead the error of the file as written is {error}; with what is listed here it "
+        f"is {_share(diagnosis.off_found)}."
+    )
+
+
+def _share(share: float) -> str:
+    """Return a share as people read it."""
+    if share != share:
+        return "–"
+    if share >= 0.095 or share == 0.0:
+        return f"{100 * share:,.0f} %"
+    return "< 0.01 %" if share < 0.0001 else f"{100 * share:.2g} %"
+
+
+_FIT_HEAD = ("after", "fluent", "steps", "change", "error", "with findings", "range")
+
+
+def _fit_rows(fits: Sequence[FitRow]) -> Iterator[tuple[str, ...]]:
+    for row in fits:
+        numbers = row.change, row.rmse_written, row.rmse_found, row.scale
+        yield row.action, row.fluent, f"{row.steps:,}", *(number(value, 3) for value in numbers)
+
+
+_PREDICATE_HEAD = ("after", "predicate", "steps", "predicted changes", "happened", "unpredicted")
+
+
+def _missed(row: MonitorRow) -> bool:
+    return row.written.happened != row.written.predicted or row.written.unpredicted > 0
+
+
+def _predicate_rows(rows: Sequence[MonitorRow]) -> Iterator[tuple[str, ...]]:
+    def missed(row: MonitorRow) -> int:
+        return row.written.predicted - row.written.happened + row.written.unpredicted
+
+    for row in sorted(rows, key=lambda row: -missed(row)):
+        side = row.written
+        counts = row.samples, side.predicted, side.happened, side.unpredicted
+        yield row.action, row.fluent, *(f"{count:,}" for count in counts)
+
+
+_WORST_HEAD = ("after", "fluent", "predicted", "observed", "in the state")
+
+
+def _worst_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
+    """Yield the worst step of each pair of action and fluent, most of the range first."""
+    model = diagnosis.recorded.model
+
+    def size(row: MonitorRow) -> float:
+        return row.worst[0].error / (row.scale or 1.0)
+
+    for row in sorted((row for row in diagnosis.observed if row.worst), key=lambda r: -size(r)):
+        case = row.worst[0]
+        state = ""
+        if case.state is not None:
+            values = list(model.values(case.state).items())
+            shown = [
+                f"{name}={str(value).lower() if isinstance(value, bool) else number(value, 3)}"
+                for name, value in values[:_NAMED]
+            ]
+            state = ", ".join(shown) + (", …" if len(values) > _NAMED else "")
+        yield row.action, row.fluent, number(case.written), number(case.observed), state
+
+
+def _table(
+    console: Console,
+    title: str,
+    head: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    everything: bool,
+    right: Sequence[int],
+) -> None:
+    if not rows:
+        return
+    shown = rows if everything else rows[:_ROWS]
+    console.print(f"\n{title}:")
+    print_table(console, head, shown, right=right)
+    if len(shown) < len(rows):
+        console.print(f"and {len(rows) - len(shown)} more: --all lists them")

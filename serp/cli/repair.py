@@ -1,0 +1,134 @@
+"""`serp repair`: the domain file of a run, corrected by what the run has observed."""
+
+from __future__ import annotations
+
+import difflib
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from serp.cli.examples import ExampledCommand
+from serp.cli.failures import say
+from serp.cli.output import open_console, plural
+from serp.errors import SerpError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from serp.correction.recorded import Recorded
+
+_STYLES = {"+": "green", "-": "red", "@": "cyan"}
+
+
+@click.command(
+    "repair",
+    cls=ExampledCommand,
+    short_help="Write the domain file as a run would have it.",
+    examples=[
+        "serp repair runs/seven",
+        "serp repair runs/seven -o cartpole-repaired.pddl",
+        "serp repair runs/seven -o domains/cartpole.pddl --force",
+    ],
+)
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("-o", "--out", type=click.Path(path_type=Path), metavar="FILE.pddl",
+              help="Where the repaired file goes.  [default: it is only shown]")  # fmt: skip
+@click.option("--force", is_flag=True, help="Replace FILE.pddl where it exists.")
+@click.pass_context
+def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> None:
+    """Correct the domain file of RUN, a folder of plan-and-learn, and show what changes.
+
+    Numbers that were observed to be others are changed where they stand, and effects that the file
+    does not mention are added, each with its evidence as a comment; everything else stays as it
+    is. What is rewarded, unsafe or an end is never touched. What chance does is told in comments.
+    """
+    if out is not None and out.suffix.lower() != ".pddl":
+        raise click.BadParameter("name a file that ends in .pddl", ctx, param_hint="--out")
+    if out is not None and not force:
+        _refuse_to_replace(out)
+
+    from serp.correction.estimation import findings
+    from serp.correction.recorded import read_recorded
+    from serp.correction.repair import repair
+
+    recorded = read_recorded(run)
+    if out is not None:
+        _refuse_the_copies(recorded, out)
+    if recorded.notice is not None:
+        say(recorded.notice)
+    repaired = repair(recorded.domain, findings(recorded.model, recorded.experience))
+    console = open_console()
+    name = recorded.files.get("domain.pddl", "domain.pddl")
+    steps = plural(len(recorded.experience), "step")
+    if not repaired.repairs:
+        console.print(
+            f"{name}: nothing to repair; the file is as good as {steps} can tell"
+            + ("" if out is None else f", and {out} was not written")
+        )
+        return
+    _print_difference(
+        console, recorded.domain.source.text, repaired.text, Path(name).name,
+        "repaired" if out is None else str(out),
+    )  # fmt: skip
+    changes = plural(len(repaired.repairs), "change")
+    if out is None:
+        say(f"{changes}, from {steps}; -o FILE.pddl writes the repaired file")
+        return
+    _write(recorded, repaired.text, out)
+    say(f"{changes}, from {steps}; the repaired file is {out}")
+
+
+def _refuse_to_replace(out: Path) -> None:
+    if os.path.lexists(out):
+        raise SerpError(f"{out} exists; give another name, or replace it with --force")
+
+
+def _refuse_the_copies(recorded: Recorded, out: Path) -> None:
+    """Refuse the run's own copies, which say what its lines and numbers are about."""
+    if out.resolve() in {(recorded.run / name).resolve() for name in recorded.files}:
+        raise SerpError(f"{out} belongs to the run; give a name outside {recorded.run}")
+
+
+def _write(recorded: Recorded, text: str, out: Path) -> None:
+    from serp.runs.durable import write_durably
+
+    problem = recorded.domain.problem_source
+    beside = None if problem is None else write_beside(out, problem.text)
+    if beside is not None:
+        say(f"Its problem file is copied to {beside}")
+    write_durably(out, text.encode("utf-8"))
+
+
+def write_beside(out: Path, problem: str) -> Path | None:
+    """Write a problem file beside its domain file, where there is none.
+
+    Args:
+        out: The domain file.
+        problem: Text of the problem.
+
+    Returns:
+        The new file; None where there was one.
+
+    Raises:
+        SerpError: It cannot be written.
+    """
+    from serp.runs.durable import write_durably
+
+    beside = out.with_name(f"{out.stem}-problem.pddl")
+    if os.path.lexists(beside):
+        return None
+    write_durably(beside, problem.encode("utf-8"))
+    return beside
+
+
+def _print_difference(console: Console, old: str, new: str, name: str, new_name: str) -> None:
+    lines = difflib.unified_diff(
+        old.splitlines(), new.splitlines(), name, new_name, n=2, lineterm=""
+    )
+    for line in lines:
+        style = _STYLES.get(line[:1])
+        if line.startswith(("+++", "---")):
+            style = "bold"
+        console.print(line, style=style, soft_wrap=True)

@@ -1,0 +1,119 @@
+"""The corrected transition model: what the file says, and what it does not say beside it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from serp.correction import kernels
+from serp.correction.block import Block
+from serp.correction.chance_kernels import T_KINDS
+from serp.correction.views import View, views_of
+from serp.domain.emit import Site
+from serp.domain.flags import UNSAFE
+from serp.domain.model import StateError, TransitionModel, Vector
+from serp.domain.native import address_of
+
+
+class CorrectedModel(TransitionModel):
+    """A transition model with a correction beside the file.
+
+    Effects and processes are the file's, with its literals or re-estimated ones; a correction is
+    added to the fluents; then the file's events look at the result. Of several outcomes that were
+    counted, the likeliest is the next state, the reward is what is expected of all of them, or the
+    least, and the step is unsafe if any of them is that is not rare. Whatever the file as written
+    flags unsafe stays flagged.
+
+    Args:
+        written: The model as written.
+        worst: Whether of several outcomes the least reward counts, instead of the expected one.
+
+    Attributes:
+        written: The same.
+        views: Of every ground action.
+        block: What the compiled step reads; whoever writes there changes the model.
+    """
+
+    def __init__(self, written: TransitionModel, *, worst: bool = False) -> None:
+        self.__dict__.update(written.__dict__)
+        self.written = written
+        self.views: tuple[tuple[View, ...], ...] = tuple(
+            views_of(self.ground, action) for action in self.actions
+        )
+        program = self._program
+        self._callbacks = (program.native, program.native_flow, program.native_settle)
+        self.block = Block(
+            self.views,
+            len(self.fluents),
+            self.theta,
+            worst,
+            [float(address_of(callback)) for callback in self._callbacks],
+        )
+
+    @property
+    def reestimated(self) -> bool:
+        """Whether literals in use are others than those written."""
+        return bool((self.block.literals != self.theta).any())
+
+    @property
+    def data(self) -> Vector:
+        """What `native_step` reads beside the state: the block."""
+        return self.block.array
+
+    def native_step(self) -> Any:
+        """Return the compiled C callback of the corrected step."""
+        return kernels.corrected_step()
+
+    def replace(
+        self, *, theta: ArrayLike | None = None, dt: float | None = None
+    ) -> TransitionModel:
+        """Refuse: a correction belongs to the literals and the period that it was learned with.
+
+        Raises:
+            StateError: Always.
+        """
+        raise StateError("a corrected model cannot be changed; change the one it corrects")
+
+    def transition(self, state: list[float], action: int) -> tuple[list[float], int]:
+        """Predict one step on plain lists; see `TransitionModel.transition`."""
+        if not self.block.active:
+            return self.written.transition(state, action)
+        out = np.array([*state, 0.0])
+        flags = kernels.step_row(self.block.array, action, np.array(state), self.dt, out)
+        return out.tolist(), int(flags)
+
+    def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
+        """Return which precondition failed, or which effects, rates and events took part.
+
+        Where a step is unsafe by the file as written, or by another outcome than the likeliest,
+        it is what that leads to.
+        """
+        written, file_flags = self.written.trace(state, action)
+        if not self.block.active:
+            return written, file_flags
+        values: list[float] = np.asarray(state, dtype=np.float64).tolist()
+        passed, flags = self._trace(values, action, -1, 0)
+        _, known = self.transition(values, action)
+        if not known & UNSAFE or flags & UNSAFE:
+            return passed, flags
+        if file_flags & UNSAFE:
+            return written, file_flags
+        for away, view in enumerate(self.views[action]):
+            table = self.block.groups[view.key].chance
+            for kind in range(0 if table is None else int(table[T_KINDS])):
+                other, flags = self._trace(values, action, away, kind)
+                if flags & UNSAFE:
+                    return other, flags
+        return passed, flags
+
+    def _trace(
+        self, state: list[float], action: int, away: int, kind: int
+    ) -> tuple[list[Site], int]:
+        def amend(state: list[float], action: int, out: list[float]) -> None:
+            changed = np.array(out)
+            kernels.amend_row(self.block.array, action, np.array(state), changed, away, kind)
+            out[:] = changed.tolist()
+
+        return self._program.trace(state, action, self.block.literals.tolist(), self.dt, amend)

@@ -1,0 +1,175 @@
+"""The model that corrects itself: what each env step teaches about the domain file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.correction.corrected import CorrectedModel
+from serp.correction.experience import Experience, capacity_for
+from serp.correction.kernels import foresee
+from serp.correction.learners import Arrays, Learners, Meta, under
+from serp.correction.monitor import Monitor
+from serp.correction.settings import CorrectionSettings
+from serp.correction.skill import Skill
+from serp.domain.flags import APPLICABLE
+from serp.domain.model import TransitionModel, Vector
+
+if TYPE_CHECKING:
+    from serp.correction.reestimation import Reestimation
+
+_RELEARNED: Final = 2_000
+"""Newest transitions that are learned from again where the literals have changed."""
+
+
+class Correction:
+    """Records every env step, compares it with the model, and corrects the model.
+
+    Args:
+        written: The model as the file has it.
+        settings: See `CorrectionSettings`.
+        seed: Seed of the random features.
+
+    Attributes:
+        model: The model to plan with: the corrected one, or `written` where nothing is corrected.
+        experience: The newest transitions.
+        monitor: Predictions beside observations.
+        tried: `[A]` how often each ground action was observed since the model was last doubted.
+        skill: How well the model in use has predicted of late.
+        notice: Why nothing is corrected although the settings ask for it; None where that is so.
+    """
+
+    def __init__(
+        self, written: TransitionModel, settings: CorrectionSettings, seed: np.random.SeedSequence
+    ) -> None:
+        width = len(written.fluents)
+        self.experience = Experience(capacity_for(width), width)
+        self.monitor = Monitor(written)
+        self.tried = np.zeros(len(written.actions), dtype=np.int64)
+        self.skill = Skill(width)
+        self.notice: str | None = None
+        self._written = written
+        self._corrected: CorrectedModel | None = None
+        self._learners: Learners | None = None
+        self._reestimation: Reestimation | None = None
+        if settings.mode != "off" and not written.compiles:
+            self.notice = (
+                "the domain has too many ground actions to correct its model; it is used as written"
+            )
+        elif settings.mode != "off" and width:
+            worst = settings.chance == "worst"
+            self._corrected = corrected = CorrectedModel(written, worst=worst)
+            self._rows = np.zeros(4 * (width + 1))
+            if settings.residual:
+                self._learners = Learners(corrected, seed, settings.nonlinear)
+            if settings.literals:
+                from serp.correction.reestimation import Reestimation
+
+                self._reestimation = Reestimation(written)
+        self.model: TransitionModel = self._corrected or written
+
+    def observe(self, state: Vector, action: int, next_state: Vector, ended: bool) -> None:
+        """Take an env step into account.
+
+        Args:
+            state: `[F]` before the action.
+            action: Ground action; -1 where the model knows none.
+            next_state: `[F]` observed after it, before any reset.
+            ended: Whether the episode ended with it.
+        """
+        self.experience.add(state, action, next_state, ended)
+        if action < 0:
+            self.monitor.observe(state, action, next_state, next_state, next_state)
+        elif self._corrected is None:
+            self.tried[action] += 1
+            out, flags = self._written.transition(state.tolist(), action)
+            written = np.array(out[:-1]) if flags & APPLICABLE else state
+            self.monitor.observe(state, action, written, written, next_state)
+            self.skill.observe(state, written, next_state)
+        else:
+            self.tried[action] += 1
+            self._compare_and_learn(self._corrected, state, action, next_state)
+        if self._reestimation is not None and self._reestimation.due(self.experience.seen):
+            self._reconsider_literals()
+
+    @property
+    def reliable(self) -> bool:
+        """Whether the corrected model has foreseen what happened, of late."""
+        return self._corrected is not None and self.skill.reliable
+
+    def doubt(self) -> None:
+        """Take nothing for known any more: what was predicted to last has not lasted."""
+        self.tried[:] = 0
+
+    def _compare_and_learn(
+        self, corrected: CorrectedModel, state: Vector, action: int, next_state: Vector
+    ) -> None:
+        rows, width = self._rows, len(state)
+        flags = foresee(corrected.data, action, state, corrected.dt, rows)
+        written, flow, settled, predicted = rows.reshape(4, width + 1)[:, :width]
+        written = written if flags[0] & APPLICABLE else state
+        predicted = predicted if flags[2] & APPLICABLE else state
+        self.monitor.observe(state, action, written, predicted, next_state)
+        self.skill.observe(state, predicted, next_state)
+        if self._learners is not None and flags[1] & APPLICABLE:
+            self._learners.learn(state, action, next_state, flow, settled)
+            corrected.block.active = self._learners.corrects or corrected.reestimated
+
+    def _reconsider_literals(self) -> None:
+        """Estimate the literals anew; where they change, learn what they leave from the start."""
+        corrected, reestimation = self._corrected, self._reestimation
+        assert corrected is not None and reestimation is not None
+        literals = corrected.block.literals
+        adopted = reestimation.reconsider(self.experience, literals.copy())
+        if (adopted == literals).all():
+            return
+        literals[:] = adopted
+        corrected.block.active = True
+        if self._learners is None:
+            return
+        self._learners.begin()
+        states, next_states = self.experience.states, self.experience.next_states
+        actions, rows = self.experience.actions, self._rows.reshape(4, -1)[:, :-1]
+        for k in range(max(0, len(actions) - _RELEARNED), len(actions)):
+            if actions[k] >= 0:
+                flags = foresee(corrected.data, actions[k], states[k], corrected.dt, self._rows)
+                if flags[1] & APPLICABLE:
+                    self._learners.learn(
+                        states[k], int(actions[k]), next_states[k], rows[1], rows[2]
+                    )
+
+    # State -------------------------------------------------------------------------------------
+
+    def state_dict(self) -> tuple[Arrays, Meta]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        experience, experience_meta = self.experience.state_dict()
+        monitor, monitor_meta = self.monitor.state_dict()
+        arrays: Arrays = {f"experience.{name}": array for name, array in experience.items()}
+        arrays |= {f"monitor.{name}": array for name, array in monitor.items()}
+        arrays["tried"] = self.tried.copy()
+        arrays |= {f"skill.{name}": array for name, array in self.skill.state_dict().items()}
+        meta: Meta = {"experience": experience_meta, "monitor": monitor_meta}
+        if self._corrected is not None:
+            arrays["block"] = self._corrected.block.contents()
+        if self._learners is not None:
+            learned, meta["learners"] = self._learners.state_dict()
+            arrays |= {f"learners.{name}": array for name, array in learned.items()}
+        return arrays, meta
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It belongs to another domain.
+        """
+        self.experience.load_state_dict(under("experience.", arrays), meta["experience"])
+        self.monitor.load_state_dict(under("monitor.", arrays), meta["monitor"])
+        self.tried[:] = arrays["tried"]
+        self.skill.load_state_dict(under("skill.", arrays))
+        if self._corrected is not None:
+            self._corrected.block.restore(arrays["block"])
+        if self._learners is not None:
+            self._learners.load_state_dict(under("learners.", arrays), meta["learners"])

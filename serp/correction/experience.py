@@ -1,0 +1,176 @@
+"""The last transitions of a run as they were observed, for looking at the domain file offline."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.domain.model import Vector
+from serp.errors import RunError
+
+CAPACITY: Final = 20_000
+"""Transitions that are kept where nobody says otherwise."""
+
+_NUMBERS: Final = 8_000_000
+"""Numbers that the states and next states of one experience hold at most: 64 MB."""
+
+
+def capacity_for(fluents: int) -> int:
+    """Return how many transitions are kept of states so wide: at most 20,000, and 64 MB."""
+    return min(CAPACITY, max(100, _NUMBERS // max(1, 2 * fluents)))
+
+
+class Experience:
+    """A ring of the newest transitions (state, ground action, next state, ended).
+
+    The next state of a step that ended an episode is the last state of that episode, never the
+    first one of the next.
+
+    Args:
+        capacity: Transitions kept, ≥ 1.
+        fluents: Width of a state, F.
+
+    Attributes:
+        capacity, fluents: The same.
+        seen: Transitions added since the beginning, those overwritten included.
+
+    Raises:
+        ValueError: The capacity is not positive, or the width is negative.
+    """
+
+    def __init__(self, capacity: int = CAPACITY, fluents: int = 0) -> None:
+        if capacity < 1 or fluents < 0:
+            raise ValueError(f"no experience of {capacity} transitions of {fluents} fluents")
+        self.capacity = capacity
+        self.fluents = fluents
+        self.seen = 0
+        self._head = 0
+        self._states: Vector = np.empty((capacity, fluents))
+        self._next_states: Vector = np.empty((capacity, fluents))
+        self._actions: NDArray[np.int64] = np.empty(capacity, np.int64)
+        self._ended: NDArray[np.bool_] = np.empty(capacity, np.bool_)
+
+    def add(self, state: Vector, action: int, next_state: Vector, ended: bool) -> None:
+        """Take one env step.
+
+        Args:
+            state: `[F]` before the action.
+            action: Position of the executed ground action; −1 where the model knows none.
+            next_state: `[F]` observed after it.
+            ended: Whether the episode ended with it, by the environment or by a limit.
+        """
+        head = self._head
+        self._states[head] = state
+        self._actions[head] = action
+        self._next_states[head] = next_state
+        self._ended[head] = ended
+        self.seen += 1
+        head += 1
+        self._head = 0 if head == self.capacity else head
+
+    def __len__(self) -> int:
+        return min(self.seen, self.capacity)
+
+    @property
+    def states(self) -> Vector:
+        """`[N, F]` before the actions, in order of time."""
+        return self._in_order(self._states)
+
+    @property
+    def actions(self) -> NDArray[np.int64]:
+        """`[N]` positions of the ground actions, −1 where the model knows none."""
+        return self._in_order(self._actions)
+
+    @property
+    def next_states(self) -> Vector:
+        """`[N, F]` observed after the actions."""
+        return self._in_order(self._next_states)
+
+    @property
+    def ended(self) -> NDArray[np.bool_]:
+        """`[N]`, whether the episode ended with the step."""
+        return self._in_order(self._ended)
+
+    def _in_order(self, ring: NDArray[Any]) -> NDArray[Any]:
+        """Return a copy of the rows in use, the oldest first."""
+        if self.seen < self.capacity:
+            return ring[: self.seen].copy()
+        return np.concatenate((ring[self._head :], ring[: self._head]))
+
+    # State -------------------------------------------------------------------------------------
+
+    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return arrays (only what is filled) and JSON values that restore it exactly.
+
+        Most next states are the following row's state; only the others are saved.
+        """
+        states, next_states = self.states, self.next_states
+        follows = np.zeros(len(self), np.bool_)
+        if len(self):  # bit by bit: NaN is itself, and −0 is not 0
+            follows[:-1] = (states[1:].view(np.int64) == next_states[:-1].view(np.int64)).all(1)
+        arrays: dict[str, NDArray[Any]] = {
+            "states": states,
+            "actions": self.actions,
+            "ended": self.ended,
+            "breaks": np.flatnonzero(~follows).astype(np.int64),
+            "breaks.next_states": next_states[~follows],
+        }
+        return arrays, {"capacity": self.capacity, "fluents": self.fluents, "seen": self.seen}
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Continue from what `state_dict` returned.
+
+        Raises:
+            RunError: It has other fluents or another capacity, or is incomplete; this experience
+                is unchanged.
+        """
+        for name, here in (("capacity", self.capacity), ("fluents", self.fluents)):
+            if meta.get(name) != here:
+                raise RunError(
+                    f"the saved experience has {name} {meta.get(name)}, this run {here}; continue "
+                    "with the task and the settings it was saved with"
+                )
+        seen = int(meta["seen"])
+        count = min(seen, self.capacity)
+        try:
+            states, actions, ended = arrays["states"], arrays["actions"], arrays["ended"]
+            breaks, at_breaks = arrays["breaks"], arrays["breaks.next_states"]
+        except KeyError as error:
+            raise RunError(f"the saved experience is incomplete: {error.args[0]}") from None
+        whole = (
+            states.shape == (count, self.fluents)
+            and actions.shape == ended.shape == (count,)
+            and at_breaks.shape == (len(breaks), self.fluents)
+            and (count == 0 or count - 1 in breaks)  # nothing follows the last one
+            and bool(((breaks >= 0) & (breaks < count)).all())
+        )
+        if not whole:
+            raise RunError("the saved experience is incomplete: its arrays do not fit together")
+        # The oldest row lies where the next one will be written.
+        rows = (np.arange(count) + (seen if count == self.capacity else 0)) % self.capacity
+        following = np.empty((count, self.fluents))
+        following[:-1] = states[1:]
+        following[breaks] = at_breaks
+        self._states[rows] = states
+        self._next_states[rows] = following
+        self._actions[rows] = actions
+        self._ended[rows] = ended
+        self.seen = seen
+        self._head = seen % self.capacity
+
+    @classmethod
+    def restored(cls, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Experience:
+        """Return the experience that `state_dict` was called of.
+
+        Raises:
+            RunError: It is incomplete.
+        """
+        try:
+            experience = cls(int(meta["capacity"]), int(meta["fluents"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise RunError(f"the saved experience is incomplete: {error}") from None
+        experience.load_state_dict(arrays, meta)
+        return experience

@@ -1,0 +1,325 @@
+"""The compiled loops of the correction, the same for every domain.
+
+`block` is the memory of `serp.correction.block`, as a pointer.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+from numba import cfunc
+
+from serp.compilation import cached_njit
+from serp.correction import block as b
+from serp.correction.chance_kernels import T_KINDS as _T_KINDS
+from serp.correction.chance_kernels import likeliest, put, row_of, share, take_back
+from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
+from serp.domain.native import STEP_SIGNATURE, advanced, call_step, pointer_to
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+_STEP, _FLOW, _SETTLE, _WIDTH, _ACTIVE = b.STEP, b.FLOW, b.SETTLE, b.WIDTH, b.ACTIVE
+_WRITTEN, _LITERALS, _TABLE = b.WRITTEN, b.LITERALS, b.TABLE
+_V_INPUTS, _V_TARGETS, _V_DEPTH = b.V_INPUTS, b.V_TARGETS, b.V_DEPTH
+_V_COUNT, _V_GROUP, _VIEW = b.V_COUNT, b.V_GROUP, b.VIEW
+_G_MODES, _G_BITS, _G_WAVES, _G_CODES = b.G_MODES, b.G_BITS, b.G_WAVES, b.G_CODES
+_G_POSITIONS, _G_KINDS, _G_LINEAR = b.G_POSITIONS, b.G_KINDS, b.G_LINEAR
+_G_CENTRE, _G_SHRINK, _G_FREQUENCY = b.G_CENTRE, b.G_SHRINK, b.G_FREQUENCY
+_G_PHASE, _G_AMPLITUDE, _G_CHANCE = b.G_PHASE, b.G_AMPLITUDE, b.G_CHANCE
+_WORST = b.WORST
+_FILE, _LINEAR, _WAVY, _OWN = b.FILE, b.LINEAR, b.WAVY, b.OWN
+_MODES = b.MODES
+_CHANCY = b.CHANCY
+_RARE = 0.02
+"""Outcomes less likely than that are not reckoned with."""
+
+
+@cached_njit(nogil=True, forceinline=True)
+def wave(z):
+    """Return a smooth wave of period 2π that is cheap: a cosine to within 0.001."""
+    turns = z * 0.15915494309189535 + 0.25
+    turns -= np.floor(turns + 0.5)
+    y = 8.0 * turns - 16.0 * turns * abs(turns)
+    return 0.225 * (y * abs(y) - y) + y
+
+
+@cached_njit(nogil=True, forceinline=True)
+def mode_of(block, group, inputs, state):
+    """Return which of the group's modes a state is in; 0 for one without a model of its own."""
+    bits = int(block[group + _G_BITS])
+    if bits == 0:
+        return 0
+    positions = int(block[group + _G_POSITIONS])
+    code, weight = 0.0, 1.0
+    for k in range(bits):
+        if state[int(block[inputs + int(block[positions + k])])] != 0.0:
+            code += weight
+        weight *= 2.0
+    codes = int(block[group + _G_CODES])
+    for mode in range(1, int(block[group + _G_MODES]) + 1):
+        if block[codes + mode] == code:
+            return mode
+    return 0
+
+
+@cached_njit(nogil=True, forceinline=True)
+def amend(block, action, state, out):
+    """Add to `out`, effects and processes applied, what the file does not say."""
+    table = int(block[_TABLE]) + 2 * action
+    view = int(block[table + 1])
+    for _ in range(int(block[table])):
+        inputs, targets = int(block[view + _V_INPUTS]), int(block[view + _V_TARGETS])
+        depth, count = int(block[view + _V_DEPTH]), int(block[view + _V_COUNT])
+        group = int(block[view + _V_GROUP])
+        mode = mode_of(block, group, inputs, state)
+        kinds = int(block[group + _G_KINDS]) + mode * count
+        linear = int(block[group + _G_LINEAR])
+        wavy = False
+        for t in range(count):
+            kind = int(block[kinds + t])
+            if kind == _FILE:
+                continue
+            row = 0
+            if kind == _OWN:
+                row = mode
+            elif kind == _WAVY:
+                row = 1 + _MODES
+                wavy = True
+            weights = linear + (row * count + t) * (1 + depth)
+            change = block[weights]
+            for i in range(depth):
+                change += block[weights + 1 + i] * state[int(block[inputs + i])]
+            out[int(block[targets + t])] += change
+        if wavy:
+            waves = int(block[group + _G_WAVES])
+            centre, shrink = int(block[group + _G_CENTRE]), int(block[group + _G_SHRINK])
+            frequency, phase = int(block[group + _G_FREQUENCY]), int(block[group + _G_PHASE])
+            amplitude = int(block[group + _G_AMPLITUDE])
+            for k in range(waves):
+                z = block[phase + k]
+                for i in range(depth):
+                    x = (state[int(block[inputs + i])] - block[centre + i]) * block[shrink + i]
+                    z += block[frequency + k * depth + i] * x
+                feature = wave(z)
+                for t in range(count):
+                    if int(block[kinds + t]) == _WAVY:
+                        out[int(block[targets + t])] += block[amplitude + t * waves + k] * feature
+        view += _VIEW
+
+
+@cached_njit(nogil=True, forceinline=True)
+def finite(values, width):
+    """Return whether all of the first `width` values are numbers."""
+    nothing = 0.0
+    for i in range(width):
+        nothing += values[i] - values[i]
+    return nothing == 0.0
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _chance_of(block, view):
+    """Return where the counted outcomes of a view are, relative to the block; 0: nowhere."""
+    return int(block[int(block[view + _V_GROUP]) + _G_CHANCE])
+
+
+@cached_njit(nogil=True, forceinline=True)
+def bend(block, action, state, out, away, kind):
+    """Let the likeliest counted outcomes come about, or of one view another one.
+
+    `out` are the fluents after effects, processes and `amend`. Of the view at position `away` (-1:
+    of none) the outcome is `kind`. Returns whether anything is counted.
+    """
+    table = int(block[_TABLE]) + 2 * action
+    view = int(block[table + 1])
+    counted = False
+    for v in range(int(block[table])):
+        where = _chance_of(block, view)
+        if where != 0:
+            counted = True
+            chance = advanced(block, where)
+            inputs = advanced(block, int(block[view + _V_INPUTS]))
+            which = kind
+            if v != away:
+                broad = row_of(chance, inputs, state, False)
+                which = likeliest(chance, broad, row_of(chance, inputs, state, True))
+            if which > 0:
+                put(chance, which, inputs, state, out)
+        view += _VIEW
+    return counted
+
+
+@cached_njit(nogil=True)
+def weigh(block, action, state, flowed, bent, flow_flags, dt, out):
+    """Weigh what else may come of a step than the likeliest: by chance, or the worst of it.
+
+    The reward becomes what is expected, or the least one; a step is unsafe if any outcome is that
+    is not rare. Views are varied one at a time. `flowed` are the fluents after effects, processes
+    and `amend`, `flow_flags` the flags of these; `bent` is the likeliest outcome, and `out` what
+    events make of it, of which only the reward is changed. Returns flags to be added.
+    """
+    width = int(block[_WIDTH])
+    literals = advanced(block, int(block[_LITERALS]))
+    other = np.empty(width + 1)
+    pointer = pointer_to(other, 0)
+    table = int(block[_TABLE]) + 2 * action
+    view = int(block[table + 1])
+    usual = out[width]
+    expected, least, added = usual, usual, 0
+    for _ in range(int(block[table])):
+        where = _chance_of(block, view)
+        if where != 0:
+            chance = advanced(block, where)
+            inputs = advanced(block, int(block[view + _V_INPUTS]))
+            broad = row_of(chance, inputs, state, False)
+            narrow = row_of(chance, inputs, state, True)
+            first = likeliest(chance, broad, narrow)
+            for kind in range(int(chance[_T_KINDS])):
+                p = share(chance, broad, narrow, kind)
+                if kind == first or p < _RARE:
+                    continue
+                for i in range(width + 1):
+                    pointer[i] = bent[i]
+                take_back(chance, inputs, flowed, pointer)
+                if kind > 0:
+                    put(chance, kind, inputs, state, pointer)
+                flags = call_step(int(block[_SETTLE]), state, flow_flags, literals, dt, pointer)
+                reward = pointer[width]
+                if flags & UNDEFINED or not math.isfinite(reward):
+                    continue
+                expected += p * (reward - usual)
+                least = min(least, reward)
+                added |= flags & UNSAFE
+        view += _VIEW
+    chosen = least if block[_WORST] != 0.0 else expected
+    if math.isfinite(chosen):
+        out[width] = chosen
+    return added
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _corrected_step(state, action, block, dt, out):
+    flags = call_step(
+        int(block[_STEP]), state, action, advanced(block, int(block[_WRITTEN])), dt, out
+    )
+    if block[_ACTIVE] == 0.0:
+        return flags
+    # What the file flags stays flagged, whatever a correction says.
+    flagged = flags & UNSAFE
+    width = int(block[_WIDTH])
+    for i in range(width):
+        out[i] = state[i]
+    out[width] = 0.0
+    literals = advanced(block, int(block[_LITERALS]))
+    flags = call_step(int(block[_FLOW]), state, action, literals, dt, out)
+    if flags & APPLICABLE:
+        amend(block, action, state, out)
+        if not finite(out, width):
+            # What leads to no numbers is no correction.
+            for i in range(width):
+                out[i] = state[i]
+            out[width] = 0.0
+            flags = call_step(int(block[_FLOW]), state, action, literals, dt, out)
+        if block[_CHANCY] == 0.0:
+            flags = call_step(int(block[_SETTLE]), state, flags, literals, dt, out)
+        else:
+            flags = _settle_chances(block, action, state, flags, dt, out)
+    return flags | flagged
+
+
+@cached_njit(nogil=True)
+def _settle_chances(block, action, state, flow_flags, dt, out):
+    """Let the likeliest outcomes come about, events settle them, and weigh the others."""
+    width = int(block[_WIDTH])
+    literals = advanced(block, int(block[_LITERALS]))
+    likely = np.empty(2 * (width + 1))
+    flowed, bent = pointer_to(likely, 0), pointer_to(likely, width + 1)
+    for i in range(width + 1):
+        flowed[i] = out[i]
+    counted = bend(block, action, state, out, -1, 0)
+    for i in range(width + 1):
+        bent[i] = out[i]
+    flags = call_step(int(block[_SETTLE]), state, flow_flags, literals, dt, out)
+    if counted:
+        flags |= weigh(block, action, state, flowed, bent, flow_flags, dt, out)
+    return flags
+
+
+def _step(state, action, block, dt, out):
+    return _corrected_step(state, action, block, dt, out)
+
+
+@functools.cache
+def corrected_step() -> Any:
+    """Return the compiled C callback of a corrected step; its data is a block."""
+    try:
+        return cfunc(STEP_SIGNATURE, cache=True, error_model="numpy")(_step)
+    except RuntimeError:  # numba found no folder that it may write
+        return cfunc(STEP_SIGNATURE, error_model="numpy")(_step)
+
+
+@cached_njit(nogil=True)
+def amend_row(block, action, state, out, away, kind):
+    """As `amend`, where that leads to numbers, and then `bend`, on arrays."""
+    base, source, target = pointer_to(block, 0), pointer_to(state, 0), pointer_to(out, 0)
+    before = out.copy()
+    amend(base, action, source, target)
+    if not finite(target, state.shape[0]):
+        out[:] = before
+    bend(base, action, source, target, away, kind)
+
+
+@cached_njit(nogil=True)
+def step_row(block, action, state, dt, out):
+    """Predict the corrected step on arrays; `out` `[F + 1]` begins with the state, then 0."""
+    return _corrected_step(
+        pointer_to(state, 0), action, pointer_to(block, 0), dt, pointer_to(out, 0)
+    )
+
+
+@cached_njit(nogil=True)
+def foresee(block, action, state, dt, rows):
+    """Predict one step in four ways.
+
+    Args:
+        block: The block, as an array.
+        action: Ground action.
+        state: `[F]`.
+        dt: Control period.
+        rows: Flat `[4 · (F + 1)]`; receives the step as the file has it, its effects and processes
+            with the literals in use, the same after its events, and the corrected step.
+
+    Returns:
+        Flags of the file's step, of the flow and of the corrected step.
+    """
+    width = state.shape[0]
+    row = width + 1
+    base, source = pointer_to(block, 0), pointer_to(state, 0)
+    for k in range(4):
+        for i in range(width):
+            rows[k * row + i] = state[i]
+        rows[k * row + width] = 0.0
+    written = call_step(
+        int(base[_STEP]), source, action, advanced(base, int(base[_WRITTEN])), dt,
+        pointer_to(rows, 0),
+    )  # fmt: skip
+    literals = advanced(base, int(base[_LITERALS]))
+    flow = call_step(int(base[_FLOW]), source, action, literals, dt, pointer_to(rows, row))
+    for i in range(row):
+        rows[2 * row + i] = rows[row + i]
+    if flow & APPLICABLE:
+        call_step(int(base[_SETTLE]), source, flow, literals, dt, pointer_to(rows, 2 * row))
+    corrected = _corrected_step(source, action, base, dt, pointer_to(rows, 3 * row))
+    return written, flow, corrected
+
+
+@cached_njit(nogil=True)
+def waves_of(x, centre, shrink, frequency, phase, out):
+    """Fill `out` with the random features of an input `[d]`, as `amend` computes them."""
+    for k in range(phase.shape[0]):
+        z = phase[k]
+        for i in range(x.shape[0]):
+            z += frequency[k, i] * ((x[i] - centre[i]) * shrink[i])
+        out[k] = wave(z)

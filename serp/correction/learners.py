@@ -1,0 +1,155 @@
+"""What is learned beside the file: of each kind of view its residual and its counts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.correction.chances import Chances
+from serp.correction.corrected import CorrectedModel
+from serp.correction.residual import Residual
+from serp.correction.screening import note_whole
+from serp.correction.views import Key, View
+from serp.domain.model import Vector
+
+Arrays = dict[str, NDArray[Any]]
+Meta = dict[str, Any]
+
+
+class Learners:
+    """Learns from env steps what the file does not say, and publishes it in the model.
+
+    Args:
+        model: The model that it corrects.
+        seed: Seed of the random features.
+        nonlinear: Whether residuals may use random features.
+    """
+
+    def __init__(
+        self, model: CorrectedModel, seed: np.random.SeedSequence, nonlinear: bool
+    ) -> None:
+        self._block = model.block
+        self._seed = seed
+        self._nonlinear = nonlinear
+        self._views = {view.key: view for views in model.views for view in views}
+        self._columns = [[_Columns(view) for view in views] for views in model.views]
+        self._numeric = np.array([fluent.numeric for fluent in model.fluents], dtype=np.bool_)
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget everything."""
+        again = np.random.SeedSequence(self._seed.entropy, spawn_key=self._seed.spawn_key)
+        seeds = again.spawn(len(self._views))
+        self._whole = np.ones(len(self._numeric), dtype=np.bool_)
+        self._residuals: dict[Key, Residual] = {}
+        self._chances = {key: Chances(view) for key, view in self._views.items()}
+        alike: dict[Key, list[Residual]] = {}
+        for view, own in zip(self._views.values(), seeds, strict=True):
+            memory = self._block.groups[view.key]
+            memory.clear()
+            if view.targets:
+                residual = Residual(view, memory, own, self._nonlinear)
+                self._residuals[view.key] = residual
+                alike.setdefault(view.key[1:], []).append(residual)
+                residual.siblings = alike[view.key[1:]]
+        self._corrects = dict.fromkeys(self._residuals, False)
+        self._block.chancy = False
+
+    @property
+    def corrects(self) -> bool:
+        """Whether anything is corrected."""
+        return self._block.chancy or any(self._corrects.values())
+
+    def learn(
+        self, state: Vector, action: int, next_state: Vector, flow: Vector, settled: Vector
+    ) -> None:
+        """Learn from an env step; of one with NaN or numbers beyond all bounds nothing is learned.
+
+        Args:
+            state: `[F]` before it.
+            action: Ground action.
+            next_state: `[F]` observed.
+            flow: `[F]` by effects and processes, with the literals in use.
+            settled: `[F]` the same after events.
+        """
+        if not note_whole(state, next_state, self._numeric, self._whole):
+            return
+        # Where an event has the last word, what effects and processes have done cannot be seen.
+        seen = flow == settled
+        counted = self._block.chancy
+        for view in self._columns[action]:
+            key, targets = view.key, view.targets
+            chances = self._chances[key]
+            if not chances.learn(view.inputs, state, settled, next_state, self._whole):
+                self._whole[targets] = False
+            memory = self._block.groups[key]
+            if chances.used or memory.chance is not None:
+                memory.chance = chances.table if chances.used else None
+                counted = True
+            if len(targets):
+                self._corrects[key] = self._residuals[key].learn(
+                    state[view.inputs],
+                    next_state[targets] - flow[targets],
+                    seen[targets],
+                    next_state[targets] - state[targets],
+                    ~self._whole[targets],
+                )
+        if counted:
+            self._note_chances()
+
+    def _note_chances(self) -> None:
+        groups = self._block.groups.values()
+        self._block.chancy = any(group.chance is not None for group in groups)
+
+    # State -------------------------------------------------------------------------------------
+
+    def state_dict(self) -> tuple[Arrays, Meta]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        arrays: Arrays = {"whole": self._whole.copy()}
+        meta: Meta = {
+            "residuals": [],
+            "chances": [],
+            "corrects": [bool(corrects) for corrects in self._corrects.values()],
+        }
+        parts: dict[str, list[Residual | Chances]] = {
+            "residuals": [*self._residuals.values()],
+            "chances": [*self._chances.values()],
+        }
+        for name, of_views in parts.items():
+            for k, part in enumerate(of_views):
+                own, own_meta = part.state_dict()
+                arrays |= {f"{name}{k}.{field}": array for field, array in own.items()}
+                meta[name].append(own_meta)
+        return arrays, meta
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned; the block is restored by its owner, before."""
+        self._whole[:] = arrays["whole"]
+        self._corrects = dict(zip(self._corrects, meta["corrects"], strict=True))
+        for k, residual in enumerate(self._residuals.values()):
+            residual.load_state_dict(under(f"residuals{k}.", arrays), meta["residuals"][k])
+        for k, (key, chances) in enumerate(self._chances.items()):
+            chances.load_state_dict(under(f"chances{k}.", arrays), meta["chances"][k])
+            self._block.groups[key].chance = chances.table if chances.used else None
+        self._note_chances()
+
+
+class _Columns:
+    """A view with its columns as arrays."""
+
+    def __init__(self, view: View) -> None:
+        self.key = view.key
+        self.inputs = np.array(view.inputs, dtype=np.int64)
+        self.targets = np.array(view.targets, dtype=np.int64)
+
+
+def under(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
+    """Return the arrays whose names begin so, without that beginning."""
+    return {
+        name.removeprefix(prefix): array
+        for name, array in arrays.items()
+        if name.startswith(prefix)
+    }

@@ -1,0 +1,293 @@
+"""Writing back into a domain file what a run has found out.
+
+The result is the expert's own file: literals are changed where they stand, effects are added where
+they belong, each with its evidence as a comment; every other byte stays. What is good, unsafe or
+an end is never touched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from serp.correction.amending import AmendedEffect
+from serp.correction.edits import Edit, edited
+from serp.correction.findings import Findings, LiteralFinding, MissingEffect, Term
+from serp.correction.layout import Layout
+from serp.correction.lifting import WORLD
+from serp.correction.writing import (
+    decimal,
+    effect_of,
+    evidence_of_outcomes,
+    evidence_of_term,
+    measured,
+)
+from serp.domain import syntax as x
+from serp.domain.loading import Domain
+from serp.domain.parser import parse_domain, parse_problem
+from serp.domain.source import Place, Source
+
+_CERTAIN = 4.0  # standard errors: a file has many numbers, and hardly one is to change by chance
+_SLIGHT = 0.005  # of the literal
+_WORTH = 0.002  # of the squared error that is left of its fluent
+_NEARLY_ONE = 0.01
+
+
+@dataclass(frozen=True)
+class Repair:
+    """One change of a file, for people.
+
+    Attributes:
+        line: Line of the file as it was; where something is added, of what it is added to.
+        schema: The action or process that is changed or new.
+        before: The effect that stood there; empty for something new.
+        after: The effect that stands there now; empty for a mere comment.
+        evidence: What was observed.
+    """
+
+    line: int
+    schema: str
+    before: str
+    after: str
+    evidence: str
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """A domain file once it is repaired.
+
+    Attributes:
+        text: All of it.
+        repairs: What was changed, in the order of the file; nothing where the file is as good as
+            the data can tell.
+    """
+
+    text: str
+    repairs: tuple[Repair, ...]
+
+
+def repair(domain: Domain, findings: Findings) -> Repaired:
+    """Return the domain file with the findings written into it.
+
+    Literals are changed that are off by more than four standard errors, half a percent and a part
+    of the error that matters; missing effects are added as they were found, and chance is told in
+    comments. The result was parsed and instantiated.
+
+    Args:
+        domain: The domain; findings about its problem file are left out.
+        findings: What a run has found.
+
+    Raises:
+        DomainError: The repaired file with the problem would be wrong.
+    """
+    work = _Work(domain, findings)
+    text = edited(domain.source.text, work.edits())
+    if work.repairs:
+        _check(domain, text)
+    return Repaired(text, tuple(sorted(work.repairs, key=lambda r: r.line)))
+
+
+def _check(domain: Domain, text: str) -> None:
+    source = Source(f"{domain.source.name} (repaired)", text)
+    syntax = parse_domain(source)
+    problem = domain.problem_source
+    parsed = parse_problem(problem, syntax) if problem is not None else None
+    Domain(syntax.name, source, problem, syntax, parsed, domain.max_ground_schemas).model  # noqa: B018
+
+
+class _Work:
+    """One repair under way."""
+
+    def __init__(self, domain: Domain, findings: Findings) -> None:
+        self.repairs: list[Repair] = []
+        self._findings = findings
+        self._source = domain.source
+        self._syntax = domain.syntax
+        self._layout = Layout(domain.source)
+        self._effects = [
+            AmendedEffect(schema, effect)
+            for schema in domain.syntax.schemas
+            for effect in _changes(schema.effects)
+        ]
+        self._evidence: list[tuple[AmendedEffect, Place, str]] = []
+        self._needs: dict[str, None] = {}
+        self._names = {
+            *(s.name for s in domain.syntax.schemas),
+            *domain.syntax.declarations,
+            *domain.syntax.constants,
+            *domain.syntax.parents,
+        }
+
+    def edits(self) -> list[Edit]:
+        """Return all edits, and note the repairs."""
+        for literal in self._findings.literals:
+            if self._worth_changing(literal):
+                self._change(literal)
+        edits = self._additions()
+        for outcome in self._findings.outcomes:
+            lines = evidence_of_outcomes(outcome)
+            edits += [self._layout.comment_above(outcome.place.start, line) for line in lines]
+            told = " ".join(line.strip() for line in lines)
+            self.repairs.append(Repair(outcome.place.line, outcome.schema, "", "", told))
+        for amended in self._effects:
+            edits += amended.edits() + self._told(amended)
+        return edits + self._layout.requirements(self._needs)
+
+    # What stands in the file ---------------------------------------------------------------------
+
+    def _told(self, amended: AmendedEffect) -> list[Edit]:
+        """Return the evidence for what is changed in an effect as edits, and note the repair."""
+        told = [(place, evidence) for a, place, evidence in self._evidence if a is amended]
+        if told:
+            before, after = amended.effect.place.text, amended.text
+            evidence = "; ".join(text for _, text in told)
+            line = amended.effect.place.line
+            self.repairs.append(Repair(line, amended.schema.name, before, after, evidence))
+        return [self._layout.comment_above(place.start, text) for place, text in told]
+
+    def _worth_changing(self, finding: LiteralFinding) -> bool:
+        gap = abs(finding.estimate - finding.written)
+        if finding.parameter.place.source is not self._source or gap <= _CERTAIN * finding.error:
+            return False
+        if gap <= _SLIGHT * max(abs(finding.written), abs(finding.estimate)):
+            return False
+        steps = max(1, self._findings.samples)
+        left = sum(
+            fit.samples * (fit.rmse_estimated / fit.scale) ** 2 / steps
+            for fit in self._findings.fits
+            if fit.fluent.split(" ")[0] == finding.fluent and fit.scale > 0
+        )
+        return finding.cost > _WORTH * left
+
+    def _change(self, finding: LiteralFinding) -> None:
+        place = finding.parameter.place
+        number = decimal(finding.estimate, finding.error)
+        turned = finding.estimate * finding.written < 0.0
+        if turned and abs(finding.estimate) <= _CERTAIN * finding.error:
+            number = "0"  # nothing is left of the effect, rather than its opposite
+        if float(number) == finding.written:
+            return
+        amended = next(
+            a
+            for a in self._effects
+            if a.effect.place.start <= place.start and place.end <= a.effect.place.end
+        )
+        amended.set_number(place, number)
+        observed = measured(finding.estimate, finding.error)
+        evidence = f"{place.text} as written; observed {observed} in {finding.samples:,} steps"
+        self._evidence.append((amended, place, evidence))
+
+    # What does not -------------------------------------------------------------------------------
+
+    def _additions(self) -> list[Edit]:
+        """Return the edits that add what is missing, in the order in which fluents are declared."""
+        edits: list[Edit] = []
+        into: dict[str, list[tuple[str, str]]] = {}
+        order = list(self._syntax.declarations)
+        for missing in sorted(self._findings.missing, key=lambda m: order.index(_symbol(m.fluent))):
+            terms = [t for t in missing.terms if abs(t.coefficient) > _CERTAIN * t.error]
+            terms.sort(key=lambda term: (len(term.fluents), term.fluents))
+            if missing.schema == WORLD:
+                if terms:
+                    edits.append(self._process(missing, terms))
+                continue
+            terms = self._into_assignment(missing, terms)
+            if terms:
+                place = self._schema(missing.schema).place
+                effects = self._written(missing, terms, missing.schema, place.line)
+                into.setdefault(missing.schema, []).extend(effects)
+        for name, effects in into.items():
+            edits += self._layout.effects_in(self._schema(name).place, effects)
+        return edits
+
+    def _into_assignment(self, missing: MissingEffect, terms: list[Term]) -> list[Term]:
+        """Write terms into the assignment of the fluent, if there is one; return the rest."""
+        amended = next(
+            (
+                a
+                for a in self._effects
+                if a.schema.name == missing.schema
+                and a.effect.change is x.Change.ASSIGN
+                and _name_of(a.effect.function) == missing.fluent
+            ),
+            None,
+        )
+        if amended is None or not terms:
+            return terms
+        own = [t for t in terms if t.fluents == (missing.fluent,)]
+        steps = f"{missing.samples:,} steps"
+        if own and abs(own[0].coefficient - 1.0) <= _NEARLY_ONE:
+            # What it was before, plus something: that is an increase.
+            amended.adds()
+            told, rest = f"found to be added in {steps}", [t for t in terms if t not in own]
+        else:
+            amended.add(terms)
+            told, rest = f"found to be that and more in {steps}", []
+        evidence = f"assigned as written; {told}"
+        self._evidence.append((amended, amended.effect.place, evidence))
+        return rest
+
+    def _process(self, missing: MissingEffect, terms: Sequence[Term]) -> Edit:
+        self._needs[":time"] = None
+        symbol = _symbol(missing.fluent)
+        name = self._new_name(f"{symbol}-changes")
+        effects = self._written(missing, terms, name, self._layout.last_schema.line)
+        declared = self._syntax.declarations[symbol].parameters
+        return self._layout.process(name, _parameters(declared), effects)
+
+    def _written(
+        self, missing: MissingEffect, terms: Sequence[Term], schema: str, line: int
+    ) -> list[tuple[str, str]]:
+        """Return an effect for each term with its evidence, and note the repairs."""
+        self._needs[":numeric-fluents"] = None
+        rate = missing.schema == WORLD
+        effects = [
+            (
+                evidence_of_term(term, missing.samples, rate=rate),
+                effect_of(missing.fluent, term, rate=rate),
+            )
+            for term in terms
+        ]
+        self.repairs += [Repair(line, schema, "", effect, evidence) for evidence, effect in effects]
+        return effects
+
+    def _schema(self, name: str) -> x.Schema:
+        return next(s for s in self._syntax.schemas if s.kind is x.Kind.ACTION and s.name == name)
+
+    def _new_name(self, wanted: str) -> str:
+        name, number = wanted, 1
+        while name in self._names:
+            number += 1
+            name = f"{wanted}-{number}"
+        self._names.add(name)
+        return name
+
+
+def _changes(effects: Sequence[x.Effect]) -> Iterator[x.ChangeFunction]:
+    """Yield the numeric effects, those under `when` and `forall` too."""
+    for effect in effects:
+        if isinstance(effect, x.ChangeFunction):
+            yield effect
+        elif isinstance(effect, x.When | x.ForallEffect):
+            yield from _changes(effect.effects)
+
+
+def _symbol(fluent: str) -> str:
+    return fluent.split(" ")[0]
+
+
+def _name_of(function: x.FunctionTerm) -> str:
+    return " ".join((function.name, *(term.name for term in function.arguments)))
+
+
+def _parameters(parameters: Sequence[x.Parameter]) -> str:
+    """Return parameters as they are declared: `?r - robot`."""
+    written = []
+    for parameter in parameters:
+        if parameter.types == (x.OBJECT,):
+            written.append(parameter.name)
+        elif len(parameter.types) == 1:
+            written.append(f"{parameter.name} - {parameter.types[0]}")
+        else:
+            written.append(f"{parameter.name} - (either {' '.join(parameter.types)})")
+    return " ".join(written)

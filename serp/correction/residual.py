@@ -1,0 +1,294 @@
+"""What a group of views learns online: by how much the file's step is wrong.
+
+Recursive ridge regression of the one-step error of every target, on inputs normalised by their
+ranges, linear and, where that leaves something unexplained, beside random Fourier features (Rahimi
+& Recht, Random Features for Large-Scale Kernel Machines, 2007). Every candidate is measured on
+each sample before it learns from it (prequential loss: Dawid, 1984), and the one that predicts best
+is published; the file itself is one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.correction import residual_kernels as kernels
+from serp.correction.block import LINEAR, MODES, WAVES, WAVY, GroupMemory
+from serp.correction.kernels import waves_of
+from serp.correction.screening import far_off
+from serp.correction.views import View
+
+Array = NDArray[np.float64]
+
+_RIDGE: Final = 1e-3
+_POOLED_RIDGE: Final = 1e-3
+_WAVE_RIDGE: Final = 1e-2
+_KEPT: Final = 4_000
+"""Samples that are kept to begin anew with, when ranges have grown."""
+_WAVES_FROM: Final = 60
+_UNEXPLAINED: Final = 1e-4
+"""Share of the squared change that a linear model may leave unexplained."""
+_GROWN: Final = 1.3
+"""Random features are drawn anew where a range has grown so much."""
+_LENGTH: Final = 1.0
+"""Length scale of the random features, in half ranges of the inputs."""
+_PER_GROWTH: Final = 30
+"""Weights are solved in every step at first, then after every thirtieth part of the samples."""
+
+
+class Residual:
+    """Learns the one-step error of the targets of one group.
+
+    Args:
+        view: Any view of the group.
+        memory: Where what predicts best is published.
+        seed: Seed of the random features.
+        nonlinear: Whether random features may be used.
+    """
+
+    def __init__(
+        self, view: View, memory: GroupMemory, seed: np.random.SeedSequence, nonlinear: bool
+    ) -> None:
+        depth, count = len(view.inputs), len(view.targets)
+        self._bits = np.array(view.bits, dtype=np.int64)
+        self._memory = memory
+        self._nonlinear = nonlinear
+        self._random = np.random.default_rng(seed)
+        sets, size = 1 + MODES, 1 + depth + WAVES
+        self._gram = np.zeros((sets, count, 1 + depth, 1 + depth))
+        self._moment = np.zeros((sets, count, 1 + depth))
+        self._count = np.zeros((sets, count))
+        self._loss = np.zeros((sets, 4, count))
+        self._seen = np.zeros((sets, count))
+        self._usual, self._streak = np.zeros((2, sets, count))
+        self._recent, self._calm, self._odd, self._spread = np.zeros((4, count))
+        self._low = np.full(depth, np.inf)
+        self._high = np.full(depth, -np.inf)
+        self._features = np.zeros(WAVES)
+        self._drawn_for = np.zeros((2, depth))  # centre and half range of the inputs
+        self._wave_gram = np.zeros((size, size)) if nonlinear else np.zeros((0, 0))
+        self._wave_moment = np.zeros((len(self._wave_gram), count))
+        self._x = np.zeros((_KEPT if nonlinear else 0, depth))
+        self._y = np.zeros((len(self._x), count))
+        self.siblings: list[Residual] = [self]
+        """Groups of other actions with the same inputs and targets, this one included."""
+        self._kept = 0
+        self._strangers = 0
+        self._samples = 0
+        self._since = 0
+
+    @property
+    def samples(self) -> int:
+        """How many samples there were."""
+        return self._samples
+
+    def learn(
+        self,
+        x: Array,
+        y: Array,
+        valid: NDArray[np.bool_],
+        change: Array,
+        enabled: NDArray[np.bool_],
+    ) -> bool:
+        """Learn from a sample and publish what predicts best.
+
+        Args:
+            x: `[d]` inputs.
+            y: `[T]` what was observed less effects and processes.
+            valid: `[T]` whether that says anything.
+            change: `[T]` observed change.
+            enabled: `[T]` whether a residual may predict the target at all.
+
+        Returns:
+            Whether any target is corrected now.
+        """
+        memory = self._memory
+        if self._strange(x):
+            return bool(memory.kinds.any())
+        self._samples += 1
+        np.minimum(self._low, x, out=self._low)
+        np.maximum(self._high, x, out=self._high)
+        wavy = memory.waves > 0
+        if wavy:
+            waves_of(
+                x, memory.centre, memory.shrink, memory.frequency, memory.phase, self._features
+            )
+        mode = self._mode(x)
+        complete, changed = kernels.account(
+            x, y, valid, change, mode, self._features, wavy, memory.linear, memory.amplitude,
+            memory.kinds, self._gram, self._moment, self._count, self._loss, self._seen,
+            self._usual, self._recent, self._calm, self._odd, self._streak, self._spread,
+        )  # fmt: skip
+        if changed and self._nonlinear:
+            self._wave_gram *= kernels.FORGET
+            self._wave_moment *= kernels.FORGET
+            self._kept = 0
+        if complete and self._nonlinear:
+            self._x[self._kept % _KEPT], self._y[self._kept % _KEPT] = x, y
+            self._kept += 1
+            if wavy:
+                kernels.accumulate_waves(x, y, self._features, self._wave_gram, self._wave_moment)
+        self._since += 1
+        if self._since * _PER_GROWTH >= self._samples:
+            self._since = 0
+            self._solve(mode)
+        corrects: bool = kernels.choose(
+            self._loss, self._seen, self._spread, memory.waves > 0, memory.modes, memory.kinds,
+            enabled,
+        )  # fmt: skip
+        return corrects
+
+    def _strange(self, x: Array) -> bool:
+        """Whether inputs are out of all bounds known: one such sample would stretch the ranges.
+
+        Several in a row are believed.
+        """
+        far = False
+        if self._samples >= kernels.FIRST:
+            limit = kernels.FAR if self._samples >= kernels.SETTLED else kernels.WILD
+            far = far_off(x, self._low, self._high, limit)
+        self._strangers = self._strangers + 1 if far else 0
+        return 0 < self._strangers <= kernels.PATIENCE
+
+    def _mode(self, x: Array) -> int:
+        """Return the mode of an input, giving it a model of its own while there is room."""
+        if not len(self._bits):
+            return 0
+        memory = self._memory
+        code, mode = kernels.find_mode(x, self._bits, memory.codes, memory.modes)
+        if mode or memory.modes == MODES:
+            return int(mode)
+        memory.modes += 1
+        memory.codes[memory.modes] = code
+        memory.kinds[memory.modes] = memory.kinds[0]
+        return memory.modes
+
+    def _ranges(self) -> tuple[Array, Array]:
+        """Return the centres of the inputs, and half their ranges (1 for what never changed)."""
+        return _range(self._low, self._high)
+
+    def _solve(self, mode: int) -> None:
+        memory = self._memory
+        centre, half = self._ranges()
+        prior = self._pooled()
+        for row in (0, mode) if mode else (0,):
+            # A mode's own weights are drawn to those of all modes.
+            drawn_to = memory.linear[0].copy() if row else prior
+            for t in range(self._count.shape[1]):
+                if self._count[row, t] > 0:
+                    kernels.solve_linear(
+                        self._gram[row, t], self._moment[row, t], centre, 1.0 / half, _RIDGE,
+                        drawn_to[t], memory.linear[row, t],
+                    )  # fmt: skip
+        if not self._nonlinear or (not memory.waves and not self._unexplained()):
+            return
+        if not memory.waves or (half > _GROWN * self._drawn_for[1]).any():
+            self._draw_waves(centre, half)
+        self._solve_waves(centre, half)
+
+    def _pooled(self) -> Array:
+        """Return `[T, 1 + d]` what all actions together say, each with a constant of its own.
+
+        Much of what happens, the world does by itself, whatever the action; so what is known of
+        one action tells something of the others.
+        """
+        known = [group for group in self.siblings if group._samples]
+        low = np.min([group._low for group in known], axis=0)
+        high = np.max([group._high for group in known], axis=0)
+        centre, half = _range(low, high)
+        own = known.index(self)
+        pooled = np.zeros((len(known), *self._moment.shape[2:]))
+        found = np.zeros(self._moment.shape[1:])
+        for t in range(len(found)):
+            grams = np.array([group._gram[0, t] for group in known])
+            moments = np.array([group._moment[0, t] for group in known])
+            if kernels.solve_pooled(grams, moments, centre, 1.0 / half, _POOLED_RIDGE, pooled):
+                found[t] = pooled[own]
+        return found
+
+    # Random features ----------------------------------------------------------------------------
+
+    def _unexplained(self) -> bool:
+        """Whether linear models leave something to explain, and there are samples to do it."""
+        left = self._loss[0, LINEAR] > _UNEXPLAINED * self._spread + 1e-18
+        return self._samples >= _WAVES_FROM and bool(left.any())
+
+    def _draw_waves(self, centre: Array, half: Array) -> None:
+        """Draw the features for these ranges, and learn again what is still remembered."""
+        memory = self._memory
+        if not memory.waves:
+            memory.frequency[:] = self._random.standard_normal(memory.frequency.shape) / _LENGTH
+            memory.phase[:] = self._random.uniform(0.0, 2.0 * np.pi, WAVES)
+            self._loss[:, WAVY] = self._loss[:, LINEAR]
+        memory.waves = WAVES
+        memory.centre[:], memory.shrink[:] = centre, 1.0 / half
+        self._drawn_for[:] = centre, half
+        self._wave_gram[:] = 0.0
+        self._wave_moment[:] = 0.0
+        for k in range(min(self._kept, _KEPT)):
+            x = self._x[k]
+            waves_of(x, centre, memory.shrink, memory.frequency, memory.phase, self._features)
+            kernels.accumulate_waves(
+                x, self._y[k], self._features, self._wave_gram, self._wave_moment
+            )
+
+    def _solve_waves(self, centre: Array, half: Array) -> None:
+        memory, depth = self._memory, len(centre)
+        whole = self._wave_gram + np.tril(self._wave_gram, -1).T
+        change = np.eye(len(whole))
+        linear = np.arange(1, 1 + depth)
+        change[linear, 0] = -centre / half
+        change[linear, linear] = 1.0 / half
+        matrix = change @ whole @ change.T
+        ridge = np.full(len(whole), _WAVE_RIDGE)
+        ridge[: 1 + depth] = _RIDGE
+        matrix[np.diag_indices_from(matrix)] += ridge
+        solution = change.T @ np.linalg.solve(matrix, change @ self._wave_moment)
+        if np.isfinite(solution).all():
+            memory.linear[1 + MODES] = solution[: 1 + depth].T
+            memory.amplitude[:] = solution[1 + depth :].T
+
+    # State -------------------------------------------------------------------------------------
+
+    _STATE = (
+        "gram", "moment", "count", "loss", "seen", "usual", "recent", "calm", "odd", "streak",
+        "spread", "low", "high", "x", "y", "wave_gram", "wave_moment", "drawn_for",
+    )  # fmt: skip
+
+    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        arrays = {name: getattr(self, f"_{name}").copy() for name in self._STATE}
+        for name in ("x", "y"):
+            arrays[name] = arrays[name][: min(self._kept, _KEPT)]
+        if not self._memory.waves:
+            del arrays["wave_gram"], arrays["wave_moment"]
+        return arrays, {
+            "kept": self._kept,
+            "samples": self._samples,
+            "since": self._since,
+            "strangers": self._strangers,
+            "random": self._random.bit_generator.state,
+        }
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned."""
+        for name in self._STATE:
+            own = getattr(self, f"_{name}")
+            if name not in arrays:
+                own[:] = 0.0
+            elif name in ("x", "y"):
+                own[: len(arrays[name])] = arrays[name]
+            else:
+                own[:] = arrays[name]
+        self._kept, self._samples = int(meta["kept"]), int(meta["samples"])
+        self._since, self._strangers = int(meta["since"]), int(meta["strangers"])
+        self._random.bit_generator.state = dict(meta["random"])
+
+
+def _range(low: Array, high: Array) -> tuple[Array, Array]:
+    centre, half = (high + low) / 2, (high - low) / 2
+    half[half <= 1e-9 * np.maximum(1.0, np.abs(centre))] = 1.0
+    return centre, half

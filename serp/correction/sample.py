@@ -1,0 +1,206 @@
+"""Observed transitions made ready for regression, and what a model without events says of them.
+
+What a literal means shows before events clamp, assign and reset; so predictions here are those of
+effects and processes alone, and entries that an event changes are left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.domain import ground as g
+from serp.domain.flags import APPLICABLE
+from serp.domain.model import TransitionModel, Vector
+from serp.domain.syntax import Change
+
+BLOCK = 20
+"""Consecutive transitions whose errors are taken to depend on each other."""
+
+_RARE = 0.005  # the share of values at either end that may be anything
+_FAR = 5.0  # times the range of all others
+_SCARCE = 12  # rows
+_AT_A_STOP = 1e-9  # of a fluent's range: the observed value is the one that an event assigns
+
+
+@dataclasses.dataclass(frozen=True)
+class Sample:
+    """Transitions that a model can be compared with.
+
+    Attributes:
+        states: `[N, F]`.
+        actions: `[N]` positions of ground actions of the model.
+        next_states: `[N, F]`.
+        blocks: `[N]` number of the stretch of neighbouring transitions that a row belongs to.
+        scale: `[F]` range of each fluent that was observed, in its unit; 1 where it never varied.
+        skipped: Transitions left out: not finite, or far away from all other values of a fluent;
+            of no action of the model, or of one that the file calls not applicable there.
+    """
+
+    states: Vector
+    actions: NDArray[np.int64]
+    next_states: Vector
+    blocks: NDArray[np.int64]
+    scale: Vector
+    skipped: int
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    def part(self, most: int) -> Sample:
+        """Return at most about `most` rows: whole blocks, evenly spread."""
+        if len(self) <= most:
+            return self
+        number = int(self.blocks[-1]) + 1
+        chosen = np.unique(np.linspace(0, number - 1, max(1, most // BLOCK)).astype(np.int64))
+        rows = np.isin(self.blocks, chosen)
+        return dataclasses.replace(
+            self,
+            states=self.states[rows],
+            actions=self.actions[rows],
+            next_states=self.next_states[rows],
+            blocks=self.blocks[rows],
+        )
+
+
+def take_sample(
+    model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
+) -> Sample:
+    """Return the transitions that the model can be compared with.
+
+    Args:
+        model: The transition model.
+        states: `[N, F]` before the actions, in order of time.
+        actions: `[N]`.
+        next_states: `[N, F]` after them.
+    """
+    number = len(actions)
+    blocks = np.arange(number) // BLOCK
+    fine = np.isfinite(states).all(1) & np.isfinite(next_states).all(1)
+    fine &= (actions >= 0) & (actions < len(model.actions))
+    rows = np.flatnonzero(fine)
+    rows = rows[_plausible(states[rows]) & _plausible(next_states[rows])]
+    if any(action.preconditions for action in model.actions):
+        flow = Flow(model.ground, model.dt)
+        rows = rows[np.isfinite(flow.predict(states[rows], actions[rows], model.theta)).all(1)]
+    seen = np.concatenate((states[rows], next_states[rows]))
+    scale = np.ptp(seen, axis=0) if len(rows) else np.ones(states.shape[1])
+    return Sample(
+        states=states[rows],
+        actions=actions[rows],
+        next_states=next_states[rows],
+        blocks=blocks[rows],
+        scale=np.where(scale > 0, scale, 1.0),
+        skipped=number - len(rows),
+    )
+
+
+def _plausible(values: Vector) -> NDArray[np.bool_]:
+    """Return which rows hold no value that only a fault can be, `[n]`.
+
+    One such value would be the range of its fluent, against which every other one is measured.
+    """
+    if not len(values):
+        return np.ones(0, dtype=np.bool_)
+    low, middle, high = np.quantile(values, (_RARE, 0.5, 1.0 - _RARE), axis=0)
+    span = np.where(high > low, high - low, np.inf)
+    plausible: NDArray[np.bool_] = np.all(np.abs(values - middle) <= _FAR * span, axis=1)
+    return plausible
+
+
+class Flow:
+    """Effects and processes of a ground model, without its events.
+
+    Runs in CPython: some 3 µs a row, and nothing has to be compiled for a model that is tried.
+
+    Args:
+        ground: The model.
+        dt: Control period.
+        processes: Whether the processes go on as well.
+
+    Attributes:
+        ground, dt: The same, the model whole.
+    """
+
+    def __init__(self, ground: g.GroundModel, dt: float, *, processes: bool = True) -> None:
+        self.ground = ground
+        self.dt = dt
+        bare = dataclasses.replace(ground, events=(), goal=None, metric=None)
+        if not processes:
+            bare = dataclasses.replace(bare, processes=())
+        self._model = TransitionModel(bare, dt=dt)
+        self._last: tuple[Vector, bytes, Vector] | None = None
+
+    def predict(self, states: Vector, actions: NDArray[np.int64], theta: Vector) -> Vector:
+        """Return what the model says, `[N, F]`; NaN in rows that have no next state.
+
+        Args:
+            states: `[N, F]`.
+            actions: `[N]`.
+            theta: `[P]` literals.
+        """
+        return predictions(self._model.replace(theta=theta), states, actions)
+
+    def predict_all(self, sample: Sample, theta: Vector) -> Vector:
+        """Return what the model says of a whole sample, `[N, F]`; the last answer is kept."""
+        key = theta.tobytes()
+        if self._last is None or self._last[0] is not sample.states or self._last[1] != key:
+            predicted = self.predict(sample.states, sample.actions, theta)
+            self._last = sample.states, key, predicted
+        return self._last[2]
+
+    def undisturbed(self, sample: Sample, theta: Vector) -> NDArray[np.bool_]:
+        """Return which entries of the next states no event has changed, `[N, F]`.
+
+        Left out is what the model's own events change in its prediction, and what was observed
+        exactly at a value that an event assigns. Where hardly anything would be left after an
+        action, only the latter: then it is the model that is wrong.
+
+        Args:
+            sample: The transitions.
+            theta: `[P]` literals.
+        """
+        free = np.ones(sample.states.shape, dtype=np.bool_)
+        if not self.ground.events:
+            return free
+        for column, literal in self._stops:
+            gap = np.abs(sample.next_states[:, column] - theta[literal])
+            free[:, column] &= gap > _AT_A_STOP * sample.scale[column]
+        before = self.predict_all(sample, theta)
+        after = predictions(self._whole.replace(theta=theta), sample.states, sample.actions)
+        kept: NDArray[np.bool_] = free & (before == after)
+        for action in np.unique(sample.actions):
+            rows = sample.actions == action
+            scarce = rows[:, None] & (kept[rows].sum(0) < _SCARCE)
+            kept[scarce] = free[scarce]
+        return kept
+
+    @functools.cached_property
+    def _whole(self) -> TransitionModel:
+        return TransitionModel(self.ground, dt=self.dt)
+
+    @functools.cached_property
+    def _stops(self) -> list[tuple[int, int]]:
+        """The (fluent, literal) of events that assign a number."""
+        return [
+            (effect.target, effect.value.parameter)
+            for event in self.ground.events
+            for effect in event.effects
+            if isinstance(effect, g.SetNumber)
+            and effect.target >= 0
+            and effect.change is Change.ASSIGN
+            and isinstance(effect.value, g.Literal)
+        ]
+
+
+def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
+    """Return the next states `[N, F]` that a model predicts, by CPython; NaN where none."""
+    width = states.shape[1]
+    rows = []
+    for state, action in zip(states.tolist(), actions.tolist(), strict=True):
+        out, flags = model.transition(state, action)
+        rows.append(out[:width] if flags & APPLICABLE else [np.nan] * width)
+    return np.array(rows, dtype=np.float64).reshape(len(rows), width)

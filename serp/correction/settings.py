@@ -1,0 +1,62 @@
+"""Settings of the correction of the transition model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from serp.errors import SettingsError
+from serp.quantities import whole
+
+MODES = ("off", "literals", "residual", "full")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorrectionSettings:
+    """What is made of the model's one-step errors.
+
+    Attributes:
+        mode: `off`: they are recorded, nothing else; `literals`: the numbers of effects and rates
+            are estimated anew; `residual`: what the file does not say is learned beside it;
+            `full`: both.
+        nonlinear: Whether a residual may use random Fourier features where a linear one leaves
+            something unexplained.
+        chance: What an action is worth that has several outcomes: `expected`: the mean of their
+            rewards; `worst`: the least of them. Either way it is unsafe if any of them is that
+            comes in one of fifty cases or more.
+        tries: The planner prefers an action that it has seen fewer times than that, where it is
+            predicted safe for the whole lookahead; 0, or mode `off`: never.
+    """
+
+    mode: Literal["off", "literals", "residual", "full"] = "off"
+    nonlinear: bool = True
+    chance: Literal["expected", "worst"] = "expected"
+    tries: int = 0
+
+    def __post_init__(self) -> None:
+        if self.mode not in MODES:
+            raise SettingsError(f"correction: mode must be {' or '.join(MODES)}, not {self.mode!r}")
+        if self.chance not in ("expected", "worst"):
+            raise SettingsError(
+                f"correction: chance must be expected or worst, not {self.chance!r}"
+            )
+        if not isinstance(self.nonlinear, bool):
+            raise SettingsError(
+                f"correction: nonlinear must be true or false, not {self.nonlinear!r}"
+            )
+        tries = whole(self.tries, 0)
+        if tries is None:
+            raise SettingsError(
+                f"correction: tries must be a whole number >= 0, not {self.tries!r}"
+            )
+        object.__setattr__(self, "tries", tries)
+
+    @property
+    def residual(self) -> bool:
+        """Whether a residual is learned."""
+        return self.mode in ("residual", "full")
+
+    @property
+    def literals(self) -> bool:
+        """Whether literals are estimated anew."""
+        return self.mode in ("literals", "full")

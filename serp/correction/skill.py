@@ -1,0 +1,82 @@
+"""How well the model in use predicts, of late."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.compilation import cached_njit
+from serp.domain.model import Vector
+
+_MEMORY: Final = 0.99
+_EARLY: Final = 3.0
+"""At first all but this share's part of the steps is forgotten."""
+_LEAST: Final = 20
+"""Before so many env steps nothing is known."""
+_RELIABLE: Final = 0.9
+
+
+@cached_njit(nogil=True)
+def _take(state, predicted, observed, rate, error, change):  # type: ignore[no-untyped-def]
+    """Let means of squared errors and changes follow a step; return 1, or 0 for one left out."""
+    for i in range(state.shape[0]):
+        off, moved = observed[i] - predicted[i], observed[i] - state[i]
+        if not (math.isfinite(off * off) and math.isfinite(moved * moved)):
+            return 0
+    for i in range(state.shape[0]):
+        off, moved = observed[i] - predicted[i], observed[i] - state[i]
+        error[i] += rate * (off * off - error[i])
+        change[i] += rate * (moved * moved - change[i])
+    return 1
+
+
+class Skill:
+    """The share of what changes that the model foresees, by fluent.
+
+    The skill of a forecast against persistence (Murphy, 1988): 1 less the mean squared error over
+    the mean squared change. 1: everything is foreseen; 0: "nothing changes" would do as well.
+
+    Args:
+        fluents: Width of a state, F.
+    """
+
+    def __init__(self, fluents: int) -> None:
+        self._error = np.zeros(fluents)
+        self._change = np.zeros(fluents)
+        self._steps = 0
+
+    def observe(self, state: Vector, predicted: Vector, observed: Vector) -> None:
+        """Take a prediction into account; one with NaN or infinity is left out."""
+        rate = max(1.0 - _MEMORY, _EARLY / (_EARLY + self._steps))
+        self._steps += _take(state, predicted, observed, rate, self._error, self._change)
+
+    @property
+    def by_fluent(self) -> Vector:
+        """`[F]` skill; NaN for a fluent that never changed and was never predicted to."""
+        nothing = (self._change == 0.0) & (self._error == 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(nothing, np.nan, 1.0 - self._error / self._change)
+
+    @property
+    def reliable(self) -> bool:
+        """Whether the model foresees nine tenths of what changes, of every fluent."""
+        if self._steps < _LEAST:
+            return False
+        return bool((self._error <= (1.0 - _RELIABLE) * self._change).all())
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """Return arrays that `load_state_dict` restores exactly."""
+        return {
+            "error": self._error.copy(),
+            "change": self._change.copy(),
+            "steps": np.array([self._steps]),
+        }
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Restore what `state_dict` returned."""
+        self._error[:], self._change[:] = arrays["error"], arrays["change"]
+        self._steps = int(arrays["steps"][0])

@@ -1,0 +1,288 @@
+"""Findings in the words of the domain file, the most costly first."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from serp.correction.findings import (
+    Findings,
+    LiteralFinding,
+    MissingEffect,
+    Outcome,
+    OutcomeFinding,
+    Term,
+)
+from serp.domain.ground import GroundEffect, GroundModel, GroundSchema, Parameter
+from serp.domain.source import Place
+
+Finding = LiteralFinding | MissingEffect | OutcomeFinding
+
+_CERTAIN = 2.0
+"""A literal differs from its estimate where so many standard errors lie between them."""
+
+
+class Remark(NamedTuple):
+    """One thing to be said of the file.
+
+    Attributes:
+        cost: Of all findings that it tells together; see `serp.correction.findings`.
+        schema: Name of the action or process schema; empty where it is about the world as such.
+        line: Line of the file; None where there is none.
+        text: A sentence without a full stop.
+        findings: What it tells.
+    """
+
+    cost: float
+    schema: str
+    line: int | None
+    text: str
+    findings: tuple[Finding, ...]
+
+
+def remarks(findings: Findings, ground: GroundModel) -> list[Remark]:
+    """Return what is to be said of a file, the most costly first.
+
+    What is found of one fluent in one schema is told together. Literals that agree with what was
+    observed are left out, unless something is missing beside them.
+
+    Args:
+        findings: What was found.
+        ground: The instantiated domain that it was found of.
+    """
+    words = _Words(ground)
+    told = [words.of_outcome(outcome) for outcome in findings.outcomes]
+    groups: dict[tuple[str, str], list[LiteralFinding | MissingEffect]] = {}
+    changes: list[LiteralFinding | MissingEffect] = [*findings.literals, *findings.missing]
+    for finding in changes:
+        key = finding.schema, _symbol(finding.fluent)
+        groups.setdefault(key, []).append(finding)
+    for group in groups.values():
+        told += words.of_group(group)
+    return sorted(told, key=lambda remark: -remark.cost)
+
+
+def differs(finding: LiteralFinding) -> bool:
+    """Whether a literal is not what was observed, as far as can be told."""
+    gap = abs(finding.estimate - finding.written)
+    rounding = 1e-9 * max(abs(finding.estimate), abs(finding.written))
+    return gap > max(_CERTAIN * finding.error, rounding)
+
+
+class _Words:
+    """The names and places of one domain."""
+
+    def __init__(self, ground: GroundModel) -> None:
+        self._schemas: tuple[GroundSchema, ...] = (*ground.actions, *ground.processes)
+        self._effects: list[GroundEffect] = [e for s in self._schemas for e in s.effects]
+        self._predicates = {f.symbol for f in ground.fluents if not f.numeric}
+        self._symbols = [f.symbol for f in ground.fluents]
+        self._parameters = ground.parameters
+
+    def of_group(self, group: list[LiteralFinding | MissingEffect]) -> Iterator[Remark]:
+        """Tell what was found of one fluent in one schema."""
+        missing = [finding for finding in group if isinstance(finding, MissingEffect)]
+        literals = [finding for finding in group if isinstance(finding, LiteralFinding)]
+        effects: dict[str, list[LiteralFinding]] = {}
+        for literal in literals:
+            effects.setdefault(self._effect(literal.parameter), []).append(literal)
+        ranked = sorted(effects.items(), key=lambda item: -sum(f.cost for f in item[1]))
+        rates = {self._is_process(finding.schema) for finding in literals}
+        for effect, found in ranked:
+            wrong = [finding for finding in found if differs(finding)]
+            # What is missing is told with the first effect that changes the same fluent, in the
+            # same unit: a rate beside a rate.
+            beside = [m for m in missing if rates == {m.rate}]
+            if not wrong and not beside:
+                continue
+            missing = [m for m in missing if m not in beside]
+            yield self._of_effect(effect, found, wrong, beside)
+        for finding in missing:
+            yield self._of_missing(finding)
+
+    def _of_effect(
+        self,
+        effect: str,
+        found: list[LiteralFinding],
+        wrong: list[LiteralFinding],
+        missing: list[MissingEffect],
+    ) -> Remark:
+        place = found[0].parameter.place
+        alone = self._literals_in(effect, place) == 1
+        parts = [
+            f"observed {measured(f.estimate, f.error)}"
+            + ("" if alone else f" for {f.parameter.place.text}")
+            + f" in {f.samples:,} steps"
+            for f in sorted(wrong, key=lambda finding: -finding.cost)
+        ]
+        parts += [f"plus {terms(m.terms)} that the file does not mention" for m in missing]
+        as_is = "; " if wrong else ", as observed; "
+        told: tuple[Finding, ...] = (*wrong, *missing)
+        return Remark(
+            cost=sum(finding.cost for finding in told),
+            schema=found[0].schema,
+            line=place.line,
+            text=f"`{found[0].schema}`, {_line(place)}: `{effect}`" + as_is + "; ".join(parts),
+            findings=told,
+        )
+
+    def _of_missing(self, finding: MissingEffect) -> Remark:
+        mentions = any(
+            schema.schema == finding.schema and self._changes(schema, finding.fluent)
+            for schema in self._schemas
+        )
+        how = "beyond what the file says" if mentions else "which the file does not mention"
+        per = " per unit of time" if finding.rate else ""
+        who = "whatever the action" if not finding.schema else f"`{finding.schema}`"
+        where = "" if finding.place is None else f", {_line(finding.place)}"
+        return Remark(
+            cost=finding.cost,
+            schema=finding.schema,
+            line=None if finding.place is None else finding.place.line,
+            text=f"{who}{where}: `{_bracketed(finding.fluent)}` changes by "
+            f"{terms(finding.terms)}{per}, {how} ({finding.samples:,} steps)",
+            findings=(finding,),
+        )
+
+    def of_outcome(self, finding: OutcomeFinding) -> Remark:
+        """Tell what comes of an action."""
+        written = [o for o in finding.outcomes if o.written]
+        others = [o for o in finding.outcomes if not o.written]
+        steps = f"of {finding.samples:,} steps"
+        if written:
+            what = f"does what the file says ({self._changed(written[0])}) in "
+            what += f"{_percent(sum(o.probability for o in written), written[0].error)} {steps}"
+        else:
+            what = f"never does what the file says, in none {steps}"
+        if others:
+            what += "; instead " + ", ".join(
+                f"{self._changed(o)} in {_percent(o.probability, o.error)}" for o in others
+            )
+        return Remark(
+            cost=finding.cost,
+            schema=finding.schema,
+            line=finding.place.line,
+            text=f"`{finding.schema}`, {_line(finding.place)}: {what}",
+            findings=(finding,),
+        )
+
+    def _changed(self, outcome: Outcome) -> str:
+        if not outcome.changes:
+            return "nothing changes"
+        return " and ".join(self._change(symbol, change) for symbol, change in outcome.changes)
+
+    def _change(self, fluent: str, change: float) -> str:
+        if _symbol(fluent) in self._predicates:
+            return f"{_bracketed(fluent)} becomes {'true' if change > 0 else 'false'}"
+        return f"{_bracketed(fluent)} {'+' if change > 0 else '−'}{_plain(abs(change))}"
+
+    def _effect(self, parameter: Parameter) -> str:
+        """Return the text of the innermost effect in which a literal stands."""
+        place = parameter.place
+        around = [effect.place for effect in self._effects if _inside(place, effect.place)]
+        if not around:  # a static value of the problem, or such
+            return place.source_line.strip() or place.text
+        return min(around, key=lambda outer: outer.end - outer.start).text
+
+    def _literals_in(self, effect: str, place: Place) -> int:
+        """Return how many literals stand in the effect around a place."""
+        around = [
+            outer.place
+            for outer in self._effects
+            if _inside(place, outer.place) and outer.place.text == effect
+        ]
+        if not around:
+            return 1
+        return len({p.place.start for p in self._parameters if _inside(p.place, around[0])})
+
+    def _is_process(self, name: str) -> bool:
+        """Whether a schema is a process, whose effects are rates."""
+        return any(s.schema == name and s.kind.value == "process" for s in self._schemas)
+
+    def _changes(self, schema: GroundSchema, fluent: str) -> bool:
+        return any(
+            effect.target >= 0 and self._symbols[effect.target] == _symbol(fluent)
+            for effect in schema.effects
+        )
+
+
+def terms(summands: Iterable[Term]) -> str:
+    """Return a sum as people read it: `0.31 × pole-angle − 0.02`.
+
+    Each coefficient has the digits that its standard error leaves.
+    """
+    text = ""
+    for term in summands:
+        value = rounded(abs(term.coefficient), term.error)
+        product = " × ".join([value, *(f if " " not in f else _bracketed(f) for f in term.fluents)])
+        sign = "−" if term.coefficient < 0 else "+"
+        if text:
+            text += f" {sign} {product}"
+        else:
+            text = product if sign == "+" else f"−{product}"
+    return text or "0"
+
+
+def measured(value: float, error: float) -> str:
+    """Return a value with its standard error: `0.21 ± 0.02`."""
+    if not math.isfinite(error) or error <= 1e-9 * abs(value):
+        return _signed(_plain(value))
+    decimals = _decimals(error)
+    shown = round(error, decimals)
+    return f"{_signed(_fixed(value, decimals))} ± {_fixed(shown, decimals)}"
+
+
+def rounded(value: float, error: float) -> str:
+    """Return a value with the digits that its standard error leaves."""
+    if not math.isfinite(error) or error <= 1e-9 * abs(value):
+        return _plain(value)
+    decimals = _decimals(error)
+    if round(value, decimals) == 0.0:  # all of it is uncertain; a zero would say less
+        return f"{value:.1g}"
+    return _signed(_fixed(value, decimals))
+
+
+def _decimals(error: float) -> int:
+    """Return the decimals up to the first digit of an error, or its second after a one."""
+    place = math.floor(math.log10(error))
+    first = int(error / 10.0**place)
+    return -place + (1 if first == 1 else 0)
+
+
+def _fixed(value: float, decimals: int) -> str:
+    if decimals > 6 or (decimals < 0 and abs(value) >= 1e9):
+        return f"{value:.3g}"
+    return f"{round(value, decimals) + 0.0:,.{max(0, decimals)}f}"
+
+
+def _plain(value: float) -> str:
+    return f"{value + 0.0:.6g}"
+
+
+def _signed(text: str) -> str:
+    return text.replace("-", "−", 1) if text.startswith("-") else text
+
+
+def _percent(share: float, error: float) -> str:
+    if not math.isfinite(error) or error < 0.0005:
+        return f"{100 * share:.1f} %" if 0 < share < 0.1 else f"{100 * share:.0f} %"
+    decimals = 1 if error < 0.005 else 0
+    return f"{100 * share:.{decimals}f} ± {100 * error:.{decimals}f} %"
+
+
+def _symbol(fluent: str) -> str:
+    return fluent.strip("() ").split(" ")[0]
+
+
+def _bracketed(fluent: str) -> str:
+    return fluent if fluent.startswith("(") else f"({fluent})"
+
+
+def _line(place: Place) -> str:
+    file = "" if not place.source.name.endswith("problem.pddl") else "problem, "
+    return f"{file}line {place.line}"
+
+
+def _inside(inner: Place, outer: Place) -> bool:
+    return inner.source is outer.source and outer.start <= inner.start and inner.end <= outer.end

@@ -1,0 +1,133 @@
+"""`serp repair`."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from serp.cli.root import serp
+from serp.comparison.algorithms import OWN
+from serp.runs.checkpoint import NEWEST, load, save
+from tests.serp.cli.conftest import Run
+
+EMPTY = Path(__file__).parents[3] / "domains" / "cartpole-empty.pddl"
+PLANNER_ALONE = [
+    f"--set={section}.{name}={value if isinstance(value, str) else json.dumps(value)}"
+    for section, values in OWN["mrp"].changes.items()
+    for name, value in values.items()
+]
+CORRECTED = ["--set=correction.mode=residual", "--set=correction.tries=3"]
+
+
+def planned(domain: str | Path, out: Path, *options: str) -> np.ndarray:
+    """Let the planner act alone; return the returns of its episodes."""
+    arguments = ["plan-and-learn", f"--domain={domain}", f"--out={out}", "--quiet"]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp.runs.plots.render", lambda figure, kind: b"")
+        result = CliRunner().invoke(serp, [*arguments, *PLANNER_ALONE, *options])
+    assert result.exit_code == 0, result.output
+    with (out / "metrics.csv").open(encoding="utf-8") as table:
+        return np.array([float(row["return"]) for row in csv.DictReader(table)])
+
+
+@pytest.fixture(scope="module")
+def ignorant(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with a file that says nothing of how cart and pole move, corrected while it went."""
+    out = tmp_path_factory.mktemp("ignorant") / "run"
+    planned(EMPTY, out, "--episodes=2", *CORRECTED)
+    return out
+
+
+def test_the_repaired_file_alone_is_as_good_as_the_corrected_run(run: Run, ignorant: Path) -> None:
+    corrected = planned(EMPTY, Path("corrected"), "--episodes=3", "--seed=7", *CORRECTED)
+    run("repair", str(ignorant), "-o", "cartpole-known.pddl")
+    off = "--set=correction.mode=off"
+    repaired = planned("cartpole-known.pddl", Path("again"), "--episodes=6", "--seed=7", off)
+    assert repaired.mean() >= 475.0
+    assert repaired.mean() >= corrected.mean() - 10.0
+    # It is the repair that does it.
+    assert planned(EMPTY, Path("unaided"), "--episodes=3", off).mean() < 30.0
+
+
+def test_the_file_is_right_and_what_is_shown_is_what_is_written(run: Run, ignorant: Path) -> None:
+    shown = run("repair", str(ignorant))
+    assert "-o FILE.pddl writes" in shown.stderr
+    assert not list(Path().iterdir())
+    written = run("repair", str(ignorant), "-o", "known.pddl")
+    assert "the repaired file is known.pddl" in written.stderr
+    text = Path("known.pddl").read_text(encoding="utf-8")
+    old, new = EMPTY.read_text(encoding="utf-8").splitlines(), text.splitlines()
+    shown_lines, lines = shown.stdout.splitlines(), written.stdout.splitlines()
+    assert lines == list(
+        difflib.unified_diff(old, new, "cartpole-empty.pddl", "known.pddl", n=2, lineterm="")
+    )
+    assert shown_lines[2:] == lines[2:]
+    assert "+      (increase (pole-angle) (* #t (pole-velocity)))))" in lines
+    checked = run("check", "known.pddl").stdout
+    assert "known.pddl: right" in checked and "unified-planning reads it: yes" in checked
+
+
+def test_equal_runs_are_repaired_alike(run: Run, ignorant: Path) -> None:
+    assert run("repair", str(ignorant)).stdout == run("repair", str(ignorant)).stdout
+
+
+def test_nothing_in_the_run_is_changed(run: Run, ignorant: Path) -> None:
+    before = {path.name: path.read_bytes() for path in ignorant.iterdir()}
+    run("repair", str(ignorant), "-o", "known.pddl")
+    own = run("repair", str(ignorant), "-o", str(ignorant / "domain.pddl"), "--force", expect=1)
+    assert "belongs to the run" in own.stderr
+    assert {path.name: path.read_bytes() for path in ignorant.iterdir()} == before
+
+
+def test_nothing_is_replaced_unasked(run: Run, ignorant: Path) -> None:
+    Path("known.pddl").write_text("mine", encoding="utf-8")
+    refused = run("repair", str(ignorant), "-o", "known.pddl", expect=1)
+    assert "known.pddl exists" in refused.stderr and not refused.stdout
+    assert Path("known.pddl").read_text(encoding="utf-8") == "mine"
+    run("repair", str(ignorant), "-o", "known.pddl", "--force")
+    assert Path("known.pddl").read_text(encoding="utf-8").startswith("; Cart-pole")
+
+
+def test_a_file_that_is_right_is_left_alone(run: Run, ignorant: Path) -> None:
+    run("repair", str(ignorant), "-o", "known.pddl")
+    planned("known.pddl", Path("again"), "--episodes=1")
+    result = run("repair", "again", "-o", "once-more.pddl")
+    if "nothing to repair" in result.stdout:
+        assert not Path("once-more.pddl").exists()
+    else:  # a number, in its last digit
+        assert result.stderr.startswith(("1 change", "2 changes", "3 changes"))
+
+
+def test_the_problem_goes_with_the_file(run: Run, walk: Path) -> None:
+    from serp.cli.repair import write_beside
+
+    problem = Path("walk-problem.pddl").read_text(encoding="utf-8")
+    Path("new").mkdir()
+    assert write_beside(Path("new/hike.pddl"), problem) == Path("new/hike-problem.pddl")
+    assert Path("new/hike-problem.pddl").read_text(encoding="utf-8") == problem
+    Path("new/hike-problem.pddl").write_text("mine", encoding="utf-8")
+    assert write_beside(Path("new/hike.pddl"), problem) is None
+    assert Path("new/hike-problem.pddl").read_text(encoding="utf-8") == "mine"
+
+
+def test_usage_errors(run: Run, ignorant: Path) -> None:
+    run("repair", expect=2)
+    result = run("repair", str(ignorant), "-o", "known.txt", expect=2)
+    assert "name a file that ends in .pddl" in result.stderr
+    assert "cannot write" in run("repair", str(ignorant), "-o", "no/known.pddl", expect=1).stderr
+
+
+def test_what_has_no_experience_is_refused(run: Run, ignorant: Path) -> None:
+    assert "no such folder" in run("repair", "nosuch", expect=1).stderr
+    shutil.copytree(ignorant, "old")
+    arrays, meta = load(Path("old") / NEWEST)
+    del meta["agent"]["correction"]
+    save(Path("old") / NEWEST, arrays, meta)
+    assert "an earlier version of serp" in run("repair", "old", expect=1).stderr

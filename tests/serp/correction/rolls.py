@@ -1,0 +1,94 @@
+"""Transitions to learn from: of the real cart-pole, of an icy cliff, and of any model."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import gymnasium as gym
+import numpy as np
+
+import serp_envs
+from serp.correction.experience import Experience
+from serp.domain.flags import APPLICABLE, TERMINAL
+from serp.domain.loading import Domain, load_domain
+from serp.domain.model import TransitionModel, Vector
+from serp.domain.parser import parse_domain, parse_problem
+from serp.domain.source import Source
+from serp.planning.lookahead import Lookahead
+from serp.planning.settings import PlannerSettings
+
+DOMAINS = Path(__file__).parents[3] / "domains"
+DT = 0.02
+"""Control period of cart-pole, seconds."""
+
+
+def from_text(text: str, problem: str | None = None) -> Domain:
+    """A domain from its text, without a file."""
+    source = Source("world.pddl", text)
+    problem_source = None if problem is None else Source("world-problem.pddl", problem)
+    syntax = parse_domain(source)
+    parsed = None if problem_source is None else parse_problem(problem_source, syntax)
+    return Domain(syntax.name, source, problem_source, syntax, parsed)
+
+
+@functools.cache
+def cartpole(name: str = "cartpole") -> Domain:
+    """A shipped domain file of cart-pole."""
+    return load_domain(DOMAINS / f"{name}.pddl")
+
+
+@functools.cache
+def planner(text: str) -> Lookahead:
+    """The planner of a cart-pole file."""
+    settings = PlannerSettings(depth=5, repeat=2, discount=0.99)
+    return Lookahead(from_text(text).model.replace(dt=DT), settings)
+
+
+@functools.cache
+def balance(text: str, seed: int, steps: int, noise: float = 0.0) -> tuple[Experience, int]:
+    """The real cart-pole under the planner of a file: its transitions, and how often it fell.
+
+    Args:
+        text: The file.
+        seed: Of environment and noise.
+        steps: Env steps.
+        noise: Share of the actions that are random.
+    """
+    serp_envs.register()
+    env = gym.make("serp/CartPole-v0")
+    rng = np.random.default_rng(seed)
+    experience = Experience(steps, 4)
+    falls = 0
+    observation, _ = env.reset(seed=seed)
+    for _ in range(steps):
+        state = np.asarray(observation, dtype=np.float64)
+        random = rng.random() < noise
+        action = int(rng.integers(2)) if random else planner(text).forecast(state).choice
+        observation, _, terminated, truncated, _ = env.step(action)
+        after = np.asarray(observation, dtype=np.float64)
+        experience.add(state, action, after, terminated or truncated)
+        falls += terminated
+        if terminated or truncated:
+            observation, _ = env.reset()
+    env.close()
+    return experience, falls
+
+
+def imagined(
+    model: TransitionModel,
+    states: Vector,
+    rng: np.random.Generator,
+    noise: float = 0.0,
+) -> Experience:
+    """What a model says of random actions in given states, plus noise on numeric fluents."""
+    experience = Experience(len(states), len(model.fluents))
+    numeric = np.array([fluent.numeric for fluent in model.fluents])
+    actions = rng.integers(len(model.actions), size=len(states))
+    errors = numeric * rng.normal(scale=noise, size=states.shape)
+    for state, action, error in zip(states, actions.tolist(), errors, strict=True):
+        out, flags = model.transition(state.tolist(), action)
+        if flags & APPLICABLE:
+            after = np.array(out[: len(state)]) + error
+            experience.add(state, action, after, bool(flags & TERMINAL))
+    return experience

@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from serp.correction.applied import predictions_with
+from serp.correction.diagnosis import Diagnosis, make_diagnosis
+from serp.correction.findings import Findings
+from serp.correction.pictures import PANELS, draw_diagnosis, panels_of
+from serp.correction.sample import predictions
+from serp.domain.model import TransitionModel, Vector
+from serp.picture import render
+from tests.serp.correction.truth import (
+    fitted,
+    found,
+    literal,
+    missing,
+    recorded,
+    robots,
+    states_of,
+)
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> TransitionModel:
+    return robots(tmp_path)
+
+
+def pictured(model: TransitionModel, truth: Findings) -> tuple[Diagnosis, Vector, Vector]:
+    states, actions = states_of(model, 300)
+    after = predictions_with(model, truth, states, actions)
+    column = next(f.index for f in model.fluents if f.name == "lit r1")
+    after[::7, column] = 1.0 - after[::7, column]  # a predicate that does not always do so
+    findings = fitted(truth, model, states, actions, after, after)
+    diagnosis = make_diagnosis(recorded(model, states, actions, after), findings)
+    return diagnosis, predictions(model, states, actions), after
+
+
+def all_wrong(model: TransitionModel) -> Findings:
+    return found(
+        literal(model, 0, 2.5), missing(model, "battery ?r", {("warmth",): 0.2}),
+        missing(model, "warmth", {(): 0.1}, schema="", rate=True),
+        missing(model, "place ?r", {(): 0.1}, schema="", rate=True),
+        missing(model, "battery ?r", {(): 0.1}, schema="", rate=True),
+    )  # fmt: skip
+
+
+def test_the_most_costly_pairs_are_drawn_and_no_more_than_can_be_read(
+    model: TransitionModel,
+) -> None:
+    diagnosis, written, after = pictured(model, all_wrong(model))
+    assert sum(row.cost > 0 for row in diagnosis.fits) > PANELS
+    chosen = panels_of(diagnosis)
+    assert chosen == list(diagnosis.fits[:PANELS])
+    figure = draw_diagnosis(diagnosis, written, after)
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles == [f"{row.action}: {row.fluent}" for row in chosen]
+
+
+def test_numbers_are_points_and_predicates_are_tables(model: TransitionModel) -> None:
+    diagnosis, written, after = pictured(model, found(literal(model, 0, 2.5)))
+    figure = draw_diagnosis(diagnosis, written, after)
+    by_title = {axes.get_title(loc="left"): axes for axes in figure.axes}
+    points = by_title["drive r1: place r1"].collections
+    assert len(points) == 2
+    estimated = np.asarray(points[1].get_offsets())
+    np.testing.assert_allclose(estimated[:, 0], estimated[:, 1])
+    by_file = np.asarray(points[0].get_offsets())
+    np.testing.assert_allclose(by_file[:, 0] + 1.0, by_file[:, 1])
+    table = by_title["light r1: lit r1"]
+    assert not table.collections
+    shares = [float(text.get_text().split()[0]) for text in table.texts if "%" in text.get_text()]
+    columns = len(table.get_xticks())
+    assert sum(shares) == pytest.approx(100 * columns, abs=columns * 2)
+    assert {label.get_text() for label in table.get_yticklabels()} <= {"stays", "true", "false"}
+
+
+def test_equal_diagnoses_give_equal_bytes(model: TransitionModel) -> None:
+    drawn = pictured(model, found(literal(model, 0, 2.5)))
+    first, second = (render(draw_diagnosis(*drawn), "svg") for _ in range(2))
+    assert first == second
+
+
+def test_a_right_file_is_drawn_by_what_moves(model: TransitionModel) -> None:
+    states, actions = states_of(model, 100)
+    after = predictions(model, states, actions)
+    findings = fitted(found(), model, states, actions, after, after)
+    diagnosis = make_diagnosis(recorded(model, states, actions, after), findings)
+    assert panels_of(diagnosis)
+    assert all(row.change > 0 for row in panels_of(diagnosis))
+    assert len(draw_diagnosis(diagnosis, after, after).axes) == len(panels_of(diagnosis))
+    still = fitted(found(), model, states, actions, states, states)
+    diagnosis = make_diagnosis(recorded(model, states, actions, states), still)
+    assert render(draw_diagnosis(diagnosis, states, states), "png")

@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from serp.correction.skill import Skill
+from tests.serp.correction.worlds import plus
+
+
+def told(skill: Skill, steps: int, share: float, seed: int = 0) -> None:
+    """Steps of which such a share of the change is foreseen."""
+    rng = np.random.default_rng(seed)
+    for _ in range(steps):
+        state, change = rng.normal(size=(2, 2))
+        skill.observe(state, state + share * change, state + change)
+
+
+def test_all_of_a_change_foreseen_is_1_none_is_0_and_half_leaves_a_quarter() -> None:
+    for share in (0.0, 0.5, 1.0, 2.0):
+        skill = Skill(2)
+        told(skill, 300, share)
+        np.testing.assert_allclose(skill.by_fluent, 1.0 - (1.0 - share) ** 2, atol=1e-9)
+
+
+def test_of_what_never_changed_and_was_never_said_to_nothing_is_known() -> None:
+    skill = Skill(3)
+    for k in range(50):
+        state = np.array([0.0, float(k), 0.0])
+        skill.observe(state, plus(state, 0.0, 1.0, 1.0), plus(state, 0.0, 1.0, 0.0))
+    assert np.isnan(skill.by_fluent[0])
+    assert skill.by_fluent[1] == 1.0
+    assert skill.by_fluent[2] == -np.inf  # it was said to change, and never did
+    assert not skill.reliable
+
+
+@pytest.mark.parametrize("share, reliable", [(1.0, True), (0.8, True), (0.6, False), (0.0, False)])
+def test_reliable_is_who_foresees_nine_tenths_of_every_fluent(share: float, reliable: bool) -> None:
+    skill = Skill(2)
+    told(skill, 100, share)
+    assert skill.reliable == reliable  # of the squared change
+
+
+def test_one_fluent_that_is_not_foreseen_is_enough() -> None:
+    skill = Skill(2)
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        state, change = rng.normal(size=(2, 2))
+        skill.observe(state, plus(state, change[0], 0.0), state + change)
+    assert not skill.reliable
+
+
+def test_nobody_is_reliable_before_enough_was_seen() -> None:
+    skill = Skill(2)
+    assert not skill.reliable
+    told(skill, 10, 1.0)
+    assert not skill.reliable
+    told(skill, 30, 1.0)
+    assert skill.reliable
+
+
+def test_it_is_of_late() -> None:
+    skill = Skill(2)
+    told(skill, 1000, 1.0)
+    assert skill.reliable
+    told(skill, 50, 0.0)
+    assert not skill.reliable
+    told(skill, 1000, 1.0)
+    assert skill.reliable
+
+
+@pytest.mark.parametrize("worth", [np.nan, np.inf, -np.inf, 1e308])
+def test_what_is_no_number_is_left_out(worth: float) -> None:
+    clean, spoilt = Skill(2), Skill(2)
+    for skill in (clean, spoilt):
+        told(skill, 50, 0.9)
+    good, bad = np.array([1.0, 2.0]), np.array([1.0, worth])
+    for steps in ((good, good, bad), (good, bad, good), (bad, good, good), (bad, good, bad)):
+        spoilt.observe(*steps)
+    for name, array in clean.state_dict().items():
+        assert spoilt.state_dict()[name].tobytes() == array.tobytes()
+
+
+def test_resumed_equals_uninterrupted() -> None:
+    whole, resumed = Skill(2), Skill(2)
+    told(whole, 37, 0.7)
+    resumed.load_state_dict(whole.state_dict())
+    for skill in (whole, resumed):
+        told(skill, 20, 0.3, seed=1)
+    for name, array in whole.state_dict().items():
+        assert resumed.state_dict()[name].tobytes() == array.tobytes()

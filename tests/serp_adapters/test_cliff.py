@@ -1,0 +1,188 @@
+"""The slippery cliff: what the wrapper shows is what Gymnasium's table says, falls included."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from serp.agent import make_planner
+from serp.arbiter import Arbiter
+from serp.settings import resolve
+from serp.task import BoundTask
+from serp_adapters import cliff
+
+Table = dict[int, dict[int, list[tuple[float, int, float, bool]]]]
+CLIFF = range(37, 47)
+GOAL = 47
+# What slips are: the moves to the left and to the right of the one that is meant.
+MOVES = ((-1, 0), (0, 1), (1, 0), (0, -1))
+
+
+@pytest.fixture(scope="module")
+def task() -> BoundTask:
+    return cliff.task().bind()
+
+
+@pytest.fixture(scope="module")
+def table() -> Table:
+    """Gymnasium's: cell → action → (probability, next cell, reward, whether it ends)."""
+    found: Table = gym.make("CliffWalkingSlippery-v1").unwrapped.P  # type: ignore[attr-defined]
+    return found
+
+
+def moved(cell: int, action: int) -> int:
+    """The cell that a move leads to, on a plateau with a wall round it."""
+    row, column = divmod(cell, 12)
+    down, right = MOVES[action]
+    return 12 * min(max(row + down, 0), 3) + min(max(column + right, 0), 11)
+
+
+def walk(task: BoundTask, steps: int, seed: int) -> list[tuple[int, int, Any, dict[str, Any]]]:
+    """Random steps: cell, action, (next cell, reward, terminated, truncated), info."""
+    rng = np.random.default_rng(seed)
+    seen = []
+    cell, info = task.reset(seed=seed)
+    assert (cell, info["falls"]) == (36, 0)
+    for _ in range(steps):
+        action = int(rng.integers(4))
+        *shown, info = task.step(action)
+        seen.append((cell, action, tuple(shown), info))
+        cell = shown[0]
+        if shown[2] or shown[3]:
+            cell, _ = task.reset()
+    return seen
+
+
+def test_every_step_is_one_that_gymnasiums_table_has(task: BoundTask, table: Table) -> None:
+    """Fallen robots apart, which Gymnasium puts back to the start."""
+    for cell, action, (shown, reward, terminated, _), info in walk(task, 4_000, 1):
+        possible = {(n, r, t) for _, n, r, t in table[cell][action]}
+        fell = shown in CLIFF
+        assert info["falls"] == fell
+        if fell:
+            assert (36, -100, False) in possible
+            assert (reward, terminated) == (-100.0, True)
+        else:
+            assert (shown, reward, terminated) in possible
+
+
+def test_the_cell_of_a_fall_is_where_one_of_the_three_moves_leads(
+    task: BoundTask, table: Table
+) -> None:
+    seen = walk(task, 20_000, 2)
+    falls = {(cell, action, shown[0]) for cell, action, shown, info in seen if info["falls"]}
+    for cell, action, fallen in falls:
+        assert fallen in {moved(cell, (action + slip) % 4) for slip in (-1, 0, 1)}
+    # From the start, slipping and not, and from above.
+    assert {(36, 0, 37), (36, 1, 37)} <= falls
+    assert len({fallen for cell, _, fallen in falls if cell != 36}) >= 3
+
+
+def test_wherever_one_can_stand_only_one_cell_of_the_cliff_is_near(table: Table) -> None:
+    """Which is why the wrapper needs no more than the cell before."""
+    for cell in range(37):
+        near = {n for action in range(4) if (n := moved(cell, action)) in CLIFF}
+        falls = {a for a in range(4) if any(r == -100 for _, _, r, _ in table[cell][a])}
+        assert len(near) == bool(falls)
+        if falls:
+            assert near == {cell + (1 if cell == 36 else 12)}
+
+
+def test_a_third_of_the_moves_goes_to_each_side(task: BoundTask) -> None:
+    seen = walk(task, 20_000, 3)
+    counts = np.zeros(3)
+    for cell, action, (shown, *_), _ in seen:
+        ways = [moved(cell, (action + slip) % 4) for slip in (-1, 0, 1)]
+        if len(set(ways)) == 3:
+            counts[ways.index(shown)] += 1
+    assert counts.sum() > 3_000
+    np.testing.assert_allclose(counts / counts.sum(), 1 / 3, atol=0.03)
+
+
+def test_grounding_is_row_and_column(task: BoundTask) -> None:
+    for cell in range(48):
+        row, column = task.ground(cell)
+        assert 12 * row + column == cell
+        assert (0 <= row <= 3) and (0 <= column <= 11)
+    assert [fluent.name for fluent in task.model.fluents] == ["row", "column"]
+
+
+def test_the_domain_moves_as_the_environment_does_without_slipping(task: BoundTask) -> None:
+    for cell in range(48):
+        for action in range(4):
+            ground = task.model.action_index(task.actions.name(action))
+            predicted = task.model.step(task.ground(cell), ground)
+            there = moved(cell, action)
+            assert predicted.state.tolist() == task.ground(there).tolist()
+            assert predicted.unsafe == (there in CLIFF)
+            assert predicted.terminal == (there in CLIFF or there == GOAL)
+
+
+def test_flags_of_the_domain_agree_with_the_end_of_the_episode(task: BoundTask) -> None:
+    ends = set()
+    for cell, action, (shown, _, terminated, _), info in walk(task, 4_000, 4):
+        ground = task.model.action_index(task.actions.name(action))
+        judged = task.model.judge(task.ground(cell), ground, task.ground(shown))
+        assert (judged.terminal, judged.unsafe) == (terminated, bool(info["falls"]))
+        ends.add((judged.terminal, judged.unsafe))
+    assert {(True, True), (False, False)} <= ends
+    assert task.model.judge(task.ground(35), 2, task.ground(GOAL))[1:] == (False, True)
+
+
+def test_the_goal_ends_an_episode_without_a_fall(task: BoundTask, table: Table) -> None:
+    """Along the upper rows, where no slip can fall: `left` from the start can only go up."""
+    fallen = reached = 0
+    for seed in range(30):
+        cell, _ = task.reset(seed=seed)
+        ended = False
+        while not ended:
+            row, column = divmod(cell, 12)
+            action = 3 if row == 3 else 1 if column == 11 else 0 if row == 2 else 1
+            assert all(reward != -100 for _, _, reward, _ in table[cell][action])
+            cell, reward, terminated, truncated, info = task.step(action)
+            ended = terminated or truncated
+        fallen += info["falls"]
+        reached += terminated
+        assert reward == -1
+    assert (fallen, reached) == (0, 30)
+
+
+def test_the_planner_without_correction_walks_along_the_edge_and_falls(task: BoundTask) -> None:
+    chosen = resolve("default", task.task.settings)
+    arbiter = Arbiter(make_planner(task.model, chosen.planner), task.actions, chosen.arbiter)
+    plan = [task.actions.name(arbiter.plan(task.ground(c)).action) for c in (36, *range(24, 36))]
+    assert plan == ["up", *["right"] * 11, "down"]
+    falls = steps = 0
+    cell, _ = task.reset(seed=5)
+    while steps < 2_000:
+        cell, _, terminated, truncated, info = task.step(arbiter.plan(task.ground(cell)).action)
+        steps += 1
+        falls += info["falls"]
+        if terminated or truncated:
+            cell, _ = task.reset()
+    assert 100 < 1_000 * falls / steps < 170
+
+
+def test_equal_seeds_give_equal_walks(task: BoundTask) -> None:
+    assert walk(task, 300, 6) == walk(task, 300, 6)
+    assert walk(task, 300, 6) != walk(task, 300, 7)
+
+
+def test_a_walk_is_cut_off_in_the_end(task: BoundTask) -> None:
+    task.reset(seed=1)
+    for step in range(1, cliff.EPISODE_STEPS + 1):
+        cell, _, terminated, truncated, _ = task.step(3)  # never falls, never gets anywhere
+        assert not terminated
+        assert truncated == (step == cliff.EPISODE_STEPS)
+    assert cell % 12 == 0
+
+
+# It speaks of nothing but the wrapper around the environment, which is what is checked here.
+@pytest.mark.filterwarnings("error", "ignore:.*is different from the unwrapped version")
+def test_gymnasiums_checker_has_nothing_else_to_say() -> None:
+    bare = gym.make("CliffWalkingSlippery-v1").unwrapped
+    check_env(cliff.EndAtCliff(bare), skip_render_check=True)

@@ -1,0 +1,202 @@
+"""Swing-up, hill and landing: their domain files say what is wanted, and nothing of motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from serp.registry import find_task
+from serp.settings import resolve
+from serp.symmetry import declared_symmetries
+from serp.task import BoundTask
+from serp.training import Trainer
+from serp_envs import hill, landing, swing_up
+
+Step = tuple[NDArray[np.float64], int, NDArray[np.float64], bool, dict[str, bool]]
+TASKS = ("swing-up", "hill", "landing")
+each = pytest.mark.parametrize("name", TASKS)
+
+
+def bound(name: str) -> BoundTask:
+    return find_task(name).bind()
+
+
+def at_random(task: BoundTask, steps: int, seed: int, held: int = 6) -> list[Step]:
+    """Steps of random actions, each held for up to so many: state, action, next state, end."""
+    rng = np.random.default_rng(seed)
+    raw, _ = task.reset(seed=seed)
+    found: list[Step] = []
+    action, left = 0, 0
+    for _ in range(steps):
+        if not left:
+            action, left = int(rng.integers(task.actions.size)), int(rng.integers(1, held + 1))
+        left -= 1
+        state = task.ground(raw)
+        raw, _, terminated, truncated, info = task.step(action)
+        found.append((state, action, task.ground(raw), terminated, info))
+        if terminated or truncated:
+            raw, _ = task.reset()
+            left = 0
+    return found
+
+
+def ground_action(task: BoundTask, action: int) -> int:
+    return task.model.action_index(task.actions.name(action))
+
+
+@each
+def test_the_file_says_nothing_of_what_happens(name: str) -> None:
+    with bound(name) as task:
+        assert not task.model.ground.processes
+        states = np.array([state for state, *_ in at_random(task, 200, 1)])
+        for action in range(len(task.model.actions)):
+            outcome = task.model.step(states, action)
+            np.testing.assert_array_equal(outcome.state, states)
+            assert outcome.applicable.all()
+
+
+@each
+def test_actions_and_fluents_are_those_of_the_environment(name: str) -> None:
+    with bound(name) as task:
+        space = task.env.observation_space
+        assert space.shape == (len(task.model.fluents),)
+        assert len(task.model.actions) == task.actions.size
+        assert task.rewarded_by == "domain"
+        raw, _ = task.reset(seed=1)
+        np.testing.assert_array_equal(task.ground(raw), raw)
+
+
+@each
+def test_flags_of_the_domain_agree_with_the_environment(name: str) -> None:
+    ends = 0
+    with bound(name) as task:
+        for state, action, after, terminated, info in at_random(task, 3_000, 2):
+            judged = task.model.judge(state, ground_action(task, action), after)
+            assert judged.terminal == terminated
+            assert judged.unsafe == (info.get("crashed", False) or info.get("lost", False))
+            ends += terminated
+    assert (ends > 0) == (name != "swing-up")
+
+
+def test_landings_and_lost_landers_are_judged_too() -> None:
+    """Random engines crash; these ends are made."""
+    with bound("landing") as task:
+        env = task.env.unwrapped
+        assert isinstance(env, landing.Landing)
+        rng = np.random.default_rng(3)
+        ends = {"landed": 0, "crashed": 0, "lost": 0}
+        for _ in range(600):
+            task.reset(seed=1)
+            near_ground = rng.random() < 0.5
+            env.motion = landing.Motion(
+                *rng.uniform((-2.5, 0.0, -0.6, -1.3), (2.5, 0.1, 0.6, 0.0)).tolist()
+                if near_ground
+                else rng.uniform((-10.2, 18.0, -4.0, 0.0), (10.2, 20.1, 4.0, 4.0)).tolist()
+            )
+            state = task.ground(np.array(env.motion, dtype=np.float32))
+            raw, reward, terminated, _, info = task.step(0)
+            judged = task.model.judge(state, ground_action(task, 0), task.ground(raw))
+            assert judged.terminal == terminated == any(info.values())
+            assert judged.unsafe == (reward < 0.0)
+            for end in ends:
+                ends[end] += info[end]
+        assert min(ends.values()) > 20
+
+
+@each
+def test_rewards_are_at_most_0_so_that_nobody_waits_before_the_goal(name: str) -> None:
+    with bound(name) as task:
+        rewards = [
+            task.model.judge(state, ground_action(task, action), after).reward
+            for state, action, after, *_ in at_random(task, 2_000, 4)
+        ]
+    assert max(rewards) <= 0.0
+    assert len(set(rewards)) > 100
+
+
+def test_the_pendulum_wants_to_stand() -> None:
+    with bound("swing-up") as task:
+
+        def worth(angle: float, speed: float) -> float:
+            state = np.array([np.cos(angle), np.sin(angle), speed])
+            return task.model.judge(state, 0, state).reward
+
+        assert worth(0.0, 0.0) == 0.0
+        hanging = worth(np.pi, 0.0)
+        # More swing is better before it is higher, the same on both sides, up to what is needed.
+        swinging = [worth(np.pi, speed) for speed in (0.0, 2.0, 4.0, 6.0)]
+        assert swinging == sorted(swinging)
+        assert worth(np.pi, -4.0) == swinging[2]
+        assert worth(0.0, 8.0) < worth(0.0, 1.0) < 0.0
+        assert hanging == pytest.approx(-1.5)
+        assert swing_up.GRAVITY * 2.0 == 19.6
+
+
+def test_the_hill_knows_the_road_about_as_it_is() -> None:
+    """What the car can still not roll up is 0.41 m less its energy, wherever it stands."""
+    with bound("hill") as task:
+        for position in np.linspace(-1.0, 0.99, 40):
+            state = np.array([position, 0.0])
+            cost = -task.model.judge(state, 0, state).reward - 0.1
+            missing = max(hill.height(hill.TOP) - hill.height(position), 0.0)
+            assert cost == pytest.approx(missing, abs=0.05)
+        fast = np.array([-0.5, 4.0])
+        assert task.model.judge(fast, 0, fast).reward == pytest.approx(-0.1)
+
+
+def test_a_crash_costs_more_than_a_cautious_landing() -> None:
+    """Else a learner that looks as far as the preset's would crash to be done with it."""
+    with bound("landing") as task:
+        discount = resolve("default", task.task.settings).learner.discount
+        rng = np.random.default_rng(5)
+        costs = []
+        for _ in range(500):
+            height = rng.uniform(0.1, 14.0)
+            upwards = rng.uniform(-0.5 - 0.25 * height, 0.0)
+            state = np.array([rng.uniform(-4.0, 4.0), height, rng.uniform(-1.0, 1.0), upwards])
+            costs.append(-task.model.judge(state, 0, state).reward)
+        crashed = np.array([0.0, 0.0, 0.0, -2.0])
+        crash = -task.model.judge(crashed, 0, crashed).reward
+    assert min(costs) > 0.0
+    assert max(costs) / (1.0 - discount) < crash
+
+
+@pytest.mark.parametrize("name", ["swing-up", "landing"])
+def test_left_and_right_are_alike_in_what_really_happens(name: str) -> None:
+    with bound(name) as task:
+        (symmetry,), left_out = declared_symmetries(task)
+        assert left_out == ()
+        env = task.env.unwrapped
+        assert isinstance(env, swing_up.SwingUp | landing.Landing)
+        columns, signs = symmetry.columns, symmetry.signs
+        assert columns is not None and signs is not None
+        compared = 0
+        for seed in range(5):
+            steps = at_random(task, 80, seed)
+            for state, action, after, *_ in steps:
+                symmetry.check_grounding(task, state, state)
+                mirrored = mirrored_step(name, symmetry.model.of_state(state),
+                                         symmetry.actions[action])  # fmt: skip
+                np.testing.assert_allclose(mirrored, symmetry.model.of_state(after), atol=1e-4)
+                compared += 1
+        assert compared == 400
+
+
+def mirrored_step(name: str, state: NDArray[np.float64], action: int) -> NDArray[np.float64]:
+    """Where the environment's own dynamics lead from a state, by an environment action."""
+    if name == "swing-up":
+        before = swing_up.Motion(float(np.arctan2(state[1], state[0])), float(state[2]))
+        angle, speed = swing_up.advance(before, swing_up.TORQUES[action])
+        return np.array([np.cos(angle), np.sin(angle), speed])
+    motion = landing.Motion(*state.tolist())
+    return np.array(landing.advance(motion, landing.THRUSTS[action]))
+
+
+@each
+def test_serp_trains_on_it(name: str) -> None:
+    with bound(name) as task:
+        chosen = resolve("default", task.task.settings)
+        assert chosen.planner.depth == 4
+        assert 2 <= chosen.planner.repeat <= 5
+        assert Trainer(task, chosen, seed=1).run_episode().length >= 1
