@@ -118,6 +118,8 @@ class Agent:
         model = self.correction.model
         planner = make_planner(model, settings.planner)
         tries = 0 if model is task.model else settings.correction.tries
+        if model is task.model:  # then nobody knows whether it is worth imitating
+            settings = settings.replace({"arbiter": {"imitation": 0.0}})
         strategy = make_strategy(settings, strategy_seed)
         horizon = settings.planner.depth * settings.planner.repeat
         self.arbiter = Arbiter(

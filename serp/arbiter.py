@@ -42,6 +42,7 @@ class Reason(StrEnum):
     """Why the executed action was executed."""
 
     PLANNER_TURN = "planner's turn"
+    CURIOUS = "planner tries what it hardly knows"
     ACCEPTED = "proposal accepted"
     NOT_APPLICABLE = "proposal not applicable"
     UNDEFINED = "proposal has no defined result"
@@ -298,8 +299,17 @@ class Arbiter:
             state: Monitored state `[F]`.
             learner: The learner before this state; the strategy asks it where it is its turn.
         """
-        situation = self._situation(state, self._curiosity)
-        return self._follow(situation, self.strategy.propose(situation, learner))
+        planned = self.planner.forecast(state)
+        situation = self._situation_of(self.actions.project(planned))
+        proposal = self.strategy.propose(situation, learner)
+        curious = planned if proposal is not None else self._curiosity(planned)
+        if curious is not planned:
+            action = self.actions.project(curious).choice
+            if action >= 0 and not situation.forecast.flags[action] & UNSAFE:
+                return self._record(
+                    situation, action, Actor.PLANNER, Reason.CURIOUS, action, Actor.PLANNER
+                )
+        return self._follow(situation, proposal)
 
     def decide_greedily(self, state: Vector, learner: Learner) -> Decision:
         """Decide as the trained policy does, without exploration or draw."""
@@ -336,8 +346,10 @@ class Arbiter:
 
     # Who acts ----------------------------------------------------------------------------------
 
-    def _situation(self, state: Vector, preference: Preference = _no_preference) -> Situation:
-        forecast = self.actions.project(preference(self.planner.forecast(state)))
+    def _situation(self, state: Vector) -> Situation:
+        return self._situation_of(self.forecast(state))
+
+    def _situation_of(self, forecast: ActionForecast) -> Situation:
         admissible = self.admissible(forecast)
         explorable = self._explorable(forecast, admissible)
         return Situation(forecast, admissible, explorable, self._reliable())
@@ -452,7 +464,7 @@ class Arbiter:
 
         Empty where the proposal, the planner's or the learner's, was fine and was executed.
         """
-        if decision.reason in (Reason.PLANNER_TURN, Reason.ACCEPTED):
+        if decision.reason in (Reason.PLANNER_TURN, Reason.CURIOUS, Reason.ACCEPTED):
             return ""
         shown = decision.proposed if decision.proposed >= 0 else decision.action
         ground = int(decision.forecast.ground[shown])

@@ -103,6 +103,7 @@ _OWN: Final[tuple[Algorithm, ...]] = (
                 "rho": 0.0,
                 "rho_increment": 0.0,
                 "surety": None,
+                "imitation": 0.0,
                 "indifferent": "first",
             },
             "learner": {"updates_per_step": 0.0, "members": 1},

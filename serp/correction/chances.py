@@ -42,12 +42,13 @@ class Chances:
     """
 
     def __init__(self, view: View) -> None:
+        self._depth = len(view.inputs)
         where = {column: place for place, column in enumerate(view.inputs)}
         self._predicates = np.array([where[column] for column in view.predicates], dtype=np.int64)
         self._numbers = np.array([where[column] for column in view.targets], dtype=np.int64)
         self._truths = np.array(view.truths, dtype=np.int64)
         self.table: Array | None = None
-        self._places = np.zeros(0, dtype=np.int64)
+        self._places = self._others = np.zeros(0, dtype=np.int64)
         self._scores = np.zeros(2)
         self._samples = self._strays = 0
         self._hopeless = False
@@ -91,7 +92,7 @@ class Chances:
             return False
         numbers = self._numbers[whole[inputs[self._numbers]]]
         if len(numbers) + len(self._predicates) != len(self._places):
-            self._begin(np.sort(np.concatenate((self._predicates, numbers))))
+            self._begin(np.sort(np.concatenate((self._predicates, numbers))))  # one has dropped out
         if not len(self._places):
             return True
         columns = inputs[self._places]
@@ -100,8 +101,8 @@ class Chances:
             # Where the file is always right there is nothing to count.
             if (observed[columns] == written[columns]).all():
                 return True
-            others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._truths)
-            self.table = _new_table(self._places, self._truths, others)
+            self._others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._truths)
+            self.table = _new_table(self._places, self._truths, self._others)
             totals = int(self.table[c.T_TOTALS])
             self.table[int(self.table[c.T_COUNTS])] = self.table[totals] = self._samples - 1
         rate = max(1.0 - _MEMORY, _EARLY / (_EARLY + self._samples - 1))
@@ -109,8 +110,12 @@ class Chances:
             self.table, inputs, state, written, observed, self._scores, rate, _MOST
         ):  # fmt: skip
             self._strays += 1
-            self._hopeless = self._samples >= _ENOUGH and self._strays > _STRAY * self._samples
-        return not self._hopeless
+            if self._samples >= _ENOUGH and self._strays > _STRAY * self._samples:
+                # Without the numbers there may be some sense in it.
+                self._hopeless = not len(numbers)
+                self._begin(self._predicates)
+                return False
+        return True
 
     def _begin(self, places: NDArray[np.int64]) -> None:
         self._places = places
@@ -124,6 +129,7 @@ class Chances:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: dict[str, NDArray[Any]] = {
             "places": self._places.copy(),
+            "others": self._others.copy(),
             "scores": self._scores.copy(),
         }
         if self.table is not None:
@@ -135,12 +141,37 @@ class Chances:
         }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
-        self._places = arrays["places"].copy()
+        """Restore what `state_dict` returned.
+
+        Raises:
+            ValueError: It belongs to another view, or is damaged.
+        """
+        self._places, self._others = arrays["places"].copy(), arrays["others"].copy()
         self._scores[:] = arrays["scores"]
-        self.table = arrays["table"].copy() if "table" in arrays else None
+        self.table = self._checked(arrays["table"].copy()) if "table" in arrays else None
         self._samples, self._strays = int(meta["samples"]), int(meta["strays"])
         self._hopeless = bool(meta["hopeless"])
+
+    def _checked(self, table: Array) -> Array:
+        """Return a saved table; compiled code takes what it says for addresses."""
+        for positions in (self._places, self._others):
+            if len(positions) and not 0 <= positions.min() <= positions.max() < self._depth:
+                raise ValueError("counted outcomes of another view")
+        fresh = _new_table(self._places, self._truths, self._others)
+        fixed = [k for k in range(c.TABLE) if k not in (c.T_KINDS, c.T_ROWS)]
+        start, end = int(fresh[c.T_PLACES]), int(fresh[c.T_CHANGES])
+        slots = int(fresh[c.T_SLOTS])
+        if (
+            table.shape != fresh.shape
+            or (table[fixed] != fresh[fixed]).any()
+            or (table[start:end] != fresh[start:end]).any()
+            or not 1 <= table[c.T_KINDS] <= c.KINDS
+            or not 1 <= table[c.T_ROWS] <= c.ROWS
+            or not ((table[slots : slots + c.SLOTS] >= 0).all())
+            or not (table[slots : slots + c.SLOTS] < table[c.T_ROWS]).all()
+        ):
+            raise ValueError("counted outcomes are damaged")
+        return table
 
 
 def _new_table(

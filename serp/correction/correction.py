@@ -17,6 +17,7 @@ from serp.correction.settings import CorrectionSettings
 from serp.correction.skill import Skill
 from serp.domain.flags import APPLICABLE
 from serp.domain.model import TransitionModel, Vector
+from serp.errors import RunError
 
 if TYPE_CHECKING:
     from serp.correction.reestimation import Reestimation
@@ -37,9 +38,10 @@ class Correction:
         model: The model to plan with: the corrected one, or `written` where nothing is corrected.
         experience: The newest transitions.
         monitor: Predictions beside observations.
-        tried: `[A]` how often each ground action was observed since the model was last doubted.
+        tried: `[A]` how often each ground action, or one of its schema with like objects, was
+            observed since the model was last doubted.
         skill: How well the model in use has predicted of late.
-        notice: Why nothing is corrected although the settings ask for it; None where that is so.
+        notice: What is not corrected although the settings ask for it; None where nothing.
     """
 
     def __init__(
@@ -62,9 +64,11 @@ class Correction:
         elif settings.mode != "off" and width:
             worst = settings.chance == "worst"
             self._corrected = corrected = CorrectedModel(written, worst=worst)
+            self._alike = _alike(corrected)
             self._rows = np.zeros(4 * (width + 1))
             if settings.residual:
                 self._learners = Learners(corrected, seed, settings.nonlinear)
+                self.notice = self._learners.notice
             if settings.literals:
                 from serp.correction.reestimation import Reestimation
 
@@ -90,7 +94,7 @@ class Correction:
             self.monitor.observe(state, action, written, written, next_state)
             self.skill.observe(state, written, next_state)
         else:
-            self.tried[action] += 1
+            self.tried[self._alike[action]] += 1
             self._compare_and_learn(self._corrected, state, action, next_state)
         if self._reestimation is not None and self._reestimation.due(self.experience.seen):
             self._reconsider_literals()
@@ -163,8 +167,16 @@ class Correction:
         """Restore what `state_dict` returned.
 
         Raises:
-            RunError: It belongs to another domain.
+            RunError: It belongs to another domain, or is damaged.
         """
+        try:
+            self._load(arrays, meta)
+        except (KeyError, ValueError, TypeError, IndexError) as error:
+            raise RunError(
+                f"the saved correction is damaged, or of another domain file ({error})"
+            ) from error
+
+    def _load(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         self.experience.load_state_dict(under("experience.", arrays), meta["experience"])
         self.monitor.load_state_dict(under("monitor.", arrays), meta["monitor"])
         self.tried[:] = arrays["tried"]
@@ -173,3 +185,15 @@ class Correction:
             self._corrected.block.restore(arrays["block"])
         if self._learners is not None:
             self._learners.load_state_dict(under("learners.", arrays), meta["learners"])
+
+
+def _alike(model: CorrectedModel) -> list[NDArray[np.int64]]:
+    """Return, for each ground action, those that the correction learns of together with it."""
+    names = [
+        (action.schema, *(view.key for view in views))
+        for action, views in zip(model.actions, model.views, strict=True)
+    ]
+    kinds: dict[tuple[Any, ...], list[int]] = {}
+    for action, name in enumerate(names):
+        kinds.setdefault(name, []).append(action)
+    return [np.array(kinds[name]) for name in names]

@@ -152,18 +152,17 @@ def bend(block, action, state, out, away, kind):
 
 
 @cached_njit(nogil=True)
-def weigh(block, action, state, flowed, bent, flow_flags, dt, out):
+def weigh(block, action, state, flowed, bent, other, flow_flags, dt, out):
     """Weigh what else may come of a step than the likeliest: by chance, or the worst of it.
 
     The reward becomes what is expected, or the least one; a step is unsafe if any outcome is that
     is not rare. Views are varied one at a time. `flowed` are the fluents after effects, processes
     and `amend`, `flow_flags` the flags of these; `bent` is the likeliest outcome, and `out` what
-    events make of it, of which only the reward is changed. Returns flags to be added.
+    events make of it, of which only the reward is changed. `other` is room for an outcome.
+    Returns flags to be added.
     """
     width = int(block[_WIDTH])
     literals = advanced(block, int(block[_LITERALS]))
-    other = np.empty(width + 1)
-    pointer = pointer_to(other, 0)
     table = int(block[_TABLE]) + 2 * action
     view = int(block[table + 1])
     usual = out[width]
@@ -181,12 +180,12 @@ def weigh(block, action, state, flowed, bent, flow_flags, dt, out):
                 if kind == first or p < _RARE:
                     continue
                 for i in range(width + 1):
-                    pointer[i] = bent[i]
-                take_back(chance, inputs, flowed, pointer)
+                    other[i] = bent[i]
+                take_back(chance, inputs, flowed, other)
                 if kind > 0:
-                    put(chance, kind, inputs, state, pointer)
-                flags = call_step(int(block[_SETTLE]), state, flow_flags, literals, dt, pointer)
-                reward = pointer[width]
+                    put(chance, kind, inputs, state, other)
+                flags = call_step(int(block[_SETTLE]), state, flow_flags, literals, dt, other)
+                reward = other[width]
                 if flags & UNDEFINED or not math.isfinite(reward):
                     continue
                 expected += p * (reward - usual)
@@ -232,10 +231,17 @@ def _corrected_step(state, action, block, dt, out):
 @cached_njit(nogil=True)
 def _settle_chances(block, action, state, flow_flags, dt, out):
     """Let the likeliest outcomes come about, events settle them, and weigh the others."""
+    scratch = np.empty(3 * (int(block[_WIDTH]) + 1))
+    return _settle_with(block, action, state, flow_flags, dt, out, scratch)
+
+
+@cached_njit(nogil=True)
+def _settle_with(block, action, state, flow_flags, dt, out, scratch):
+    # Pointers into an array keep it alive only where the array is an argument.
     width = int(block[_WIDTH])
     literals = advanced(block, int(block[_LITERALS]))
-    likely = np.empty(2 * (width + 1))
-    flowed, bent = pointer_to(likely, 0), pointer_to(likely, width + 1)
+    flowed, bent = pointer_to(scratch, 0), pointer_to(scratch, width + 1)
+    other = pointer_to(scratch, 2 * (width + 1))
     for i in range(width + 1):
         flowed[i] = out[i]
     counted = bend(block, action, state, out, -1, 0)
@@ -243,7 +249,7 @@ def _settle_chances(block, action, state, flow_flags, dt, out):
         bent[i] = out[i]
     flags = call_step(int(block[_SETTLE]), state, flow_flags, literals, dt, out)
     if counted:
-        flags |= weigh(block, action, state, flowed, bent, flow_flags, dt, out)
+        flags |= weigh(block, action, state, flowed, bent, other, flow_flags, dt, out)
     return flags
 
 

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from serp.correction.block import MODES
 from serp.correction.chances import Chances
 from serp.correction.corrected import CorrectedModel
 from serp.correction.residual import Residual
 from serp.correction.screening import note_whole
 from serp.correction.views import Key, View
 from serp.domain.model import Vector
+
+_MOST_STATISTICS: Final = 600_000
 
 Arrays = dict[str, NDArray[Any]]
 Meta = dict[str, Any]
@@ -37,6 +40,10 @@ class Learners:
         self._views = {view.key: view for views in model.views for view in views}
         self._columns = [[_Columns(view) for view in views] for views in model.views]
         self._numeric = np.array([fluent.numeric for fluent in model.fluents], dtype=np.bool_)
+        symbols: dict[str, list[int]] = {}
+        for fluent in model.fluents:
+            symbols.setdefault(fluent.symbol, []).append(fluent.index)
+        self._alike = [np.array(columns) for columns in symbols.values() if len(columns) > 1]
         self.begin()
 
     def begin(self) -> None:
@@ -44,19 +51,31 @@ class Learners:
         again = np.random.SeedSequence(self._seed.entropy, spawn_key=self._seed.spawn_key)
         seeds = again.spawn(len(self._views))
         self._whole = np.ones(len(self._numeric), dtype=np.bool_)
+        self._wholes = len(self._whole)
         self._residuals: dict[Key, Residual] = {}
         self._chances = {key: Chances(view) for key, view in self._views.items()}
         alike: dict[Key, list[Residual]] = {}
         for view, own in zip(self._views.values(), seeds, strict=True):
             memory = self._block.groups[view.key]
             memory.clear()
-            if view.targets:
+            if view.targets and _learnable(view):
                 residual = Residual(view, memory, own, self._nonlinear)
                 self._residuals[view.key] = residual
                 alike.setdefault(view.key[1:], []).append(residual)
                 residual.siblings = alike[view.key[1:]]
         self._corrects = dict.fromkeys(self._residuals, False)
         self._block.chancy = False
+
+    @property
+    def notice(self) -> str | None:
+        """What is too wide to be learned; None where nothing is."""
+        wide = sorted({view.key[0] for view in self._views.values() if not _learnable(view)})
+        if not wide:
+            return None
+        return (
+            f"more fluents are in view of {', '.join(f'`{name}`' for name in wide)} than a "
+            "correction can learn from; their numbers are predicted as written"
+        )
 
     @property
     def corrects(self) -> bool:
@@ -77,6 +96,7 @@ class Learners:
         """
         if not note_whole(state, next_state, self._numeric, self._whole):
             return
+        self._share_wholeness()
         # Where an event has the last word, what effects and processes have done cannot be seen.
         seen = flow == settled
         counted = self._block.chancy
@@ -85,11 +105,12 @@ class Learners:
             chances = self._chances[key]
             if not chances.learn(view.inputs, state, settled, next_state, self._whole):
                 self._whole[targets] = False
+                self._share_wholeness()
             memory = self._block.groups[key]
             if chances.used or memory.chance is not None:
                 memory.chance = chances.table if chances.used else None
                 counted = True
-            if len(targets):
+            if key in self._residuals:
                 self._corrects[key] = self._residuals[key].learn(
                     state[view.inputs],
                     next_state[targets] - flow[targets],
@@ -99,6 +120,14 @@ class Learners:
                 )
         if counted:
             self._note_chances()
+
+    def _share_wholeness(self) -> None:
+        """A function is whole if it is that of all objects: what is learned of them is shared."""
+        wholes = int(np.count_nonzero(self._whole))
+        if wholes != self._wholes:
+            for columns in self._alike:
+                self._whole[columns] = self._whole[columns].all()
+            self._wholes = int(np.count_nonzero(self._whole))
 
     def _note_chances(self) -> None:
         groups = self._block.groups.values()
@@ -128,6 +157,7 @@ class Learners:
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned; the block is restored by its owner, before."""
         self._whole[:] = arrays["whole"]
+        self._wholes = int(np.count_nonzero(self._whole))
         self._corrects = dict(zip(self._corrects, meta["corrects"], strict=True))
         for k, residual in enumerate(self._residuals.values()):
             residual.load_state_dict(under(f"residuals{k}.", arrays), meta["residuals"][k])
@@ -135,6 +165,11 @@ class Learners:
             chances.load_state_dict(under(f"chances{k}.", arrays), meta["chances"][k])
             self._block.groups[key].chance = chances.table if chances.used else None
         self._note_chances()
+
+
+def _learnable(view: View) -> bool:
+    """Whether the statistics of a view are small enough to be kept and solved in every step."""
+    return (1 + MODES) * len(view.targets) * (1 + len(view.inputs)) ** 2 <= _MOST_STATISTICS
 
 
 class _Columns:

@@ -9,6 +9,7 @@ is published; the file itself is one of them.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from typing import Any, Final
 
@@ -134,7 +135,9 @@ class Residual:
         self._since += 1
         if self._since * _PER_GROWTH >= self._samples:
             self._since = 0
-            self._solve(mode)
+            # Without a solution the weights stay as they are.
+            with contextlib.suppress(np.linalg.LinAlgError):
+                self._solve(mode)
         corrects: bool = kernels.choose(
             self._loss, self._seen, self._spread, memory.waves > 0, memory.modes, memory.kinds,
             enabled,

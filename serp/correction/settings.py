@@ -24,8 +24,9 @@ class CorrectionSettings:
         chance: What an action is worth that has several outcomes: `expected`: the mean of their
             rewards; `worst`: the least of them. Either way it is unsafe if any of them is that
             comes in one of fifty cases or more.
-        tries: The planner prefers an action that it has seen fewer times than that, where it is
-            predicted safe for the whole lookahead; 0, or mode `off`: never.
+        tries: In its turn, in training, the planner prefers an action that it has seen fewer times
+            than that, where it is predicted safe for the whole lookahead, or where nothing is, for
+            the next step; 0, or mode `off`: never.
     """
 
     mode: Literal["off", "literals", "residual", "full"] = "off"

@@ -18,10 +18,12 @@ _EARLY: Final = 3.0
 _LEAST: Final = 20
 """Before so many env steps nothing is known."""
 _RELIABLE: Final = 0.9
+_RESTING: Final = 1e-3
+"""Errors of so little of the usual squared change are none."""
 
 
 @cached_njit(nogil=True)
-def _take(state, predicted, observed, rate, error, change):  # type: ignore[no-untyped-def]
+def _take(state, predicted, observed, rate, share, error, change, usual):  # type: ignore[no-untyped-def]
     """Let means of squared errors and changes follow a step; return 1, or 0 for one left out."""
     for i in range(state.shape[0]):
         off, moved = observed[i] - predicted[i], observed[i] - state[i]
@@ -31,6 +33,7 @@ def _take(state, predicted, observed, rate, error, change):  # type: ignore[no-u
         off, moved = observed[i] - predicted[i], observed[i] - state[i]
         error[i] += rate * (off * off - error[i])
         change[i] += rate * (moved * moved - change[i])
+        usual[i] += share * (moved * moved - usual[i])
     return 1
 
 
@@ -47,12 +50,16 @@ class Skill:
     def __init__(self, fluents: int) -> None:
         self._error = np.zeros(fluents)
         self._change = np.zeros(fluents)
+        self._usual = np.zeros(fluents)
         self._steps = 0
 
     def observe(self, state: Vector, predicted: Vector, observed: Vector) -> None:
         """Take a prediction into account; one with NaN or infinity is left out."""
         rate = max(1.0 - _MEMORY, _EARLY / (_EARLY + self._steps))
-        self._steps += _take(state, predicted, observed, rate, self._error, self._change)
+        share = 1.0 / (1.0 + self._steps)
+        self._steps += _take(
+            state, predicted, observed, rate, share, self._error, self._change, self._usual
+        )
 
     @property
     def by_fluent(self) -> Vector:
@@ -63,20 +70,26 @@ class Skill:
 
     @property
     def reliable(self) -> bool:
-        """Whether the model foresees nine tenths of what changes, of every fluent."""
+        """Whether the model foresees nine tenths of what changes, of every fluent.
+
+        A fluent that rests of late, beside what it usually does, is foreseen.
+        """
         if self._steps < _LEAST:
             return False
-        return bool((self._error <= (1.0 - _RELIABLE) * self._change).all())
+        missed = self._error > (1.0 - _RELIABLE) * self._change
+        return not bool((missed & (self._error > _RESTING * self._usual)).any())
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Return arrays that `load_state_dict` restores exactly."""
         return {
             "error": self._error.copy(),
             "change": self._change.copy(),
+            "usual": self._usual.copy(),
             "steps": np.array([self._steps]),
         }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Restore what `state_dict` returned."""
         self._error[:], self._change[:] = arrays["error"], arrays["change"]
+        self._usual[:] = arrays["usual"]
         self._steps = int(arrays["steps"][0])

@@ -319,7 +319,7 @@ def test_the_record_tells_what_happened() -> None:
             assert view.applicable[decision.action]
 
     every_case(check, choices=9)
-    assert set(reasons) == set(Reason)
+    assert set(reasons) == set(Reason) - {Reason.CURIOUS}
     assert min(reasons.values()) >= 5
 
 
@@ -363,7 +363,7 @@ def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file() -> Non
         assert explanation.split(":")[0] in names
 
     every_case(check, choices=4)
-    assert set(said) == set(Reason) - {Reason.PLANNER_TURN, Reason.ACCEPTED}
+    assert set(said) == set(Reason) - {Reason.PLANNER_TURN, Reason.CURIOUS, Reason.ACCEPTED}
 
 
 def test_exploration_is_kept_among_the_admissible() -> None:
@@ -546,6 +546,26 @@ def test_plan_and_judge_proposal_do_not_draw() -> None:
     assert arbiter.plan(STATE).reason is Reason.PLANNER_TURN
     assert arbiter.judge_proposal(STATE, Proposal(1, False, None)).reason is Reason.ACCEPTED
     assert arbiter.state_dict() == before
+
+
+def test_what_is_tried_for_the_sake_of_learning_is_no_plan() -> None:
+    """In its turn in training the planner tries something; its plan and all others stay."""
+    plain = two(rho=0.0)
+    other = 1 - plain.plan(STATE).action
+    curious = Arbiter(
+        plain.planner, plain.actions, plain.settings,
+        curiosity=lambda forecast: forecast._replace(choice=other),
+    )  # fmt: skip
+    tried = curious.decide(STATE, propose(0))
+    assert (tried.action, tried.reason, tried.executed_by) == (other, Reason.CURIOUS, Actor.PLANNER)
+    assert tried.forecast.choice == plain.plan(STATE).action
+    assert not tried.vetoed
+    assert curious.explain(tried, STATE) == ""
+    assert curious.plan(STATE).action == plain.plan(STATE).action
+    asked = Arbiter(
+        plain.planner, plain.actions, ArbiterSettings(rho=1.0), curiosity=lambda _: 1 / 0
+    )
+    assert asked.decide(STATE, propose(1)).executed_by is Actor.LEARNER
 
 
 def test_a_restored_arbiter_goes_on_as_the_one_that_was_saved() -> None:

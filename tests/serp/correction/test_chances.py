@@ -10,6 +10,7 @@ from serp.correction.corrected import CorrectedModel
 from serp.correction.correction import Correction
 from serp.correction.settings import CorrectionSettings
 from serp.domain.model import TransitionModel, Vector
+from serp.errors import RunError
 from tests.serp.correction.rolls import from_text
 
 GRID = """
@@ -211,3 +212,55 @@ def test_counting_waits_until_it_is_better_than_the_file() -> None:
         chances.learn(inputs, state, np.add(state, [0.0, 0.0, 1.0]), happened, whole)
         assert k < 20 or not chances.used or k > 20
     assert not chances.used, "one slip in forty is no reason to give up what is right"
+
+
+BALLS = """
+(define (domain balls)
+  (:requirements :strips :typing :numeric-fluents)
+  (:types ball)
+  (:constants a b - ball)
+  (:predicates (lit ?b - ball))
+  (:functions (x ?b - ball) (v ?b - ball))
+  (:action wait :parameters () :precondition (and) :effect (and)))
+"""
+
+
+@pytest.mark.parametrize("resting", ["a", "b", "none"])
+def test_an_object_that_rests_is_no_hindrance_to_others_of_its_type(resting: str) -> None:
+    """Balls roll by a tenth of their speed, and their lamps go on and off; one may stand still."""
+    model = from_text(BALLS).model
+    column = {fluent.name: fluent.index for fluent in model.fluents}
+    correction = correction_of(model)
+    random = np.random.default_rng(4)
+    for _ in range(300):
+        state = np.zeros(len(column))
+        for ball in "ab":
+            state[column[f"lit {ball}"]] = float(random.integers(2))
+            if ball != resting:
+                state[column[f"x {ball}"]], state[column[f"v {ball}"]] = random.normal(size=2)
+        after = state.copy()
+        for ball in "ab":
+            after[column[f"x {ball}"]] += 0.1 * state[column[f"v {ball}"]]
+            after[column[f"lit {ball}"]] = 1.0 - state[column[f"lit {ball}"]]
+        correction.observe(state, 0, after, False)
+    state = np.zeros(len(column))
+    state[[column["v a"], column["v b"]]] = 1.0
+    predicted, _ = correction.model.transition(state.tolist(), 0)
+    for ball in "ab":
+        assert predicted[column[f"x {ball}"]] == pytest.approx(0.1, abs=0.02)
+        assert predicted[column[f"lit {ball}"]] == 1.0
+
+
+def test_a_damaged_table_is_refused() -> None:
+    model = from_text(GRID).model
+    correction = correction_of(model)
+    slip(correction, 100)
+    arrays, meta = correction.state_dict()
+    (name,) = [name for name in arrays if name.endswith("table")]
+    far_away = arrays[name].copy()
+    far_away[8] = 1e9
+    for damaged in (arrays[name][:20], far_away, np.zeros_like(arrays[name])):
+        with pytest.raises(RunError, match="damaged"):
+            correction_of(model).load_state_dict({**arrays, name: damaged}, meta)
+    with pytest.raises(RunError):
+        correction_of(model).load_state_dict({}, meta)

@@ -88,3 +88,14 @@ def test_resumed_equals_uninterrupted() -> None:
         told(skill, 20, 0.3, seed=1)
     for name, array in whole.state_dict().items():
         assert resumed.state_dict()[name].tobytes() == array.tobytes()
+
+
+def test_one_surprise_is_forgotten() -> None:
+    """A fluent that rests, and once did what nobody foresaw, does not tell against all others."""
+    skill = Skill(2)
+    for step in range(3_000):
+        state = np.array([float(step), 0.0])
+        moved = np.array([step + 1.0, 5.0 if step == 40 else 0.0])
+        skill.observe(state, np.array([step + 1.0, 0.0]), moved)
+        assert step != 41 or not skill.reliable
+    assert skill.reliable
