@@ -13,6 +13,7 @@ from serp.correction.correction import Correction
 from serp.correction.curiosity import Curiosity
 from serp.domain.model import TransitionModel, Vector
 from serp.learning.dqn import DQN, Proposal
+from serp.nesting import nested, part_of
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
@@ -197,8 +198,7 @@ class Agent:
         _, arbiter = self.arbiter.state_dict()
         corrected, correction = self.correction.state_dict()
         return (
-            {f"learner.{name}": array for name, array in arrays.items()}
-            | {f"correction.{name}": array for name, array in corrected.items()},
+            nested("learner", arrays) | nested("correction", corrected),
             {
                 "learner": learner,
                 "correction": correction,
@@ -213,11 +213,7 @@ class Agent:
         Raises:
             RunError: The learner has another shape.
         """
-        self.learner.load_state_dict(_under("learner.", arrays), meta["learner"])
-        self.correction.load_state_dict(_under("correction.", arrays), meta["correction"])
+        self.learner.load_state_dict(part_of(arrays, "learner"), meta["learner"])
+        self.correction.load_state_dict(part_of(arrays, "correction"), meta["correction"])
         self.arbiter.load_state_dict({}, meta["arbiter"])
         self._random.bit_generator.state = dict(meta["random"])
-
-
-def _under(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
-    return {k.removeprefix(prefix): a for k, a in arrays.items() if k.startswith(prefix)}

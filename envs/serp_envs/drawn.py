@@ -26,8 +26,9 @@ FORCE: Final = (200, 60, 50)
 class DrawnEnv(gym.Env[Observation, int]):
     """An environment with discrete actions that can be drawn.
 
-    A subclass says what there is to see (`_draw`), and calls `_show` at the end of `reset` and
-    `step`. pygame is imported when the first picture is drawn: `pip install 'serp[render]'`.
+    A subclass says where an episode starts (`_start`), what is observed of it (`_observation`,
+    `_info`) and what there is to see (`_draw`), and calls `_show` at the end of `step`. pygame is
+    imported when the first picture is drawn: `pip install 'serp[render]'`.
 
     Args:
         render_mode: `None`, `"human"` (a window) or `"rgb_array"` (uint8 of shape
@@ -51,6 +52,35 @@ class DrawnEnv(gym.Env[Observation, int]):
         self.render_mode = render_mode
         self._surface: Any = None
         self._clock: Any = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode.
+
+        Args:
+            seed: Starts the environment's generator afresh; without one it goes on where it is.
+            options: None are known.
+
+        Returns:
+            The observation, float32 of the shape of the observation space, and the info.
+        """
+        super().reset(seed=seed)
+        self._start()
+        self._show()
+        return self._observation(), self._info()
+
+    @abstractmethod
+    def _start(self) -> None:
+        """Draw a starting state from `np_random`."""
+
+    @abstractmethod
+    def _observation(self) -> Observation:
+        """Return what is observed of the situation."""
+
+    @abstractmethod
+    def _info(self) -> dict[str, Any]:
+        """Return the info of the situation."""
 
     @abstractmethod
     def _draw(self, pygame: Any, surface: Any) -> None:

@@ -149,23 +149,9 @@ class Hill(DrawnEnv):
         self.motion = Motion(-0.5, 0.0)
         self._force = 0.0
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode.
-
-        Args:
-            seed: Starts the environment's generator afresh; without one it goes on where it is.
-            options: None are known.
-
-        Returns:
-            The observation, float32 of shape `(2,)`, and the info.
-        """
-        super().reset(seed=seed)
+    def _start(self) -> None:
         self.motion = Motion(float(self.np_random.uniform(*START)), 0.0)
         self._force = 0.0
-        self._show()
-        return self._observation(), self._info()
 
     def step(self, action: SupportsInt) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive for 0.1 s.

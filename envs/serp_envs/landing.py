@@ -144,24 +144,10 @@ class Landing(DrawnEnv):
         self.motion = Motion(0.0, START[1][0], 0.0, 0.0)
         self._thrust = THRUSTS[0]
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode.
-
-        Args:
-            seed: Starts the environment's generator afresh; without one it goes on where it is.
-            options: None are known.
-
-        Returns:
-            The observation, float32 of shape `(4,)`, and the info.
-        """
-        super().reset(seed=seed)
+    def _start(self) -> None:
         low, high = zip(*START, strict=True)
         self.motion = Motion(*self.np_random.uniform(low, high).tolist())
         self._thrust = THRUSTS[0]
-        self._show()
-        return self._observation(), self._info()
 
     def step(self, action: SupportsInt) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Burn for 0.1 s.

@@ -127,24 +127,10 @@ class SwingUp(DrawnEnv):
         self.motion = Motion(math.pi, 0.0)
         self._torque = 0.0
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode.
-
-        Args:
-            seed: Starts the environment's generator afresh; without one it goes on where it is.
-            options: None are known.
-
-        Returns:
-            The observation, float32 of shape `(3,)`, and the info.
-        """
-        super().reset(seed=seed)
+    def _start(self) -> None:
         angle, speed = self.np_random.uniform(-START_BOUND, START_BOUND, 2).tolist()
         self.motion = Motion(math.pi + angle, speed)
         self._torque = 0.0
-        self._show()
-        return self._observation(), self._info()
 
     def step(self, action: SupportsInt) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Turn for 0.05 s.

@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.correction import chance_kernels as c
+from serp.correction.forgetting import rate_of
 from serp.correction.views import View
 from serp.domain.model import Vector
 
 Array = NDArray[np.float64]
 
 _MEMORY: Final = 0.995
-_EARLY: Final = 3.0
-"""At first the scores forget all but this share's part of the samples."""
 _LEAST: Final = 5
 """Before so many samples counts are not believed."""
 _BETTER: Final = 0.95
@@ -52,11 +51,6 @@ class Chances:
         self._scores = np.zeros(2)
         self._samples = self._strays = 0
         self._hopeless = False
-
-    @property
-    def places(self) -> NDArray[np.int64]:
-        """Positions within the view's inputs of what is counted."""
-        return self._places
 
     @property
     def used(self) -> bool:
@@ -105,7 +99,7 @@ class Chances:
             self.table = _new_table(self._places, self._truths, self._others)
             totals = int(self.table[c.T_TOTALS])
             self.table[int(self.table[c.T_COUNTS])] = self.table[totals] = self._samples - 1
-        rate = max(1.0 - _MEMORY, _EARLY / (_EARLY + self._samples - 1))
+        rate = rate_of(self._samples - 1, _MEMORY)
         if not c.count(
             self.table, inputs, state, written, observed, self._scores, rate, _MOST
         ):  # fmt: skip

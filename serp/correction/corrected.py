@@ -43,13 +43,13 @@ class CorrectedModel(TransitionModel):
             views_of(self.ground, action) for action in self.actions
         )
         program = self._program
-        self._callbacks = (program.native, program.native_flow, program.native_settle)
+        callbacks = (program.native, program.native_flow, program.native_settle)
         self.block = Block(
             self.views,
             len(self.fluents),
             self.theta,
             worst,
-            [float(address_of(callback)) for callback in self._callbacks],
+            [float(address_of(callback)) for callback in callbacks],
         )
 
     @property

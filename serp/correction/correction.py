@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from serp.correction.corrected import CorrectedModel
 from serp.correction.experience import Experience, capacity_for
 from serp.correction.kernels import foresee
-from serp.correction.learners import Arrays, Learners, Meta, under
+from serp.correction.learners import Learners, Meta
 from serp.correction.monitor import Monitor
 from serp.correction.settings import CorrectionSettings
 from serp.correction.skill import Skill
 from serp.domain.flags import APPLICABLE
 from serp.domain.model import TransitionModel, Vector
 from serp.errors import RunError
+from serp.nesting import Arrays, nested, part_of
 
 if TYPE_CHECKING:
     from serp.correction.reestimation import Reestimation
@@ -151,16 +152,15 @@ class Correction:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         experience, experience_meta = self.experience.state_dict()
         monitor, monitor_meta = self.monitor.state_dict()
-        arrays: Arrays = {f"experience.{name}": array for name, array in experience.items()}
-        arrays |= {f"monitor.{name}": array for name, array in monitor.items()}
+        arrays = nested("experience", experience) | nested("monitor", monitor)
         arrays["tried"] = self.tried.copy()
-        arrays |= {f"skill.{name}": array for name, array in self.skill.state_dict().items()}
+        arrays |= nested("skill", self.skill.state_dict())
         meta: Meta = {"experience": experience_meta, "monitor": monitor_meta}
         if self._corrected is not None:
             arrays["block"] = self._corrected.block.contents()
         if self._learners is not None:
             learned, meta["learners"] = self._learners.state_dict()
-            arrays |= {f"learners.{name}": array for name, array in learned.items()}
+            arrays |= nested("learners", learned)
         return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -177,14 +177,14 @@ class Correction:
             ) from error
 
     def _load(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        self.experience.load_state_dict(under("experience.", arrays), meta["experience"])
-        self.monitor.load_state_dict(under("monitor.", arrays), meta["monitor"])
+        self.experience.load_state_dict(part_of(arrays, "experience"), meta["experience"])
+        self.monitor.load_state_dict(part_of(arrays, "monitor"), meta["monitor"])
         self.tried[:] = arrays["tried"]
-        self.skill.load_state_dict(under("skill.", arrays))
+        self.skill.load_state_dict(part_of(arrays, "skill"))
         if self._corrected is not None:
             self._corrected.block.restore(arrays["block"])
         if self._learners is not None:
-            self._learners.load_state_dict(under("learners.", arrays), meta["learners"])
+            self._learners.load_state_dict(part_of(arrays, "learners"), meta["learners"])
 
 
 def _alike(model: CorrectedModel) -> list[NDArray[np.int64]]:

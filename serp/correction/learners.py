@@ -15,10 +15,10 @@ from serp.correction.residual import Residual
 from serp.correction.screening import note_whole
 from serp.correction.views import Key, View
 from serp.domain.model import Vector
+from serp.nesting import Arrays, nested, part_of
 
 _MOST_STATISTICS: Final = 600_000
 
-Arrays = dict[str, NDArray[Any]]
 Meta = dict[str, Any]
 
 
@@ -150,7 +150,7 @@ class Learners:
         for name, of_views in parts.items():
             for k, part in enumerate(of_views):
                 own, own_meta = part.state_dict()
-                arrays |= {f"{name}{k}.{field}": array for field, array in own.items()}
+                arrays |= nested(f"{name}{k}", own)
                 meta[name].append(own_meta)
         return arrays, meta
 
@@ -160,9 +160,9 @@ class Learners:
         self._wholes = int(np.count_nonzero(self._whole))
         self._corrects = dict(zip(self._corrects, meta["corrects"], strict=True))
         for k, residual in enumerate(self._residuals.values()):
-            residual.load_state_dict(under(f"residuals{k}.", arrays), meta["residuals"][k])
+            residual.load_state_dict(part_of(arrays, f"residuals{k}"), meta["residuals"][k])
         for k, (key, chances) in enumerate(self._chances.items()):
-            chances.load_state_dict(under(f"chances{k}.", arrays), meta["chances"][k])
+            chances.load_state_dict(part_of(arrays, f"chances{k}"), meta["chances"][k])
             self._block.groups[key].chance = chances.table if chances.used else None
         self._note_chances()
 
@@ -179,12 +179,3 @@ class _Columns:
         self.key = view.key
         self.inputs = np.array(view.inputs, dtype=np.int64)
         self.targets = np.array(view.targets, dtype=np.int64)
-
-
-def under(prefix: str, arrays: Mapping[str, NDArray[Any]]) -> Arrays:
-    """Return the arrays whose names begin so, without that beginning."""
-    return {
-        name.removeprefix(prefix): array
-        for name, array in arrays.items()
-        if name.startswith(prefix)
-    }

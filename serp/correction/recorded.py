@@ -6,9 +6,6 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from numpy.typing import NDArray
 
 from serp.correction.experience import Experience
 from serp.correction.monitor import Monitor
@@ -16,10 +13,9 @@ from serp.domain.loading import Domain, load_domain
 from serp.domain.model import TransitionModel
 from serp.errors import RunError
 from serp.made_with import made_with
+from serp.nesting import part_of
 from serp.runs.checkpoint import Checkpoint
 from serp.runs.folder import RunFolder
-
-_ARRAYS = "correction."
 
 
 @dataclass(frozen=True)
@@ -70,14 +66,15 @@ def read_recorded(run: Path) -> Recorded:
             f"{run} recorded nothing of what its actions did: an earlier version of serp made it. "
             "Train again with this one, or use the version that config.json names"
         )
-    experience = Experience.restored(_under("experience.", checkpoint.arrays), saved["experience"])
+    observed = part_of(checkpoint.arrays, "correction")
+    experience = Experience.restored(part_of(observed, "experience"), saved["experience"])
     if experience.fluents != len(model.fluents):
         raise RunError(
             f"the experience saved in {run} has states of {experience.fluents} fluents, its domain "
             f"has {len(model.fluents)}; restore the folder from a copy"
         )
     monitor = Monitor(model)
-    monitor.load_state_dict(_under("monitor.", checkpoint.arrays), saved["monitor"])
+    monitor.load_state_dict(part_of(observed, "monitor"), saved["monitor"])
     if not len(experience):
         raise RunError(
             f"{run} has made no env step up to its last checkpoint; let it train for a while: "
@@ -111,8 +108,3 @@ def _refuse_changes(folder: RunFolder, checkpoint: Checkpoint) -> None:
                 f"{file.name} of the run was changed since it began, so that what was observed "
                 "does not belong to it any more; undo the change"
             )
-
-
-def _under(part: str, arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    prefix = _ARRAYS + part
-    return {k.removeprefix(prefix): a for k, a in arrays.items() if k.startswith(prefix)}

@@ -81,11 +81,6 @@ class Residual:
         self._samples = 0
         self._since = 0
 
-    @property
-    def samples(self) -> int:
-        """How many samples there were."""
-        return self._samples
-
     def learn(
         self,
         x: Array,

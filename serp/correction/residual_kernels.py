@@ -12,6 +12,7 @@ import numpy as np
 
 from serp.compilation import cached_njit
 from serp.correction import block as b
+from serp.correction.forgetting import rate_of
 from serp.correction.screening import HUGE
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -32,10 +33,8 @@ MEMORY = 0.995
 """Weight of the past in the losses that candidates are compared by, a step."""
 _FREE = 0.01
 """Constants are drawn to 0 so much less than slopes: what an action does is found first there."""
-_EARLY = 3.0
-"""At first the losses forget all but this share's part of the samples."""
 _RECENT = 0.9
-"""The same of the loss that shows that the world drifts."""
+"""Weight of the past in the loss that shows that the world drifts, a step."""
 _DRIFTING = 6.0
 _MUCH = 0.7
 """Random features cost a hundred times as much; they have to leave so much less."""
@@ -176,7 +175,7 @@ def account(x, y, valid, change, mode, features, waves, linear, amplitude, kinds
                     drifting = changed = True
             seen[s, t] += 1.0
             # What the candidates predicted before they knew anything is soon forgotten.
-            rate = max(1.0 - MEMORY, _EARLY / (_EARLY + seen[s, t]))
+            rate = rate_of(seen[s, t], MEMORY)
             for candidate in range(4):
                 squared = errors[candidate] * errors[candidate]
                 if candidate != _FILE and seen[s, t] <= FIRST:

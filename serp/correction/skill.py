@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.compilation import cached_njit
+from serp.correction.forgetting import rate_of
 from serp.domain.model import Vector
 
 _MEMORY: Final = 0.99
-_EARLY: Final = 3.0
-"""At first all but this share's part of the steps is forgotten."""
 _LEAST: Final = 20
 """Before so many env steps nothing is known."""
 _RELIABLE: Final = 0.9
@@ -55,7 +54,7 @@ class Skill:
 
     def observe(self, state: Vector, predicted: Vector, observed: Vector) -> None:
         """Take a prediction into account; one with NaN or infinity is left out."""
-        rate = max(1.0 - _MEMORY, _EARLY / (_EARLY + self._steps))
+        rate = rate_of(self._steps, _MEMORY)
         share = 1.0 / (1.0 + self._steps)
         self._steps += _take(
             state, predicted, observed, rate, share, self._error, self._change, self._usual

@@ -31,6 +31,7 @@ from serp.learning.schedule import LinearSchedule
 from serp.learning.settings import DQNSettings
 from serp.learning.symmetry import SymmetryGroup
 from serp.learning.td import TDGradient
+from serp.nesting import nested, part_of
 
 
 class Proposal(NamedTuple):
@@ -353,7 +354,7 @@ class DQN:
         arrays: dict[str, npt.NDArray[Any]] = {
             name: array.copy() for name, array in self.networks.arrays().items()
         }
-        arrays |= {f"replay.{name}": array for name, array in replay_arrays.items()}
+        arrays |= nested("replay", replay_arrays)
         meta = {
             "env_steps": self._env_steps,
             "learn_calls": self._learn_calls,
@@ -387,9 +388,7 @@ class DQN:
                 "the saved learner has a target network, this one has none; continue with the "
                 "settings it was saved with"
             )
-        prefix = "replay."
-        replay = {k.removeprefix(prefix): a for k, a in arrays.items() if k.startswith(prefix)}
-        self.replay.load_state_dict(replay, meta["replay"])
+        self.replay.load_state_dict(part_of(arrays, "replay"), meta["replay"])
         for name, array in trained.items():
             array[...] = arrays[name]
         self._env_steps = int(meta["env_steps"])

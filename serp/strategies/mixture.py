@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
@@ -11,9 +11,6 @@ from serp.actions import ActionForecast
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.strategies.advice import advice
 from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
-
-_MARGIN: Final = 0.8
-"""By how much the imitated action is to be worth more, in units of Q."""
 
 
 class Mixture(Strategy):
@@ -47,7 +44,7 @@ class Mixture(Strategy):
         seed: int | np.random.SeedSequence,
     ) -> None:
         if imitation > 0.0:
-            self.guided = GuidedLearning(margin=_MARGIN, margin_weight=imitation, q_filter=False)
+            self.guided = GuidedLearning(margin_weight=imitation, q_filter=False)
         self._reliable = False
         self._rho = rho
         self._increment = increment

@@ -35,7 +35,9 @@ def test_what_was_published_can_be_published_again_elsewhere(name: str) -> None:
 def test_what_is_saved_holds_no_addresses_of_this_process() -> None:
     model = new("cartpole")
     saved = model.block.contents()
-    addresses = [callback.address for callback in model._callbacks]
+    program = model._program
+    callbacks = (program.native, program.native_flow, program.native_settle)
+    addresses = [callback.address for callback in callbacks]
     assert not np.isin(np.array(addresses, dtype=float), saved).any()
     assert np.isin(np.array(addresses, dtype=float), model.block.array).all()
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,14 +18,8 @@ from tests.serp.correction.truth import (
     literal,
     missing,
     recorded,
-    robots,
     states_of,
 )
-
-
-@pytest.fixture
-def model(tmp_path: Path) -> TransitionModel:
-    return robots(tmp_path)
 
 
 def diagnosed(model: TransitionModel, truth: Findings, told: Findings) -> Diagnosis:

@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -18,14 +16,8 @@ from tests.serp.correction.truth import (
     literal,
     missing,
     recorded,
-    robots,
     states_of,
 )
-
-
-@pytest.fixture
-def model(tmp_path: Path) -> TransitionModel:
-    return robots(tmp_path)
 
 
 def pictured(model: TransitionModel, truth: Findings) -> tuple[Diagnosis, Vector, Vector]:
