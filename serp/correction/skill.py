@@ -61,17 +61,11 @@ class Skill:
         )
 
     @property
-    def by_fluent(self) -> Vector:
-        """`[F]` skill; NaN for a fluent that never changed and was never predicted to."""
-        nothing = (self._change == 0.0) & (self._error == 0.0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(nothing, np.nan, 1.0 - self._error / self._change)
-
-    @property
     def reliable(self) -> bool:
         """Whether the model foresees nine tenths of what changes, of every fluent.
 
-        A fluent that rests of late, beside what it usually does, is foreseen.
+        A fluent that rests of late, beside what it usually does, is foreseen; one that never
+        changed is, unless it was predicted to.
         """
         if self._steps < _LEAST:
             return False
