@@ -35,7 +35,8 @@ _STYLES = {"+": "green", "-": "red", "@": "cyan"}
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("-o", "--out", type=click.Path(path_type=Path), metavar="FILE.pddl",
               help="Where the repaired file goes.  [default: it is only shown]")  # fmt: skip
-@click.option("--force", is_flag=True, help="Replace FILE.pddl where it exists.")
+@click.option("--force", is_flag=True,
+              help="Replace FILE.pddl and its problem file where they exist.")  # fmt: skip
 @click.pass_context
 def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> None:
     """Correct the domain file of RUN, a folder of plan-and-learn, and show what changes.
@@ -56,6 +57,8 @@ def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> Non
     recorded = read_recorded(run)
     if out is not None:
         _refuse_the_copies(recorded, out)
+        if not force:
+            _refuse_another_problem(recorded, out)
     if recorded.notice is not None:
         say(recorded.notice)
     repaired = repair(recorded.domain, findings(recorded.model, recorded.experience))
@@ -80,9 +83,21 @@ def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> Non
     say(f"{changes}, from {steps}; the repaired file is {out}")
 
 
-def _refuse_to_replace(out: Path) -> None:
-    if os.path.lexists(out):
-        raise SerpError(f"{out} exists; give another name, or replace it with --force")
+def _refuse_to_replace(file: Path) -> None:
+    if os.path.lexists(file):
+        raise SerpError(f"{file} exists; give another name, or replace it with --force")
+
+
+def _refuse_another_problem(recorded: Recorded, out: Path) -> None:
+    """Refuse a name beside which a problem file stands that is not the run's own."""
+    beside, problem = _problem_beside(out), recorded.domain.problem_source
+    if problem is None and os.path.lexists(beside):
+        raise SerpError(
+            f"{beside} would be taken for the problem of {out}, and the run has none; give another "
+            "name, or leave it there with --force"
+        )
+    if problem is not None and not _holds(beside, problem.text):
+        _refuse_to_replace(beside)
 
 
 def _refuse_the_copies(recorded: Recorded, out: Path) -> None:
@@ -92,35 +107,45 @@ def _refuse_the_copies(recorded: Recorded, out: Path) -> None:
 
 
 def _write(recorded: Recorded, text: str, out: Path) -> None:
-    from serp.runs.durable import write_durably
-
     problem = recorded.domain.problem_source
-    beside = None if problem is None else write_beside(out, problem.text)
+    beside = write_with_problem(out, text, None if problem is None else problem.text)
     if beside is not None:
         say(f"Its problem file is copied to {beside}")
-    write_durably(out, text.encode("utf-8"))
 
 
-def write_beside(out: Path, problem: str) -> Path | None:
-    """Write a problem file beside its domain file, where there is none.
+def write_with_problem(out: Path, text: str, problem: str | None) -> Path | None:
+    """Write a domain file and, where it is not there already, its problem file beside it.
 
     Args:
         out: The domain file.
-        problem: Text of the problem.
+        text: What is written to it.
+        problem: Text of the problem; None where there is none.
 
     Returns:
-        The new file; None where there was one.
+        The problem file; None where none was written.
 
     Raises:
-        SerpError: It cannot be written.
+        SerpError: One of them cannot be written; then neither is.
     """
-    from serp.runs.durable import write_durably
+    from serp.runs.durable import write_together
 
-    beside = out.with_name(f"{out.stem}-problem.pddl")
-    if os.path.lexists(beside):
+    beside = _problem_beside(out)
+    if problem is None or _holds(beside, problem):
+        write_together({out: text})
         return None
-    write_durably(beside, problem.encode("utf-8"))
+    write_together({beside: problem, out: text})
     return beside
+
+
+def _problem_beside(out: Path) -> Path:
+    return out.with_name(f"{out.stem}-problem.pddl")
+
+
+def _holds(file: Path, text: str) -> bool:
+    try:
+        return file.read_bytes() == text.encode("utf-8")
+    except OSError:
+        return False
 
 
 def _print_difference(console: Console, old: str, new: str, name: str, new_name: str) -> None:

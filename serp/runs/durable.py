@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 from serp.errors import RunError
@@ -115,6 +116,34 @@ def write_durably(path: Path, content: bytes | str) -> None:
         with contextlib.suppress(OSError):
             aside.unlink(missing_ok=True)
         raise cannot_write(path, error, what_is_kept(path)) from error
+
+
+def write_together(contents: Mapping[Path, str]) -> None:
+    """Replaces several files, none of them before all are safely on the disk.
+
+    Args:
+        contents: file → its text, written as UTF-8.
+
+    Raises:
+        RunError: a write failed, or one of the files is a folder; all are as they were.
+    """
+    for path in contents:
+        if path.is_dir():
+            raise RunError(f"cannot write {path}: it is a folder. Give the name of a file.")
+    written: list[Path] = []
+    try:
+        for path, text in contents.items():
+            written.append(write_aside(path, text.encode("utf-8", "backslashreplace")))
+        for path, aside in zip(contents, written, strict=True):
+            try:
+                os.replace(aside, path)
+                sync_folder(path.parent)
+            except OSError as error:
+                raise cannot_write(path, error, what_is_kept(path)) from error
+    finally:
+        for aside in written:
+            with contextlib.suppress(OSError):
+                aside.unlink(missing_ok=True)
 
 
 _BINARY = getattr(os, "O_BINARY", 0)  # Windows would translate line ends without it

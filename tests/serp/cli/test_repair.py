@@ -105,16 +105,54 @@ def test_a_file_that_is_right_is_left_alone(run: Run, ignorant: Path) -> None:
         assert result.stderr.startswith(("1 change", "2 changes", "3 changes"))
 
 
-def test_the_problem_goes_with_the_file(run: Run, walk: Path) -> None:
-    from serp.cli.repair import write_beside
+@pytest.fixture
+def racing(run: Run, ignorant: Path) -> Path:
+    """The same run, as if the domain had a problem file."""
+    shutil.copytree(ignorant, "racing")
+    problem = "(define (problem race) (:domain cartpole-empty) (:init))\n"
+    Path("racing/problem.pddl").write_text(problem, encoding="utf-8")
+    about = json.loads(Path("racing/config.json").read_text(encoding="utf-8"))
+    about["domain_files"]["problem.pddl"] = "race.pddl"
+    Path("racing/config.json").write_text(json.dumps(about), encoding="utf-8")
+    return Path("racing")
 
-    problem = Path("walk-problem.pddl").read_text(encoding="utf-8")
-    Path("new").mkdir()
-    assert write_beside(Path("new/hike.pddl"), problem) == Path("new/hike-problem.pddl")
-    assert Path("new/hike-problem.pddl").read_text(encoding="utf-8") == problem
-    Path("new/hike-problem.pddl").write_text("mine", encoding="utf-8")
-    assert write_beside(Path("new/hike.pddl"), problem) is None
-    assert Path("new/hike-problem.pddl").read_text(encoding="utf-8") == "mine"
+
+def test_the_problem_goes_with_the_file(run: Run, racing: Path) -> None:
+    problem = (racing / "problem.pddl").read_text(encoding="utf-8")
+    result = run("repair", str(racing), "-o", "new.pddl")
+    assert "Its problem file is copied to new-problem.pddl" in result.stderr
+    assert Path("new-problem.pddl").read_text(encoding="utf-8") == problem
+    Path("new.pddl").unlink()
+    again = run("repair", str(racing), "-o", "new.pddl")  # the same is there already
+    assert "problem" not in again.stderr and Path("new.pddl").exists()
+
+
+def test_another_problem_is_not_replaced_unasked(run: Run, racing: Path) -> None:
+    Path("new-problem.pddl").write_text("mine", encoding="utf-8")
+    refused = run("repair", str(racing), "-o", "new.pddl", expect=1)
+    assert "new-problem.pddl exists" in refused.stderr and "--force" in refused.stderr
+    assert not refused.stdout and not Path("new.pddl").exists()
+    assert Path("new-problem.pddl").read_text(encoding="utf-8") == "mine"
+    run("repair", str(racing), "-o", "new.pddl", "--force")
+    assert Path("new-problem.pddl").read_text(encoding="utf-8").startswith("(define (problem race)")
+
+
+def test_a_problem_that_the_run_does_not_have_is_not_taken_for_its_own(
+    run: Run, ignorant: Path
+) -> None:
+    Path("new-problem.pddl").write_text("mine", encoding="utf-8")
+    refused = run("repair", str(ignorant), "-o", "new.pddl", expect=1)
+    assert "new-problem.pddl would be taken for the problem of new.pddl" in refused.stderr
+    assert not Path("new.pddl").exists()
+    run("repair", str(ignorant), "-o", "new.pddl", "--force")
+    assert Path("new-problem.pddl").read_text(encoding="utf-8") == "mine"
+
+
+def test_where_one_file_cannot_be_written_neither_is(run: Run, racing: Path) -> None:
+    Path("new.pddl").mkdir()
+    refused = run("repair", str(racing), "-o", "new.pddl", "--force", expect=1)
+    assert "new.pddl: it is a folder" in refused.stderr
+    assert sorted(path.name for path in Path().iterdir()) == ["new.pddl", "racing"]
 
 
 def test_usage_errors(run: Run, ignorant: Path) -> None:

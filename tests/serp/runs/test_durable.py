@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from serp.errors import RunError
-from serp.runs.durable import aside_of, write_durably
+from serp.runs.durable import aside_of, write_durably, write_together
 
 
 def test_replaces_the_file_and_leaves_nothing_else(tmp_path):
@@ -67,3 +67,15 @@ def test_write_that_fails_half_way_keeps_the_former_file(tmp_path):
     assert "File too large" in done.stdout and "The former report.md is kept whole" in done.stdout
     assert path.read_text() == "former"
     assert os.listdir(tmp_path) == ["report.md"]
+
+
+def test_several_files_are_replaced_together_or_not_at_all(tmp_path):
+    one, two = tmp_path / "one", tmp_path / "two"
+    write_together({one: "old", two: "old"})
+    for other in (tmp_path / "gone" / "x", tmp_path):
+        with pytest.raises(RunError, match="cannot write"):
+            write_together({one: "new", other: "new", two: "new"})
+    assert [one.read_text(), two.read_text()] == ["old", "old"]
+    assert sorted(os.listdir(tmp_path)) == ["one", "two"]
+    write_together({one: "new", two: "newer"})
+    assert [one.read_text(), two.read_text()] == ["new", "newer"]
