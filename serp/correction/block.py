@@ -94,12 +94,16 @@ class GroupMemory:
 
     def clear(self) -> None:
         """Let the file alone predict again."""
+        self.unlearn()
+        self.chance = None
+
+    def unlearn(self) -> None:
+        """Forget what was learned of numbers; outcomes are counted as before."""
         self.kinds[:] = FILE
         self.codes[:] = 0.0
         self.linear[:] = 0.0
         self.amplitude[:] = 0.0
         self.modes = self.waves = 0
-        self.chance = None
 
     @property
     def modes(self) -> int:

@@ -17,10 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.correction import residual_kernels as kernels
+from serp.correction.beginning import Beginning
 from serp.correction.block import LINEAR, MODES, WAVES, WAVY, GroupMemory
 from serp.correction.kernels import waves_of
 from serp.correction.screening import far_off
 from serp.correction.views import View
+from serp.nesting import nested, part_of
 
 Array = NDArray[np.float64]
 
@@ -55,6 +57,7 @@ class Residual:
     ) -> None:
         depth, count = len(view.inputs), len(view.targets)
         self._bits = np.array(view.bits, dtype=np.int64)
+        self._beginning = Beginning(depth, np.array([view.inputs.index(t) for t in view.targets]))
         self._memory = memory
         self._nonlinear = nonlinear
         self._random = np.random.default_rng(seed)
@@ -101,6 +104,29 @@ class Residual:
         Returns:
             Whether any target is corrected now.
         """
+        corrects = self._learn(x, y, valid, change, enabled)
+        if not self._beginning.over:
+            self._beginning.add(x, y, valid, change)
+            if self._beginning.over:
+                corrects = self._sober(enabled) or corrects
+        return corrects
+
+    def _sober(self, enabled: NDArray[np.bool_]) -> bool:
+        """Learn the first samples again without what was wild in them, where anything was."""
+        samples = self._beginning.without_wild([group._beginning for group in self.siblings])
+        if samples is None:
+            return False
+        self._forget()
+        return [self._learn(*sample, enabled) for sample in samples][-1]
+
+    def _learn(
+        self,
+        x: Array,
+        y: Array,
+        valid: NDArray[np.bool_],
+        change: Array,
+        enabled: NDArray[np.bool_],
+    ) -> bool:
         memory = self._memory
         if self._strange(x):
             return bool(memory.kinds.any())
@@ -138,6 +164,14 @@ class Residual:
             enabled,
         )  # fmt: skip
         return corrects
+
+    def _forget(self) -> None:
+        """Be as before the first sample; the random features have to be as they were then, too."""
+        for name in self._STATE:
+            getattr(self, f"_{name}")[:] = 0.0
+        self._low[:], self._high[:] = np.inf, -np.inf
+        self._kept = self._strangers = self._samples = self._since = 0
+        self._memory.unlearn()
 
     def _strange(self, x: Array) -> bool:
         """Whether inputs are out of all bounds known: one such sample would stretch the ranges.
@@ -263,6 +297,7 @@ class Residual:
             arrays[name] = arrays[name][: min(self._kept, _KEPT)]
         if not self._memory.waves:
             del arrays["wave_gram"], arrays["wave_moment"]
+        arrays |= nested("beginning", self._beginning.state_dict())
         return arrays, {
             "kept": self._kept,
             "samples": self._samples,
@@ -281,6 +316,7 @@ class Residual:
                 own[: len(arrays[name])] = arrays[name]
             else:
                 own[:] = arrays[name]
+        self._beginning.load_state_dict(part_of(arrays, "beginning"))
         self._kept, self._samples = int(meta["kept"]), int(meta["samples"])
         self._since, self._strangers = int(meta["since"]), int(meta["strangers"])
         self._random.bit_generator.state = dict(meta["random"])

@@ -143,7 +143,8 @@ def account(x, y, valid, change, mode, features, waves, linear, amplitude, kinds
             settled = seen[s, t] >= SETTLED
             least = 1e-9 * (1.0 + abs(y[t]))
             outlier = settled and size > FAR * usual[s, t] + least
-            if seen[s, t] >= FIRST and usual[s, t] > least:
+            # By what was predicted: a number beyond all measure would excuse itself.
+            if seen[s, t] >= FIRST and usual[s, t] > 1e-9 * (1.0 + abs(y[t] - error)):
                 outlier = outlier or size > WILD * usual[s, t]
             if outlier:
                 streak[s, t] += 1.0

@@ -273,6 +273,38 @@ def test_an_outlier_among_the_first_samples_is_outgrown() -> None:
         assert (typical(of, linear_world) < 1e-2).all(), first
 
 
+@pytest.mark.parametrize("column", [0, 1])
+@pytest.mark.parametrize("size", [100.0, 1e3, 1e12, 1e50])
+def test_a_wild_reading_among_the_first_samples_of_an_action_is_forgotten(
+    size: float, column: int
+) -> None:
+    """Once there are ten, it is as if it had never been read."""
+    wild = np.zeros(2)
+    wild[column] = size
+    for before in range(5):
+        of = correction(PLANE)
+        rng = np.random.default_rng(before)
+        teach(of, linear_world, rng, before, actions=(PUSH,))
+        state = rng.normal(size=2)
+        of.observe(state, PUSH, linear_world(state, PUSH) + wild, False)
+        of.observe(state + wild, PUSH, linear_world(state, PUSH), False)
+        teach(of, linear_world, rng, 8 - before, actions=(PUSH,))
+        for _ in range(20):
+            state = any_state(of.model, rng)
+            assert (error(of, state, PUSH, linear_world(state, PUSH)) < 1e-2).all(), before
+
+
+def test_a_number_beyond_all_measure_is_no_sample_however_large() -> None:
+    for size in (1e6, 1e12, 1e50):
+        of = correction(PLANE)
+        rng = np.random.default_rng(0)
+        teach(of, linear_world, rng, 20, actions=(PUSH,))
+        state = rng.normal(size=2)
+        of.observe(state, PUSH, plus(linear_world(state, PUSH), 0.0, size), False)
+        state = rng.normal(size=2)
+        assert (error(of, state, PUSH, linear_world(state, PUSH)) < 1e-2).all(), size
+
+
 @pytest.mark.parametrize("before", [0, 30, 100])
 @pytest.mark.parametrize("worth", [np.nan, np.inf, -np.inf, 1e200, 1e308])
 def test_what_is_no_number_teaches_nothing(before: int, worth: float) -> None:
