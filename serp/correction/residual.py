@@ -69,6 +69,8 @@ class Residual:
         self._seen = np.zeros((sets, count))
         self._usual, self._streak = np.zeros((2, sets, count))
         self._recent, self._calm, self._odd, self._spread = np.zeros((4, count))
+        # Sums are of inputs less the first ones: far from 0 the squares would drown what varies.
+        self._origin = np.zeros(depth)
         self._low = np.full(depth, np.inf)
         self._high = np.full(depth, -np.inf)
         self._features = np.zeros(WAVES)
@@ -130,7 +132,10 @@ class Residual:
         memory = self._memory
         if self._strange(x):
             return bool(memory.kinds.any())
+        if not self._samples:
+            self._origin[:] = x
         self._samples += 1
+        away = x - self._origin
         np.minimum(self._low, x, out=self._low)
         np.maximum(self._high, x, out=self._high)
         wavy = memory.waves > 0
@@ -140,7 +145,7 @@ class Residual:
             )
         mode = self._mode(x)
         complete, changed = kernels.account(
-            x, y, valid, change, mode, self._features, wavy, memory.linear, memory.amplitude,
+            x, away, y, valid, change, mode, self._features, wavy, memory.linear, memory.amplitude,
             memory.kinds, self._gram, self._moment, self._count, self._loss, self._seen,
             self._usual, self._recent, self._calm, self._odd, self._streak, self._spread,
         )  # fmt: skip
@@ -152,7 +157,9 @@ class Residual:
             self._x[self._kept % _KEPT], self._y[self._kept % _KEPT] = x, y
             self._kept += 1
             if wavy:
-                kernels.accumulate_waves(x, y, self._features, self._wave_gram, self._wave_moment)
+                kernels.accumulate_waves(
+                    away, y, self._features, self._wave_gram, self._wave_moment
+                )
         self._since += 1
         if self._since * _PER_GROWTH >= self._samples:
             self._since = 0
@@ -208,12 +215,12 @@ class Residual:
         prior = self._pooled()
         for row in (0, mode) if mode else (0,):
             # A mode's own weights are drawn to those of all modes.
-            drawn_to = memory.linear[0].copy() if row else prior
+            drawn_to = _seen_from(self._origin, memory.linear[0]) if row else prior
             for t in range(self._count.shape[1]):
                 if self._count[row, t] > 0:
                     kernels.solve_linear(
-                        self._gram[row, t], self._moment[row, t], centre, 1.0 / half, _RIDGE,
-                        drawn_to[t], memory.linear[row, t],
+                        self._gram[row, t], self._moment[row, t], self._origin, centre, 1.0 / half,
+                        _RIDGE, drawn_to[t], memory.linear[row, t],
                     )  # fmt: skip
         if not self._nonlinear or (not memory.waves and not self._unexplained()):
             return
@@ -224,6 +231,8 @@ class Residual:
     def _pooled(self) -> Array:
         """Return `[T, 1 + d]` what all actions together say, each with a constant of its own.
 
+        The weights are those of the inputs less the origin.
+
         Much of what happens, the world does by itself, whatever the action; so what is known of
         one action tells something of the others.
         """
@@ -231,13 +240,14 @@ class Residual:
         low = np.min([group._low for group in known], axis=0)
         high = np.max([group._high for group in known], axis=0)
         centre, half = _range(low, high)
+        centres = centre - np.array([group._origin for group in known])
         own = known.index(self)
         pooled = np.zeros((len(known), *self._moment.shape[2:]))
         found = np.zeros(self._moment.shape[1:])
         for t in range(len(found)):
             grams = np.array([group._gram[0, t] for group in known])
             moments = np.array([group._moment[0, t] for group in known])
-            if kernels.solve_pooled(grams, moments, centre, 1.0 / half, _POOLED_RIDGE, pooled):
+            if kernels.solve_pooled(grams, moments, centres, 1.0 / half, _POOLED_RIDGE, pooled):
                 found[t] = pooled[own]
         return found
 
@@ -264,7 +274,7 @@ class Residual:
             x = self._x[k]
             waves_of(x, centre, memory.shrink, memory.frequency, memory.phase, self._features)
             kernels.accumulate_waves(
-                x, self._y[k], self._features, self._wave_gram, self._wave_moment
+                x - self._origin, self._y[k], self._features, self._wave_gram, self._wave_moment
             )
 
     def _solve_waves(self, centre: Array, half: Array) -> None:
@@ -272,7 +282,7 @@ class Residual:
         whole = self._wave_gram + np.tril(self._wave_gram, -1).T
         change = np.eye(len(whole))
         linear = np.arange(1, 1 + depth)
-        change[linear, 0] = -centre / half
+        change[linear, 0] = (self._origin - centre) / half
         change[linear, linear] = 1.0 / half
         matrix = change @ whole @ change.T
         ridge = np.full(len(whole), _WAVE_RIDGE)
@@ -280,14 +290,14 @@ class Residual:
         matrix[np.diag_indices_from(matrix)] += ridge
         solution = change.T @ np.linalg.solve(matrix, change @ self._wave_moment)
         if np.isfinite(solution).all():
-            memory.linear[1 + MODES] = solution[: 1 + depth].T
+            memory.linear[1 + MODES] = _seen_from(-self._origin, solution[: 1 + depth].T)
             memory.amplitude[:] = solution[1 + depth :].T
 
     # State -------------------------------------------------------------------------------------
 
     _STATE = (
         "gram", "moment", "count", "loss", "seen", "usual", "recent", "calm", "odd", "streak",
-        "spread", "low", "high", "x", "y", "wave_gram", "wave_moment", "drawn_for",
+        "spread", "origin", "low", "high", "x", "y", "wave_gram", "wave_moment", "drawn_for",
     )  # fmt: skip
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
@@ -326,3 +336,10 @@ def _range(low: Array, high: Array) -> tuple[Array, Array]:
     centre, half = (high + low) / 2, (high - low) / 2
     half[half <= 1e-9 * np.maximum(1.0, np.abs(centre))] = 1.0
     return centre, half
+
+
+def _seen_from(origin: Array, weights: Array) -> Array:
+    """Return what weights `[T, 1 + d]` of inputs are as weights of the inputs less an origin."""
+    seen = weights.copy()
+    seen[:, 0] += weights[:, 1:] @ origin
+    return seen

@@ -74,13 +74,14 @@ def find_mode(x, bits, codes, modes):
 
 
 @cached_njit(nogil=True)
-def account(x, y, valid, change, mode, features, waves, linear, amplitude, kinds,
+def account(x, away, y, valid, change, mode, features, waves, linear, amplitude, kinds,
             gram, moment, count, loss, seen, usual, recent, calm, odd, streak,
             spread):  # fmt: skip
     """Take one sample into account, losses first: they are of data not seen before.
 
     Args:
         x: `[d]` inputs.
+        away: `[d]` the same less the origin that statistics are about.
         y: `[T]` observed next value less what effects and processes make of the old one.
         valid: `[T]` whether `y` says anything.
         change: `[T]` observed change.
@@ -189,24 +190,25 @@ def account(x, y, valid, change, mode, features, waves, linear, amplitude, kinds
             keep = FORGET if drifting else 1.0
             count[s, t] = keep * count[s, t] + 1.0
             for i in range(1 + depth):
-                a = 1.0 if i == 0 else x[i - 1]
+                a = 1.0 if i == 0 else away[i - 1]
                 moment[s, t, i] = keep * moment[s, t, i] + a * y[t]
                 for j in range(1 + depth):
-                    gram[s, t, i, j] = keep * gram[s, t, i, j] + a * (1.0 if j == 0 else x[j - 1])
+                    other = 1.0 if j == 0 else away[j - 1]
+                    gram[s, t, i, j] = keep * gram[s, t, i, j] + a * other
     return complete, changed
 
 
 @cached_njit(nogil=True)
-def solve_pooled(grams, moments, centre, shrink, ridge, out):
+def solve_pooled(grams, moments, centres, shrink, ridge, out):
     """Solve the regression of several actions that differ in their constants alone.
 
     Args:
-        grams: `[n, 1 + d, 1 + d]` statistics of n actions.
+        grams: `[n, 1 + d, 1 + d]` statistics of n actions, each about an origin of its own.
         moments: `[n, 1 + d]` the same.
-        centre: `[d]` of the ranges over all of them.
+        centres: `[n, d]` of the ranges over all of them, seen from each origin.
         shrink: `[d]` 1 over half the ranges.
         ridge: Of the weights of the inputs, normalised by their ranges, towards 0.
-        out: `[n, 1 + d]` receives the weights of each.
+        out: `[n, 1 + d]` receives the weights of each, about its origin.
 
     Returns:
         Whether there is a solution.
@@ -216,7 +218,7 @@ def solve_pooled(grams, moments, centre, shrink, ridge, out):
     matrix = np.zeros((actions + depth, actions + depth))
     right = np.zeros(actions + depth)
     for a in range(actions):
-        gram = grams[a]
+        gram, centre = grams[a], centres[a]
         matrix[a, a] = gram[0, 0] + _FREE * ridge
         right[a] = moments[a, 0]
         for i in range(depth):
@@ -242,23 +244,23 @@ def solve_pooled(grams, moments, centre, shrink, ridge, out):
         out[a, 0] = solution[a]
         for i in range(depth):
             out[a, 1 + i] = solution[actions + i] * shrink[i]
-            out[a, 0] -= out[a, 1 + i] * centre[i]
+            out[a, 0] -= out[a, 1 + i] * centres[a, i]
     return True
 
 
 @cached_njit(nogil=True)
-def solve_linear(gram, moment, centre, shrink, ridge, prior, out):
+def solve_linear(gram, moment, origin, centre, shrink, ridge, prior, out):
     """Solve one ridge regression `[1 + d]` on inputs normalised by their ranges.
 
-    Statistics, the `prior` that weights are drawn to, and the solution are those of the inputs as
-    they are.
+    Statistics and the `prior` that weights are drawn to are those of the inputs less their
+    `origin`, the solution is that of the inputs as they are.
     """
     size = moment.shape[0]
     # Rows of `change`: normalised features in terms of (1, x).
     change = np.zeros((size, size))
     change[0, 0] = 1.0
     for i in range(1, size):
-        change[i, 0] = -centre[i - 1] * shrink[i - 1]
+        change[i, 0] = (origin[i - 1] - centre[i - 1]) * shrink[i - 1]
         change[i, i] = shrink[i - 1]
     matrix = change @ gram @ change.T
     for i in range(size):
@@ -267,6 +269,8 @@ def solve_linear(gram, moment, centre, shrink, ridge, prior, out):
     for i in range(size):
         if not math.isfinite(solution[i]):
             return False
+    for i in range(1, size):
+        solution[0] -= solution[i] * origin[i - 1]
     out[:] = solution
     return True
 
@@ -315,7 +319,10 @@ def choose(loss, seen, spread, waves, modes, kinds, enabled):
 
 @cached_njit(nogil=True)
 def accumulate_waves(x, y, features, gram, moment):
-    """Add one sample to the statistics of (1, x, features): `[D, D]` and `[D, T]`."""
+    """Add one sample to the statistics of (1, x, features): `[D, D]` and `[D, T]`.
+
+    The inputs x are those less the origin.
+    """
     depth, waves = x.shape[0], features.shape[0]
     size = 1 + depth + waves
     row = np.empty(size)

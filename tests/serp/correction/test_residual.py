@@ -191,6 +191,31 @@ def test_inputs_that_do_not_change_do_no_harm() -> None:
         assert (error(of, state, PUSH, world(state, PUSH)) < 1e-2).all()
 
 
+@pytest.mark.parametrize("world", [linear_world, pendulum])
+@pytest.mark.parametrize("offset", [5e6, -1.7e9])
+def test_how_far_from_0_a_fluent_is_makes_no_difference(world: World, offset: float) -> None:
+    """A coordinate of a map, a time in seconds: what matters is how it varies."""
+    errors = []
+    for origin in (np.zeros(2), np.array([offset, 0.0])):
+        of = correction(PLANE)
+
+        def draw(rng: np.random.Generator, origin: Vector = origin) -> Vector:
+            return origin + [0.1, 1.0] * rng.normal(size=2)
+
+        def seen(state: Vector, action: int, origin: Vector = origin) -> Vector:
+            return origin + world(state - origin, action)
+
+        rng = np.random.default_rng(0)
+        teach(of, seen, rng, 200, draw=draw)
+        state = np.array([draw(rng) for _ in range(50)])
+        errors.append(
+            np.max([error(of, s, a, seen(s, a)) for s in state for a in (PUSH, REST)], axis=0)
+        )
+    rounding = 4 * np.spacing(abs(offset))
+    assert (errors[1] <= 2 * errors[0] + rounding).all()
+    assert errors[1][1] < 1e-2
+
+
 # No regret -------------------------------------------------------------------------------------
 
 
