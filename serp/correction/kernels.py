@@ -10,9 +10,8 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import cfunc
 
-from serp.compilation import cached_njit
+from serp.compilation import cached_cfunc, cached_njit
 from serp.correction import block as b
 from serp.correction.chance_kernels import T_KINDS as _T_KINDS
 from serp.correction.chance_kernels import likeliest, put, row_of, share, take_back
@@ -260,10 +259,7 @@ def _step(state, action, block, dt, out):
 @functools.cache
 def corrected_step() -> Any:
     """Return the compiled C callback of a corrected step; its data is a block."""
-    try:
-        return cfunc(STEP_SIGNATURE, cache=True, error_model="numpy")(_step)
-    except RuntimeError:  # numba found no folder that it may write
-        return cfunc(STEP_SIGNATURE, error_model="numpy")(_step)
+    return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(_step)
 
 
 @cached_njit(nogil=True)
