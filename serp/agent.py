@@ -125,7 +125,7 @@ class Agent:
         horizon = settings.planner.depth * settings.planner.repeat
         self.arbiter = Arbiter(
             planner, task.actions.over(model), settings.arbiter, strategy, horizon,
-            Curiosity(self.correction.tried, tries), lambda: self.correction.reliable,
+            Curiosity(self.correction.tried, tries), lambda: self.correction.trust,
         )  # fmt: skip
         self._learner_input = _learner_input(settings.training.inputs)
         self._symmetries: tuple[TaskSymmetry, ...] = ()

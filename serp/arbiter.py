@@ -27,6 +27,7 @@ from serp.promises import Promises
 from serp.quantities import real, whole
 from serp.strategies.mixture import Mixture
 from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
+from serp.trust import Trust
 
 
 class Actor(StrEnum):
@@ -74,7 +75,8 @@ class ArbiterSettings:
         surety: In the planner's turn the learner's choice is executed all the same where its
             networks agree that it is better than the planner's: where the mean of their
             differences of Q exceeds so many standard deviations. Not where the model has foreseen
-            what happened (see `serp.correction.skill`), and never for None.
+            what happened (see `serp.correction.skill`), nor in the first ten episodes of one that
+            corrects itself, and never for None.
         imitation: Weight of the learner's imitation loss: where the model has foreseen what
             happened, what the planner would do is to be worth a margin more than anything else.
             0: nothing is imitated.
@@ -232,7 +234,7 @@ class Arbiter:
         strategy: Who proposes; by default Algorithm 1 as the settings have it.
         horizon: Control periods that the planner looks ahead.
         curiosity: What the planner does for the sake of learning, in training; by default nothing.
-        reliable: Says whether the model has foreseen what happened, of late; by default never.
+        trust: Says how far the model can be trusted; by default nothing is known of it.
 
     Attributes:
         promises: How often the planner's word was broken.
@@ -246,7 +248,7 @@ class Arbiter:
         strategy: Strategy | None = None,
         horizon: int = 1,
         curiosity: Preference = _no_preference,
-        reliable: Callable[[], bool] = lambda: False,
+        trust: Callable[[], Trust] = lambda: Trust.OPEN,
     ) -> None:
         self.planner = planner
         self.actions = actions
@@ -254,7 +256,7 @@ class Arbiter:
         self.strategy = strategy or self.settings.mixture(seed=0)
         self.promises = Promises(horizon, self.settings.broken_promises)
         self._curiosity = curiosity
-        self._reliable = reliable
+        self._trust = trust
         self._unmodelled_allowed = (
             ~actions.modelled
             if self.settings.unmodelled == "allow"
@@ -352,7 +354,7 @@ class Arbiter:
     def _situation_of(self, forecast: ActionForecast) -> Situation:
         admissible = self.admissible(forecast)
         explorable = self._explorable(forecast, admissible)
-        return Situation(forecast, admissible, explorable, self._reliable())
+        return Situation(forecast, admissible, explorable, self._trust())
 
     def _follow(self, situation: Situation, proposal: Proposed | None) -> Decision:
         if proposal is None:

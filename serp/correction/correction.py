@@ -19,11 +19,14 @@ from serp.domain.flags import APPLICABLE
 from serp.domain.model import TransitionModel, Vector
 from serp.errors import RunError
 from serp.nesting import Arrays, nested, part_of
+from serp.trust import Trust
 
 if TYPE_CHECKING:
     from serp.correction.reestimation import Reestimation
 
 _RELEARNED: Final = 2_000
+_GROWN: Final = 10
+"""For so many episodes a model that corrects itself is not judged by how it does."""
 """Newest transitions that are learned from again where the literals have changed."""
 
 
@@ -54,6 +57,7 @@ class Correction:
         self.tried = np.zeros(len(written.actions), dtype=np.int64)
         self.skill = Skill(width)
         self.notice: str | None = None
+        self._episodes = 0
         self._written = written
         self._corrected: CorrectedModel | None = None
         self._learners: Learners | None = None
@@ -86,6 +90,7 @@ class Correction:
             ended: Whether the episode ended with it.
         """
         self.experience.add(state, action, next_state, ended)
+        self._episodes += ended
         if action < 0:
             self.monitor.observe(state, action, next_state, next_state, next_state)
         elif self._corrected is None:
@@ -101,9 +106,13 @@ class Correction:
             self._reconsider_literals()
 
     @property
-    def reliable(self) -> bool:
-        """Whether the corrected model has foreseen what happened, of late."""
-        return self._corrected is not None and self.skill.reliable
+    def trust(self) -> Trust:
+        """How far the model can be trusted; nothing is said of one that is not corrected."""
+        if self._corrected is None:
+            return Trust.OPEN
+        if self.skill.reliable:
+            return Trust.RELIABLE
+        return Trust.GROWING if self._episodes < _GROWN else Trust.OPEN
 
     def doubt(self) -> None:
         """Take nothing for known any more: what was predicted to last has not lasted."""
@@ -155,7 +164,11 @@ class Correction:
         arrays = nested("experience", experience) | nested("monitor", monitor)
         arrays["tried"] = self.tried.copy()
         arrays |= nested("skill", self.skill.state_dict())
-        meta: Meta = {"experience": experience_meta, "monitor": monitor_meta}
+        meta: Meta = {
+            "experience": experience_meta,
+            "monitor": monitor_meta,
+            "episodes": self._episodes,
+        }
         if self._corrected is not None:
             arrays["block"] = self._corrected.block.contents()
         if self._learners is not None:
@@ -180,6 +193,7 @@ class Correction:
         self.experience.load_state_dict(part_of(arrays, "experience"), meta["experience"])
         self.monitor.load_state_dict(part_of(arrays, "monitor"), meta["monitor"])
         self.tried[:] = arrays["tried"]
+        self._episodes = int(meta["episodes"])
         self.skill.load_state_dict(part_of(arrays, "skill"))
         if self._corrected is not None:
             self._corrected.block.restore(arrays["block"])

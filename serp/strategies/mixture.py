@@ -11,6 +11,7 @@ from serp.actions import ActionForecast
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.strategies.advice import advice
 from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
+from serp.trust import Trust
 
 
 class Mixture(Strategy):
@@ -24,7 +25,7 @@ class Mixture(Strategy):
         ask_when_indifferent: Whether the learner is asked where all plans are worth the same.
         surety: The learner acts in the planner's turn where its networks agree that its own choice
             is better: the mean of what they see in it exceeds so many standard deviations. Not
-            where the model is reliable, and never for None.
+            where the model is reliable, nor while it grows, and never for None.
         imitation: Weight of the learner's imitation loss: where the model is reliable, what the
             planner would do is to be worth a margin more than anything else (Hester et al. 2018).
             0: nothing is imitated.
@@ -61,7 +62,7 @@ class Mixture(Strategy):
 
     def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
         """Draw whose turn it is."""
-        self._reliable = situation.reliable
+        self._reliable = situation.trust is Trust.RELIABLE
         planners_turn = self._random.random() > self._rho
         if planners_turn and not (self._ask_when_indifferent and situation.forecast.indifferent):
             return self._sure(situation, learner)
@@ -74,7 +75,7 @@ class Mixture(Strategy):
     def _sure(self, situation: Situation, learner: Learner) -> Proposed | None:
         """Return the learner's own choice where it is sure that it is better than the planner's."""
         planned = situation.forecast.choice
-        if self._surety is None or planned < 0 or situation.reliable:
+        if self._surety is None or planned < 0 or situation.trust is not Trust.OPEN:
             return None
         q = learner.member_q()
         if len(q) < 2:  # nobody to agree with

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.actions import ActionForecast
+from serp.trust import Trust
 
 if TYPE_CHECKING:
     from serp.learning.guidance import Guidance, GuidedLearning
@@ -70,13 +71,13 @@ class Situation(NamedTuple):
         forecast: The planner's view.
         admissible: `[E]` actions that no veto refuses.
         explorable: `[E]` actions to explore among; None for all.
-        reliable: Whether the model has foreseen what happened, of late.
+        trust: How far the model can be trusted.
     """
 
     forecast: ActionForecast
     admissible: Mask
     explorable: Mask | None
-    reliable: bool = False
+    trust: Trust = Trust.OPEN
 
 
 class Strategy:

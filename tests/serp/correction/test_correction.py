@@ -20,6 +20,7 @@ from serp.runs import checkpoint
 from serp.settings import resolve
 from serp.task import Task
 from serp.training import Trainer
+from serp.trust import Trust
 from tests.generated.profile import examples
 from tests.serp.correction import worlds
 from tests.serp.correction.rolls import DOMAINS, from_text
@@ -248,6 +249,25 @@ def test_doubt_forgets_what_was_tried_and_nothing_else() -> None:
     assert of.tried is tried and tried.tolist() == [0, 0]
     assert of.model.step(state, 0).state.tobytes() == before.tobytes()
     assert len(of.experience) > 0
+
+
+def test_trust_grows_until_ten_episodes_have_ended() -> None:
+    lucky, unlucky, off = correction(PLANE), correction(PLANE), correction(PLANE, "off")
+    rng = np.random.default_rng(0)
+    for step in range(1, 400):
+        state = rng.normal(size=2)
+        for of, next_state in (
+            (lucky, plus(state, 0.3 * state[1], 0.2)),
+            (unlucky, rng.normal(size=2)),
+            (off, rng.normal(size=2)),
+        ):
+            of.observe(state, 0, next_state, step % 20 == 0)
+        assert off.trust is Trust.OPEN
+        assert unlucky.trust is (Trust.GROWING if step < 200 else Trust.OPEN)
+        assert step < 100 or lucky.trust is Trust.RELIABLE
+    again = correction(PLANE)
+    again.load_state_dict(*unlucky.state_dict())
+    assert again.trust is Trust.OPEN
 
 
 def test_skill_and_monitor_are_of_the_model_in_use() -> None:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 
+from serp.arbiter import ArbiterSettings
 from serp.strategies.mixture import Mixture
+from serp.trust import Trust
 from tests.serp.strategies.scene import Known, learner_acts, situation
 
 
@@ -75,6 +78,24 @@ def test_a_learner_that_is_sure_acts_in_the_planners_turn() -> None:
         Known([0.2, 1.2, 0.0], members=[[0.2, 1.2, 0.0]]),  # nobody to agree with
     ):
         assert mixture(0.0, surety=3.0).propose(seen, learner) is None
+
+
+@pytest.mark.parametrize("trust", [Trust.GROWING, Trust.RELIABLE])
+def test_a_model_that_grows_or_has_proven_right_keeps_the_planners_turn(trust: Trust) -> None:
+    seen = situation([1.0, 0.0, 0.0])
+    agreed = Known([0.2, 1.2, 0.0], members=[[0.1, 1.0, 0.0], [0.3, 1.4, 0.0]])
+    assert mixture(0.0, surety=3.0).propose(seen, agreed) is not None
+    assert mixture(0.0, surety=3.0).propose(seen._replace(trust=trust), agreed) is None
+
+
+def test_only_a_model_that_has_proven_right_is_imitated() -> None:
+    strategy = ArbiterSettings(imitation=1.0).mixture(seed=0)
+    seen = situation([1.0, 0.0])
+    for trust in Trust:
+        strategy.propose(seen._replace(trust=trust), Known([0.0, 1.0]))
+        guidance = strategy.guidance(seen.forecast, 0, seen.forecast)
+        assert guidance is not None
+        assert (guidance.action >= 0) == (trust is Trust.RELIABLE)
 
 
 def test_nobody_is_sure_of_what_is_refused() -> None:
