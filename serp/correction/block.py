@@ -166,7 +166,7 @@ class Block:
         self.array: Array = np.zeros(size)
         array = self.array
         array[[STEP, FLOW, SETTLE]] = list(addresses)
-        array[WIDTH], array[WORST] = width, worst
+        array[WIDTH], array[WORST], array[AMENDS] = width, worst, True
         at = HEADER
         array[WRITTEN], array[LITERALS] = at, at + len(theta)
         array[at : at + len(theta)] = theta

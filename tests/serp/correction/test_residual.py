@@ -222,9 +222,13 @@ def test_one_number_is_not_corrected_beside_another_that_cannot_be_foreseen() ->
     teach(of, half_known, rng, 600)
     assert corrects_nothing(of)
     assert not corrected(of).block.active
-    teach(of, linear_world, rng, 2_000)
+    resumed = correction(PLANE)
+    resumed.load_state_dict(*of.state_dict())
+    for each in (of, resumed):
+        teach(each, linear_world, np.random.default_rng(2), 2_000)
     assert typical(of, linear_world)[0] < 1e-6
     assert corrected(of).block.active
+    assert corrected(resumed).block.contents().tobytes() == corrected(of).block.contents().tobytes()
 
 
 def test_outcomes_are_not_counted_beside_a_number_that_cannot_be_foreseen() -> None:
