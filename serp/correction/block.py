@@ -22,7 +22,9 @@ WAVES: Final = 100
 """Random Fourier features of a nonlinear model (Rahimi & Recht, 2007)."""
 
 # Header.
-STEP, FLOW, SETTLE, WIDTH, ACTIVE, CHANCY, WORST, WRITTEN, LITERALS, TABLE, HEADER = range(11)
+(
+    STEP, FLOW, SETTLE, WIDTH, ACTIVE, CHANCY, AMENDS, WORST, WRITTEN, LITERALS, TABLE, HEADER,
+) = range(12)  # fmt: skip
 # View.
 V_INPUTS, V_TARGETS, V_DEPTH, V_COUNT, V_GROUP, VIEW = range(6)
 # Group: what views of one key share.
@@ -168,7 +170,7 @@ class Block:
         self.array: Array = np.zeros(size)
         array = self.array
         array[[STEP, FLOW, SETTLE]] = list(addresses)
-        array[WIDTH], array[WORST] = width, worst
+        array[WIDTH], array[WORST], array[AMENDS] = width, worst, True
         at = HEADER
         array[WRITTEN], array[LITERALS] = at, at + len(theta)
         array[at : at + len(theta)] = theta
@@ -212,8 +214,17 @@ class Block:
         self.array[ACTIVE] = value
 
     @property
+    def amends(self) -> bool:
+        """Whether what is published of residuals and counted outcomes is used."""
+        return bool(self.array[AMENDS])
+
+    @amends.setter
+    def amends(self, value: bool) -> None:
+        self.array[AMENDS] = value
+
+    @property
     def chancy(self) -> bool:
-        """Whether outcomes are counted anywhere."""
+        """Whether counted outcomes are used anywhere."""
         return bool(self.array[CHANCY])
 
     @chancy.setter

@@ -31,7 +31,7 @@ _G_PHASE, _G_AMPLITUDE, _G_CHANCE = b.G_PHASE, b.G_AMPLITUDE, b.G_CHANCE
 _WORST = b.WORST
 _FILE, _LINEAR, _WAVY, _OWN = b.FILE, b.LINEAR, b.WAVY, b.OWN
 _MODES = b.MODES
-_CHANCY = b.CHANCY
+_CHANCY, _AMENDS = b.CHANCY, b.AMENDS
 _RARE = 0.02
 """Outcomes less likely than that are not reckoned with."""
 
@@ -67,6 +67,8 @@ def mode_of(block, group, inputs, state):
 @cached_njit(nogil=True, forceinline=True)
 def amend(block, action, state, out):
     """Add to `out`, effects and processes applied, what the file does not say."""
+    if block[_AMENDS] == 0.0:
+        return
     table = int(block[_TABLE]) + 2 * action
     view = int(block[table + 1])
     for _ in range(int(block[table])):
@@ -270,7 +272,8 @@ def amend_row(block, action, state, out, away, kind):
     amend(base, action, source, target)
     if not finite(target, state.shape[0]):
         out[:] = before
-    bend(base, action, source, target, away, kind)
+    if base[_CHANCY] != 0.0:
+        bend(base, action, source, target, away, kind)
 
 
 @cached_njit(nogil=True)

@@ -25,6 +25,11 @@ Meta = dict[str, Any]
 class Learners:
     """Learns from env steps what the file does not say, and publishes it in the model.
 
+    All of it is planned with or nothing. A plan weighs one number against another (who is first at
+    the ball?), and where one of them is corrected and the other one cannot be, it is led astray by
+    the difference, however small the errors of one step are. So where not even half of what
+    happens to some number can be foreseen, the file's structure is planned with, as it is.
+
     Args:
         model: The model that it corrects.
         seed: Seed of the random features.
@@ -64,6 +69,8 @@ class Learners:
                 alike.setdefault(view.key[1:], []).append(residual)
                 residual.siblings = alike[view.key[1:]]
         self._corrects = dict.fromkeys(self._residuals, False)
+        self._foreseen = dict.fromkeys(alike, True)
+        self._block.amends = True
         self._block.chancy = False
 
     @property
@@ -80,7 +87,7 @@ class Learners:
     @property
     def corrects(self) -> bool:
         """Whether anything is corrected."""
-        return self._block.chancy or any(self._corrects.values())
+        return self._block.chancy or (self._block.amends and any(self._corrects.values()))
 
     def learn(
         self, state: Vector, action: int, next_state: Vector, flow: Vector, settled: Vector
@@ -118,7 +125,10 @@ class Learners:
                     next_state[targets] - state[targets],
                     ~self._whole[targets],
                 )
-        if counted:
+                self._foreseen[key[1:]] = self._residuals[key].foresees(~self._whole[targets])
+        amends = all(self._foreseen.values())
+        if counted or amends != self._block.amends:
+            self._block.amends = amends
             self._note_chances()
 
     def _share_wholeness(self) -> None:
@@ -131,7 +141,8 @@ class Learners:
 
     def _note_chances(self) -> None:
         groups = self._block.groups.values()
-        self._block.chancy = any(group.chance is not None for group in groups)
+        counted = any(group.chance is not None for group in groups)
+        self._block.chancy = counted and self._block.amends
 
     # State -------------------------------------------------------------------------------------
 
@@ -142,6 +153,7 @@ class Learners:
             "residuals": [],
             "chances": [],
             "corrects": [bool(corrects) for corrects in self._corrects.values()],
+            "foreseen": [bool(foreseen) for foreseen in self._foreseen.values()],
         }
         parts: dict[str, list[Residual | Chances]] = {
             "residuals": [*self._residuals.values()],
@@ -159,6 +171,7 @@ class Learners:
         self._whole[:] = arrays["whole"]
         self._wholes = int(np.count_nonzero(self._whole))
         self._corrects = dict(zip(self._corrects, meta["corrects"], strict=True))
+        self._foreseen = dict(zip(self._foreseen, meta["foreseen"], strict=True))
         for k, residual in enumerate(self._residuals.values()):
             residual.load_state_dict(part_of(arrays, f"residuals{k}"), meta["residuals"][k])
         for k, (key, chances) in enumerate(self._chances.items()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -22,12 +23,15 @@ _MOST: Final = 4_000
 _SHOWN: Final = 0.7
 """Share of them, the oldest, that an estimate is made from which the others then judge."""
 _FORESEEN: Final = 0.5
-"""Share of the squared change that may be left; the mean of things that differ widely is nothing
-that happens, and no plan can be built on it."""
+"""Where an estimate leaves less of the squared change than that, it is believed whatever it is."""
+_LEFT: Final = 0.25
+"""Share of a written number that stays where it is not. An effect that comes about at times and at
+times does not has a small mean, which is nothing that happens; planned with, it is no effect."""
 _CERTAIN: Final = 0.02
-"""The same of the error of those in use, whatever changes."""
+"""The same as `_FORESEEN`, of the error of those in use, whatever changes."""
 _BETTER: Final = 0.9
-"""An estimate is adopted where its squared error is smaller by this factor."""
+"""An estimate is adopted instead of what is written where its squared error is smaller by this
+factor, and instead of an earlier estimate where it is smaller."""
 
 
 class Reestimation:
@@ -66,19 +70,32 @@ class Reestimation:
         latest, errors = self._estimate(states, actions, next_states, theta)
         known = actions >= 0
         known[:first] = False
-        moved = next_states[known] - states[known]
+        later = states[known], actions[known], next_states[known]
+        moved = later[2] - later[0]
         change = np.nansum(moved * moved, axis=0)
-        now = self._errors(theta, states[known], actions[known], next_states[known])
-        then = self._errors(earlier, states[known], actions[known], next_states[known])
+        held = self._held(earlier)
+        now, full, part = self._errors((theta, earlier, held), *later)
         adopted = theta.copy()
         for symbol, owned in self._owned.items():
             columns = list(self._estimator.symbols.get(symbol, ()))
             spoken = [k for k in owned if np.isfinite(errors[k])]
-            error, worth = then[columns].sum(), now[columns].sum()
+            if not spoken:
+                continue
+            worth = now[columns].sum()
             foreseen = max(_FORESEEN * change[columns].sum(), _CERTAIN * worth)
-            if spoken and error < min(_BETTER * worth, foreseen):
-                adopted[spoken] = latest[spoken]
+            believed = full[columns].sum() < foreseen
+            error = (full if believed else part)[columns].sum()
+            estimated = (theta[owned] != self._written.theta[owned]).any()
+            if error < (1.0 if estimated else _BETTER) * worth:
+                adopted[spoken] = (latest if believed else self._held(latest))[spoken]
         return adopted
+
+    def _held(self, theta: Vector) -> Vector:
+        """Return `[P]` literals that are nowhere much smaller than written, nor of other sign."""
+        written = self._written.theta
+        sign = np.where(written < 0.0, -1.0, 1.0)
+        held: Vector = sign * np.maximum(sign * theta, _LEFT * np.abs(written))
+        return held
 
     def _estimate(
         self, states: Vector, actions: Actions, next_states: Vector, theta: Vector
@@ -87,10 +104,22 @@ class Reestimation:
         return estimate_literals(model, states, actions, next_states, estimator=self._estimator)
 
     def _errors(
-        self, theta: Vector, states: Vector, actions: Actions, next_states: Vector
+        self, candidates: Sequence[Vector], states: Vector, actions: Actions, next_states: Vector
     ) -> Vector:
-        """Return `[F]` sums of squared errors."""
-        model = self._written.replace(theta=theta)
-        off = next_states - predictions(model, states, actions)
-        errors: Vector = np.nansum(off * off, axis=0)
-        return errors
+        """Return `[C, F]` sums of squared errors of literals, over the same steps for all.
+
+        A step that the first candidate predicts and another one does not counts for that as an
+        error beyond all bounds, or literals would be better the less they say.
+        """
+        off = np.array(
+            [
+                next_states - predictions(self._written.replace(theta=theta), states, actions)
+                for theta in candidates
+            ]
+        )
+        squared = off * off
+        known = np.isfinite(squared)
+        errors = np.where(known, squared, np.inf)
+        errors[:, ~known[0]] = 0.0
+        sums: Vector = errors.sum(axis=1)
+        return sums

@@ -172,6 +172,21 @@ class Residual:
         )  # fmt: skip
         return corrects
 
+    def foresees(self, enabled: NDArray[np.bool_]) -> bool:
+        """Whether half of what happens to each target is foreseen, over all siblings.
+
+        By whom does not matter: the file, or a candidate, in use or not. So far as nobody knows
+        yet, it is.
+
+        Args:
+            enabled: `[T]` whether a residual may predict the target at all.
+        """
+        left, change = np.zeros((2, len(enabled)))
+        for group in self.siblings:
+            waves = group._memory.waves > 0
+            kernels.judge(group._loss, group._seen, group._spread, waves, enabled, left, change)
+        return bool((left <= change).all())
+
     def _forget(self) -> None:
         """Be as before the first sample; the random features have to be as they were then, too."""
         for name in self._STATE:

@@ -44,6 +44,8 @@ _FORESEEN = 0.5
 """Share of the squared change that may be left of a target for it to be corrected."""
 _CERTAIN = 0.02
 """The same of the file's squared error, whatever changes."""
+JUDGED = 120
+"""Before so many samples of an action nobody knows whether a target can be foreseen."""
 _CHANGED = 0.7
 """Where such a share of the last ten samples or so is odd, the world has changed for good."""
 _AMISS = 0.01
@@ -315,6 +317,24 @@ def choose(loss, seen, spread, waves, modes, kinds, enabled):
             kinds[s, t] = best
             anybody = anybody or best != _FILE
     return anybody
+
+
+@cached_njit(nogil=True)
+def judge(loss, seen, spread, waves, enabled, left, change):
+    """Judge whether targets can be foreseen, once there are enough samples to tell.
+
+    Adds to `left` `[T]` what the best candidate leaves of each, to `change` `[T]` what it may leave
+    at most by `choose`; both are sums over the samples that the losses remember.
+    """
+    for t in range(spread.shape[0]):
+        if not enabled[t] or seen[0, t] < JUDGED:
+            continue
+        least = min(loss[0, _FILE, t], loss[0, _LINEAR, t])
+        if waves:
+            least = min(least, loss[0, _WAVY, t])
+        samples = min(seen[0, t], 1.0 / (1.0 - MEMORY))
+        left[t] += samples * least
+        change[t] += samples * max(_FORESEEN * spread[t], _CERTAIN * loss[0, _FILE, t])
 
 
 @cached_njit(nogil=True)

@@ -237,6 +237,37 @@ def test_what_cannot_be_foreseen_is_not_corrected() -> None:
     assert (typical(of, as_written) < 0.3).all()
 
 
+def test_one_number_is_not_corrected_beside_another_that_cannot_be_foreseen() -> None:
+    """Weighed against each other they would lead a plan astray; once both can be, both are."""
+    of, rng = correction(PLANE), np.random.default_rng(1)
+
+    def half_known(state: Vector, action: int) -> Vector:
+        return np.array([linear_world(state, action)[0], state[1] + rng.normal()])
+
+    teach(of, half_known, rng, 600)
+    assert corrects_nothing(of)
+    assert not corrected(of).block.active
+    resumed = correction(PLANE)
+    resumed.load_state_dict(*of.state_dict())
+    for each in (of, resumed):
+        teach(each, linear_world, np.random.default_rng(2), 2_000)
+    assert typical(of, linear_world)[0] < 1e-6
+    assert corrected(of).block.active
+    assert corrected(resumed).block.contents().tobytes() == corrected(of).block.contents().tobytes()
+
+
+def test_outcomes_are_not_counted_beside_a_number_that_cannot_be_foreseen() -> None:
+    of, rng = correction(ICE), np.random.default_rng(1)
+
+    def melts(noise: float) -> World:
+        return lambda s, a: np.array([0.0, s[1], s[2] + noise * rng.normal()])
+
+    teach(of, melts(0.0), rng, 100)
+    assert corrected(of).block.chancy
+    teach(of, melts(1.0), rng, 900)
+    assert corrects_nothing(of)
+
+
 @given(seed=st.integers(0, 2**32), outliers=st.booleans())
 @examples(8)
 def test_whatever_happens_the_file_does_hardly_better(seed: int, outliers: bool) -> None:

@@ -1,0 +1,79 @@
+"""The literals of a file, estimated anew while a run goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from serp.correction.experience import Experience
+from serp.correction.reestimation import Reestimation
+from serp.domain.model import Vector
+from tests.serp.correction.rolls import from_text
+
+WALK = """(define (domain walk)
+  (:functions (near) (far))
+  (:action step :parameters () :precondition (and)
+    :effect (and (decrease (near) 0.4) (increase (far) 0.2))))
+"""
+
+SPLIT = """(define (domain split)
+  (:functions (x) (y))
+  (:action cut :parameters () :precondition (and)
+    :effect (and (increase (x) (/ 1.0 (- (y) 2.0))))))
+"""
+
+
+def adopted(change: Callable[[int], tuple[float, float]], steps: int = 64) -> Vector:
+    """The literals after steps that change the fluents of `WALK` so."""
+    model = from_text(WALK).model
+    experience = Experience(steps, 2)
+    state = np.zeros(2)
+    for k in range(steps):
+        after = state + change(k)
+        experience.add(state, 0, after, False)
+        state = after
+    return Reestimation(model).reconsider(experience, model.theta.copy())
+
+
+@pytest.mark.parametrize("truth", [-0.01, -0.2, -1.0, 0.3])
+def test_what_always_happens_is_believed_however_little_or_contrary(truth: float) -> None:
+    near, far = adopted(lambda _: (truth, 0.2))
+    assert near == pytest.approx(-truth, abs=1e-3)
+    assert far == 0.2
+
+
+def test_an_effect_that_seldom_comes_about_is_not_averaged_away() -> None:
+    rng = np.random.default_rng(3)
+    near, _ = adopted(lambda _: (-0.4 * (rng.random() < 0.1), 0.2), 256)
+    assert near == pytest.approx(0.1)  # a quarter of what is written; the mean is 0.04
+
+
+def test_estimates_follow_what_is_observed_since() -> None:
+    model = from_text(WALK).model
+    rng = np.random.default_rng(5)
+    experience, states = Experience(1024, 2), np.zeros(2)
+    reestimation, theta = Reestimation(model), model.theta.copy()
+    off = []
+    for k in range(1, 1025):
+        after = states + np.array([-0.2 + 0.1 * rng.standard_normal(), 0.2])
+        experience.add(states, 0, after, False)
+        states = after
+        if reestimation.due(k):
+            theta = reestimation.reconsider(experience, theta)
+            off.append(abs(theta[0] - 0.2))
+    assert off[-1] < 0.01
+
+
+def test_literals_are_no_better_for_saying_less() -> None:
+    model = from_text(SPLIT).model
+    states = np.array([[0.0, 1.0], [0.0, 4.0]])
+    after = np.array([[0.0, 1.0], [0.5, 4.0]])
+    both = np.array([[1.0, 2.0], [1.0, 1.0]])  # the latter divides by zero where y is 1
+    actions = np.zeros(2, dtype=np.int64)
+    first, second = Reestimation(model)._errors(both, states, actions, after)
+    assert np.isfinite(first).all()
+    assert second[0] == np.inf
+    first, second = Reestimation(model)._errors(both[::-1], states, actions, after)
+    assert np.isfinite(first).all() and np.isfinite(second).all()
