@@ -121,7 +121,7 @@ class Correction:
         self.skill.observe(state, predicted, next_state)
         if self._learners is not None and flags[1] & APPLICABLE:
             self._learners.learn(state, action, next_state, flow, settled)
-            corrected.block.active = self._learners.corrects or corrected.reestimated
+            corrected.block.active = self._learners.corrects or corrected.block.revised
 
     def _reconsider_literals(self) -> None:
         """Estimate the literals anew; where they change, learn what they leave from the start."""
@@ -131,7 +131,7 @@ class Correction:
         adopted = reestimation.reconsider(self.experience, literals.copy())
         if (adopted == literals).all():
             return
-        literals[:] = adopted
+        corrected.block.adopt(adopted)
         corrected.block.active = True
         if self._learners is None:
             return
