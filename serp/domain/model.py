@@ -322,6 +322,11 @@ class TransitionModel:
         """
         return self._program.compiles
 
+    @property
+    def compiled(self) -> bool:
+        """Whether `native_step` has been called already, so that it costs nothing to call again."""
+        return self._program.compiled
+
     def native_step(self) -> Any:
         """Return the compiled C callback of `step` (numba), compiling it when first called."""
         return self._program.native
