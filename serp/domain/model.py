@@ -331,6 +331,10 @@ class TransitionModel:
         """Return the compiled C callback of `step` (numba), compiling it when first called."""
         return self._program.native
 
+    def native_flow(self) -> Any:
+        """Return the like of effects and processes alone, without events, goal and metric."""
+        return self._program.native_flow
+
     def _step_batch(self, states: Vector, action: Any) -> Outcome:
         batch, width = states.shape
         if width != len(self.fluents):
