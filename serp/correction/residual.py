@@ -175,12 +175,10 @@ class Residual:
         for row in (0, mode) if mode else (0,):
             # A mode's own weights are drawn to those of all modes.
             drawn_to = memory.linear[0].copy() if row else prior
-            for t in range(self._count.shape[1]):
-                if self._count[row, t] > 0:
-                    kernels.solve_linear(
-                        self._gram[row, t], self._moment[row, t], centre, 1.0 / half, _RIDGE,
-                        drawn_to[t], memory.linear[row, t],
-                    )  # fmt: skip
+            kernels.solve_linear_targets(
+                self._gram[row], self._moment[row], self._count[row], centre, 1.0 / half, _RIDGE,
+                drawn_to, memory.linear[row],
+            )  # fmt: skip
         if not self._nonlinear or (not memory.waves and not self._unexplained()):
             return
         if not memory.waves or (half > _GROWN * self._drawn_for[1]).any():
@@ -197,14 +195,13 @@ class Residual:
         low = np.min([group._low for group in known], axis=0)
         high = np.max([group._high for group in known], axis=0)
         centre, half = _range(low, high)
-        own = known.index(self)
-        pooled = np.zeros((len(known), *self._moment.shape[2:]))
+        grams = np.array([group._gram[0] for group in known])
+        moments = np.array([group._moment[0] for group in known])
         found = np.zeros(self._moment.shape[1:])
-        for t in range(len(found)):
-            grams = np.array([group._gram[0, t] for group in known])
-            moments = np.array([group._moment[0, t] for group in known])
-            if kernels.solve_pooled(grams, moments, centre, 1.0 / half, _POOLED_RIDGE, pooled):
-                found[t] = pooled[own]
+        own = known.index(self)
+        kernels.solve_pooled_targets(
+            grams, moments, centre, 1.0 / half, _POOLED_RIDGE, own, found
+        )  # fmt: skip
         return found
 
     # Random features ----------------------------------------------------------------------------
