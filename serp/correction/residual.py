@@ -232,16 +232,19 @@ class Residual:
 
     def _solve_waves(self, centre: Array, half: Array) -> None:
         memory, depth = self._memory, len(centre)
-        whole = self._wave_gram + np.tril(self._wave_gram, -1).T
-        change = np.eye(len(whole))
-        linear = np.arange(1, 1 + depth)
-        change[linear, 0] = -centre / half
-        change[linear, linear] = 1.0 / half
-        matrix = change @ whole @ change.T
-        ridge = np.full(len(whole), _WAVE_RIDGE)
+        matrix = self._wave_gram + np.tril(self._wave_gram, -1).T
+        right = self._wave_moment.copy()
+        # Statistics of the inputs normalised by their ranges, from those of them as they are.
+        linear = slice(1, 1 + depth)
+        matrix[linear] = (matrix[linear] - centre[:, None] * matrix[0]) / half[:, None]
+        matrix[:, linear] = (matrix[:, linear] - matrix[:, :1] * centre) / half
+        right[linear] = (right[linear] - centre[:, None] * right[0]) / half[:, None]
+        ridge = np.full(len(matrix), _WAVE_RIDGE)
         ridge[: 1 + depth] = _RIDGE
         matrix[np.diag_indices_from(matrix)] += ridge
-        solution = change.T @ np.linalg.solve(matrix, change @ self._wave_moment)
+        solution = np.linalg.solve(matrix, right)
+        solution[linear] /= half[:, None]
+        solution[0] -= centre @ solution[linear]
         if np.isfinite(solution).all():
             memory.linear[1 + MODES] = solution[: 1 + depth].T
             memory.amplitude[:] = solution[1 + depth :].T
