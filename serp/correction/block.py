@@ -23,8 +23,9 @@ WAVES: Final = 100
 
 # Header.
 (
-    STEP, FLOW, SETTLE, WIDTH, ACTIVE, CHANCY, AMENDS, WORST, WRITTEN, LITERALS, TABLE, HEADER,
-) = range(12)  # fmt: skip
+    STEP, FLOW, SETTLE, WIDTH, ACTIVE, CHANCY, AMENDS, WORST, JUDGED, REVISED, WRITTEN, LITERALS,
+    TABLE, HEADER,
+) = range(14)  # fmt: skip
 # View.
 V_INPUTS, V_TARGETS, V_DEPTH, V_COUNT, V_GROUP, VIEW = range(6)
 # Group: what views of one key share.
@@ -146,11 +147,12 @@ class Block:
         width: F.
         theta: Literals as written.
         worst: Whether of several outcomes the least reward counts.
+        judged: Whether events have a say in what is unsafe.
         addresses: Of the compiled `step`, `flow` and `settle`.
 
     Attributes:
         array: All of it.
-        literals: `[P]` the literals in use; changing them changes the model.
+        literals: `[P]` the literals in use, for reading; see `adopt`.
         groups: Key → what is published for it.
     """
 
@@ -160,6 +162,7 @@ class Block:
         width: int,
         theta: Array,
         worst: bool,
+        judged: bool,
         addresses: Iterable[float],
     ) -> None:
         flat = [view for of_action in views for view in of_action]
@@ -170,14 +173,15 @@ class Block:
         self.array: Array = np.zeros(size)
         array = self.array
         array[[STEP, FLOW, SETTLE]] = list(addresses)
-        array[WIDTH], array[WORST], array[AMENDS] = width, worst, True
+        array[WIDTH], array[WORST], array[JUDGED], array[AMENDS] = width, worst, judged, True
         at = HEADER
         array[WRITTEN], array[LITERALS] = at, at + len(theta)
-        array[at : at + len(theta)] = theta
-        at += len(theta)
-        self.literals = array[at : at + len(theta)]
-        self.literals[:] = theta
-        at += len(theta)
+        self._literals = array[at + len(theta) : at + 2 * len(theta)]
+        self._written = array[at : at + len(theta)]
+        self._written[:] = self._literals[:] = theta
+        self.literals = self._literals.view()
+        self.literals.flags.writeable = False
+        at += 2 * len(theta)
         table = at
         array[TABLE] = table
         at += 2 * len(views)
@@ -188,7 +192,7 @@ class Block:
             self.groups[key] = GroupMemory(array, at, view)
             at = self.groups[key].end
         self._fixed = np.r_[
-            WIDTH, WRITTEN : HEADER + len(theta), table : table + 2 * len(views), at:size
+            WIDTH, JUDGED, WRITTEN : HEADER + len(theta), table : table + 2 * len(views), at:size
         ]
         for action, of_action in enumerate(views):
             array[table + 2 * action : table + 2 * action + 2] = len(of_action), at
@@ -203,6 +207,16 @@ class Block:
                 array[targets:lists] = view.targets
                 at += VIEW
             at = lists
+
+    def adopt(self, literals: Array) -> None:
+        """Use literals `[P]` from now on."""
+        self._literals[:] = literals
+        self.array[REVISED] = (self._literals != self._written).any()
+
+    @property
+    def revised(self) -> bool:
+        """Whether literals in use are others than those written."""
+        return bool(self.array[REVISED])
 
     @property
     def active(self) -> bool:

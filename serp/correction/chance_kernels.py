@@ -81,27 +81,35 @@ def row_of(table, inputs, state, narrow):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def share(table, broad, narrow, kind):
-    """Return how likely an outcome is; the more samples a context has, the more it counts."""
+def fill_shares(table, broad, narrow, shares):
+    """Fill `[KINDS]` how likely each outcome is; a context counts more, the more samples it has.
+
+    There are samples. What is not told apart yet gets 0.
+    """
     counts, totals = int(table[_T_COUNTS]), int(table[_T_TOTALS])
-    p = table[counts + kind] / table[totals]
+    total = table[totals]
+    for kind in range(_KINDS):
+        shares[kind] = table[counts + kind] / total
     if broad:
-        p = (table[counts + broad * _KINDS + kind] + _BROAD * p) / (table[totals + broad] + _BROAD)
+        start, total = counts + broad * _KINDS, table[totals + broad] + _BROAD
+        for kind in range(_KINDS):
+            shares[kind] = (table[start + kind] + _BROAD * shares[kind]) / total
     if narrow:
-        p = (table[counts + narrow * _KINDS + kind] + _NARROW * p) / (
-            table[totals + narrow] + _NARROW
-        )
-    return p
+        start, total = counts + narrow * _KINDS, table[totals + narrow] + _NARROW
+        for kind in range(_KINDS):
+            shares[kind] = (table[start + kind] + _NARROW * shares[kind]) / total
 
 
 @cached_njit(nogil=True, forceinline=True)
-def likeliest(table, broad, narrow):
-    """Return the most likely outcome; 0: what the file says."""
-    best, most = 0, share(table, broad, narrow, 0)
+def likeliest(table, inputs, state, shares):
+    """Return the most likely outcome in a state, filling `shares`; 0: what the file says."""
+    broad = row_of(table, inputs, state, False)
+    narrow = row_of(table, inputs, state, True)
+    fill_shares(table, broad, narrow, shares)
+    best, most = 0, shares[0]
     for kind in range(1, int(table[_T_KINDS])):
-        p = share(table, broad, narrow, kind)
-        if p > most:
-            best, most = kind, p
+        if shares[kind] > most:
+            best, most = kind, shares[kind]
     return best
 
 
@@ -163,8 +171,10 @@ def count(table, inputs, state, written, observed, loss, rate, most):
     narrow = row_of(table, inputs, state, True)
     score = 1.0
     if table[int(table[_T_TOTALS])] > 0.0:
+        shares = np.empty(_KINDS)
+        fill_shares(table, broad, narrow, shares)
         for k in range(kinds):
-            p = share(table, broad, narrow, k)
+            p = shares[k]
             score += p * p - (2.0 * p if k == kind else 0.0)
         loss[0] += rate * ((0.0 if kind == 0 else 2.0) - loss[0])
         loss[1] += rate * (score - loss[1])

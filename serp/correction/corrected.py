@@ -13,6 +13,7 @@ from serp.correction.chance_kernels import T_KINDS
 from serp.correction.views import View, views_of
 from serp.domain.emit import Site
 from serp.domain.flags import UNSAFE
+from serp.domain.ground import UNSAFE_TARGET, GroundModel
 from serp.domain.model import StateError, TransitionModel, Vector
 from serp.domain.native import address_of
 
@@ -49,13 +50,9 @@ class CorrectedModel(TransitionModel):
             len(self.fluents),
             self.theta,
             worst,
+            _judges(self.ground),
             [float(address_of(callback)) for callback in callbacks],
         )
-
-    @property
-    def reestimated(self) -> bool:
-        """Whether literals in use are others than those written."""
-        return bool((self.block.literals != self.theta).any())
 
     @property
     def data(self) -> Vector:
@@ -117,3 +114,9 @@ class CorrectedModel(TransitionModel):
             out[:] = changed.tolist()
 
         return self._program.trace(state, action, self.block.literals.tolist(), self.dt, amend)
+
+
+def _judges(ground: GroundModel) -> bool:
+    """Return whether any event has a say in what is unsafe."""
+    effects = (effect for event in ground.events for effect in event.effects)
+    return any(effect.target == UNSAFE_TARGET for effect in effects)

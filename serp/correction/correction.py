@@ -13,10 +13,13 @@ from serp.correction.experience import Experience, capacity_for
 from serp.correction.kernels import foresee
 from serp.correction.learners import Learners, Meta
 from serp.correction.monitor import Monitor
+from serp.correction.observing import keep, predict_and_keep, step_and_keep
 from serp.correction.settings import CorrectionSettings
 from serp.correction.skill import Skill
+from serp.correction.views import Key
 from serp.domain.flags import APPLICABLE
 from serp.domain.model import TransitionModel, Vector
+from serp.domain.native import address_of
 from serp.errors import RunError
 from serp.nesting import Arrays, nested, part_of
 from serp.trust import Trust
@@ -62,6 +65,8 @@ class Correction:
         self._corrected: CorrectedModel | None = None
         self._learners: Learners | None = None
         self._reestimation: Reestimation | None = None
+        self._address: np.intp | None = None
+        self._after = np.zeros(width + 1)
         if settings.mode != "off" and not written.compiles:
             self.notice = (
                 "the domain has too many ground actions to correct its model; it is used as written"
@@ -69,8 +74,9 @@ class Correction:
         elif settings.mode != "off" and width:
             worst = settings.chance == "worst"
             self._corrected = corrected = CorrectedModel(written, worst=worst)
-            self._alike = _alike(corrected)
+            self._kinds = _kinds(corrected)
             self._rows = np.zeros(4 * (width + 1))
+            self._flow, self._settled = self._rows.reshape(4, -1)[1:3, :-1]
             if settings.residual:
                 self._learners = Learners(corrected, seed, settings.nonlinear)
                 self.notice = self._learners.notice
@@ -89,19 +95,14 @@ class Correction:
             next_state: `[F]` observed after it, before any reset.
             ended: Whether the episode ended with it.
         """
-        self.experience.add(state, action, next_state, ended)
         self._episodes += ended
         if action < 0:
+            self.experience.add(state, action, next_state, ended)
             self.monitor.observe(state, action, next_state, next_state, next_state)
         elif self._corrected is None:
-            self.tried[action] += 1
-            out, flags = self._written.transition(state.tolist(), action)
-            written = np.array(out[:-1]) if flags & APPLICABLE else state
-            self.monitor.observe(state, action, written, written, next_state)
-            self.skill.observe(state, written, next_state)
+            self._compare(state, action, next_state, ended)
         else:
-            self.tried[self._alike[action]] += 1
-            self._compare_and_learn(self._corrected, state, action, next_state)
+            self._compare_and_learn(self._corrected, state, action, next_state, ended)
         if self._reestimation is not None and self._reestimation.due(self.experience.seen):
             self._reconsider_literals()
 
@@ -118,19 +119,47 @@ class Correction:
         """Take nothing for known any more: what was predicted to last has not lasted."""
         self.tried[:] = 0
 
+    def _compare(self, state: Vector, action: int, next_state: Vector, ended: bool) -> None:
+        row, skill, model = self.monitor.row_of(action), self.skill, self._written
+        head, ring, tables = self.experience.advance(), self.experience.ring, self.monitor.tables
+        if self._address is None and model.compiled:
+            # Who plans has compiled the model; for the monitor alone it would take too long.
+            self._address = address_of(model.native_step())
+        if self._address is not None:
+            compared, followed = step_and_keep(
+                self._address, model.data, model.dt, self._after, self.tried, state, action,
+                next_state, ended, head, *ring, row, *tables, skill.steps, skill.means,
+            )  # fmt: skip
+        else:
+            self.tried[action] += 1
+            out, flags = model.transition(state.tolist(), action)
+            written = np.array(out[:-1]) if flags & APPLICABLE else state
+            compared, followed = keep(
+                state, action, next_state, ended, written, written, head, *ring, row, *tables,
+                skill.steps, skill.means,
+            )  # fmt: skip
+        self.monitor.note(row, compared)
+        skill.steps += followed
+
     def _compare_and_learn(
-        self, corrected: CorrectedModel, state: Vector, action: int, next_state: Vector
+        self,
+        corrected: CorrectedModel,
+        state: Vector,
+        action: int,
+        next_state: Vector,
+        ended: bool,
     ) -> None:
-        rows, width = self._rows, len(state)
-        flags = foresee(corrected.data, action, state, corrected.dt, rows)
-        written, flow, settled, predicted = rows.reshape(4, width + 1)[:, :width]
-        written = written if flags[0] & APPLICABLE else state
-        predicted = predicted if flags[2] & APPLICABLE else state
-        self.monitor.observe(state, action, written, predicted, next_state)
-        self.skill.observe(state, predicted, next_state)
-        if self._learners is not None and flags[1] & APPLICABLE:
-            self._learners.learn(state, action, next_state, flow, settled)
-            corrected.block.active = self._learners.corrects or corrected.reestimated
+        row, skill = self.monitor.row_of(action), self.skill
+        compared, followed, flows = predict_and_keep(
+            corrected.data, corrected.dt, self._rows, self._kinds, self.tried, state, action,
+            next_state, ended, self.experience.advance(), *self.experience.ring, row,
+            *self.monitor.tables, skill.steps, skill.means,
+        )  # fmt: skip
+        self.monitor.note(row, compared)
+        skill.steps += followed
+        if self._learners is not None and flows:
+            self._learners.learn(state, action, next_state, self._flow, self._settled)
+            corrected.block.active = self._learners.corrects or corrected.block.revised
 
     def _reconsider_literals(self) -> None:
         """Estimate the literals anew; where they change, learn what they leave from the start."""
@@ -140,19 +169,19 @@ class Correction:
         adopted = reestimation.reconsider(self.experience, literals.copy())
         if (adopted == literals).all():
             return
-        literals[:] = adopted
+        corrected.block.adopt(adopted)
         corrected.block.active = True
         if self._learners is None:
             return
         self._learners.begin()
         states, next_states = self.experience.states, self.experience.next_states
-        actions, rows = self.experience.actions, self._rows.reshape(4, -1)[:, :-1]
+        actions = self.experience.actions
         for k in range(max(0, len(actions) - _RELEARNED), len(actions)):
             if actions[k] >= 0:
                 flags = foresee(corrected.data, actions[k], states[k], corrected.dt, self._rows)
                 if flags[1] & APPLICABLE:
                     self._learners.learn(
-                        states[k], int(actions[k]), next_states[k], rows[1], rows[2]
+                        states[k], int(actions[k]), next_states[k], self._flow, self._settled
                     )
 
     # State -------------------------------------------------------------------------------------
@@ -201,13 +230,13 @@ class Correction:
             self._learners.load_state_dict(part_of(arrays, "learners"), meta["learners"])
 
 
-def _alike(model: CorrectedModel) -> list[NDArray[np.int64]]:
-    """Return, for each ground action, those that the correction learns of together with it."""
-    names = [
-        (action.schema, *(view.key for view in views))
-        for action, views in zip(model.actions, model.views, strict=True)
-    ]
-    kinds: dict[tuple[Any, ...], list[int]] = {}
-    for action, name in enumerate(names):
-        kinds.setdefault(name, []).append(action)
-    return [np.array(kinds[name]) for name in names]
+def _kinds(model: CorrectedModel) -> NDArray[np.int64]:
+    """Return `[A]` numbers, equal for ground actions that the correction learns of together."""
+    numbers: dict[tuple[str | Key, ...], int] = {}
+    return np.array(
+        [
+            numbers.setdefault((action.schema, *(view.key for view in views)), len(numbers))
+            for action, views in zip(model.actions, model.views, strict=True)
+        ],
+        dtype=np.int64,
+    )

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from serp.compilation import cached_njit
 from serp.domain.model import Vector
 from serp.errors import RunError
 
@@ -23,6 +24,19 @@ def capacity_for(fluents: int) -> int:
     return min(CAPACITY, max(100, _NUMBERS // max(1, 2 * fluents)))
 
 
+@cached_njit(nogil=True)
+def store(state, action, next_state, ended, head, states, actions, next_states, endings):  # type: ignore[no-untyped-def]
+    """Put a transition into `Experience.ring`, where `Experience.advance` said; see its `add`.
+
+    Nothing is checked here: states have to be as wide as the ring.
+    """
+    for f in range(state.shape[0]):
+        states[head, f] = state[f]
+        next_states[head, f] = next_state[f]
+    actions[head] = action
+    endings[head] = ended
+
+
 class Experience:
     """A ring of the newest transitions (state, ground action, next state, ended).
 
@@ -36,6 +50,7 @@ class Experience:
     Attributes:
         capacity, fluents: The same.
         seen: Transitions added since the beginning, those overwritten included.
+        ring: What `store` fills.
 
     Raises:
         ValueError: The capacity is not positive, or the width is negative.
@@ -52,6 +67,7 @@ class Experience:
         self._next_states: Vector = np.empty((capacity, fluents))
         self._actions: NDArray[np.int64] = np.empty(capacity, np.int64)
         self._ended: NDArray[np.bool_] = np.empty(capacity, np.bool_)
+        self.ring = self._states, self._actions, self._next_states, self._ended
 
     def add(self, state: Vector, action: int, next_state: Vector, ended: bool) -> None:
         """Take one env step.
@@ -67,9 +83,14 @@ class Experience:
         self._actions[head] = action
         self._next_states[head] = next_state
         self._ended[head] = ended
+        self.advance()
+
+    def advance(self) -> int:
+        """Return where in the ring the next transition goes; the caller puts it there."""
+        head = self._head
         self.seen += 1
-        head += 1
-        self._head = 0 if head == self.capacity else head
+        self._head = 0 if head + 1 == self.capacity else head + 1
+        return head
 
     def __len__(self) -> int:
         return min(self.seen, self.capacity)

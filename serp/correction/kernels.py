@@ -13,10 +13,18 @@ import numpy as np
 
 from serp.compilation import cached_cfunc, cached_njit
 from serp.correction import block as b
+from serp.correction.chance_kernels import KINDS as _KINDS
 from serp.correction.chance_kernels import T_KINDS as _T_KINDS
-from serp.correction.chance_kernels import likeliest, put, row_of, share, take_back
+from serp.correction.chance_kernels import likeliest, put, take_back
 from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
-from serp.domain.native import STEP_SIGNATURE, advanced, call_step, pointer_to
+from serp.domain.native import (
+    STACK,
+    STEP_SIGNATURE,
+    advanced,
+    call_step,
+    pointer_to,
+    stack_room,
+)
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -28,7 +36,7 @@ _G_MODES, _G_BITS, _G_WAVES, _G_CODES = b.G_MODES, b.G_BITS, b.G_WAVES, b.G_CODE
 _G_POSITIONS, _G_KINDS, _G_LINEAR = b.G_POSITIONS, b.G_KINDS, b.G_LINEAR
 _G_CENTRE, _G_SHRINK, _G_FREQUENCY = b.G_CENTRE, b.G_SHRINK, b.G_FREQUENCY
 _G_PHASE, _G_AMPLITUDE, _G_CHANCE = b.G_PHASE, b.G_AMPLITUDE, b.G_CHANCE
-_WORST = b.WORST
+_WORST, _REVISED, _JUDGED = b.WORST, b.REVISED, b.JUDGED
 _FILE, _LINEAR, _WAVY, _OWN = b.FILE, b.LINEAR, b.WAVY, b.OWN
 _MODES = b.MODES
 _CHANCY, _AMENDS = b.CHANCY, b.AMENDS
@@ -127,40 +135,63 @@ def _chance_of(block, view):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def bend(block, action, state, out, away, kind):
+def _touched(block, action, state):
+    """Return whether anything but the file has a say in a step."""
+    if block[_AMENDS] == 0.0:
+        return False
+    table = int(block[_TABLE]) + 2 * action
+    views, first = int(block[table]), int(block[table + 1])
+    if block[_CHANCY] != 0.0:
+        for v in range(views):
+            if _chance_of(block, first + v * _VIEW) != 0:
+                return True
+    for v in range(views):
+        view = first + v * _VIEW
+        count, group = int(block[view + _V_COUNT]), int(block[view + _V_GROUP])
+        mode = mode_of(block, group, int(block[view + _V_INPUTS]), state)
+        kinds = int(block[group + _G_KINDS]) + mode * count
+        for t in range(count):
+            if block[kinds + t] != _FILE:
+                return True
+    return False
+
+
+@cached_njit(nogil=True, forceinline=True)
+def bend(block, action, state, out, away, kind, shares):
     """Let the likeliest counted outcomes come about, or of one view another one.
 
     `out` are the fluents after effects, processes and `amend`. Of the view at position `away` (-1:
-    of none) the outcome is `kind`. Returns whether anything is counted.
+    of none) the outcome is `kind`. `shares` is room for how likely each outcome is. Returns of how
+    many views anything is counted, and the outcome of the last of them, whose shares are left.
     """
     table = int(block[_TABLE]) + 2 * action
     view = int(block[table + 1])
-    counted = False
+    counted, which = 0, 0
     for v in range(int(block[table])):
         where = _chance_of(block, view)
         if where != 0:
-            counted = True
+            counted += 1
             chance = advanced(block, where)
             inputs = advanced(block, int(block[view + _V_INPUTS]))
             which = kind
             if v != away:
-                broad = row_of(chance, inputs, state, False)
-                which = likeliest(chance, broad, row_of(chance, inputs, state, True))
+                which = likeliest(chance, inputs, state, shares)
             if which > 0:
                 put(chance, which, inputs, state, out)
         view += _VIEW
-    return counted
+    return counted, which
 
 
 @cached_njit(nogil=True)
-def weigh(block, action, state, flowed, bent, other, flow_flags, dt, out):
+def weigh(block, action, state, flowed, bent, other, shares, first, flow_flags, dt, out):
     """Weigh what else may come of a step than the likeliest: by chance, or the worst of it.
 
     The reward becomes what is expected, or the least one; a step is unsafe if any outcome is that
     is not rare. Views are varied one at a time. `flowed` are the fluents after effects, processes
     and `amend`, `flow_flags` the flags of these; `bent` is the likeliest outcome, and `out` what
-    events make of it, of which only the reward is changed. `other` is room for an outcome.
-    Returns flags to be added.
+    events make of it, of which only the reward is changed. `other` is room for an outcome, `shares`
+    for how likely each is. Where one view is all that is counted, `first` is its likeliest outcome
+    and `shares` are its own; otherwise `first` is -1. Returns flags to be added.
     """
     width = int(block[_WIDTH])
     literals = advanced(block, int(block[_LITERALS]))
@@ -173,12 +204,10 @@ def weigh(block, action, state, flowed, bent, other, flow_flags, dt, out):
         if where != 0:
             chance = advanced(block, where)
             inputs = advanced(block, int(block[view + _V_INPUTS]))
-            broad = row_of(chance, inputs, state, False)
-            narrow = row_of(chance, inputs, state, True)
-            first = likeliest(chance, broad, narrow)
+            usually = first if first >= 0 else likeliest(chance, inputs, state, shares)
             for kind in range(int(chance[_T_KINDS])):
-                p = share(chance, broad, narrow, kind)
-                if kind == first or p < _RARE:
+                p = shares[kind]
+                if kind == usually or p < _RARE:
                     continue
                 for i in range(width + 1):
                     other[i] = bent[i]
@@ -201,17 +230,22 @@ def weigh(block, action, state, flowed, bent, other, flow_flags, dt, out):
 
 @cached_njit(nogil=True, forceinline=True)
 def _corrected_step(state, action, block, dt, out):
-    flags = call_step(
-        int(block[_STEP]), state, action, advanced(block, int(block[_WRITTEN])), dt, out
-    )
-    if block[_ACTIVE] == 0.0:
-        return flags
-    # What the file flags stays flagged, whatever a correction says.
-    flagged = flags & UNSAFE
+    revised = block[_REVISED] != 0.0
+    if block[_ACTIVE] == 0.0 or not (revised or _touched(block, action, state)):
+        return call_step(
+            int(block[_STEP]), state, action, advanced(block, int(block[_WRITTEN])), dt, out
+        )
     width = int(block[_WIDTH])
-    for i in range(width):
-        out[i] = state[i]
-    out[width] = 0.0
+    flagged = 0
+    if revised or block[_JUDGED] != 0.0:
+        # What the file flags stays flagged, whatever a correction says. With its own literals
+        # effects and processes flag the same here as there; only events may not.
+        flagged = UNSAFE & call_step(
+            int(block[_STEP]), state, action, advanced(block, int(block[_WRITTEN])), dt, out
+        )
+        for i in range(width):
+            out[i] = state[i]
+        out[width] = 0.0
     literals = advanced(block, int(block[_LITERALS]))
     flags = call_step(int(block[_FLOW]), state, action, literals, dt, out)
     if flags & APPLICABLE:
@@ -224,34 +258,51 @@ def _corrected_step(state, action, block, dt, out):
             flags = call_step(int(block[_FLOW]), state, action, literals, dt, out)
         if block[_CHANCY] == 0.0:
             flags = call_step(int(block[_SETTLE]), state, flags, literals, dt, out)
+        elif _room_for(width) <= STACK:
+            flags = _settle_chances(block, action, state, flags, dt, out, stack_room())
         else:
-            flags = _settle_chances(block, action, state, flags, dt, out)
+            flags = _settle_many(block, action, state, flags, dt, out)
     return flags | flagged
 
 
-@cached_njit(nogil=True)
-def _settle_chances(block, action, state, flow_flags, dt, out):
-    """Let the likeliest outcomes come about, events settle them, and weigh the others."""
-    scratch = np.empty(3 * (int(block[_WIDTH]) + 1))
-    return _settle_with(block, action, state, flow_flags, dt, out, scratch)
+@cached_njit(nogil=True, forceinline=True)
+def _room_for(width):
+    return 3 * (width + 1) + _KINDS
 
 
 @cached_njit(nogil=True)
-def _settle_with(block, action, state, flow_flags, dt, out, scratch):
+def _settle_many(block, action, state, flow_flags, dt, out):
+    """As `_settle_chances`, of states too long for the stack."""
+    room = np.empty(_room_for(int(block[_WIDTH])))
+    return _settle_within(block, action, state, flow_flags, dt, out, room)
+
+
+@cached_njit(nogil=True)
+def _settle_within(block, action, state, flow_flags, dt, out, room):
     # Pointers into an array keep it alive only where the array is an argument.
+    return _settle_chances(block, action, state, flow_flags, dt, out, pointer_to(room, 0))
+
+
+@cached_njit(nogil=True)
+def _settle_chances(block, action, state, flow_flags, dt, out, room):
+    """Let the likeliest outcomes come about, events settle them, and weigh the others."""
     width = int(block[_WIDTH])
     literals = advanced(block, int(block[_LITERALS]))
-    flowed, bent = pointer_to(scratch, 0), pointer_to(scratch, width + 1)
-    other = pointer_to(scratch, 2 * (width + 1))
+    flowed, bent = room, advanced(room, width + 1)
+    other, shares = advanced(room, 2 * (width + 1)), advanced(room, 3 * (width + 1))
     for i in range(width + 1):
         flowed[i] = out[i]
-    counted = bend(block, action, state, out, -1, 0)
+    counted, first = bend(block, action, state, out, -1, 0, shares)
+    if counted == 0:
+        return call_step(int(block[_SETTLE]), state, flow_flags, literals, dt, out)
     for i in range(width + 1):
         bent[i] = out[i]
     flags = call_step(int(block[_SETTLE]), state, flow_flags, literals, dt, out)
-    if counted:
-        flags |= weigh(block, action, state, flowed, bent, other, flow_flags, dt, out)
-    return flags
+    if counted > 1:
+        first = -1
+    return flags | weigh(
+        block, action, state, flowed, bent, other, shares, first, flow_flags, dt, out
+    )
 
 
 def _step(state, action, block, dt, out):
@@ -273,7 +324,13 @@ def amend_row(block, action, state, out, away, kind):
     if not finite(target, state.shape[0]):
         out[:] = before
     if base[_CHANCY] != 0.0:
-        bend(base, action, source, target, away, kind)
+        shares = np.empty(_KINDS)
+        _bend_within(base, action, source, target, away, kind, shares)
+
+
+@cached_njit(nogil=True)
+def _bend_within(block, action, state, out, away, kind, shares):
+    bend(block, action, state, out, away, kind, pointer_to(shares, 0))
 
 
 @cached_njit(nogil=True)

@@ -76,6 +76,7 @@ class LiteralEstimator:
     Args:
         ground: The model.
         dt: Control period.
+        compiled: See `Flow`.
 
     Attributes:
         ground, dt: The same.
@@ -84,11 +85,13 @@ class LiteralEstimator:
         symbols: Function symbol → columns of its fluents.
     """
 
-    def __init__(self, ground: g.GroundModel, dt: float) -> None:
+    def __init__(
+        self, ground: g.GroundModel, dt: float, compiled: TransitionModel | None = None
+    ) -> None:
         self.ground = ground
         self.dt = dt
         self.influences = influences(ground)
-        self.flow = Flow(ground, dt)
+        self.flow = Flow(ground, dt, compiled=compiled)
         symbols: dict[str, list[int]] = {}
         for fluent in ground.fluents:
             if fluent.numeric:

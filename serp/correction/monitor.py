@@ -33,7 +33,7 @@ _LOW, _HIGH, _PREDICATE = 0, 1, 2  # rows of the array about the fluents [3, F]
 
 
 @cached_njit(error_model="numpy")
-def _accumulate(
+def accumulate(
     state: Any,
     written: Any,
     corrected: Any,
@@ -210,12 +210,22 @@ class Monitor:
         if action < 0:
             self.unknown += 1
             return
+        row = self.row_of(action)
+        self.note(row, accumulate(state, written, corrected, observed, row, *self.tables))
+
+    def row_of(self, action: int) -> int:
+        """Return the row of `tables` that the steps of a ground action are added to."""
         row = self._rows[action]
-        if row < 0:
-            row = self._add_row(action)
-        if _accumulate(
-            state, written, corrected, observed, row, self._table, self._states, self._about
-        ):
+        return row if row >= 0 else self._add_row(action)
+
+    @property
+    def tables(self) -> tuple[Vector, Vector, Vector]:
+        """What `accumulate` changes."""
+        return self._table, self._states, self._about
+
+    def note(self, row: int, compared: bool) -> None:
+        """Note that a step was added to a row, or was no measurement."""
+        if compared:
             self._counts[row] += 1
         else:
             self.skipped += 1

@@ -41,12 +41,13 @@ class Reestimation:
     estimated from earlier transitions have predicted the later ones better than those in use.
 
     Args:
-        written: The model as written.
+        written: The model as written; where it is compiled already, that is made use of.
     """
 
     def __init__(self, written: TransitionModel) -> None:
         self._written = written
-        self._estimator = LiteralEstimator(written.ground, written.dt)
+        compiled = written if written.compiled else None
+        self._estimator = LiteralEstimator(written.ground, written.dt, compiled)
         self._owned: dict[str, list[int]] = {}
         for influence in influences(written.ground):
             self._owned.setdefault(influence.symbol, []).append(influence.parameter.index)

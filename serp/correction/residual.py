@@ -231,12 +231,10 @@ class Residual:
         for row in (0, mode) if mode else (0,):
             # A mode's own weights are drawn to those of all modes.
             drawn_to = _seen_from(self._origin, memory.linear[0]) if row else prior
-            for t in range(self._count.shape[1]):
-                if self._count[row, t] > 0:
-                    kernels.solve_linear(
-                        self._gram[row, t], self._moment[row, t], self._origin, centre, 1.0 / half,
-                        _RIDGE, drawn_to[t], memory.linear[row, t],
-                    )  # fmt: skip
+            kernels.solve_linear_targets(
+                self._gram[row], self._moment[row], self._count[row], self._origin, centre,
+                1.0 / half, _RIDGE, drawn_to, memory.linear[row],
+            )  # fmt: skip
         if not self._nonlinear or (not memory.waves and not self._unexplained()):
             return
         if not memory.waves or (half > _GROWN * self._drawn_for[1]).any():
@@ -256,14 +254,13 @@ class Residual:
         high = np.max([group._high for group in known], axis=0)
         centre, half = _range(low, high)
         centres = centre - np.array([group._origin for group in known])
-        own = known.index(self)
-        pooled = np.zeros((len(known), *self._moment.shape[2:]))
+        grams = np.array([group._gram[0] for group in known])
+        moments = np.array([group._moment[0] for group in known])
         found = np.zeros(self._moment.shape[1:])
-        for t in range(len(found)):
-            grams = np.array([group._gram[0, t] for group in known])
-            moments = np.array([group._moment[0, t] for group in known])
-            if kernels.solve_pooled(grams, moments, centres, 1.0 / half, _POOLED_RIDGE, pooled):
-                found[t] = pooled[own]
+        own = known.index(self)
+        kernels.solve_pooled_targets(
+            grams, moments, centres, 1.0 / half, _POOLED_RIDGE, own, found
+        )  # fmt: skip
         return found
 
     # Random features ----------------------------------------------------------------------------
@@ -294,16 +291,20 @@ class Residual:
 
     def _solve_waves(self, centre: Array, half: Array) -> None:
         memory, depth = self._memory, len(centre)
-        whole = self._wave_gram + np.tril(self._wave_gram, -1).T
-        change = np.eye(len(whole))
-        linear = np.arange(1, 1 + depth)
-        change[linear, 0] = (self._origin - centre) / half
-        change[linear, linear] = 1.0 / half
-        matrix = change @ whole @ change.T
-        ridge = np.full(len(whole), _WAVE_RIDGE)
+        away = centre - self._origin
+        matrix = self._wave_gram + np.tril(self._wave_gram, -1).T
+        right = self._wave_moment.copy()
+        # Statistics of the inputs normalised by their ranges, from those of them as they are.
+        linear = slice(1, 1 + depth)
+        matrix[linear] = (matrix[linear] - away[:, None] * matrix[0]) / half[:, None]
+        matrix[:, linear] = (matrix[:, linear] - matrix[:, :1] * away) / half
+        right[linear] = (right[linear] - away[:, None] * right[0]) / half[:, None]
+        ridge = np.full(len(matrix), _WAVE_RIDGE)
         ridge[: 1 + depth] = _RIDGE
         matrix[np.diag_indices_from(matrix)] += ridge
-        solution = change.T @ np.linalg.solve(matrix, change @ self._wave_moment)
+        solution: Array = np.linalg.solve(matrix, right)
+        solution[linear] /= half[:, None]
+        solution[0] -= away @ solution[linear]
         if np.isfinite(solution).all():
             memory.linear[1 + MODES] = _seen_from(-self._origin, solution[: 1 + depth].T)
             memory.amplitude[:] = solution[1 + depth :].T

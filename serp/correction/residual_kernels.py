@@ -278,6 +278,45 @@ def solve_linear(gram, moment, origin, centre, shrink, ridge, prior, out):
 
 
 @cached_njit(nogil=True)
+def solve_pooled_targets(grams, moments, centres, shrink, ridge, own, out):
+    """Solve the pooled regression of every target.
+
+    Args:
+        grams: `[n, T, 1 + d, 1 + d]`, see `solve_pooled`.
+        moments: `[n, T, 1 + d]`, likewise.
+        centres: See there.
+        shrink: See there.
+        ridge: See there.
+        own: Which of the actions is wanted.
+        out: `[T, 1 + d]` receives its weights, where there is a solution.
+    """
+    pooled = np.empty((grams.shape[0], moments.shape[2]))
+    for t in range(out.shape[0]):
+        if solve_pooled(grams[:, t], moments[:, t], centres, shrink, ridge, pooled):
+            out[t] = pooled[own]
+
+
+@cached_njit(nogil=True)
+def solve_linear_targets(gram, moment, count, origin, centre, shrink, ridge, prior, out):
+    """Solve the ridge regression of every target that there are samples of.
+
+    Args:
+        gram: `[T, 1 + d, 1 + d]`, see `solve_linear`.
+        moment: `[T, 1 + d]`.
+        count: `[T]` samples.
+        origin: See there.
+        centre: See there.
+        shrink: See there.
+        ridge: See there.
+        prior: `[T, 1 + d]`.
+        out: `[T, 1 + d]` receives the weights.
+    """
+    for t in range(count.shape[0]):
+        if count[t] > 0:
+            solve_linear(gram[t], moment[t], origin, centre, shrink, ridge, prior[t], out[t])
+
+
+@cached_njit(nogil=True)
 def choose(loss, seen, spread, waves, modes, kinds, enabled):
     """Choose who predicts each target in each mode; return whether anybody but the file does.
 

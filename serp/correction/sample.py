@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -120,14 +121,24 @@ class Flow:
         ground: The model.
         dt: Control period.
         processes: Whether the processes go on as well.
+        compiled: A transition model of this ground model that is compiled anyway; it is used then,
+            with the same results.
 
     Attributes:
         ground, dt: The same, the model whole.
     """
 
-    def __init__(self, ground: g.GroundModel, dt: float, *, processes: bool = True) -> None:
+    def __init__(
+        self,
+        ground: g.GroundModel,
+        dt: float,
+        *,
+        processes: bool = True,
+        compiled: TransitionModel | None = None,
+    ) -> None:
         self.ground = ground
         self.dt = dt
+        self._compiled = compiled if processes and compiled is not None else None
         bare = dataclasses.replace(ground, events=(), goal=None, metric=None)
         if not processes:
             bare = dataclasses.replace(bare, processes=())
@@ -142,6 +153,8 @@ class Flow:
             actions: `[N]`.
             theta: `[P]` literals.
         """
+        if self._compiled is not None:
+            return _flowed(self._compiled.replace(theta=theta), states, actions)
         return predictions(self._model.replace(theta=theta), states, actions)
 
     def predict_all(self, sample: Sample, theta: Vector) -> Vector:
@@ -180,7 +193,7 @@ class Flow:
 
     @functools.cached_property
     def _whole(self) -> TransitionModel:
-        return TransitionModel(self.ground, dt=self.dt)
+        return self._compiled or TransitionModel(self.ground, dt=self.dt)
 
     @functools.cached_property
     def _stops(self) -> list[tuple[int, int]]:
@@ -197,10 +210,40 @@ class Flow:
 
 
 def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """Return the next states `[N, F]` that a model predicts, by CPython; NaN where none."""
+    """Return the next states `[N, F]` that a model predicts; NaN where none.
+
+    By CPython where the model is not compiled yet, with the same results.
+    """
+    if model.compiled:
+        predicted, flags = _carried_out(model.native_step(), model, states, actions)
+        return np.where((flags & APPLICABLE != 0)[:, None], predicted[:, :-1], np.nan)
     width = states.shape[1]
     rows = []
     for state, action in zip(states.tolist(), actions.tolist(), strict=True):
-        out, flags = model.transition(state, action)
-        rows.append(out[:width] if flags & APPLICABLE else [np.nan] * width)
+        out, flag = model.transition(state, action)
+        rows.append(out[:width] if flag & APPLICABLE else [np.nan] * width)
     return np.array(rows, dtype=np.float64).reshape(len(rows), width)
+
+
+def _flowed(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
+    """As `predictions`, of effects and processes alone."""
+    predicted, flags = _carried_out(model.native_flow(), model, states, actions)
+    # As in a whole step, there is no result where the reward is no number.
+    fine = (flags & APPLICABLE != 0) & np.isfinite(predicted[:, -1])
+    return np.where(fine[:, None], predicted[:, :-1], np.nan)
+
+
+def _carried_out(
+    callback: Any, model: TransitionModel, states: Vector, actions: NDArray[np.int64]
+) -> tuple[Vector, NDArray[np.int64]]:
+    """Return what a compiled function makes of states, `[N, F + 1]`, and its flags `[N]`."""
+    from serp.domain.native import address_of, step_batch
+
+    batch, width = states.shape
+    out = np.empty((batch, width + 1))
+    flags = np.empty(batch, dtype=np.int64)
+    step_batch(
+        address_of(callback), np.ascontiguousarray(states).reshape(-1),
+        np.ascontiguousarray(actions), model.data, model.dt, out.reshape(-1), flags,
+    )  # fmt: skip
+    return out, flags

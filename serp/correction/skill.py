@@ -22,17 +22,22 @@ _RESTING: Final = 1e-3
 
 
 @cached_njit(nogil=True)
-def _take(state, predicted, observed, rate, share, error, change, usual):  # type: ignore[no-untyped-def]
-    """Let means of squared errors and changes follow a step; return 1, or 0 for one left out."""
+def follow(state, predicted, observed, steps, means):  # type: ignore[no-untyped-def]
+    """Let means of squared errors and changes follow a step; return 1, or 0 for one left out.
+
+    State, prediction and observation are `[F]`, `steps` is how many there were before. `means` are
+    `[3, F]`: of squared errors and changes of late, and of changes at all times.
+    """
     for i in range(state.shape[0]):
         off, moved = observed[i] - predicted[i], observed[i] - state[i]
         if not (math.isfinite(off * off) and math.isfinite(moved * moved)):
             return 0
+    rate, share = rate_of(steps, _MEMORY), 1.0 / (1.0 + steps)
     for i in range(state.shape[0]):
         off, moved = observed[i] - predicted[i], observed[i] - state[i]
-        error[i] += rate * (off * off - error[i])
-        change[i] += rate * (moved * moved - change[i])
-        usual[i] += share * (moved * moved - usual[i])
+        means[0, i] += rate * (off * off - means[0, i])
+        means[1, i] += rate * (moved * moved - means[1, i])
+        means[2, i] += share * (moved * moved - means[2, i])
     return 1
 
 
@@ -44,21 +49,20 @@ class Skill:
 
     Args:
         fluents: Width of a state, F.
+
+    Attributes:
+        means: `[3, F]`, what `follow` changes.
+        steps: Env steps that they are of.
     """
 
     def __init__(self, fluents: int) -> None:
-        self._error = np.zeros(fluents)
-        self._change = np.zeros(fluents)
-        self._usual = np.zeros(fluents)
-        self._steps = 0
+        self.means = np.zeros((3, fluents))
+        self.steps = 0
+        self._error, self._change, self._usual = self.means
 
     def observe(self, state: Vector, predicted: Vector, observed: Vector) -> None:
         """Take a prediction into account; one with NaN or infinity is left out."""
-        rate = rate_of(self._steps, _MEMORY)
-        share = 1.0 / (1.0 + self._steps)
-        self._steps += _take(
-            state, predicted, observed, rate, share, self._error, self._change, self._usual
-        )
+        self.steps += follow(state, predicted, observed, self.steps, self.means)
 
     @property
     def reliable(self) -> bool:
@@ -67,7 +71,7 @@ class Skill:
         A fluent that rests of late, beside what it usually does, is foreseen; one that never
         changed is, unless it was predicted to.
         """
-        if self._steps < _LEAST:
+        if self.steps < _LEAST:
             return False
         missed = self._error > (1.0 - _RELIABLE) * self._change
         return not bool((missed & (self._error > _RESTING * self._usual)).any())
@@ -78,11 +82,11 @@ class Skill:
             "error": self._error.copy(),
             "change": self._change.copy(),
             "usual": self._usual.copy(),
-            "steps": np.array([self._steps]),
+            "steps": np.array([self.steps]),
         }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Restore what `state_dict` returned."""
         self._error[:], self._change[:] = arrays["error"], arrays["change"]
         self._usual[:] = arrays["usual"]
-        self._steps = int(arrays["steps"][0])
+        self.steps = int(arrays["steps"][0])

@@ -322,9 +322,18 @@ class TransitionModel:
         """
         return self._program.compiles
 
+    @property
+    def compiled(self) -> bool:
+        """Whether `native_step` has been called already, so that it costs nothing to call again."""
+        return self._program.compiled
+
     def native_step(self) -> Any:
         """Return the compiled C callback of `step` (numba), compiling it when first called."""
         return self._program.native
+
+    def native_flow(self) -> Any:
+        """Return the like of effects and processes alone, without events, goal and metric."""
+        return self._program.native_flow
 
     def _step_batch(self, states: Vector, action: Any) -> Outcome:
         batch, width = states.shape

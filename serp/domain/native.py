@@ -14,12 +14,13 @@ import os
 import tempfile
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import platformdirs
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import cfunc, types
+from numba.core import cgutils
 from numba.extending import intrinsic
 
 from serp.compilation import cached_njit
@@ -29,6 +30,9 @@ from serp.domain.interpreted import load_function
 _POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 STEP_SIGNATURE = types.int64(_POINTER, types.int64, _POINTER, types.float64, _POINTER)
 """Of every compiled transition function: state, action, data, Δt, out → flags."""
+
+STACK: Final = 256
+"""Numbers that compiled code keeps on the stack at most, see `stack_room`: 2 KB."""
 
 
 def cache_folder() -> Path:
@@ -119,9 +123,22 @@ def _advanced(typing_context, pointer, count):  # type: ignore[no-untyped-def]
     return _POINTER(pointer, count), generate
 
 
+def _stack_room(typing_context):  # type: ignore[no-untyped-def]
+    """Return a pointer to room for `STACK` numbers on the stack, for compiled code.
+
+    It is the same room whenever the compiled function asks, and gone when that function returns.
+    """
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return cgutils.alloca_once(builder, ir.DoubleType(), size=STACK)  # type: ignore[no-untyped-call]
+
+    return _POINTER(), generate
+
+
 advanced: Any = intrinsic(_advanced)
 pointer_to: Any = intrinsic(_pointer_to)
 call_step: Any = intrinsic(_call_step)
+stack_room: Any = intrinsic(_stack_room)
 
 
 @cached_njit(nogil=True)

@@ -163,6 +163,11 @@ class Program:
 
         return compile_native(generate_step(self.ground))
 
+    @property
+    def compiled(self) -> bool:
+        """Whether `native` has been made already."""
+        return "native" in vars(self)
+
     @functools.cached_property
     def native_flow(self) -> Any:
         """The compiled C callback of effects and processes, without events."""

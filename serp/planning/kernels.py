@@ -25,6 +25,8 @@ from serp.planning.settings import Bound
 _DEPTH = int(Bound.DEPTH)
 _NODES = int(Bound.NODES)
 _EXHAUSTED = int(Bound.EXHAUSTED)
+_LEFT_OUT, _WANTED = -2, -1
+"""Stand for the steps of a node that is not, or not yet, looked at from the back."""
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -112,11 +114,57 @@ def _same_slot(states, row, width, table, mask, candidate):
     return slot
 
 
+@cached_njit(nogil=True, forceinline=True)
+def _want_children(edges, actions, flags, periods, child, best_steps):
+    """Note which children of a node matter: not those behind an edge that is never its best.
+
+    An unsafe edge is not, where another one is safe for longer, whatever follows on either.
+    """
+    safest = 0
+    for e in range(edges, edges + actions):
+        if flags[e] & APPLICABLE and not flags[e] & UNSAFE:
+            safest = max(safest, int(periods[e]))
+    for e in range(edges, edges + actions):
+        if child[e] >= 0 and not (flags[e] & UNSAFE and periods[e] < safest):
+            best_steps[child[e]] = _WANTED
+
+
 @cached_njit(nogil=True)
 def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
            states, reward, weight, flags, periods, child, best_value, best_steps, table,
            value, steps, first_reward, first_flags):  # fmt: skip
     """Expand the planning graph of one state `[F]` and find the best path of every first action.
+
+    Arguments and results are those of `_search`. Where the budgets have room for all nodes, those
+    that cannot matter are left out, which changes no result.
+    """
+    nodes, layer = 0, 1
+    for _ in range(depth):
+        nodes += layer
+        layer *= actions
+        if nodes > max_nodes or nodes * actions > max_edges:
+            break
+    roomy = nodes <= max_nodes and nodes * actions <= max_edges
+    found = _search(
+        address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
+        states, reward, weight, flags, periods, child, best_value, best_steps, table,
+        value, steps, first_reward, first_flags, roomy,
+    )  # fmt: skip
+    if roomy and found[2] == _EXHAUSTED:
+        # How deep the graph is, only all of it tells.
+        found = _search(
+            address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
+            states, reward, weight, flags, periods, child, best_value, best_steps, table,
+            value, steps, first_reward, first_flags, False,
+        )  # fmt: skip
+    return found
+
+
+@cached_njit(nogil=True)
+def _search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
+            states, reward, weight, flags, periods, child, best_value, best_steps, table,
+            value, steps, first_reward, first_flags, choosy):  # fmt: skip
+    """Expand and look back; `choosy`: leave out nodes that cannot matter.
 
     Scratch: flat `states`, `[(max_nodes + 2) * (F + 1)]`; `reward`, `weight`, `flags`, `periods`,
     `child`, `[max_nodes * A]`; `best_value`, `best_steps`, `[max_nodes]`; `table`, a power of two
@@ -154,6 +202,8 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_
             for i in range(mask + 1):
                 table[i] = -1
         for node in range(start, end):
+            if choosy and node > 0 and best_steps[node] == _LEFT_OUT:
+                continue
             source = pointer_to(states, node * row)
             for action in range(actions):
                 e = node * actions + action
@@ -175,10 +225,13 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_
                 if table[place] < 0:
                     if stored < max_nodes:
                         table[place] = stored
+                        best_steps[stored] = _LEFT_OUT if choosy and node > 0 else _WANTED
                     stored += 1
                     if stored > max_nodes:
                         continue
                 child[e] = table[place]
+            if choosy and keep and node > 0:
+                _want_children(node * actions, actions, flags, periods, child, best_steps)
             if applied > max_edges and expanded > 0:
                 break
         if applied > max_edges and expanded > 0:
@@ -188,6 +241,8 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_
         end = stored
         expanded += 1
     for node in range(start - 1, -1, -1):
+        if choosy and node > 0 and best_steps[node] == _LEFT_OUT:
+            continue
         chosen = -1
         top_value = 0.0
         top_steps = SAFE

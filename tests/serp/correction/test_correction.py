@@ -63,6 +63,17 @@ def observe(of: Correction, steps: list[Step]) -> None:
         of.observe(*step)
 
 
+def test_what_is_recorded_is_the_same_by_machine_code() -> None:
+    by_python, native = (correction(FLEET, mode="off") for _ in range(2))
+    native.model.native_step()
+    assert native.model.compiled and not by_python.model.compiled
+    steps = steps_of(native, 300, seed=4)
+    for of in (by_python, native):
+        observe(of, steps)
+    assert bits(native.state_dict()) == bits(by_python.state_dict())
+    assert not by_python.model.compiled
+
+
 # Resuming --------------------------------------------------------------------------------------
 
 

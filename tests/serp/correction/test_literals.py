@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from serp.correction.influence import influences
 from serp.correction.literals import LiteralEstimator, estimate_literals
+from serp.correction.sample import Flow, predictions
 from tests.serp.correction.rolls import DT, balance, cartpole, from_text, imagined
 
 CARTS = """
@@ -61,6 +62,20 @@ def test_only_literals_that_change_fluents_are_estimated() -> None:
         ("roll", "x", 1.0),
         ("roll", "heat", 0.05),
     }
+
+
+def test_a_compiled_model_predicts_the_same() -> None:
+    model = from_text(CARTS).model.replace(dt=0.1)
+    rng = np.random.default_rng(2)
+    states, actions = carts_states(300, rng), rng.integers(len(model.actions), size=300)
+    states[0], states[1] = np.nan, -9.0  # no number; a precondition that fails
+    by_python = Flow(model.ground, model.dt).predict(states, actions, model.theta)
+    whole = predictions(model, states, actions)
+    assert not model.compiled
+    model.native_step()
+    native = Flow(model.ground, model.dt, compiled=model).predict(states, actions, model.theta)
+    assert native.tobytes() == by_python.tobytes()
+    assert predictions(model, states, actions).tobytes() == whole.tobytes()
 
 
 @settings(max_examples=10, deadline=None)

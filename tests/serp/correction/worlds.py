@@ -177,7 +177,7 @@ def publish(model: CorrectedModel, rng: np.random.Generator, numbers: tuple[floa
     block = model.block
     block.active = True
     if rng.random() < 0.5:
-        block.literals[:] = _weights(block.literals.shape, rng, numbers)
+        block.adopt(_weights(block.literals.shape, rng, numbers))
     for group in block.groups.values():
         _publish(group, rng, numbers)
 

@@ -101,6 +101,31 @@ def test_they_agree_on_where_memory_ends(seed: int, settings: PlannerSettings, e
             assert reference.layers(as_state(state)) == (forecast.depth, forecast.bound)
 
 
+RISKS = """
+(define (domain risks)
+  (:requirements :strips :numeric-fluents :conditional-effects)
+  (:predicates (unsafe) (terminal))
+  (:functions (x) (y) (reward))
+  (:action walk :parameters () :precondition (and (< (x) 3))
+    :effect (and (increase (x) 1.3) (increase (reward) (y))))
+  (:action rest :parameters () :precondition (and (< (x) 3))
+    :effect (and (increase (y) 0.1)))
+  (:action risk :parameters () :precondition (and)
+    :effect (and (unsafe) (increase (x) 0.7) (increase (y) (x)) (increase (reward) (x))))
+  (:action leap :parameters () :precondition (and)
+    :effect (and (when (and (> (x) 1)) (unsafe)) (increase (y) 0.3) (decrease (reward) 1)))
+  (:event stop :parameters () :precondition (and (> (y) 6)) :effect (and (terminal))))
+"""
+
+
+@pytest.mark.parametrize("depth", [3, 5])
+@pytest.mark.parametrize("repeat", [1, 2])
+def test_what_lies_behind_a_risk_counts_where_nothing_else_is_left(depth: int, repeat: int) -> None:
+    grid = np.meshgrid(np.linspace(-1.0, 2.9, 7), [-0.5, 0.5, 3.0])
+    states = np.stack(grid, axis=-1).reshape(-1, 2)
+    assert_all_forms_agree(load(RISKS), PlannerSettings(depth=depth, repeat=repeat), states)
+
+
 def test_batches_from_several_threads_are_what_they_are_from_one() -> None:
     model = world(5)
     states = states_of(model, Random(2), 400)
