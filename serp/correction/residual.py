@@ -302,7 +302,7 @@ class Residual:
         ridge = np.full(len(matrix), _WAVE_RIDGE)
         ridge[: 1 + depth] = _RIDGE
         matrix[np.diag_indices_from(matrix)] += ridge
-        solution: Array = np.linalg.solve(matrix, right)
+        solution = np.linalg.solve(matrix, right)
         solution[linear] /= half[:, None]
         solution[0] -= away @ solution[linear]
         if np.isfinite(solution).all():
@@ -354,8 +354,8 @@ def _range(low: Array, high: Array) -> tuple[Array, Array]:
     return centre, half
 
 
-def _seen_from(origin: Array, weights: Array) -> Array:
+def _seen_from(origin: Array, weights: NDArray[np.floating[Any]]) -> Array:
     """Return what weights `[T, 1 + d]` of inputs are as weights of the inputs less an origin."""
-    seen = weights.copy()
+    seen = np.array(weights, dtype=np.float64)
     seen[:, 0] += weights[:, 1:] @ origin
     return seen
