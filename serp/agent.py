@@ -14,6 +14,7 @@ from serp.correction.curiosity import Curiosity
 from serp.domain.model import TransitionModel, Vector
 from serp.learning.dqn import DQN, Proposal
 from serp.nesting import nested, part_of
+from serp.outlook import Outlook
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
@@ -102,6 +103,7 @@ class Agent:
 
     Attributes:
         correction: What the model learns from its errors.
+        outlook: What the lookahead makes of the learner's values; None for nothing.
         notices: What the user should know: symmetries that the domain file does not have, and a
             model that cannot be corrected.
 
@@ -112,9 +114,8 @@ class Agent:
     def __init__(self, task: BoundTask, settings: Settings, seed: int) -> None:
         self.task = task
         self.settings = settings
-        strategy_seed, learner_seed, random_seed, correction_seed = np.random.SeedSequence(
-            entropy=seed, spawn_key=(0,)
-        ).spawn(4)
+        seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(5)
+        strategy_seed, learner_seed, random_seed, correction_seed, outlook_seed = seeds
         self.correction = Correction(task.model, settings.correction, correction_seed)
         model = self.correction.model
         planner = make_planner(model, settings.planner)
@@ -145,6 +146,10 @@ class Agent:
             group,
             guided=strategy.guided,
         )
+        self.outlook = None
+        wanted = settings.planner.leaf_value != "never" and settings.guide.strategy == "mixture"
+        if wanted and isinstance(planner, Lookahead) and settings.training.inputs != "observation":
+            self.outlook = Outlook(planner, self.learner, outlook_seed)
         self._random = np.random.default_rng(random_seed)
 
     def _input_size(self) -> int:
@@ -167,9 +172,28 @@ class Agent:
                 symmetry.check_grounding(self.task, observation, state)
         return state, self._learner_input(observation, state)
 
-    def observe(self, state: Vector, action: int, next_state: Vector, ended: bool) -> None:
-        """Let the model learn from an env step; see `Correction.observe`."""
-        self.correction.observe(state, action, next_state, ended)
+    def observe(
+        self,
+        state: Vector,
+        action: int,
+        next_state: Vector,
+        rewards: tuple[float, float],
+        terminated: bool,
+        truncated: bool,
+    ) -> None:
+        """Let model and lookahead learn from an env step.
+
+        Args:
+            state: `[F]` before it.
+            action: Ground action; -1 where the model knows none.
+            next_state: `[F]` after it.
+            rewards: What it earned by the domain file, and what is learned from.
+            terminated: Whether the environment ended the episode with it.
+            truncated: Whether the episode was cut off there.
+        """
+        self.correction.observe(state, action, next_state, terminated or truncated)
+        if self.outlook is not None:
+            self.outlook.observe(state, next_state, rewards, terminated, truncated)
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide by the arbiter, exploration included."""
@@ -197,15 +221,17 @@ class Agent:
         arrays, learner = self.learner.state_dict()
         _, arbiter = self.arbiter.state_dict()
         corrected, correction = self.correction.state_dict()
-        return (
-            nested("learner", arrays) | nested("correction", corrected),
-            {
-                "learner": learner,
-                "correction": correction,
-                "arbiter": arbiter,
-                "random": self._random.bit_generator.state,
-            },
-        )
+        saved = nested("learner", arrays) | nested("correction", corrected)
+        meta = {
+            "learner": learner,
+            "correction": correction,
+            "arbiter": arbiter,
+            "random": self._random.bit_generator.state,
+        }
+        if self.outlook is not None:
+            seen, meta["outlook"] = self.outlook.state_dict()
+            saved |= nested("outlook", seen)
+        return saved, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned.
@@ -216,4 +242,6 @@ class Agent:
         self.learner.load_state_dict(part_of(arrays, "learner"), meta["learner"])
         self.correction.load_state_dict(part_of(arrays, "correction"), meta["correction"])
         self.arbiter.load_state_dict({}, meta["arbiter"])
+        if self.outlook is not None:
+            self.outlook.load_state_dict(part_of(arrays, "outlook"), meta.get("outlook", {}))
         self._random.bit_generator.state = dict(meta["random"])

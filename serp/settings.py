@@ -211,7 +211,7 @@ PRESETS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     # What gives the best result today; see docs/cartpole.md for what each choice is worth.
     "default": {
         # Two control periods an edge see twice as far at the same cost.
-        "planner": {"depth": 5, "repeat": 2, "discount": 0.99},
+        "planner": {"depth": 5, "repeat": 2, "discount": 0.99, "leaf_value": "indifferent"},
         # The file says what the expert knows; the rest is found out.
         "correction": {"mode": "residual", "tries": 4},
         "arbiter": {

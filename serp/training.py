@@ -218,7 +218,8 @@ class Trainer:
             limit = self.settings.training.episode_steps
             truncated = truncated or (episode.length >= limit and not terminated)
             self._observe(decision, unsafe=failed, last=terminated or truncated)
-            agent.observe(state, ground, next_state, terminated or truncated)
+            rewards = domain_reward, reward
+            agent.observe(state, ground, next_state, rewards, terminated, truncated)
             self.env_steps += 1
             self.vetoes += decision.vetoed
             self.unsafe_executed += decision.unsafe

@@ -114,6 +114,11 @@ class ReplayBuffer:
         """Samples in the ring. A step becomes a sample when its n rewards are complete."""
         return self._size
 
+    def newest(self, count: int) -> Samples:
+        """The newest samples of the ring, at most `count`, the oldest first."""
+        rows = np.arange(self._head - min(count, self._size), self._head) % self._capacity
+        return self._store.at(rows)
+
     @property
     def protected_sizes(self) -> tuple[int, int]:
         """Samples in the protected memory: early, failing."""

@@ -105,6 +105,10 @@ class Samples:
         """Views of the samples from `start` to `stop` on the leading axis."""
         return self._each(lambda array: array[start:stop])
 
+    def at(self, rows: type_I64) -> Samples:
+        """Copies of the samples in some rows of the leading axis."""
+        return self._each(lambda array: array[rows])
+
     def reshaped(self, *lead: int) -> Samples:
         """Views with the one leading axis split into several."""
         return self._each(lambda array: array.reshape(*lead, *array.shape[1:]))

@@ -18,6 +18,7 @@ from serp.compilation import cached_njit
 from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.domain.native import call_step, pointer_to
 from serp.planning.forecast import SAFE
+from serp.planning.leaf_value import value_at
 from serp.planning.settings import Bound
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -131,13 +132,52 @@ def _want_children(edges, actions, flags, periods, child, best_steps):
 
 @cached_njit(nogil=True)
 def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-           states, reward, weight, flags, periods, child, best_value, best_steps, table,
-           value, steps, first_reward, first_flags):  # fmt: skip
+           leaves, always, states, reward, weight, flags, periods, child, best_value, best_steps,
+           table, value, steps, first_reward, first_flags):  # fmt: skip
     """Expand the planning graph of one state `[F]` and find the best path of every first action.
 
-    Arguments and results are those of `_search`. Where the budgets have room for all nodes, those
-    that cannot matter are left out, which changes no result.
+    `leaves` says what the states are worth that the last layer leads to (see
+    `serp.planning.leaf_value`), `always` or where all actions promise the same without it; empty:
+    nothing. The other arguments and the results are those of `_search`.
     """
+    found = _search_all(
+        address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
+        leaves if always else leaves[:0], states, reward, weight, flags, periods, child,
+        best_value, best_steps, table, value, steps, first_reward, first_flags,
+    )  # fmt: skip
+    if not always and leaves.shape[0] > 0 and _alike(value, steps, first_flags):
+        found = _search_all(
+            address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
+            leaves, states, reward, weight, flags, periods, child, best_value, best_steps, table,
+            value, steps, first_reward, first_flags,
+        )  # fmt: skip
+    return found
+
+
+@cached_njit(nogil=True)
+def _alike(value, steps, flags):
+    """As `serp.planning.forecast.all_alike`."""
+    wanted = APPLICABLE
+    for action in range(value.shape[0]):
+        if flags[action] & (APPLICABLE | UNSAFE) == APPLICABLE:
+            wanted = APPLICABLE | UNSAFE
+    first, count = -1, 0
+    for action in range(value.shape[0]):
+        if flags[action] & wanted != APPLICABLE:
+            continue
+        count += 1
+        if first < 0:
+            first = action
+        elif value[action] != value[first] or steps[action] != steps[first]:
+            return False
+    return count > 1
+
+
+@cached_njit(nogil=True)
+def _search_all(address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta,
+                dt, leaves, states, reward, weight, flags, periods, child, best_value, best_steps,
+                table, value, steps, first_reward, first_flags):  # fmt: skip
+    """As `_search`, without the nodes that cannot matter where the budgets have room for all."""
     nodes, layer = 0, 1
     for _ in range(depth):
         nodes += layer
@@ -147,14 +187,14 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_
     roomy = nodes <= max_nodes and nodes * actions <= max_edges
     found = _search(
         address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-        states, reward, weight, flags, periods, child, best_value, best_steps, table,
+        leaves, states, reward, weight, flags, periods, child, best_value, best_steps, table,
         value, steps, first_reward, first_flags, roomy,
     )  # fmt: skip
     if roomy and found[2] == _EXHAUSTED:
         # How deep the graph is, only all of it tells.
         found = _search(
             address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-            states, reward, weight, flags, periods, child, best_value, best_steps, table,
+            leaves, states, reward, weight, flags, periods, child, best_value, best_steps, table,
             value, steps, first_reward, first_flags, False,
         )  # fmt: skip
     return found
@@ -162,9 +202,11 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_
 
 @cached_njit(nogil=True)
 def _search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-            states, reward, weight, flags, periods, child, best_value, best_steps, table,
+            leaves, states, reward, weight, flags, periods, child, best_value, best_steps, table,
             value, steps, first_reward, first_flags, choosy):  # fmt: skip
     """Expand and look back; `choosy`: leave out nodes that cannot matter.
+
+    Where a budget ends the expansion, `leaves` are worth nothing.
 
     Scratch: flat `states`, `[(max_nodes + 2) * (F + 1)]`; `reward`, `weight`, `flags`, `periods`,
     `child`, `[max_nodes * A]`; `best_value`, `best_steps`, `[max_nodes]`; `table`, a power of two
@@ -217,7 +259,11 @@ def _search(address, state, width, actions, depth, repeat, gamma, max_nodes, max
                 if expanded == 0:
                     first_reward[action] = one_reward
                     first_flags[action] = one_flags
-                if not keep or not flags[e] & APPLICABLE or flags[e] & TERMINAL:
+                if not flags[e] & APPLICABLE or flags[e] & TERMINAL:
+                    continue
+                if not keep:
+                    if leaves.shape[0] > 0:
+                        reward[e] += weight[e] * value_at(leaves, states, slot * row, width)
                     continue
                 if stored > max_nodes:
                     continue  # the next layer is too large to be expanded: all its nodes are leaves
@@ -283,8 +329,9 @@ def _search(address, state, width, actions, depth, repeat, gamma, max_nodes, max
 
 @cached_njit(nogil=True, parallel=True)
 def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-                 states, reward, weight, flags, periods, child, best_value, best_steps, table,
-                 choice, value, steps, first_reward, first_flags, expanded, bound):  # fmt: skip
+                 leaves, always, states, reward, weight, flags, periods, child, best_value,
+                 best_steps, table, choice, value, steps, first_reward, first_flags, expanded,
+                 bound):  # fmt: skip
     """Run `search` on every row of `batch` `[B, F]`, in parallel over the rows.
 
     Scratch arrays have one more leading axis, one entry a thread; results one, an entry a row.
@@ -294,8 +341,9 @@ def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, max_e
         t = get_thread_id()
         choice[k], expanded[k], bound[k] = search(
             address, batch[k], width, actions, depth, repeat, gamma, max_nodes, max_edges, theta,
-            dt, states[t], reward[t], weight[t], flags[t], periods[t], child[t], best_value[t],
-            best_steps[t], table[t], value[k], steps[k], first_reward[k], first_flags[k],
+            dt, leaves, always, states[t], reward[t], weight[t], flags[t], periods[t], child[t],
+            best_value[t], best_steps[t], table[t], value[k], steps[k], first_reward[k],
+            first_flags[k],
         )  # fmt: skip
 
 

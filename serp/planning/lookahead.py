@@ -40,6 +40,11 @@ class Lookahead:
     Args:
         model: The transition model.
         settings: Depth, discount and bounds.
+
+    Attributes:
+        leaves: What the states are worth that the last layer leads to (`LeafValue.packed`), where
+            the settings' `leaf_value` asks for it; empty: nothing, so that all decisions are those
+            of the planning graph.
     """
 
     def __init__(self, model: TransitionModel, settings: PlannerSettings | None = None) -> None:
@@ -47,6 +52,8 @@ class Lookahead:
         self.settings = settings or PlannerSettings()
         self._callback = model.native_step()
         self._address = address_of(self._callback)
+        self.leaves: NDArray[np.float64] = np.zeros(0)
+        self._always = self.settings.leaf_value == "always"
         self._width = len(model.fluents)
         self._actions = len(model.actions)
         self._edge_budget = self.settings.edge_budget(self._width)
@@ -103,7 +110,7 @@ class Lookahead:
         choice, depth, bound = kernels.search(
             self._address, state, self._width, actions, settings.depth, settings.repeat,
             settings.discount, self._budget, self._edge_budget, self.model.data, self.model.dt,
-            *self._scratch, value, steps, reward, flags,
+            self.leaves, self._always, *self._scratch, value, steps, reward, flags,
         )  # fmt: skip
         return Forecast(choice, value, steps, reward, flags, depth, _BOUNDS[bound])
 
@@ -133,6 +140,6 @@ class Lookahead:
             kernels.search_batch(
                 self._address, batch, actions, settings.depth, settings.repeat, settings.discount,
                 self._budget, self._edge_budget, self.model.data, self.model.dt,
-                *self._batch_scratch, *result,
+                self.leaves, self._always, *self._batch_scratch, *result,
             )  # fmt: skip
         return result

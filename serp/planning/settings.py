@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Literal
 
 from serp.errors import SettingsError
 from serp.quantities import real, whole
@@ -14,6 +15,9 @@ MAX_PERIODS = 10_000
 """Largest depth, and most repetitions: what is farther away is no plan."""
 MAX_NUMBERS = 10_000_000
 """Most numbers in the states that the edges of a graph lead to."""
+
+
+LEAF_VALUES = ("never", "indifferent", "always")
 
 
 class Bound(IntEnum):
@@ -37,12 +41,17 @@ class PlannerSettings:
         max_nodes: Most nodes that are expanded. A layer that would exceed it is not expanded;
             the deepest complete layer counts. The first layer always does. Domains with very many
             actions or fluents meet `node_budget` or `edge_budget` before.
+        leaf_value: When the states that the last layer leads to are worth what the learner sees in
+            them, once that has proven right (see `serp.outlook`); else they are worth nothing.
+            `never`; `indifferent`: where all actions promise the same otherwise; `always`. For
+            agents under the strategy `mixture` whose learner sees the state.
     """
 
     depth: int = 5
     discount: float = 0.99
     repeat: int = 1
     max_nodes: int = 10_000
+    leaf_value: Literal["never", "indifferent", "always"] = "never"
 
     def __post_init__(self) -> None:
         for name in ("depth", "repeat", "max_nodes"):
@@ -51,6 +60,10 @@ class PlannerSettings:
             if number is None:
                 raise SettingsError(f"planner: {name} must be a whole number >= 1, not {value!r}")
             object.__setattr__(self, name, number)
+        if self.leaf_value not in LEAF_VALUES:
+            raise SettingsError(
+                f"planner: leaf_value must be {', '.join(LEAF_VALUES)}, not {self.leaf_value!r}"
+            )
         discount = real(self.discount)
         if discount is None or not 0 < discount <= 1:
             raise SettingsError(f"planner: discount must be in (0, 1], not {self.discount!r}")

@@ -90,10 +90,11 @@ class Mixture(Strategy):
     def guidance(
         self, forecast: ActionForecast, action: int, following: ActionForecast | None
     ) -> Guidance | None:
-        """Return what the planner would have done, to be imitated where its model is reliable."""
+        """Return what the planner would have done, to be imitated where it has a reason for it."""
         if self.guided is None:
             return None
-        return advice(forecast, action, following, scale=1.0, imitate=self._reliable)
+        imitate = self._reliable and not forecast.indifferent
+        return advice(forecast, action, following, scale=1.0, imitate=imitate)
 
     def end_unit(self, unit: str) -> None:
         """Let ρ grow if it grows by this unit."""

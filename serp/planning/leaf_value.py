@@ -1,0 +1,121 @@
+"""What the states at the end of a lookahead are worth: an estimate that compiled loops evaluate.
+
+Ridge regression on random Fourier features (Rahimi & Recht 2007). What is learned elsewhere, from
+observations that no model predicts, becomes a function of the state alone, which a lookahead can
+ask of states that nobody has seen.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.compilation import cached_njit
+from serp.domain.model import Vector
+
+FEATURES: Final = 64
+_BANDWIDTH: Final = 0.7
+"""Standard deviation of the frequencies, for fluents of unit deviation."""
+_RIDGE: Final = 1e-4
+
+_WAVES, _LOW, _HIGH, _CONSTANT, _HEADER = 0, 1, 2, 3, 4
+
+
+@cached_njit(nogil=True)
+def value_at(packed, states, at, width):  # type: ignore[no-untyped-def]
+    """Return the value of one state.
+
+    Args:
+        packed: What `LeafValue.packed` is.
+        states: Flat float64 array.
+        at: Where the state begins in it.
+        width: Fluents, F.
+    """
+    waves = int(packed[_WAVES])
+    centre = _HEADER
+    scale = centre + width
+    phase = scale + width
+    amplitude = phase + waves
+    frequency = amplitude + waves
+    value = packed[_CONSTANT]
+    for k in range(waves):
+        z = packed[phase + k]
+        for i in range(width):
+            x = (states[at + i] - packed[centre + i]) * packed[scale + i]
+            z += packed[frequency + k * width + i] * x
+        value += packed[amplitude + k] * math.cos(z)
+    if value > packed[_HIGH]:
+        return packed[_HIGH]
+    return value if value >= packed[_LOW] else packed[_LOW]  # also where it is no number
+
+
+class LeafValue:
+    """A value for every state `[F]`, fitted to values of some.
+
+    It never leaves the range of the values that it was fitted to.
+
+    Args:
+        fluents: Width of a state, F.
+        seed: Seed of the random features.
+
+    Attributes:
+        packed: float64; what `value_at` reads. Empty before the first fit.
+    """
+
+    def __init__(self, fluents: int, seed: np.random.SeedSequence) -> None:
+        random = np.random.default_rng(seed)
+        self._fluents = fluents
+        self._frequency = _BANDWIDTH * random.standard_normal((FEATURES, fluents))
+        self._phase = random.uniform(0.0, 2.0 * np.pi, FEATURES)
+        self.packed: Vector = np.zeros(0)
+
+    @property
+    def fitted(self) -> bool:
+        """Whether there was a fit."""
+        return self.packed.size > 0
+
+    def restore(self, packed: Vector) -> None:
+        """Take over what `packed` was.
+
+        Raises:
+            ValueError: It is of states of another width, or none at all.
+        """
+        size = _HEADER + 2 * self._fluents + FEATURES * (2 + self._fluents)
+        if packed.size and (packed.shape != (size,) or packed[_WAVES] != FEATURES):
+            raise ValueError(f"{packed.shape} instead of {(size,)}")
+        self.packed = np.array(packed, dtype=np.float64)
+
+    def of(self, state: Vector) -> float:
+        """Return the value of a state `[F]`, after a fit."""
+        return float(value_at(self.packed, state, 0, self._fluents))
+
+    def fit(self, states: Vector, values: Vector) -> None:
+        """Replace the estimate.
+
+        Where the regression has no solution, the one before stays.
+
+        Args:
+            states: `[N, F]`, finite, N ≥ 1.
+            values: `[N]`, finite.
+        """
+        centre, spread = states.mean(axis=0), states.std(axis=0)
+        rests = spread <= 1e-9 * np.maximum(1.0, np.abs(centre))
+        scale = np.where(rests, 0.0, 1.0 / np.where(rests, 1.0, spread))
+        features = np.cos((states - centre) * scale @ self._frequency.T + self._phase)
+        mean, middle = values.mean(), features.mean(axis=0)
+        features -= middle
+        gram = features.T @ features
+        gram[np.diag_indices_from(gram)] += _RIDGE * len(states)
+        try:
+            amplitude: NDArray[np.floating] = np.linalg.solve(gram, features.T @ (values - mean))
+        except np.linalg.LinAlgError:
+            return
+        self.packed = np.concatenate(
+            (
+                (FEATURES, values.min(), values.max(), mean - middle @ amplitude),
+                centre, scale, self._phase, amplitude, self._frequency.ravel(),
+            )
+        )  # fmt: skip
