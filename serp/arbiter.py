@@ -78,8 +78,8 @@ class ArbiterSettings:
             what happened (see `serp.correction.skill`), nor in the first ten episodes of one that
             corrects itself, and never for None.
         imitation: Weight of the learner's imitation loss: where the model has foreseen what
-            happened, what the planner would do is to be worth a margin more than anything else.
-            0: nothing is imitated.
+            happened, what the planner would do is to be worth a margin more than anything else,
+            unless it is indifferent. 0: nothing is imitated.
         r_min: R_min: a proposal with a smaller predicted reward is refused; None refuses none.
         veto_horizon: `step` refuses what the next step predicts; `lookahead` also refuses what
             leads within the lookahead to where every action is predicted unsafe, while another

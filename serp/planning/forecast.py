@@ -22,8 +22,9 @@ class Forecast(NamedTuple):
             safe for the longest time, then the largest discounted sum of rewards, then first in
             the file. Both hold at every node, so that what follows an unsafe edge is again the
             best that is left.
-        value: `[A]` discounted sum of rewards of the best path that begins with each action;
-            -inf where not applicable.
+        value: `[A]` discounted sum of rewards of the best path that begins with each action, and
+            of what its end is worth where that is known (`Lookahead.leaves`); -inf where not
+            applicable.
         safe_steps: `[A]` control periods before the first unsafe one on that path (an edge of the
             planner's setting `repeat` has several), or before it reaches a state where every
             action that might be applicable has an undefined result; SAFE where there is none,
