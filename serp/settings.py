@@ -213,7 +213,7 @@ PRESETS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
         # Two control periods an edge see twice as far at the same cost.
         "planner": {"depth": 5, "repeat": 2, "discount": 0.99, "leaf_value": "indifferent"},
         # The file says what the expert knows; the rest is found out.
-        "correction": {"mode": "residual", "tries": 4},
+        "correction": {"mode": "full", "tries": 4},
         "arbiter": {
             "rho": 0.3,
             "rho_increment": 0.00014,

@@ -27,9 +27,9 @@ from serp.trust import Trust
 if TYPE_CHECKING:
     from serp.correction.reestimation import Reestimation
 
-_RELEARNED: Final = 2_000
 _GROWN: Final = 10
 """For so many episodes a model that corrects itself is not judged by how it does."""
+_RELEARNED: Final = 1_000
 """Newest transitions that are learned from again where the literals have changed."""
 
 
