@@ -98,6 +98,8 @@ def _parts(names: set[str], known: dict[str, Any]) -> Iterator[str]:
             })  # fmt: skip
         elif (loop := getattr(value, "py_func", None)) in _stamps:
             yield f"{name}={_stamps[loop]}"
+        elif (made := getattr(value, "_defn", None)) is not None:  # an intrinsic
+            yield f"{name}={hashlib.sha256(_source(made.__code__.co_filename)).hexdigest()}"
 
 
 def _names(code: CodeType) -> Iterator[str]:

@@ -104,8 +104,8 @@ class Outlook:
         self._fluents = len(planner.model.fluents)
         self._value = LeafValue(self._fluents, seed)
         self._discount = learner.settings.discount
-        length = _LONGEST
-        if self._discount < 1.0:
+        length = 1
+        if self._discount > 0.0:
             length = min(_LONGEST, math.ceil(math.log(_REST) / math.log(self._discount)))
         self._window = np.zeros((2, length))
         self._count = np.zeros(2, dtype=np.int64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import difflib
 import os
 from pathlib import Path
@@ -125,7 +126,7 @@ def write_with_problem(out: Path, text: str, problem: str | None) -> Path | None
         The problem file; None where none was written.
 
     Raises:
-        SerpError: One of them cannot be written; then neither is.
+        SerpError: One of them cannot be written; see `write_together`.
     """
     from serp.runs.durable import write_together
 
@@ -143,7 +144,7 @@ def _problem_beside(out: Path) -> Path:
 
 def _holds(file: Path, text: str) -> bool:
     try:
-        return file.read_bytes() == text.encode("utf-8")
+        return file.read_bytes().removeprefix(codecs.BOM_UTF8) == text.encode("utf-8")
     except OSError:
         return False
 

@@ -79,7 +79,11 @@ def _guided(name: str, description: str, changes: Changes | None = None) -> Algo
 _NO_GUIDE: Final[Changes] = {"guide": {"strategy": "mixture"}}
 """Others make the learner listen to the planner, or act in the planner's place."""
 
-_ALONE: Final[Changes] = {**_NO_GUIDE, "correction": {"mode": "off"}}
+_ALONE: Final[Changes] = {
+    **_NO_GUIDE,
+    "planner": {"leaf_value": "never"},
+    "correction": {"mode": "off"},
+}
 """Nor does a model play any part that had to be corrected."""
 
 _CALM: Final[Changes] = {"learner": {"epsilon_start": 0.1}}
@@ -108,6 +112,7 @@ _OWN: Final[tuple[Algorithm, ...]] = (
             },
             "learner": {"updates_per_step": 0.0, "members": 1},
             "training": {"random_steps": 0},
+            "planner": {"leaf_value": "never"},
             **_NO_GUIDE,
         },
     ),

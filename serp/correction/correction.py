@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 
 _GROWN: Final = 10
 """For so many episodes a model that corrects itself is not judged by how it does."""
-_RELEARNED: Final = 1_000
-"""Newest transitions that are learned from again where the literals have changed."""
+_RELEARNED: Final = 500
+"""So many of each ground action's newest transitions are learned from again where the literals
+have changed."""
 
 
 class Correction:
@@ -176,13 +177,12 @@ class Correction:
         self._learners.begin()
         states, next_states = self.experience.states, self.experience.next_states
         actions = self.experience.actions
-        for k in range(max(0, len(actions) - _RELEARNED), len(actions)):
-            if actions[k] >= 0:
-                flags = foresee(corrected.data, actions[k], states[k], corrected.dt, self._rows)
-                if flags[1] & APPLICABLE:
-                    self._learners.learn(
-                        states[k], int(actions[k]), next_states[k], self._flow, self._settled
-                    )
+        for k in _newest_of_each(actions, _RELEARNED):
+            flags = foresee(corrected.data, actions[k], states[k], corrected.dt, self._rows)
+            if flags[1] & APPLICABLE:
+                self._learners.learn(
+                    states[k], int(actions[k]), next_states[k], self._flow, self._settled
+                )
 
     # State -------------------------------------------------------------------------------------
 
@@ -240,3 +240,12 @@ def _kinds(model: CorrectedModel) -> NDArray[np.int64]:
         ],
         dtype=np.int64,
     )
+
+
+def _newest_of_each(actions: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Return where the newest steps of each action are, in order of time; -1 is no action."""
+    known = np.flatnonzero(actions >= 0)
+    if not len(known):
+        return known
+    newest = [known[actions[known] == action][-count:] for action in np.unique(actions[known])]
+    return np.sort(np.concatenate(newest))

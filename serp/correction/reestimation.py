@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from serp.correction.experience import Experience
 from serp.correction.influence import influences
 from serp.correction.literals import LiteralEstimator, estimate_literals
-from serp.correction.sample import predictions
+from serp.correction.sample import plausible, predictions
 from serp.domain.model import TransitionModel, Vector
 
 Actions = NDArray[np.int64]
@@ -29,6 +29,9 @@ _LEFT: Final = 0.25
 times does not has a small mean, which is nothing that happens; planned with, it is no effect."""
 _CERTAIN: Final = 0.02
 """The same as `_FORESEEN`, of the error of those in use, whatever changes."""
+_MOVES: Final = 0.01
+"""An estimate that differs by less than its standard error, or this share, is no news: what was
+learned beside the literals in use would be lost for nothing."""
 _BETTER: Final = 0.9
 """An estimate is adopted instead of what is written where its squared error is smaller by this
 factor, and instead of an earlier estimate where it is smaller."""
@@ -69,11 +72,13 @@ class Reestimation:
         first = int(_SHOWN * len(actions))
         earlier, _ = self._estimate(states[:first], actions[:first], next_states[:first], theta)
         latest, errors = self._estimate(states, actions, next_states, theta)
-        known = actions >= 0
-        known[:first] = False
+        known = np.flatnonzero(actions >= 0)
+        known = known[np.isfinite(states[known] + next_states[known]).all(axis=1)]
+        known = known[plausible(states[known]) & plausible(next_states[known])]
+        known = known[known >= first]
         later = states[known], actions[known], next_states[known]
         moved = later[2] - later[0]
-        change = np.nansum(moved * moved, axis=0)
+        change = (moved * moved).sum(axis=0)
         held = self._held(earlier)
         now, full, part = self._errors((theta, earlier, held), *later)
         adopted = theta.copy()
@@ -88,15 +93,21 @@ class Reestimation:
             error = (full if believed else part)[columns].sum()
             estimated = (theta[owned] != self._written.theta[owned]).any()
             if error < (1.0 if estimated else _BETTER) * worth:
-                adopted[spoken] = (latest if believed else self._held(latest))[spoken]
+                news = (latest if believed else self._held(latest))[spoken]
+                least = np.maximum(errors[spoken], _MOVES * np.abs(theta[spoken]))
+                if (np.abs(news - theta[spoken]) > least).any():
+                    adopted[spoken] = news
         return adopted
 
     def _held(self, theta: Vector) -> Vector:
-        """Return `[P]` literals that are nowhere much smaller than written, nor of other sign."""
+        """Return `[P]` literals that are nowhere much smaller than written, nor of other sign.
+
+        What is written as 0 has no sign.
+        """
         written = self._written.theta
         sign = np.where(written < 0.0, -1.0, 1.0)
         held: Vector = sign * np.maximum(sign * theta, _LEFT * np.abs(written))
-        return held
+        return np.where(written == 0.0, theta, held)
 
     def _estimate(
         self, states: Vector, actions: Actions, next_states: Vector, theta: Vector

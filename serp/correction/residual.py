@@ -110,14 +110,15 @@ class Residual:
         if not self._beginning.over:
             self._beginning.add(x, y, valid, change)
             if self._beginning.over:
-                corrects = self._sober(enabled) or corrects
+                again = self._sober(enabled)
+                corrects = corrects if again is None else again
         return corrects
 
-    def _sober(self, enabled: NDArray[np.bool_]) -> bool:
-        """Learn the first samples again without what was wild in them, where anything was."""
+    def _sober(self, enabled: NDArray[np.bool_]) -> bool | None:
+        """Learn the first samples again without what was wild in them; None where nothing was."""
         samples = self._beginning.without_wild([group._beginning for group in self.siblings])
         if samples is None:
-            return False
+            return None
         self._forget()
         return [self._learn(*sample, enabled) for sample in samples][-1]
 

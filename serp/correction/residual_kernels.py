@@ -44,7 +44,7 @@ _FORESEEN = 0.5
 """Share of the squared change that may be left of a target for it to be corrected."""
 _CERTAIN = 0.02
 """The same of the file's squared error, whatever changes."""
-JUDGED = 120
+JUDGED_FROM = 120
 """Before so many samples of an action nobody knows whether a target can be foreseen."""
 _CHANGED = 0.7
 """Where such a share of the last ten samples or so is odd, the world has changed for good."""
@@ -114,7 +114,6 @@ def account(x, away, y, valid, change, mode, features, waves, linear, amplitude,
         if not valid[t] or not abs(y[t]) < HUGE:
             complete = False
             continue
-        errors = (y[t], y[t], y[t], y[t])
         plain = linear[0, t, 0]
         wavy = linear[1 + _MODES, t, 0]
         own = linear[mode, t, 0]
@@ -179,7 +178,7 @@ def account(x, away, y, valid, change, mode, features, waves, linear, amplitude,
                     drifting = changed = True
             seen[s, t] += 1.0
             # What the candidates predicted before they knew anything is soon forgotten.
-            rate = rate_of(seen[s, t], MEMORY)
+            rate = rate_of(seen[s, t] - 1.0, MEMORY)
             for candidate in range(4):
                 squared = errors[candidate] * errors[candidate]
                 if candidate != _FILE and seen[s, t] <= FIRST:
@@ -366,7 +365,7 @@ def judge(loss, seen, spread, waves, enabled, left, change):
     at most by `choose`; both are sums over the samples that the losses remember.
     """
     for t in range(spread.shape[0]):
-        if not enabled[t] or seen[0, t] < JUDGED:
+        if not enabled[t] or seen[0, t] < JUDGED_FROM:
             continue
         least = min(loss[0, _FILE, t], loss[0, _LINEAR, t])
         if waves:

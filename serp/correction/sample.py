@@ -83,7 +83,7 @@ def take_sample(
     fine = np.isfinite(states).all(1) & np.isfinite(next_states).all(1)
     fine &= (actions >= 0) & (actions < len(model.actions))
     rows = np.flatnonzero(fine)
-    rows = rows[_plausible(states[rows]) & _plausible(next_states[rows])]
+    rows = rows[plausible(states[rows]) & plausible(next_states[rows])]
     if any(action.preconditions for action in model.actions):
         flow = Flow(model.ground, model.dt)
         rows = rows[np.isfinite(flow.predict(states[rows], actions[rows], model.theta)).all(1)]
@@ -99,7 +99,7 @@ def take_sample(
     )
 
 
-def _plausible(values: Vector) -> NDArray[np.bool_]:
+def plausible(values: Vector) -> NDArray[np.bool_]:
     """Return which rows hold no value that only a fault can be, `[n]`.
 
     One such value would be the range of its fluent, against which every other one is measured.

@@ -19,6 +19,8 @@ from serp.domain.model import Vector
 FEATURES: Final = 64
 _BANDWIDTH: Final = 0.7
 """Standard deviation of the frequencies, for fluents of unit deviation."""
+_NORMAL: Final = 3.29
+"""Distance of the quantiles of a normal distribution, in standard deviations."""
 _RIDGE: Final = 1e-4
 
 _WAVES, _LOW, _HIGH, _CONSTANT, _HEADER = 0, 1, 2, 3, 4
@@ -101,7 +103,9 @@ class LeafValue:
             states: `[N, F]`, finite, N ≥ 1.
             values: `[N]`, finite.
         """
-        centre, spread = states.mean(axis=0), states.std(axis=0)
+        # By quantiles: one wild state would make all others look alike.
+        low, centre, high = np.quantile(states, (0.05, 0.5, 0.95), axis=0)
+        spread = np.where(high > low, (high - low) / _NORMAL, states.std(axis=0))
         rests = spread <= 1e-9 * np.maximum(1.0, np.abs(centre))
         scale = np.where(rests, 0.0, 1.0 / np.where(rests, 1.0, spread))
         features = np.cos((states - centre) * scale @ self._frequency.T + self._phase)

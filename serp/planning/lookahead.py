@@ -1,4 +1,4 @@
-"""The planner in array form: the same decisions as the planning graph, no objects."""
+"""The planner in array form: the decisions of the planning graph, without objects."""
 
 from __future__ import annotations
 

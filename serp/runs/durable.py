@@ -125,7 +125,8 @@ def write_together(contents: Mapping[Path, str]) -> None:
         contents: file → its text, written as UTF-8.
 
     Raises:
-        RunError: a write failed, or one of the files is a folder; all are as they were.
+        RunError: a write failed, or one of the files is a folder. All are as they were, unless it
+            was the replacing itself that failed: then those before it are new.
     """
     for path in contents:
         if path.is_dir():
