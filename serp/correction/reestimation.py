@@ -32,6 +32,9 @@ _CERTAIN: Final = 0.02
 _MOVES: Final = 0.01
 """An estimate that differs by less than its standard error, or this share, is no news: what was
 learned beside the literals in use would be lost for nothing."""
+_USUAL: Final = 0.98
+_NOBODY: Final = 25.0
+"""A step is left out whose least squared error is so many times this quantile of all."""
 _BETTER: Final = 0.9
 """An estimate is adopted instead of what is written where its squared error is smaller by this
 factor, and instead of an earlier estimate where it is smaller."""
@@ -77,10 +80,8 @@ class Reestimation:
         known = known[plausible(states[known]) & plausible(next_states[known])]
         known = known[known >= first]
         later = states[known], actions[known], next_states[known]
-        moved = later[2] - later[0]
-        change = (moved * moved).sum(axis=0)
         held = self._held(earlier)
-        now, full, part = self._errors((theta, earlier, held), *later)
+        now, full, part, change = self._errors((theta, earlier, held), *later)
         adopted = theta.copy()
         for symbol, owned in self._owned.items():
             columns = list(self._estimator.symbols.get(symbol, ()))
@@ -118,9 +119,9 @@ class Reestimation:
     def _errors(
         self, candidates: Sequence[Vector], states: Vector, actions: Actions, next_states: Vector
     ) -> Vector:
-        """Return `[C, F]` sums of squared errors of literals, over the same steps for all.
+        """Return `[C + 1, F]` sums of squared errors of literals and of "nothing changes".
 
-        A step that the first candidate predicts and another one does not counts for that as an
+        They are over the same steps for all. A step that the first candidate predicts and another one does not counts for that as an
         error beyond all bounds, or literals would be better the less they say.
         """
         off = np.array(
@@ -128,8 +129,13 @@ class Reestimation:
                 next_states - predictions(self._written.replace(theta=theta), states, actions)
                 for theta in candidates
             ]
+            + [next_states - states]
         )
         squared = off * off
+        # What nobody comes near says nothing about who is better.
+        best = np.where(np.isfinite(squared), squared, 0.0).min(axis=0)
+        if len(best):
+            squared[:, best > _NOBODY * np.quantile(best, _USUAL, axis=0)] = 0.0
         known = np.isfinite(squared)
         errors = np.where(known, squared, np.inf)
         errors[:, ~known[0]] = 0.0

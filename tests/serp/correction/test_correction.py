@@ -27,6 +27,12 @@ from tests.serp.correction.rolls import DOMAINS, from_text
 from tests.serp.correction.worlds import FLEET, ICE, PLANE, any_state, corrected, correction, plus
 from tests.serp.tasks import SMALL
 
+PAIR = """(define (domain pair)
+  (:functions (x) (v))
+  (:action push :parameters () :precondition (and) :effect (and (increase (x) 0.4)))
+  (:action rest :parameters () :precondition (and) :effect (and (increase (x) 0.1))))
+"""
+
 Saved = tuple[dict[str, Any], dict[str, Any]]
 Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], bool]
 
@@ -391,3 +397,31 @@ def test_worlds_that_the_tests_rely_on() -> None:
     """The shipped files are all corrected in the tests: none is too large for that."""
     assert len(worlds.SHIPPED) > 10
     assert all(worlds.shipped(name).compiles for name in worlds.SHIPPED)
+
+
+def test_new_literals_do_not_take_away_what_is_known_of_actions_not_tried_lately() -> None:
+    of = correction(PAIR, "full")
+    rng = np.random.default_rng(0)
+
+    def world(state: np.ndarray[Any, Any], action: int, push: float) -> np.ndarray[Any, Any]:
+        return state + np.array([(push, 0.1)[action] + 0.2 * state[1], -0.2 * state[1]])
+
+    def error(action: int) -> float:
+        states = np.random.default_rng(1).normal(size=(50, 2))
+        return float(
+            np.mean(
+                [
+                    abs(np.array(of.model.transition(s.tolist(), action)[0][:2]) - world(s, 1, 0.3))
+                    for s in states
+                ]
+            )
+        )
+
+    for step in range(1, 2_100):
+        action = int(rng.integers(2)) if step <= 900 else 0
+        state = rng.normal(size=2)
+        of.observe(state, action, world(state, action, 0.3 if step <= 1_100 else 0.2), False)
+        if step == 900:
+            known = error(1)
+    assert known < 0.01
+    assert error(1) < 2.0 * known + 1e-3

@@ -72,8 +72,58 @@ def test_literals_are_no_better_for_saying_less() -> None:
     after = np.array([[0.0, 1.0], [0.5, 4.0]])
     both = np.array([[1.0, 2.0], [1.0, 1.0]])  # the latter divides by zero where y is 1
     actions = np.zeros(2, dtype=np.int64)
-    first, second = Reestimation(model)._errors(both, states, actions, after)
+    first, second, _ = Reestimation(model)._errors(both, states, actions, after)
     assert np.isfinite(first).all()
     assert second[0] == np.inf
-    first, second = Reestimation(model)._errors(both[::-1], states, actions, after)
+    first, second, _ = Reestimation(model)._errors(both[::-1], states, actions, after)
     assert np.isfinite(first).all() and np.isfinite(second).all()
+
+
+@pytest.mark.parametrize("reading", [10.0, 1e3, 1e160, np.inf, np.nan])
+@pytest.mark.parametrize("at", [20, 100, 200, 255])
+def test_a_wild_reading_neither_blocks_an_estimate_nor_lets_one_pass(
+    reading: float, at: int
+) -> None:
+    """Of its own step it says nothing true, and of the one that begins with it neither."""
+    for truth, expected in ((1.0, 0.2), (0.1, 0.1)):
+        model = from_text(WALK).model
+        rng = np.random.default_rng(3)
+        experience = Experience(256, 2)
+        for k in range(256):
+            state = rng.normal(size=2)
+            much = 0.2 if truth == 1.0 else 0.4 * (rng.random() < truth)
+            after = state + np.array([-much + 0.02 * rng.standard_normal(), 0.2])
+            if k == at:
+                after[0] = reading
+            experience.add(state, 0, after, False)
+        near, _ = Reestimation(model).reconsider(experience, model.theta.copy())
+        assert near == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize("truth", [0.2, -0.2])
+def test_what_is_written_as_nothing_may_be_estimated_either_way(truth: float) -> None:
+    model = from_text(WALK.replace("(near) 0.4", "(near) 0.0")).model
+    rng = np.random.default_rng(0)
+    experience = Experience(256, 2)
+    for _ in range(256):
+        state = rng.normal(size=2)
+        after = state + np.array([truth + 0.3 * rng.standard_normal(), 0.2])
+        experience.add(state, 0, after, False)
+    near, _ = Reestimation(model).reconsider(experience, model.theta.copy())
+    assert near == pytest.approx(-truth, abs=0.1)
+
+
+def test_an_estimate_that_is_no_news_changes_nothing() -> None:
+    model = from_text(WALK).model
+    rng = np.random.default_rng(5)
+    experience, reestimation, theta = Experience(4096, 2), Reestimation(model), model.theta.copy()
+    changes = []
+    for k in range(1, 4097):
+        state = rng.normal(size=2)
+        after = state + np.array([-0.2 + 0.01 * rng.standard_normal(), 0.2])
+        experience.add(state, 0, after, False)
+        if reestimation.due(k):
+            before, theta = theta, reestimation.reconsider(experience, theta)
+            changes.append(bool((before != theta).any()))
+    assert changes[0] and sum(changes) <= 2
+    assert theta[0] == pytest.approx(0.2, abs=0.005)
