@@ -121,8 +121,9 @@ class Reestimation:
     ) -> Vector:
         """Return `[C + 1, F]` sums of squared errors of literals and of "nothing changes".
 
-        They are over the same steps for all. A step that the first candidate predicts and another one does not counts for that as an
-        error beyond all bounds, or literals would be better the less they say.
+        They are over the same steps for all. A step that the first candidate predicts and another
+        one does not counts for that as an error beyond all bounds, or literals would be better the
+        less they say.
         """
         off = np.array(
             [

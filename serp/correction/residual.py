@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.correction import residual_kernels as kernels
+from serp.correction import solving
 from serp.correction.beginning import Beginning
 from serp.correction.block import LINEAR, MODES, WAVES, WAVY, GroupMemory
 from serp.correction.kernels import waves_of
@@ -158,7 +159,7 @@ class Residual:
             self._x[self._kept % _KEPT], self._y[self._kept % _KEPT] = x, y
             self._kept += 1
             if wavy:
-                kernels.accumulate_waves(
+                solving.accumulate_waves(
                     away, y, self._features, self._wave_gram, self._wave_moment
                 )
         self._since += 1
@@ -232,7 +233,7 @@ class Residual:
         for row in (0, mode) if mode else (0,):
             # A mode's own weights are drawn to those of all modes.
             drawn_to = _seen_from(self._origin, memory.linear[0]) if row else prior
-            kernels.solve_linear_targets(
+            solving.solve_linear_targets(
                 self._gram[row], self._moment[row], self._count[row], self._origin, centre,
                 1.0 / half, _RIDGE, drawn_to, memory.linear[row],
             )  # fmt: skip
@@ -259,7 +260,7 @@ class Residual:
         moments = np.array([group._moment[0] for group in known])
         found = np.zeros(self._moment.shape[1:])
         own = known.index(self)
-        kernels.solve_pooled_targets(
+        solving.solve_pooled_targets(
             grams, moments, centres, 1.0 / half, _POOLED_RIDGE, own, found
         )  # fmt: skip
         return found
@@ -286,7 +287,7 @@ class Residual:
         for k in range(min(self._kept, _KEPT)):
             x = self._x[k]
             waves_of(x, centre, memory.shrink, memory.frequency, memory.phase, self._features)
-            kernels.accumulate_waves(
+            solving.accumulate_waves(
                 x - self._origin, self._y[k], self._features, self._wave_gram, self._wave_moment
             )
 

@@ -95,7 +95,7 @@ def _follow_native(
     model: TransitionModel, settings: PlannerSettings, nodes: Sequence[int], states: list[State]
 ) -> Followed:
     from serp.domain.native import address_of
-    from serp.planning import kernels
+    from serp.planning.edges import expand
 
     actions, width = len(model.actions), len(model.fluents)
     tried = len(nodes) * actions
@@ -104,7 +104,7 @@ def _follow_native(
     out = np.empty((tried + 1, width + 1))
     reward, weight, first_reward = np.empty((3, tried))
     flags, periods, first_flags = np.empty((3, tried), dtype=np.int64)
-    kernels.expand(
+    expand(
         address_of(model.native_step()), rows.reshape(-1), len(nodes), actions,
         settings.repeat, settings.discount, model.data, model.dt, out.reshape(-1),
         reward, weight, flags, periods, first_reward, first_flags,
