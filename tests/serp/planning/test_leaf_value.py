@@ -50,6 +50,23 @@ def test_a_smooth_function_is_met_in_states_that_nobody_saw(
     assert explained(value, middle + unit * unseen, smooth(unseen)) > 0.98
 
 
+@pytest.mark.parametrize("wild", [1e6, 1e30])
+def test_a_few_wild_states_do_not_make_the_others_look_alike(wild: float) -> None:
+    seen, unseen = states_of(0, 1_000), states_of(1, 300)
+    values = smooth(seen)
+    seen[::100] *= wild
+    assert explained(fitted(seen, values), unseen, smooth(unseen)) > 0.9
+
+
+def test_a_fluent_that_seldom_moves_counts_where_it_does() -> None:
+    """It rests in more than nine states of ten."""
+    seen = states_of(0, 1_000)
+    seen[:, 1] = np.arange(1_000) % 25 == 0
+    value = fitted(seen, 3.0 * seen[:, 1])
+    found = [value.of(np.array([0.0, moved, 0.0])) for moved in (0.0, 1.0)]
+    assert found == pytest.approx([0.0, 3.0], abs=0.3)
+
+
 @pytest.mark.parametrize("rest", [0.0, -7.0, 1e6])
 def test_a_fluent_that_rests_has_no_part_in_it(rest: float) -> None:
     def with_rest(states: Vector, at: float) -> Vector:

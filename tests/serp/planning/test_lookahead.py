@@ -291,7 +291,7 @@ def best_of(value: Vector, safe_steps: Vector) -> int:
     return max(applicable, key=lambda a: (safe_steps[a], value[a], -a), default=-1)
 
 
-@examples(60)
+@examples(50)
 @given(st.integers(0, WORLDS - 1), PLANNERS, st.integers(0, 10**6))
 def test_every_first_action_is_worth_what_it_earns_and_where_it_ends(
     seed: int, settings: PlannerSettings, other: int
@@ -354,7 +354,7 @@ def wherever() -> st.SearchStrategy[tuple[int, PlannerSettings, int, float]]:
     )
 
 
-@examples(80)
+@examples(60)
 @given(wherever())
 def test_no_leaf_is_worth_a_risk(drawn: tuple[int, PlannerSettings, int, float]) -> None:
     """For how long an action is safe does not hang on leaves, and it comes before all values."""
@@ -432,7 +432,7 @@ def test_the_examples_meet_indifference_risks_and_choices_that_leaves_turn() -> 
             plain = Lookahead(model, settings)
             always = with_leaves(model, settings, "always", leaves)
             asked = with_leaves(model, settings, "indifferent", leaves)
-            for state in states_of(model, Random(seed), 40):
+            for state in states_of(model, Random(seed), 100):
                 before, after = plain.forecast(state), always.forecast(state)
                 indifferent += before.indifferent
                 turned += asked.forecast(state).choice != before.choice
@@ -458,7 +458,7 @@ FLAGS = st.sampled_from(
 )
 
 
-@examples(400)
+@examples(200)
 @given(
     st.lists(
         st.tuples(st.sampled_from((0.0, -0.0, 1.0, np.nan)), st.sampled_from((1, SAFE)), FLAGS),
