@@ -165,7 +165,8 @@ class Outlook:
     def _fit(self) -> None:
         inputs, values = self._learner.newest_values(_SAMPLES)
         if len(values):
-            self._value.fit(inputs[:, -self._fluents :].astype(np.float64), values)
+            states = inputs[:, inputs.shape[1] - self._fluents :]
+            self._value.fit(states.astype(np.float64), values)
 
     def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores, between episodes."""

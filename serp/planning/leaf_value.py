@@ -97,12 +97,15 @@ class LeafValue:
     def fit(self, states: Vector, values: Vector) -> None:
         """Replace the estimate.
 
-        Where the regression has no solution, the one before stays.
+        Where anything is no finite number, as the values of a learner that diverges, or the
+        regression has no solution, the one before stays.
 
         Args:
-            states: `[N, F]`, finite, N ≥ 1.
-            values: `[N]`, finite.
+            states: `[N, F]`, N ≥ 1.
+            values: `[N]`.
         """
+        if not (np.isfinite(states).all() and np.isfinite(values).all()):
+            return
         # By quantiles: one wild state would make all others look alike.
         low, centre, high = np.quantile(states, (0.05, 0.5, 0.95), axis=0)
         spread = np.where(high > low, (high - low) / _NORMAL, states.std(axis=0))

@@ -53,6 +53,7 @@ class Lookahead:
         self._callback = model.native_step()
         self._address = address_of(self._callback)
         self.leaves: NDArray[np.float64] = np.zeros(0)
+        self._never = self.settings.leaf_value == "never"
         self._always = self.settings.leaf_value == "always"
         self._width = len(model.fluents)
         self._actions = len(model.actions)
@@ -92,6 +93,9 @@ class Lookahead:
             np.zeros((threads, size), dtype=np.int32),
         )
 
+    def _used_leaves(self) -> NDArray[np.float64]:
+        return self.leaves[:0] if self._never else self.leaves
+
     def forecast(self, state: NDArray[np.float64]) -> Forecast:
         """Return the planner's view of one state `[F]`.
 
@@ -110,7 +114,7 @@ class Lookahead:
         choice, depth, bound = kernels.search(
             self._address, state, self._width, actions, settings.depth, settings.repeat,
             settings.discount, self._budget, self._edge_budget, self.model.data, self.model.dt,
-            self.leaves, self._always, *self._scratch, value, steps, reward, flags,
+            self._used_leaves(), self._always, *self._scratch, value, steps, reward, flags,
         )  # fmt: skip
         return Forecast(choice, value, steps, reward, flags, depth, _BOUNDS[bound])
 
@@ -140,6 +144,6 @@ class Lookahead:
             kernels.search_batch(
                 self._address, batch, actions, settings.depth, settings.repeat, settings.discount,
                 self._budget, self._edge_budget, self.model.data, self.model.dt,
-                self.leaves, self._always, *self._batch_scratch, *result,
+                self._used_leaves(), self._always, *self._batch_scratch, *result,
             )  # fmt: skip
         return result

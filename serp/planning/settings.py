@@ -60,7 +60,7 @@ class PlannerSettings:
             if number is None:
                 raise SettingsError(f"planner: {name} must be a whole number >= 1, not {value!r}")
             object.__setattr__(self, name, number)
-        if self.leaf_value not in LEAF_VALUES:
+        if not isinstance(self.leaf_value, str) or self.leaf_value not in LEAF_VALUES:
             raise SettingsError(
                 f"planner: leaf_value must be {', '.join(LEAF_VALUES)}, not {self.leaf_value!r}"
             )

@@ -70,6 +70,7 @@ def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
     assert paper.arbiter.veto_horizon == "step"
     assert paper.arbiter.exploration_slack is None
     assert paper.arbiter.indifferent == "first"
+    assert paper.planner.leaf_value == "never"
     assert paper.learner.learning_rate == 0.001
     assert paper.learner.discount == 0.9
     assert paper.learner.epsilon_start == paper.learner.epsilon_end == 0.3
@@ -100,6 +101,9 @@ def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
         ({"planner": {"dept": 3}}, "no setting `planner.dept`; did you mean `depth`"),
         ({"planner": {"depth": 0}}, "depth"),
         ({"planner": {"depth": "5"}}, "depth"),
+        ({"planner": {"leaf_value": "sometimes"}}, "leaf_value must be never, .*'sometimes'"),
+        ({"planner": {"leaf_value": 1}}, "leaf_value"),
+        ({"planner": {"leaf_value": np.array(["never", "always"])}}, "leaf_value"),
         ({"arbiter": {"rho": "high"}}, "arbiter"),
         ({"arbiter": {"rho": None}}, "arbiter"),
         ({"learner": {"hidden": "64"}}, "hidden"),

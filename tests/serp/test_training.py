@@ -13,6 +13,7 @@ import pytest
 
 from serp.arbiter import Actor
 from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
+from serp.planning.lookahead import Lookahead
 from serp.registry import load_task
 from serp.runs import checkpoint
 from serp.runs.rows import DECISIONS_COLUMNS, MetricsRow
@@ -158,6 +159,110 @@ def test_resume_equals_uninterrupted_on_cartpole(tmp_path: Path) -> None:
         return lengths, {name: array.tobytes() for name, array in arrays.items()}, meta
 
     assert run(1, 2) == run(2)
+
+
+@pytest.mark.parametrize("leaf_value", ["indifferent", "always"])
+def test_resume_equals_uninterrupted_while_the_lookahead_uses_the_learners_values(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, leaf_value: str
+) -> None:
+    monkeypatch.setattr("serp.outlook._PERIOD", 20)
+    monkeypatch.setattr("serp.outlook._LEAST", 10)
+    monkeypatch.setattr("serp.outlook._EXPLAINED", -100.0)  # so young a learner is hardly right
+    task = corridor(tmp_path)
+    settings = settings_of(task, "default").replace(
+        {
+            "planner": {"leaf_value": leaf_value, "depth": 1, "repeat": 1},
+            "arbiter": {"rho": 0.1, "rho_increment": 0.0, "surety": None},
+        }
+    )
+    used = []
+
+    def run(*stops: int) -> Any:
+        state, rows = None, []
+        for stop in stops:
+            trainer = Trainer(task.bind(), settings, 3)
+            if state is not None:
+                arrays, meta = state
+                trainer.load_state_dict(arrays, json.loads(json.dumps(meta)))
+            while trainer.episode < stop:
+                rows.append(trainer.run_episode()._replace(wall_time=0.0))
+            state = trainer.state_dict()
+            assert isinstance(trainer.agent.arbiter.planner, Lookahead)
+            used.append(trainer.agent.arbiter.planner.leaves.size > 0)
+        assert state is not None
+        arrays, meta = state
+        return rows, {name: a.tobytes() for name, a in arrays.items()}, {**meta, "wall_time": 0}
+
+    whole = run(14)
+    assert run(1, 7, 11, 14) == whole
+    assert used == [True, False, True, True, True]
+    settings = settings.replace({"planner": {"leaf_value": "never"}})
+    without = run(14)
+    assert without[0] != whole[0]  # it does make a difference
+    assert not any(name.startswith("outlook") for name in without[1])
+
+
+def test_a_run_saved_without_values_of_leaves_is_not_continued_with_them(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    settings = settings_of(task, "default")
+    never = settings.replace({"planner": {"leaf_value": "never"}})
+    trainer = Trainer(task.bind(), never, 3)
+    trainer.run_episode()
+    with pytest.raises(RunError, match="values of leaves do not fit"):
+        Trainer(task.bind(), settings, 3).load_state_dict(*trainer.state_dict())
+
+
+@pytest.mark.parametrize(
+    ("changes", "there"),
+    [
+        ({}, True),
+        ({"training": {"inputs": "state"}}, True),
+        ({"training": {"inputs": "observation"}}, False),  # no value of a state is learned
+        ({"planner": {"leaf_value": "never"}}, False),
+        ({"guide": {"strategy": "restrict"}}, False),
+    ],
+)
+def test_the_lookahead_gets_the_learners_values_where_they_are_those_of_states(
+    tmp_path: Path, changes: dict[str, dict[str, Any]], there: bool
+) -> None:
+    task = corridor(tmp_path)
+    settings = settings_of(task, "default").replace({"training": {"inputs": "both"}})
+    agent = Trainer(task.bind(), settings.replace(changes), 3).agent
+    assert (agent.outlook is not None) is there
+    assert Trainer(task.bind(), settings_of(task, "paper"), 3).agent.outlook is None
+
+
+class Listening:
+    """Takes down what an outlook is told."""
+
+    def __init__(self, trainer: Trainer) -> None:
+        self.seen: list[tuple[Any, ...]] = []
+        outlook = trainer.agent.outlook
+        assert outlook is not None
+        observe = outlook.observe
+
+        def listen(*step: Any) -> None:
+            self.seen.append(step)
+            observe(*step)
+
+        outlook.observe = listen  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize("reward", ["domain", "environment"])
+def test_values_are_held_against_the_rewards_of_the_file(tmp_path: Path, reward: str) -> None:
+    task = corridor(tmp_path, reward=reward)
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
+    listening, recorder = Listening(trainer), Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(8)]
+    for (state, following, rewards, *ends), learned in zip(
+        listening.seen, recorder.seen, strict=True
+    ):
+        by_file, told = rewards
+        assert (told, ends) == (learned[2], list(learned[4:6]))
+        assert (following[0], state[0]) == (learned[3][0], learned[0][0])
+        assert (by_file == told) is (reward == "domain")
+    by_file = sum(seen[2][0] for seen in listening.seen)
+    assert by_file == pytest.approx(sum(row.domain_return for row in rows))
 
 
 def test_equal_seeds_give_equal_bits_and_others_give_others(tmp_path: Path) -> None:

@@ -300,6 +300,63 @@ def test_members_learn_apart_and_answer_together() -> None:
     )
 
 
+# --- what states are worth to it -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5, 4.0])
+def test_the_newest_values_are_of_the_best_action_allowed_in_units_of_reward(scale: float) -> None:
+    agent = learner(n_step=1, reward_scale=scale)
+    for number, allowed in enumerate(([1, 1, 1], [1, 1, 0], [1, 0, 0], [0, 0, 0], None)):
+        mask = None if allowed is None else np.array(allowed, np.bool_)
+        agent.remember(np.zeros(F), 0, 1.0, np.full(F, number), False, False, mask)
+    set_q(agent, [-3.0, 4.0, 9.0])
+    inputs, values = agent.newest_values(10)
+    assert inputs[:, 0].tolist() == [0, 1, 2, 3, 4]
+    # Where nothing is allowed, all is: somebody has to do something.
+    assert values.tolist() == [9.0 / scale, 4.0 / scale, -3.0 / scale, 9.0 / scale, 9.0 / scale]
+    assert values.dtype == np.float64
+
+
+def test_the_newest_values_leave_out_where_the_episode_ended() -> None:
+    agent = learner(n_step=2)
+    for number, (terminated, truncated) in enumerate(
+        [(False, False), (True, False), (False, False), (False, True), (True, True), (False, False)]
+    ):
+        agent.remember(np.zeros(F), 0, 1.0, np.full(F, number), terminated, truncated)
+    # Two rewards each: the first sample leads to 1 and so does the second, and there it ended.
+    inputs, _ = agent.newest_values(10)
+    assert inputs[:, 0].tolist() == [3, 3]
+    assert agent.newest_values(1)[0].shape == (0, F)  # the newest sample is one that ended
+
+
+def test_the_newest_values_are_of_as_many_samples_as_wanted() -> None:
+    agent = learner(n_step=1, buffer_size=10, failing_window=1)
+    for number in range(14):
+        agent.remember(np.zeros(F), 0, 1.0, np.full(F, number), False, False)
+    for count in (1, 4, 10, 50):
+        inputs, values = agent.newest_values(count)
+        assert inputs[:, 0].tolist() == list(range(max(4, 14 - count), 14))
+        np.testing.assert_array_equal(values, agent.q_values(inputs).max(axis=1))
+
+
+def test_who_remembers_nothing_knows_no_values() -> None:
+    inputs, values = learner().newest_values(5)
+    assert (inputs.shape, values.shape) == ((0, F), (0,))
+    agent = learner(n_step=1)
+    agent.remember(np.zeros(F), 0, 1.0, np.zeros(F), True, False)
+    inputs, values = agent.newest_values(5)
+    assert (inputs.shape, values.shape) == ((0, F), (0,))
+
+
+def test_asking_for_values_changes_nothing() -> None:
+    one, other = learner(), learner()
+    for agent in (one, other):
+        live(agent, np.random.default_rng(0), 60)
+    one.newest_values(20)
+    assert_same_state(one, other)
+    assert live(one, np.random.default_rng(1), 20) == live(other, np.random.default_rng(1), 20)
+
+
 # --- repeating and resuming ----------------------------------------------------------------------
 
 

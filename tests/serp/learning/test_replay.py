@@ -157,6 +157,48 @@ def test_ring_holds_the_newest_n_step_samples(steps: list[Step], n: int, capacit
 @given(
     steps=streams(),
     n=st.integers(1, 5),
+    capacity=st.integers(1, 30),
+    count=st.integers(0, 40),
+)
+def test_the_newest_are_the_last_of_the_ring_in_order_of_time(
+    steps: list[Step], n: int, capacity: int, count: int
+) -> None:
+    ring = buffer(n_step=n, capacity=capacity, protected_share=0.5, protected_early=5)
+    feed(ring, steps)
+    newest = ring.newest(count)
+    found = [
+        (int(x[0]), int(a), float(r), int(following[0]), float(d), forbidden.tolist())
+        for x, a, r, following, d, forbidden in zip(*newest.arrays().values(), strict=True)
+    ]
+    expected = expected_samples(steps, n)
+    assert_same_samples(found, expected[max(0, len(expected) - min(count, capacity)) :])
+
+
+@pytest.mark.parametrize("steps", [0, 3, 7, 8, 12, 16, 21])
+def test_the_newest_are_the_same_before_and_after_the_ring_has_wrapped(steps: int) -> None:
+    ring = buffer(capacity=8)
+    feed(ring, [Step(i, 0, 0.0, False, False, None, False) for i in range(steps)])
+    newest = ring.newest(5).observation[:, 0].tolist()
+    assert newest == list(range(max(0, steps - 5), steps))
+    restored = buffer(1, capacity=8)
+    restored.load_state_dict(*ring.state_dict())
+    assert restored.newest(5).observation[:, 0].tolist() == newest
+
+
+def test_the_newest_are_copies() -> None:
+    ring = buffer(capacity=4)
+    feed(ring, [Step(i, 0, 0.0, False, False, None, False) for i in range(4)])
+    newest = ring.newest(4)
+    feed(ring, [Step(i, 0, 0.0, False, False, None, False) for i in range(4, 8)])
+    assert newest.observation[:, 0].tolist() == [0, 1, 2, 3]
+    newest.observation[:] = -1.0
+    assert ring.newest(4).observation[:, 0].tolist() == [4, 5, 6, 7]
+
+
+@settings(deadline=None)
+@given(
+    steps=streams(),
+    n=st.integers(1, 5),
     window=st.integers(1, 6),
     capacity=st.integers(6, 12),
     early=st.integers(0, 8),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import networkx as nx
@@ -48,10 +48,15 @@ UNKNOWN = Path(0, 0.0, ())
 
 @dataclass(frozen=True)
 class Reference:
-    """Monitor-replanning by the book."""
+    """Monitor-replanning by the book.
+
+    `leaf`: what a state is worth that the last layer leads to and that is no end; None: nothing.
+    The recursion takes the layers that it is given for all of them.
+    """
 
     model: TransitionModel
     settings: PlannerSettings
+    leaf: Callable[[State], float] | None = None
 
     def arc(self, state: State, action: int) -> Arc | None:
         """Follow one action; None where it is not applicable."""
@@ -97,8 +102,13 @@ class Reference:
 
     def along(self, arc: Arc, layers: int) -> Path:
         """The best path that begins with an arc and goes on for some layers."""
-        rest = END if arc.ended or layers == 0 else self.best(arc.state, layers)
-        return put_before(arc, rest)
+        if arc.ended:
+            return put_before(arc, END)
+        return put_before(arc, self.best(arc.state, layers) if layers else self.beyond(arc.state))
+
+    def beyond(self, state: State) -> Path:
+        """What is expected where nobody looks."""
+        return END if self.leaf is None else Path(SAFE, self.leaf(state), ())
 
     def best(self, state: State, layers: int) -> Path:
         """The best path from a state; the first in the file among equals."""

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import threading
 import tracemalloc
+from dataclasses import replace
 from random import Random
+from typing import Literal
 
 import numba
 import numpy as np
@@ -12,9 +14,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.domain.model import StateError, TransitionModel, Vector
-from serp.planning.forecast import Forecast
-from serp.planning.lookahead import Lookahead
+from serp.planning import kernels
+from serp.planning.forecast import SAFE, Forecast, all_alike
+from serp.planning.leaf_value import LeafValue
+from serp.planning.lookahead import BatchForecast, Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.planning.settings import Bound, PlannerSettings
 from tests.generated import PLANNABLE, generate, random_states
@@ -252,3 +257,218 @@ def test_memory_is_bounded_whatever_the_depth() -> None:
     assert forecast.bound is Bound.NODES
     assert forecast.depth == 7  # 1 + 5 + ... + 5^6 nodes; the next layer has 5^7
     assert peak < 20_000 * 5 * 40 + 20_000 * 60
+
+
+# Leaves that are worth something -----------------------------------------------------------------
+
+
+def worth(model: TransitionModel, seed: int, size: float = 1.0) -> LeafValue:
+    """Values of all states, fitted to random ones of some; the larger `size`, the louder."""
+    random = np.random.default_rng(seed)
+    value = LeafValue(len(model.fluents), np.random.SeedSequence(seed))
+    value.fit(states_of(model, Random(seed), 40), size * random.standard_normal(40))
+    return value
+
+
+def with_leaves(
+    model: TransitionModel,
+    settings: PlannerSettings,
+    mode: Literal["never", "indifferent", "always"],
+    leaves: Vector,
+) -> Lookahead:
+    lookahead = Lookahead(model, replace(settings, leaf_value=mode))
+    lookahead.leaves = leaves
+    return lookahead
+
+
+def rows_of(batch: BatchForecast) -> list[Forecast]:
+    return [Forecast(*(column[row] for column in batch)) for row in range(len(batch.choice))]
+
+
+def best_of(value: Vector, safe_steps: Vector) -> int:
+    """The choice by the book: safe for longest, then worth most, then first."""
+    applicable = [a for a in range(len(value)) if safe_steps[a] >= 0]
+    return max(applicable, key=lambda a: (safe_steps[a], value[a], -a), default=-1)
+
+
+@examples(50)
+@given(st.integers(0, WORLDS - 1), PLANNERS, st.integers(0, 10**6))
+def test_every_first_action_is_worth_what_it_earns_and_where_it_ends(
+    seed: int, settings: PlannerSettings, other: int
+) -> None:
+    model, settings = world(seed), replace(settings, depth=min(settings.depth, 3))
+    value = worth(model, other)
+    states = states_of(model, Random(other), 2)
+    lookahead = with_leaves(model, settings, "always", value.packed)
+    singles = [lookahead.forecast(state) for state in states]
+    for single, row in zip(singles, rows_of(lookahead.forecast_batch(states)), strict=True):
+        assert bits(single) == bits(row)
+    for state, forecast in zip(states, singles, strict=True):
+        reference = Reference(model, settings, lambda s: value.of(np.array(s)))
+        layers, bound = reference.layers(as_state(state))
+        assert (forecast.depth, forecast.bound) == (layers, bound)
+        if bound is not Bound.DEPTH:  # where there is no room, leaves are worth nothing
+            reference = replace(reference, leaf=None)
+        for action in range(len(model.actions)):
+            arc = reference.arc(as_state(state), action)
+            if arc is None:
+                assert (forecast.value[action], forecast.safe_steps[action]) == (-np.inf, -1)
+                continue
+            path = reference.along(arc, layers - 1)
+            assert forecast.value[action] == pytest.approx(path.value, rel=1e-9, abs=1e-9)
+            assert forecast.safe_steps[action] == path.steps
+        assert forecast.choice == best_of(forecast.value, forecast.safe_steps)
+
+
+def test_one_step_ahead_a_leaf_counts_as_much_as_what_is_earned_then() -> None:
+    """By hand: reward + γ² · value of the state two periods later; nothing after an end."""
+    model = load(
+        "(define (domain hand) (:predicates (unsafe) (terminal)) (:functions (x) (reward))"
+        " (:action up :parameters () :precondition (and)"
+        "  :effect (and (increase (x) 1) (increase (reward) (x))))"
+        " (:action down :parameters () :precondition (and (> (x) 0))"
+        "  :effect (and (decrease (x) 1) (decrease (reward) 0.5)))"
+        " (:action end :parameters () :precondition (and)"
+        "  :effect (and (terminal) (increase (reward) 3))))"
+    )
+    settings = PlannerSettings(depth=1, repeat=2, discount=0.9, leaf_value="always")
+    lookahead = Lookahead(model, settings)
+    value = LeafValue(1, np.random.SeedSequence(0))
+    grid = np.linspace(-3.0, 5.0, 50)
+    value.fit(grid[:, np.newaxis], np.sin(grid))
+    lookahead.leaves = value.packed
+    found = lookahead.forecast(np.array([1.0]))
+    rewards = [float(model.step([x], 0).reward) for x in (1.0, 2.0)]
+    up = rewards[0] + 0.9 * rewards[1] + 0.81 * value.of(np.array([3.0]))
+    down = -0.5 + 0.9 * value.of(np.array([0.0]))  # once: then it is not applicable
+    assert found.value == pytest.approx([up, down, 3.0], rel=1e-12)
+
+
+def wherever() -> st.SearchStrategy[tuple[int, PlannerSettings, int, float]]:
+    """A world, settings, a seed, and how loud its leaves are."""
+    return st.tuples(
+        st.integers(0, WORLDS - 1),
+        PLANNERS,
+        st.integers(0, 10**6),
+        st.sampled_from((1e-6, 1.0, 1e9)),
+    )
+
+
+@examples(60)
+@given(wherever())
+def test_no_leaf_is_worth_a_risk(drawn: tuple[int, PlannerSettings, int, float]) -> None:
+    """For how long an action is safe does not hang on leaves, and it comes before all values."""
+    seed, settings, other, size = drawn
+    model = world(seed)
+    states = states_of(model, Random(other), 4)
+    leaves = worth(model, other, size).packed
+    plain = rows_of(Lookahead(model, settings).forecast_batch(states))
+    for mode in ("indifferent", "always"):
+        found = rows_of(with_leaves(model, settings, mode, leaves).forecast_batch(states))
+        for before, after in zip(plain, found, strict=True):
+            assert after.safe_steps.tobytes() == before.safe_steps.tobytes()
+            assert after.flags.tobytes() == before.flags.tobytes()
+            assert after.reward.tobytes() == before.reward.tobytes()
+            assert (after.depth, after.bound) == (before.depth, before.bound)
+            if after.choice >= 0:
+                assert after.safe_steps[after.choice] == before.safe_steps.max()
+            assert (after.choice >= 0) == (before.choice >= 0)
+
+
+@examples(80)
+@given(wherever())
+def test_leaves_decide_where_all_else_is_alike_and_nowhere_else(
+    drawn: tuple[int, PlannerSettings, int, float],
+) -> None:
+    seed, settings, other, size = drawn
+    model = world(seed)
+    states = states_of(model, Random(other), 6)
+    leaves = worth(model, other, size).packed
+    plain = Lookahead(model, settings)
+    always = with_leaves(model, settings, "always", leaves)
+    asked = with_leaves(model, settings, "indifferent", leaves)
+    for state, row in zip(states, rows_of(asked.forecast_batch(states)), strict=True):
+        before = plain.forecast(state)
+        expected = always.forecast(state) if before.indifferent else before
+        assert bits(asked.forecast(state)) == bits(expected)
+        assert bits(row) == bits(expected)
+
+
+@pytest.mark.parametrize("mode", ["never", "indifferent", "always"])
+def test_without_leaves_and_where_they_are_not_asked_for_all_bits_are_as_ever(
+    mode: Literal["never", "indifferent", "always"],
+) -> None:
+    settings = PlannerSettings(depth=3)
+    for seed in range(WORLDS):
+        model = world(seed)
+        states = states_of(model, Random(seed), 10)
+        plain = Lookahead(model, settings)
+        leaves = worth(model, seed).packed if mode == "never" else np.zeros(0)
+        other = with_leaves(model, settings, mode, leaves)
+        for state in states:
+            assert bits(other.forecast(state)) == bits(plain.forecast(state))
+
+
+def test_leaves_that_are_taken_away_again_leave_no_trace() -> None:
+    model = world(5)
+    states = states_of(model, Random(1), 12)
+    settings = PlannerSettings(depth=3)
+    used = with_leaves(model, settings, "always", worth(model, 1).packed)
+    with_them = [bits(used.forecast(state)) for state in states]
+    used.leaves = np.zeros(0)
+    plain = [bits(Lookahead(model, settings).forecast(state)) for state in states]
+    assert [bits(used.forecast(state)) for state in states] == plain
+    assert with_them != plain
+
+
+def test_the_examples_meet_indifference_risks_and_choices_that_leaves_turn() -> None:
+    """What the tests above vary does make a difference."""
+    turned, indifferent, risky, crowded, ends = 0, 0, 0, 0, 0
+    for seed in range(WORLDS):
+        model = world(seed)
+        leaves = worth(model, seed).packed
+        for max_nodes in (5, 10_000):
+            settings = PlannerSettings(depth=3, max_nodes=max_nodes)
+            plain = Lookahead(model, settings)
+            always = with_leaves(model, settings, "always", leaves)
+            asked = with_leaves(model, settings, "indifferent", leaves)
+            for state in states_of(model, Random(seed), 100):
+                before, after = plain.forecast(state), always.forecast(state)
+                indifferent += before.indifferent
+                turned += asked.forecast(state).choice != before.choice
+                applicable = before.safe_steps[before.applicable]
+                risky += len(set(applicable.tolist())) > 1
+                if after.choice >= 0 and after.value.max() > after.value[after.choice]:
+                    crowded += 1  # something unsafe is worth more
+                ends += bool(before.terminal.any())
+    assert min(turned, indifferent, risky, crowded, ends) >= 20
+
+
+FLAGS = st.sampled_from(
+    (
+        APPLICABLE,
+        APPLICABLE,
+        APPLICABLE | UNSAFE,
+        APPLICABLE | TERMINAL,
+        APPLICABLE | UNSAFE | TERMINAL,
+        0,
+        UNDEFINED,
+        UNDEFINED | UNSAFE,
+    )
+)
+
+
+@examples(200)
+@given(
+    st.lists(
+        st.tuples(st.sampled_from((0.0, -0.0, 1.0, np.nan)), st.sampled_from((1, SAFE)), FLAGS),
+        max_size=5,
+    )
+)
+def test_the_compiled_notion_of_indifference_is_that_of_forecasts(
+    actions: list[tuple[float, int, int]],
+) -> None:
+    value = np.array([v for v, _, _ in actions], dtype=np.float64)
+    steps = np.array([s for _, s, _ in actions], dtype=np.int64)
+    flags = np.array([f for _, _, f in actions], dtype=np.int64)
+    assert bool(kernels._alike(value, steps, flags)) is all_alike(value, steps, flags)

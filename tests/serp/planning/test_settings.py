@@ -24,11 +24,23 @@ from serp.planning.settings import MAX_EDGES, MAX_NUMBERS, PlannerSettings
         ("depth", "3"),
         ("depth", 10_001),
         ("repeat", 10**30),
+        ("leaf_value", "sometimes"),
+        ("leaf_value", "Always"),
+        ("leaf_value", ""),
+        ("leaf_value", None),
+        ("leaf_value", True),
+        ("leaf_value", ["always"]),
     ],
 )
 def test_a_value_outside_its_range_is_refused_by_name(name: str, value: object) -> None:
     with pytest.raises(SettingsError, match=name):
         PlannerSettings(**{name: value})  # type: ignore[arg-type]
+
+
+def test_a_leaf_value_that_does_not_exist_is_refused_with_those_that_do() -> None:
+    with pytest.raises(SettingsError, match="never, indifferent, always, not 'sometimes'"):
+        PlannerSettings(leaf_value="sometimes")  # type: ignore[arg-type]
+    assert PlannerSettings().leaf_value == "never"
 
 
 def test_the_ends_of_the_ranges_are_allowed() -> None:

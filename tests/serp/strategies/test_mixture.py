@@ -98,6 +98,22 @@ def test_only_a_model_that_has_proven_right_is_imitated() -> None:
         assert (guidance.action >= 0) == (trust is Trust.RELIABLE)
 
 
+@pytest.mark.parametrize("ask_when_indifferent", [True, False])
+def test_a_planner_without_a_reason_is_not_imitated(ask_when_indifferent: bool) -> None:
+    """However reliable its model is: its choice is the first in the file, and means nothing."""
+    settings = ArbiterSettings(
+        imitation=1.0, indifferent="learner" if ask_when_indifferent else "first"
+    )
+    strategy = settings.mixture(seed=0)
+    for values, imitated in (([1.0, 0.0], True), ([1.0, 1.0], False), ([0.0, 1.0], True)):
+        seen = situation(values)._replace(trust=Trust.RELIABLE)
+        strategy.propose(seen, Known([0.0, 1.0]))
+        for following in (seen.forecast, situation([1.0, 1.0]).forecast, None):
+            guidance = strategy.guidance(seen.forecast, 0, following)
+            assert guidance is not None
+            assert guidance.action == (seen.forecast.choice if imitated else -1)
+
+
 def test_nobody_is_sure_of_what_is_refused() -> None:
     refused = situation([1.0, 0.0, 0.0], admissible=[True, False, True])
     members = [[0.1, 9.0, 0.0], [0.1, 9.0, 0.0]]
