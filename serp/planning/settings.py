@@ -62,7 +62,7 @@ class PlannerSettings:
             object.__setattr__(self, name, number)
         if not isinstance(self.leaf_value, str) or self.leaf_value not in LEAF_VALUES:
             raise SettingsError(
-                f"planner: leaf_value must be {', '.join(LEAF_VALUES)}, not {self.leaf_value!r}"
+                f"planner: leaf_value must be {' or '.join(LEAF_VALUES)}, not {self.leaf_value!r}"
             )
         discount = real(self.discount)
         if discount is None or not 0 < discount <= 1:

@@ -101,7 +101,7 @@ def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
         ({"planner": {"dept": 3}}, "no setting `planner.dept`; did you mean `depth`"),
         ({"planner": {"depth": 0}}, "depth"),
         ({"planner": {"depth": "5"}}, "depth"),
-        ({"planner": {"leaf_value": "sometimes"}}, "leaf_value must be never, .*'sometimes'"),
+        ({"planner": {"leaf_value": "sometimes"}}, "leaf_value must be never or .*'sometimes'"),
         ({"planner": {"leaf_value": 1}}, "leaf_value"),
         ({"planner": {"leaf_value": np.array(["never", "always"])}}, "leaf_value"),
         ({"arbiter": {"rho": "high"}}, "arbiter"),
