@@ -38,7 +38,7 @@ def test_a_value_outside_its_range_is_refused_by_name(name: str, value: object) 
 
 
 def test_a_leaf_value_that_does_not_exist_is_refused_with_those_that_do() -> None:
-    with pytest.raises(SettingsError, match="never, indifferent, always, not 'sometimes'"):
+    with pytest.raises(SettingsError, match="never or indifferent or always, not 'sometimes'"):
         PlannerSettings(leaf_value="sometimes")  # type: ignore[arg-type]
     assert PlannerSettings().leaf_value == "never"
 
