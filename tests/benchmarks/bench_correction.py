@@ -142,14 +142,15 @@ def trained(task: str, mode: str, env_steps: int, seed: int) -> tuple[float, flo
     with load_task(task).bind() as bound:
         trainer = Trainer(bound, settings_of(task, mode), seed)
         correction, spent = trainer.agent.correction, 0.0
+        observe = correction.observe
 
         def timed(*step: Any) -> None:
             nonlocal spent
             began = process_time()
-            correction.observe(*step)
+            observe(*step)
             spent += process_time() - began
 
-        trainer.agent.observe = timed  # type: ignore[method-assign]
+        correction.observe = timed  # type: ignore[method-assign]
         start = process_time()
         while trainer.env_steps < env_steps:
             trainer.run_episode()
