@@ -19,6 +19,7 @@ from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.planning.settings import PlannerSettings
+from serp.reward import Judged
 from serp.settings import Settings
 from serp.strategies.making import make_strategy
 from serp.strategies.strategy import Learner, Mask, Values
@@ -147,8 +148,7 @@ class Agent:
             guided=strategy.guided,
         )
         self.outlook = None
-        wanted = settings.planner.leaf_value != "never" and settings.guide.strategy == "mixture"
-        if wanted and isinstance(planner, Lookahead) and settings.training.inputs != "observation":
+        if settings.values_leaves and isinstance(planner, Lookahead):
             self.outlook = Outlook(planner, self.learner, outlook_seed)
         self._random = np.random.default_rng(random_seed)
 
@@ -177,23 +177,17 @@ class Agent:
         state: Vector,
         action: int,
         next_state: Vector,
-        rewards: tuple[float, float],
+        judged: Judged,
         terminated: bool,
         truncated: bool,
     ) -> None:
         """Let model and lookahead learn from an env step.
 
-        Args:
-            state: `[F]` before it.
-            action: Ground action; -1 where the model knows none.
-            next_state: `[F]` after it.
-            rewards: What it earned by the domain file, and what is learned from.
-            terminated: Whether the environment ended the episode with it.
-            truncated: Whether the episode was cut off there.
+        Arguments are those of `Correction.observe` and `Outlook.observe`.
         """
         self.correction.observe(state, action, next_state, terminated or truncated)
         if self.outlook is not None:
-            self.outlook.observe(state, next_state, rewards, terminated, truncated)
+            self.outlook.observe(state, next_state, judged, terminated, truncated)
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide by the arbiter, exploration included."""

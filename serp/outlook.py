@@ -22,6 +22,7 @@ from serp.learning.dqn import DQN
 from serp.nesting import Arrays
 from serp.planning.leaf_value import LeafValue, value_at
 from serp.planning.lookahead import Lookahead
+from serp.reward import Judged
 
 _PERIOD: Final = 500
 """Env steps between two fits to the learner's values."""
@@ -135,7 +136,7 @@ class Outlook:
         self,
         state: Vector,
         next_state: Vector,
-        rewards: tuple[float, float],
+        judged: Judged,
         terminated: bool,
         truncated: bool,
     ) -> None:
@@ -144,13 +145,13 @@ class Outlook:
         Args:
             state: `[F]` before it.
             next_state: `[F]` after it.
-            rewards: What it earned by the domain file, and what is learned from.
+            judged: What it was worth.
             terminated: Whether the environment ended the episode with it.
             truncated: Whether the episode was cut off there.
         """
-        reward, learned = rewards
+        reward = judged.domain_reward
         self._steps += 1
-        self._others += not math.isclose(reward, learned, rel_tol=1e-6, abs_tol=1e-9)
+        self._others += not math.isclose(reward, judged.reward, rel_tol=1e-6, abs_tol=1e-9)
         if (truncated and not terminated) or not self._alike:
             self._count[_HELD] = 0
         elif self._value.fitted:
@@ -160,6 +161,9 @@ class Outlook:
             )  # fmt: skip
         if self._steps % _PERIOD == 0 and self._alike and self._learner.updates:
             self._fit()
+        self._publish()
+
+    def _publish(self) -> None:
         self._planner.leaves = self._value.packed if self.proven else np.zeros(0)
 
     def _fit(self) -> None:
@@ -192,4 +196,4 @@ class Outlook:
             self._count[:] = 0, int(meta["compared"])
         except (KeyError, ValueError, TypeError) as error:
             raise RunError(f"the saved values of leaves do not fit this task ({error})") from error
-        self._planner.leaves = self._value.packed if self.proven else np.zeros(0)
+        self._publish()

@@ -87,6 +87,15 @@ class Settings:
                     f"settings: section `{section.name}` must be a {made.__name__}, not {value!r}"
                 )
 
+    @property
+    def values_leaves(self) -> bool:
+        """Whether the lookahead may use the learner's values at its leaves; see `serp.outlook`."""
+        return (
+            self.planner.leaf_value != "never"
+            and self.guide.strategy == "mixture"
+            and self.training.inputs != "observation"
+        )
+
     def replace(self, changes: Mapping[str, Mapping[str, Any]]) -> Settings:
         """Return the settings with changes: section → setting → value.
 

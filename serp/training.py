@@ -213,13 +213,13 @@ class Trainer:
             raw, env_reward, terminated, truncated, info = task.step(decision.action)
             next_state, next_x = agent.perceive(raw)
             ground = int(decision.forecast.ground[decision.action])
-            reward, domain_reward, failed = judge(task, state, ground, next_state, env_reward)
+            judged = judge(task, state, ground, next_state, env_reward)
+            reward, domain_reward, failed = judged
             episode.count(decision, env_reward, domain_reward)
             limit = self.settings.training.episode_steps
             truncated = truncated or (episode.length >= limit and not terminated)
             self._observe(decision, unsafe=failed, last=terminated or truncated)
-            rewards = domain_reward, reward
-            agent.observe(state, ground, next_state, rewards, terminated, truncated)
+            agent.observe(state, ground, next_state, judged, terminated, truncated)
             self.env_steps += 1
             self.vetoes += decision.vetoed
             self.unsafe_executed += decision.unsafe

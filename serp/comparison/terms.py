@@ -32,7 +32,7 @@ def terms_of(algorithm: Algorithm, settings: Settings) -> Mapping[str, str]:
     plan = f"lookahead, depth {planner.depth}, {planner.repeat} control periods an edge"
     if settings.correction.mode != "off":
         plan += f", corrected ({settings.correction.mode})"
-    if planner.leaf_value != "never" and settings.guide.strategy == "mixture":
+    if settings.values_leaves:
         plan += f", the learner's values at its leaves ({planner.leaf_value})"
     vetoes = "unsafe and not applicable"
     if settings.arbiter.veto_horizon == "lookahead":

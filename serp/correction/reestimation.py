@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from serp.correction.experience import Experience
 from serp.correction.influence import influences
 from serp.correction.literals import LiteralEstimator, estimate_literals
-from serp.correction.sample import plausible, predictions
+from serp.correction.sample import predictions, usable_rows
 from serp.domain.model import TransitionModel, Vector
 
 Actions = NDArray[np.int64]
@@ -75,9 +75,7 @@ class Reestimation:
         first = int(_SHOWN * len(actions))
         earlier, _ = self._estimate(states[:first], actions[:first], next_states[:first], theta)
         latest, errors = self._estimate(states, actions, next_states, theta)
-        known = np.flatnonzero(actions >= 0)
-        known = known[np.isfinite(states[known] + next_states[known]).all(axis=1)]
-        known = known[plausible(states[known]) & plausible(next_states[known])]
+        known = usable_rows(self._written, states, actions, next_states)
         known = known[known >= first]
         later = states[known], actions[known], next_states[known]
         held = self._held(earlier)

@@ -80,10 +80,7 @@ def take_sample(
     """
     number = len(actions)
     blocks = np.arange(number) // BLOCK
-    fine = np.isfinite(states).all(1) & np.isfinite(next_states).all(1)
-    fine &= (actions >= 0) & (actions < len(model.actions))
-    rows = np.flatnonzero(fine)
-    rows = rows[plausible(states[rows]) & plausible(next_states[rows])]
+    rows = usable_rows(model, states, actions, next_states)
     if any(action.preconditions for action in model.actions):
         flow = Flow(model.ground, model.dt)
         rows = rows[np.isfinite(flow.predict(states[rows], actions[rows], model.theta)).all(1)]
@@ -99,7 +96,24 @@ def take_sample(
     )
 
 
-def plausible(values: Vector) -> NDArray[np.bool_]:
+def usable_rows(
+    model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
+) -> NDArray[np.intp]:
+    """Return the rows of actions that the model knows, without what only a fault can be.
+
+    Args:
+        model: The transition model.
+        states: `[N, F]` before the actions.
+        actions: `[N]`.
+        next_states: `[N, F]` after them.
+    """
+    fine = np.isfinite(states).all(1) & np.isfinite(next_states).all(1)
+    fine &= (actions >= 0) & (actions < len(model.actions))
+    rows = np.flatnonzero(fine)
+    return rows[_plausible(states[rows]) & _plausible(next_states[rows])]
+
+
+def _plausible(values: Vector) -> NDArray[np.bool_]:
     """Return which rows hold no value that only a fault can be, `[n]`.
 
     One such value would be the range of its fluent, against which every other one is measured.

@@ -22,6 +22,7 @@ from serp.outlook import Outlook
 from serp.planning.leaf_value import LeafValue
 from serp.planning.lookahead import Lookahead
 from serp.planning.settings import PlannerSettings
+from serp.reward import Judged
 from tests.generated import Texts, load_texts
 
 CHAIN = """
@@ -112,7 +113,7 @@ def tell(outlook: Outlook, steps: list[Step], learned: Callable[[float], float] 
         outlook.observe(
             np.array([step.x]),
             np.array([step.next_x]),
-            (step.reward, learned(step.reward)),
+            Judged(learned(step.reward), step.reward, False),
             step.terminated,
             step.truncated,
         )
@@ -393,7 +394,8 @@ class World:
             terminated, truncated = next_x >= GOAL, steps >= 40
             reward = 10.0 if terminated else 0.0
             state, following = np.array([x]), np.array([next_x])
-            self.made.outlook.observe(state, following, (reward, reward), terminated, truncated)
+            judged = Judged(reward, reward, False)
+            self.made.outlook.observe(state, following, judged, terminated, truncated)
             dqn = self.made.learner
             dqn.remember(state, action, reward, following, terminated, truncated)
             dqn.learn()
@@ -468,7 +470,7 @@ def test_a_domain_without_fluents_is_no_reason_to_fail(monkeypatch: pytest.Monke
     for _ in range(12):
         made.learner.remember(np.zeros(2), 0, 1.0, np.zeros(2), False, False)
         made.learner.pretrain(1)
-        made.outlook.observe(np.zeros(0), np.zeros(0), (1.0, 1.0), False, False)
+        made.outlook.observe(np.zeros(0), np.zeros(0), Judged(1.0, 1.0, False), False, False)
     assert made.outlook.state_dict()[0]["packed"].size > 0
 
 
