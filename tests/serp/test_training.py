@@ -254,14 +254,13 @@ def test_values_are_held_against_the_rewards_of_the_file(tmp_path: Path, reward:
     trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
     listening, recorder = Listening(trainer), Recorder(trainer)
     rows = [trainer.run_episode() for _ in range(8)]
-    for (state, following, rewards, *ends), learned in zip(
+    for (state, following, judged, *ends), learned in zip(
         listening.seen, recorder.seen, strict=True
     ):
-        by_file, told = rewards
-        assert (told, ends) == (learned[2], list(learned[4:6]))
+        assert (judged.reward, ends) == (learned[2], list(learned[4:6]))
         assert (following[0], state[0]) == (learned[3][0], learned[0][0])
-        assert (by_file == told) is (reward == "domain")
-    by_file = sum(seen[2][0] for seen in listening.seen)
+        assert (judged.domain_reward == judged.reward) is (reward == "domain")
+    by_file = sum(seen[2].domain_reward for seen in listening.seen)
     assert by_file == pytest.approx(sum(row.domain_return for row in rows))
 
 
