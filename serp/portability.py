@@ -9,11 +9,10 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from serp.domain.expressions import is_number
 from serp.domain.sexpr import Group, Node, Word, read_group
-from serp.domain.source import Place, Source
+from serp.domain.source import DomainWarning, Place, Source
 
 _PLAIN_DECIMAL = re.compile(r"-?\d+(\.\d+)?\Z", re.ASCII)
 _SCHEMAS = (":action", ":process", ":event")
@@ -27,23 +26,7 @@ _NOISE = re.compile(
 )
 
 
-@dataclass(frozen=True)
-class Finding:
-    """Something to know about a file.
-
-    Attributes:
-        text: What, one sentence.
-        place: Where; None where it concerns a file as a whole.
-    """
-
-    text: str
-    place: Place | None = None
-
-    def __str__(self) -> str:
-        return self.text if self.place is None else f"{self.place}: {self.text}"
-
-
-def outside_portable_subset(source: Source) -> list[Finding]:
+def outside_portable_subset(source: Source) -> list[DomainWarning]:
     """Return what in a domain or problem file not every PDDL tool reads, one finding a rule.
 
     Args:
@@ -57,7 +40,7 @@ def outside_portable_subset(source: Source) -> list[Finding]:
     for text, place in _breaches(top):
         found.setdefault(text, []).append(place)
     return [
-        Finding(text + (f" ({len(places)} places)" if len(places) > 1 else ""), places[0])
+        DomainWarning(text + (f" ({len(places)} places)" if len(places) > 1 else ""), places[0])
         for text, places in found.items()
     ]
 
@@ -128,7 +111,7 @@ def _typed_together(nodes: Sequence[Node]) -> Iterator[tuple[str, Place]]:
 # unified-planning ------------------------------------------------------------------------------
 
 
-def refused_by_unified_planning(domain: Source, problem: Source | None) -> Finding | None:
+def refused_by_unified_planning(domain: Source, problem: Source | None) -> DomainWarning | None:
     """Return what unified-planning's `PDDLReader` has against the files, or None for nothing.
 
     Args:
@@ -143,7 +126,7 @@ def refused_by_unified_planning(domain: Source, problem: Source | None) -> Findi
         return None
     unknown = _unknown_requirement(source)
     if unknown is not None:
-        return Finding(
+        return DomainWarning(
             f"unified-planning does not know the requirement `{unknown.text}`", unknown.place
         )
     text = str(error)
@@ -152,7 +135,7 @@ def refused_by_unified_planning(domain: Source, problem: Source | None) -> Findi
     if isinstance(error, KeyError):
         reason = f"{reason} is unknown to it"
     whole = "" if place else f"{source.name}: "
-    return Finding(f"{whole}unified-planning cannot read this: {reason}", place)
+    return DomainWarning(f"{whole}unified-planning cannot read this: {reason}", place)
 
 
 def _reading_error(domain: str, problem: str | None) -> Exception | None:

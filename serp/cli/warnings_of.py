@@ -8,7 +8,7 @@ from serp.domain import syntax as x
 from serp.domain.ground import UNSAFE_TARGET, GroundModel, SetBoolean, writes
 from serp.domain.loading import Domain
 from serp.domain.sexpr import Group, Word, read_group
-from serp.portability import Finding
+from serp.domain.source import DomainWarning
 
 _ADL = (":typing", ":negative-preconditions", ":disjunctive-preconditions", ":equality",
         ":quantified-preconditions", ":conditional-effects")  # fmt: skip
@@ -25,13 +25,14 @@ _IMPLIED = {
 }
 
 
-def warnings_of(domain: Domain) -> list[Finding]:
+def warnings_of(domain: Domain) -> list[DomainWarning]:
     """Return what may have been forgotten or misspelt; none of it stops a training.
 
     Args:
         domain: A domain that was loaded, hence free of errors.
     """
     return [
+        *domain.warnings,
         *_nothing_said(domain),
         *_flags_read_in_actions(domain),
         *_schemas_without_use(domain),
@@ -40,22 +41,22 @@ def warnings_of(domain: Domain) -> list[Finding]:
     ]
 
 
-def _nothing_said(domain: Domain) -> Iterator[Finding]:
+def _nothing_said(domain: Domain) -> Iterator[DomainWarning]:
     model = domain.model
     name = domain.source.name
     if not model.actions:
-        yield Finding(f"{name}: no ground action, so there is nothing to plan with")
+        yield DomainWarning(f"{name}: no ground action, so there is nothing to plan with")
     if not _makes_unsafe(model.ground):
-        yield Finding(
+        yield DomainWarning(
             f"{name}: nothing is ever `(unsafe)`, so nothing will be refused for safety's sake"
         )
     if not model.rewarding:
-        yield Finding(
+        yield DomainWarning(
             f"{name}: nothing changes `(reward)`, so the planner has no reason to prefer anything"
         )
     if model.ground.metric is not None and model.ground.goal is not None:
         assert domain.problem_syntax is not None
-        yield Finding(
+        yield DomainWarning(
             "the metric is all that the planner looks at; reaching the goal ends the task, but is "
             "worth nothing by itself",
             domain.problem_syntax.place,
@@ -71,7 +72,7 @@ def _makes_unsafe(ground: GroundModel) -> bool:
     )
 
 
-def _flags_read_in_actions(domain: Domain) -> Iterator[Finding]:
+def _flags_read_in_actions(domain: Domain) -> Iterator[DomainWarning]:
     """Find conditions of actions on `(unsafe)` or `(terminal)`, which start false in every step."""
     for schema in domain.syntax.schemas:
         if schema.kind is not x.Kind.ACTION:
@@ -79,7 +80,7 @@ def _flags_read_in_actions(domain: Domain) -> Iterator[Finding]:
         conditions = [schema.precondition] if schema.precondition is not None else []
         for atom in (*_atoms(conditions), *_atoms_of_effects(schema.effects)):
             if atom.name in (x.UNSAFE, x.TERMINAL):
-                yield Finding(
+                yield DomainWarning(
                     f"`({atom.name})` starts false in every step, so action `{schema.name}` "
                     "always finds it false; events are the ones that can read it",
                     atom.place,
@@ -107,7 +108,7 @@ def _atoms(conditions: Iterable[x.Condition]) -> Iterator[x.Atom]:
                 yield from _atoms([body])
 
 
-def _schemas_without_use(domain: Domain) -> Iterator[Finding]:
+def _schemas_without_use(domain: Domain) -> Iterator[DomainWarning]:
     ground = domain.model.ground
     instances: dict[str, list[bool]] = {schema.name: [] for schema in domain.syntax.schemas}
     for instance in (*ground.actions, *ground.processes, *ground.events):
@@ -123,12 +124,12 @@ def _schemas_without_use(domain: Domain) -> Iterator[Finding]:
                 if empty
                 else "its precondition can never hold"
             )
-            yield Finding(f"{what} has no instance: {why}", schema.place)
+            yield DomainWarning(f"{what} has no instance: {why}", schema.place)
         elif not any(instances[schema.name]) and not (
             # Waiting is an action where the world moves on by itself.
             schema.kind is x.Kind.ACTION and not schema.effects and ground.processes
         ):
-            yield Finding(f"{what} changes nothing", schema.place)
+            yield DomainWarning(f"{what} changes nothing", schema.place)
 
 
 def _type_without_objects(
@@ -141,13 +142,13 @@ def _type_without_objects(
     return None
 
 
-def _unused_names(domain: Domain) -> Iterator[Finding]:
+def _unused_names(domain: Domain) -> Iterator[DomainWarning]:
     """Find what is declared but neither changed nor read, by name."""
     used = {word.text for word in _words_in_use(domain)}
     for declaration in domain.syntax.declarations.values():
         if declaration.name not in used and declaration.name not in (x.REWARD, x.UNSAFE):
             what = "function" if declaration.numeric else "predicate"
-            yield Finding(
+            yield DomainWarning(
                 f"{what} `{declaration.name}` is declared, but nothing changes or reads it",
                 declaration.place,
             )
@@ -175,7 +176,7 @@ def _sections(domain: Domain, heads: tuple[str, ...]) -> Iterator[Group]:
                     yield section
 
 
-def _missing_requirements(domain: Domain) -> Iterator[Finding]:
+def _missing_requirements(domain: Domain) -> Iterator[DomainWarning]:
     section = next(_sections(domain, (":requirements",)), None)
     listed = {word.text for word in section.items if isinstance(word, Word)} if section else set()
     declared = set(listed)
@@ -184,7 +185,7 @@ def _missing_requirements(domain: Domain) -> Iterator[Finding]:
     missing = [need for need in _needs(domain.syntax) if need not in declared]
     if missing:
         place = section.place if section else domain.syntax.place
-        yield Finding(f"used, but not among the :requirements: {' '.join(missing)}", place)
+        yield DomainWarning(f"used, but not among the :requirements: {' '.join(missing)}", place)
 
 
 def _needs(syntax: x.DomainSyntax) -> list[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from serp.domain.instantiate import MAX_GROUND_SCHEMAS, instantiate
 from serp.domain.model import TransitionModel
 from serp.domain.parser import parse_domain, parse_problem
-from serp.domain.source import Source
+from serp.domain.source import DomainWarning, Source
 from serp.domain.syntax import DomainSyntax, ProblemSyntax
 
 
@@ -32,6 +32,12 @@ class Domain:
     syntax: DomainSyntax = field(repr=False)
     problem_syntax: ProblemSyntax | None = field(repr=False)
     max_ground_schemas: int = MAX_GROUND_SCHEMAS
+
+    @property
+    def warnings(self) -> tuple[DomainWarning, ...]:
+        """What loading the files came upon that is no error: forms that other tools refuse."""
+        sources = [s for s in (self.source, self.problem_source) if s is not None]
+        return tuple(warning for source in sources for warning in source.warnings)
 
     @functools.cached_property
     def model(self) -> TransitionModel:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from serp.domain.source import DomainError, Place, Source
 
-_TOKEN = re.compile(r"[ \t\r\n\f\v]+|;[^\n]*|(?P<mark>[()])|(?P<word>[^\s();]+)")
+_TOKEN = re.compile(r"[ \t\r\n\f\v]+|;[^\r\n]*|(?P<mark>[()])|(?P<word>[^\s();]+)")
 _MAX_NESTING = 100
 
 

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import bisect
 import difflib
+import functools
+import re
+import stat
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from serp.errors import SerpError
+
+_LINE_END = re.compile(r"\r\n|\n|\r")
+_WINDOW = 160
+"""Most characters of a line that a message shows."""
+_LONG_QUOTE = re.compile(r"`([^`]{160,})`")
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,22 +26,29 @@ class Source:
     Attributes:
         name: The file's path as the user wrote it; it opens every message.
         text: The whole content.
+        warnings: The keys are what the user should know of the file and is no error, in the order
+            in which reading it came upon them. `Place.warn` adds to them.
     """
 
     name: str
     text: str
+    warnings: dict[DomainWarning, None] = field(default_factory=dict, repr=False)
 
     @classmethod
     def read(cls, path: str | Path) -> Source:
         """Read a file.
 
         Raises:
-            DomainError: The file is missing, unreadable or not UTF-8.
+            DomainError: The file is missing, unreadable, no regular file (a pipe would be waited
+                for without end), or not UTF-8.
         """
         if not isinstance(path, str | Path):
             raise DomainError(f"a file is given by its path, not by {path!r}")
         path = Path(path)
         try:
+            mode = path.stat().st_mode
+            if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+                raise DomainError(f"{path}: cannot be read (it is no regular file)")
             # Some editors put a byte order mark first; it is no part of the text.
             return cls(str(path), path.read_bytes().decode("utf-8").removeprefix("\ufeff"))
         except FileNotFoundError:
@@ -51,6 +67,17 @@ class Source:
         """Return the place of the characters `start` to `end` (exclusive)."""
         return Place(self, start, end)
 
+    @functools.cached_property
+    def line_starts(self) -> list[int]:
+        """Where each line begins; a line ends with a line feed, a carriage return, or both."""
+        return [0, *(match.end() for match in _LINE_END.finditer(self.text))]
+
+    def line_text(self, number: int) -> str:
+        """Return a line, from 1, without its line break."""
+        starts = self.line_starts
+        end = starts[number] if number < len(starts) else len(self.text)
+        return self.text[starts[number - 1] : end].rstrip("\r\n")
+
 
 @dataclass(frozen=True, slots=True)
 class Place:
@@ -63,12 +90,12 @@ class Place:
     @property
     def line(self) -> int:
         """Line number, from 1."""
-        return self.source.text.count("\n", 0, self.start) + 1
+        return bisect.bisect_right(self.source.line_starts, self.start)
 
     @property
     def column(self) -> int:
         """Column number, from 1."""
-        return self.start - (self.source.text.rfind("\n", 0, self.start) + 1) + 1
+        return self.start - self.source.line_starts[self.line - 1] + 1
 
     @property
     def text(self) -> str:
@@ -78,12 +105,37 @@ class Place:
     @property
     def source_line(self) -> str:
         """The whole line on which the place begins, without its line break."""
-        begin = self.source.text.rfind("\n", 0, self.start) + 1
-        end = self.source.text.find("\n", begin)
-        return self.source.text[begin : None if end < 0 else end].rstrip("\r")
+        return self.source.line_text(self.line)
+
+    def warn(self, text: str) -> None:
+        """Add a warning about this place to those of its file; the same one is kept once."""
+        self.source.warnings[DomainWarning(text, self)] = None
+
+    def replaced(self, text: str) -> str:
+        """Return the lines of the place, in one line, with other text in its stead."""
+        lines, begin = self.source, self.source.line_starts[self.line - 1]
+        last = bisect.bisect_right(lines.line_starts, max(self.start, self.end - 1))
+        after = lines.text[self.end : lines.line_starts[last - 1] + len(lines.line_text(last))]
+        return lines.text[begin : self.start] + text + after
 
     def __str__(self) -> str:
         return f"{self.source.name}:{self.line}:{self.column}"
+
+
+@dataclass(frozen=True)
+class DomainWarning:
+    """Something to know about a file that is no error.
+
+    Attributes:
+        text: What, one sentence.
+        place: Where; None where it concerns a file as a whole.
+    """
+
+    text: str
+    place: Place | None = None
+
+    def __str__(self) -> str:
+        return printable(self.text if self.place is None else f"{self.place}: {self.text}")
 
 
 class DomainError(SerpError):
@@ -93,35 +145,71 @@ class DomainError(SerpError):
         problem: What is wrong, one sentence.
         advice: What to do about it; may be empty.
         place: Where, or None when no place in a file can be named.
-        file, line, column, source_line: The place taken apart (None without one).
+        file, line, column: The place taken apart (None without one).
+        source_line: The line of the place; of a long line what is around the place.
+        corrected_line: What may have been meant, written out; empty where nobody can tell.
     """
 
-    def __init__(self, problem: str, place: Place | None = None, advice: str = "") -> None:
-        self.problem = _printable(problem)
-        self.advice = _printable(advice)
+    def __init__(
+        self, problem: str, place: Place | None = None, advice: str = "", *, write: str = ""
+    ) -> None:
+        """Describe what is wrong.
+
+        Args:
+            problem: One sentence.
+            place: Where.
+            advice: What to do about it.
+            write: What to write there instead.
+        """
+        self.problem = printable(problem)
+        self.advice = printable(advice)
         self.place = place
         self.file = place.source.name if place else None
         self.line = place.line if place else None
         self.column = place.column if place else None
-        self.source_line = _printable(place.source_line) if place else None
+        self.source_line: str | None = None
+        self.corrected_line = ""
+        self._caret = 0
+        if place is not None:
+            self.source_line, self._caret = _window(place.source_line, place.column - 1)
+            if write:
+                self.corrected_line = _window(place.replaced(write), place.column - 1)[0]
         super().__init__(self._render())
 
     def _render(self) -> str:
-        lines = [self.problem if self.place is None else f"{self.place}: {self.problem}"]
-        if self.place is not None and self.source_line is not None:
-            begin = self.place.column - 1
-            width = max(1, min(self.place.end - self.place.start, len(self.source_line) - begin))
+        place = self.place
+        lines = [self.problem if place is None else f"{printable(str(place))}: {self.problem}"]
+        if place is not None and self.source_line is not None:
+            width = max(1, min(place.end - place.start, len(self.source_line) - self._caret))
             margin = f"{self.line:>5} | "
+            blank = " " * (len(margin) - 2) + "| "
             lines.append(margin + self.source_line)
-            lines.append(" " * (len(margin) - 2) + "| " + " " * begin + "^" * width)
+            lines.append(blank + " " * self._caret + "^" * width)
         if self.advice:
             lines.append(f"  {self.advice}")
+        if self.corrected_line:
+            lines += ["  write", f"{self.line:>5} | {self.corrected_line}"]
         return "\n".join(lines)
 
 
-def _printable(text: str) -> str:
+def printable(text: str) -> str:
+    """Return a message without tabs and control characters, and without quotes of great length."""
+    return _LONG_QUOTE.sub(lambda match: f"`{match[1][:80]} ... {match[1][-20:]}`", _visible(text))
+
+
+def _visible(text: str) -> str:
     """Replace tabs and control characters, which would move the caret or drive the terminal."""
-    return "".join(c if c.isprintable() else " " for c in text)
+    return text if text.isprintable() else "".join(c if c.isprintable() else " " for c in text)
+
+
+def _window(line: str, at: int) -> tuple[str, int]:
+    """Return what of a line is around a column (from 0), and where that column is in it."""
+    if len(line) <= _WINDOW:
+        return _visible(line), at
+    begin = max(0, min(at - _WINDOW // 2, len(line) - _WINDOW))
+    end = begin + _WINDOW
+    before, after = ("... " if begin else ""), (" ..." if end < len(line) else "")
+    return before + _visible(line[begin:end]) + after, at - begin + len(before)
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -49,6 +49,9 @@ def problem(section: str) -> str:
     return PROBLEM % section
 
 
+LONG = "\n 1" * 150
+
+
 # fmt: off
 IN_DOMAIN = {
     # Parentheses and words
@@ -158,7 +161,7 @@ IN_DOMAIN = {
     "time outside": (action("(increase (speed) (* «#t» 2))"), "factor of a rate in a process",
                      "(:process"),
     "total time": (action("(increase (speed) «(total-time)»)"), "only in a metric", ""),
-    "endless sum": (action(f"(increase (speed) «(+{' 1' * 150})»)"), "more than 100", ""),
+    "endless sum": (action(f"(increase (speed) «(+{LONG})»)"), "more than 100", ""),
     # Effects
     "choice": (action("«(or (tired) (open ?p))»"), "`or` is not supported in an effect",
                "deterministic"),
