@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from serp.domain import slips
 from serp.domain.declarations import expect_group, parse_parameters
 from serp.domain.sexpr import Group, Node, Word
 from serp.domain.source import DomainError, Place, did_you_mean
@@ -164,6 +165,8 @@ def parse_number(node: Node) -> Number:
     Raises:
         DomainError: It is something else, or too large for a float64.
     """
+    if isinstance(node, Word) and (slip := slips.decimal_comma(node)):
+        raise slip
     if not isinstance(node, Word) or not _NUMBER.match(node.text):
         shown = node.text if isinstance(node, Word) else node.place.text
         raise DomainError(f"expected a number, found `{shown}`", node.place)
@@ -188,6 +191,8 @@ def parse_expression(node: Node, scope: Scope) -> Expression:
                 node.place,
                 "write `(increase (f) (* #t rate))` inside a `(:process ...)`",
             )
+        if slip := slips.decimal_comma(node):
+            raise slip
         advice = f"write `({node.text})`" if node.text in scope.declarations else ""
         raise DomainError(f"expected a number or `(...)`, found `{node.text}`", node.place, advice)
     if node.head in _OPERATORS:
@@ -196,6 +201,8 @@ def parse_expression(node: Node, scope: Scope) -> Expression:
         if not scope.in_metric or len(node.items) != 1:
             raise DomainError("`(total-time)` may stand only in a metric", node.place)
         return TotalTime(node.place)
+    if slip := slips.in_number(node, scope.declarations):
+        raise slip
     declaration = _declared(node, scope, numeric=True)
     if declaration.name == REWARD and not scope.in_metric:
         raise DomainError(
@@ -247,6 +254,8 @@ def parse_condition(node: Node, scope: Scope) -> Condition | None:
     if not group.items:
         return None
     head = group.head
+    if slip := slips.in_condition(group, scope.declarations):
+        raise slip
     if head in ("and", "or", "not", "imply"):
         return _connective(group, scope)
     if head in ("forall", "exists"):
@@ -282,11 +291,10 @@ def _connective(group: Group, scope: Scope) -> Connective:
 
 def _quantifier(group: Group, scope: Scope) -> tuple[tuple[Parameter, ...], Node]:
     if len(group.items) != 3:
-        raise DomainError(
-            f"`{group.head}` takes a list of variables and one body",
-            group.place,
-            f"write `({group.head} (?x - type) ...)`",
-        )
+        problem = f"`{group.head}` takes a list of variables and one body"
+        if len(group.items) > 3 and isinstance(group.items[1], Group):
+            raise slips.several_after(group, 2, problem)
+        raise DomainError(problem, group.place, f"write `({group.head} (?x - type) ...)`")
     variables = expect_group(group.items[1], "a list of variables")
     return parse_parameters(variables.items, dict(scope.parents)), group.items[2]
 
@@ -333,6 +341,8 @@ def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tup
         if len(group.items) != 2:
             raise DomainError("`not` takes one predicate", group.place)
         return (_set_predicate(group.items[1], scope, value=False, place=group.place),)
+    if slip := slips.in_effect(group, scope.declarations):
+        raise slip
     if head in ("or", "exists", "imply", "oneof", "probabilistic") and (
         head not in scope.declarations
     ):
@@ -358,7 +368,7 @@ def _when(group: Group, scope: Scope, *, inside_when: bool) -> When:
             "write the condition under :precondition, or write two processes",
         )
     if len(group.items) != 3:
-        raise DomainError("`when` takes one condition and one effect", group.place)
+        raise slips.several_after(group, 2, "`when` takes one condition and one effect")
     return When(
         _required(group.items[1], scope),
         parse_effects(group.items[2], scope, inside_when=True),

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
+import itertools
+from collections.abc import Sequence
+
 from serp.domain.contradictions import refuse_contradictions
 from serp.domain.declarations import (
     expect_group,
@@ -18,7 +22,8 @@ from serp.domain.expressions import (
     parse_expression,
     parse_number,
 )
-from serp.domain.sexpr import Group, Word, read_group
+from serp.domain.sexpr import Group, Node, Word, read_group
+from serp.domain.slips import several_under, written
 from serp.domain.source import DomainError, Place, Source, did_you_mean
 from serp.domain.syntax import (
     REWARD,
@@ -63,6 +68,7 @@ _UNSUPPORTED = {
     ":hierarchy": "hierarchical domains",
 }
 _DOMAIN_ORDER = (":requirements", ":types", ":constants", ":predicates", ":functions")
+_FIELDS = (":parameters", ":precondition", ":effect")
 _KINDS = {":action": Kind.ACTION, ":process": Kind.PROCESS, ":event": Kind.EVENT}
 _PROBLEM_SECTIONS = (":domain", ":requirements", ":objects", ":init", ":goal", ":metric")
 
@@ -167,13 +173,8 @@ def _schema(group: Group, scope: Scope) -> Schema:
     rest = group.items[2:]
     for index in range(0, len(rest), 2):
         key = rest[index]
-        if not isinstance(key, Word) or key.text not in (":parameters", ":precondition", ":effect"):
-            shown = key.text if isinstance(key, Word) else key.place.text
-            raise DomainError(
-                f"`{shown}` is not supported in {kind.value} `{name}`",
-                key.place,
-                "expected :parameters, :precondition and :effect",
-            )
+        if not isinstance(key, Word) or key.text not in _FIELDS:
+            raise _no_field(rest[:index], key, rest[index:], f"{kind.value} `{name}`")
         if key.text in fields:
             raise DomainError(f"a second `{key.text}` in {kind.value} `{name}`", key.place)
         if index + 1 == len(rest):
@@ -190,6 +191,25 @@ def _schema(group: Group, scope: Scope) -> Schema:
     effects = parse_effects(fields[":effect"], inner) if ":effect" in fields else ()
     refuse_contradictions(effects)
     return Schema(kind, name, parameters, precondition, effects, group.place)
+
+
+def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: str) -> DomainError:
+    """Return what is wrong where `:parameters`, `:precondition` or `:effect` is expected."""
+    key = before[-2] if before else None
+    if isinstance(node, Group):
+        if isinstance(key, Word) and key.text != ":parameters" and node.head not in _FIELDS:
+            several = itertools.takewhile(lambda item: isinstance(item, Group), rest)
+            return several_under(key.text, [before[-1], *several])
+        write = written(node)[1:-1] if node.head in _FIELDS else None
+    else:
+        close = difflib.get_close_matches(node.text, _FIELDS, n=1)
+        write = close[0] if close else None
+    return DomainError(
+        f"`{node.place.text}` is not supported in {schema}",
+        node.place,
+        "expected :parameters, :precondition and :effect",
+        write=write,
+    )
 
 
 def parse_problem(source: Source, domain: DomainSyntax) -> ProblemSyntax:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+from serp.domain.balance import Balance, one_too_many
 from serp.domain.source import DomainError, Place, Source
 
 _TOKEN = re.compile(r"[ \t\r\n\f\v]+|;[^\r\n]*|(?P<mark>[()])|(?P<word>[^\s();]+)")
 _MAX_NESTING = 100
+_FOREIGN_COMMENT = re.compile(r"//|#(?!t(?![a-z]))", re.IGNORECASE)
+_KEYWORD_AHEAD = re.compile(r"\(\s*:[^\s();]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +45,8 @@ def read_group(source: Source) -> Group:
         DomainError: The text is empty, a parenthesis is missing or left over, or the nesting is
             deeper than 100.
     """
-    open_groups: list[tuple[int, list[Node]]] = []
+    open_groups: list[list[Node]] = []
+    balance = Balance()
     top: Group | None = None
     position = 0
     text = source.text
@@ -56,38 +60,41 @@ def read_group(source: Source) -> Group:
             )
         place = source.place(match.start(), match.end())
         position = match.end()
-        if match["mark"] is None and match["word"] is None:
+        token = match["mark"] or match["word"]
+        if token is None:
             continue
-        if top is not None:
+        if comment := _FOREIGN_COMMENT.match(token):
             raise DomainError(
-                "text after the end of the definition",
-                place,
-                "a file holds one `(define ...)`; look for one `)` too many before this place",
+                f"`{comment[0]}` begins no comment in PDDL",
+                source.place(place.start, place.start + len(comment[0])),
+                "comments begin with `;`",
+                write=";",
             )
-        if match["mark"] == "(":
-            open_groups.append((place.start, []))
-            if len(open_groups) > _MAX_NESTING:
-                raise DomainError(f"nested deeper than {_MAX_NESTING} parentheses", place)
-        elif match["mark"] == ")":
-            if not open_groups:
+        if top is not None:
+            raise _after_the_end(top, place)
+        if not open_groups and token != "(":
+            if token == ")":
                 raise DomainError("`)` without a `(` before it", place)
-            start, items = open_groups.pop()
-            group = Group(tuple(items), source.place(start, place.end))
-            if open_groups:
-                open_groups[-1][1].append(group)
-            else:
-                top = group
-        elif not open_groups:
             raise DomainError(
                 "text outside of parentheses", place, "a PDDL file begins with `(define`"
             )
+        word = token.lower()
+        begin = balance.open[-1].start if balance.open else place.start
+        balance.see(word, place)
+        if token == "(":
+            open_groups.append([])
+            if len(open_groups) > _MAX_NESTING:
+                raise DomainError(f"nested deeper than {_MAX_NESTING} parentheses", place)
+        elif token == ")":
+            group = Group(tuple(open_groups.pop()), source.place(begin, place.end))
+            if open_groups:
+                open_groups[-1].append(group)
+            else:
+                top = group
         else:
-            open_groups[-1][1].append(Word(match["word"].lower(), place))
+            open_groups[-1].append(Word(word, place))
     if open_groups:
-        start = open_groups[-1][0]
-        raise DomainError(
-            "this `(` is never closed", source.place(start, start + 1), "add the missing `)`"
-        )
+        raise balance.at_end()
     if top is None:
         raise DomainError(
             "the file holds no PDDL definition",
@@ -95,3 +102,16 @@ def read_group(source: Source) -> Group:
             "a PDDL file begins with `(define`",
         )
     return top
+
+
+def _after_the_end(top: Group, place: Place) -> DomainError:
+    source, end = place.source, top.place.end
+    if keyword := _KEYWORD_AHEAD.match(source.text, place.start):
+        return one_too_many(
+            source.place(end - 1, end), f"`{keyword[0]}` in line {place.line} follows"
+        )
+    return DomainError(
+        "text after the end of the definition",
+        place,
+        "a file holds one `(define ...)`; look for one `)` too many before this place",
+    )

@@ -151,7 +151,12 @@ class DomainError(SerpError):
     """
 
     def __init__(
-        self, problem: str, place: Place | None = None, advice: str = "", *, write: str = ""
+        self,
+        problem: str,
+        place: Place | None = None,
+        advice: str = "",
+        *,
+        write: str | None = None,
     ) -> None:
         """Describe what is wrong.
 
@@ -159,7 +164,7 @@ class DomainError(SerpError):
             problem: One sentence.
             place: Where.
             advice: What to do about it.
-            write: What to write there instead.
+            write: What to write there instead, where that can be told.
         """
         self.problem = printable(problem)
         self.advice = printable(advice)
@@ -172,7 +177,7 @@ class DomainError(SerpError):
         self._caret = 0
         if place is not None:
             self.source_line, self._caret = _window(place.source_line, place.column - 1)
-            if write:
+            if write is not None:
                 self.corrected_line = _window(place.replaced(write), place.column - 1)[0]
         super().__init__(self._render())
 

@@ -55,8 +55,8 @@ LONG = "\n 1" * 150
 # fmt: off
 IN_DOMAIN = {
     # Parentheses and words
-    "never closed": ("«(»define (domain d)", "never closed", "add the missing `)`"),
-    "never closed, inside": (DOMAIN.replace("%s)", "«(»:action go"), "never closed", "missing"),
+    "never closed": ("(define (domain d)«»", "a `)` is missing: `(define` of line 1", ""),
+    "never closed, inside": (DOMAIN.replace("%s)", "(:action go«»"), "2 `)` are missing", ""),
     "one too many": ("(define (domain d))\n«)»", "text after the end", "one `)` too many"),
     "closing first": ("«)»", "`)` without a `(`", ""),
     "second definition": ("(define (domain d)) «(»define (domain e))", "text after the end", ""),
