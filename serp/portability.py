@@ -6,7 +6,10 @@ The rules are those that unified-planning, pddl, tarski, pddl-plus-parser and VA
 
 from __future__ import annotations
 
+import json
 import re
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterator, Sequence
 
@@ -111,6 +114,58 @@ def _typed_together(nodes: Sequence[Node]) -> Iterator[tuple[str, Place]]:
 # unified-planning ------------------------------------------------------------------------------
 
 
+def ask_unified_planning(
+    domain: Source, problem: Source | None, seconds: float
+) -> tuple[str, DomainWarning | None]:
+    """Ask in a process of its own: its reader takes minutes for large files, and cannot be stopped.
+
+    Args:
+        domain: The domain file.
+        problem: The problem file, if there is one.
+        seconds: Most time to wait, > 0.
+
+    Returns:
+        `yes`, `no`, or why there is no answer; and what it has against the files.
+    """
+    files = [(s.name, s.text) for s in (domain, problem) if s is not None]
+    try:
+        answer = subprocess.run(
+            [sys.executable, "-P", "-m", __name__],
+            input=json.dumps(files).encode(),
+            capture_output=True,
+            timeout=seconds,
+            check=True,
+        )
+    except subprocess.TimeoutExpired:
+        return f"not known after {seconds:g} seconds", None
+    except subprocess.CalledProcessError as error:
+        return f"not known (its process ended with status {error.returncode})", None
+    found = json.loads(answer.stdout)
+    if found is None:
+        return "yes", None
+    text, file, start, end = found
+    source = problem if file and problem is not None else domain
+    return "no", DomainWarning(text, None if start is None else source.place(start, end))
+
+
+def _answer() -> None:
+    """Read files as JSON from standard input, and write as JSON what is refused in them."""
+    domain, *problem = (Source(name, text) for name, text in json.load(sys.stdin))
+    found = refused_by_unified_planning(domain, problem[0] if problem else None)
+    place = found.place if found is not None else None
+    json.dump(
+        None
+        if found is None
+        else [
+            found.text,
+            place is not None and place.source is not domain,
+            place.start if place is not None else None,
+            place.end if place is not None else None,
+        ],
+        sys.stdout,
+    )
+
+
 def refused_by_unified_planning(domain: Source, problem: Source | None) -> DomainWarning | None:
     """Return what unified-planning's `PDDLReader` has against the files, or None for nothing.
 
@@ -155,11 +210,12 @@ def _place(source: Source, message: str) -> Place | None:
     match = _WHERE.search(message)
     if match is None:
         return None
-    lines = source.text.splitlines(keepends=True)
+    lines = source.text.split("\n")  # as it counts them
     line, column = int(match[1]), int(match[2])
     if not 1 <= line <= len(lines):
         return None
-    start = min(sum(map(len, lines[: line - 1])) + max(column - 1, 0), len(source.text))
+    before = sum(map(len, lines[: line - 1])) + line - 1
+    start = min(before + max(column - 1, 0), len(source.text))
     word = re.match(r"[^\s()]+|.?", source.text[start:])
     return source.place(start, start + (word.end() if word else 0))
 
@@ -174,3 +230,7 @@ def _unknown_requirement(source: Source) -> Word | None:
                     if _reading_error(minimal, None) is not None:
                         return word
     return None
+
+
+if __name__ == "__main__":
+    _answer()

@@ -50,15 +50,10 @@ def find_domain_file(domain: str) -> Path | None:
     That is a path, or `domains/NAME.pddl` or `NAME.pddl` in the working directory, or a variant
     `NAME.pddl` that lies beside the domain file of an installed task; None where the name is left
     to the installed tasks.
-
-    Raises:
-        TaskError: It is written as a path, and there is no such file.
     """
     path = Path(domain)
     if path.suffix == ".pddl" or len(path.parts) > 1:
-        if not path.is_file():
-            raise TaskError(f"{path}: there is no such domain file")
-        return path
+        return path  # loading it says what is wrong with it, if it is not there
     for candidate in (Path("domains") / f"{domain}.pddl", Path(f"{domain}.pddl")):
         if candidate.is_file():
             return candidate

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from dataclasses import dataclass
 
 from serp.domain.balance import Balance, one_too_many
 from serp.domain.source import DomainError, Place, Source
 
-_TOKEN = re.compile(r"[ \t\r\n\f\v]+|;[^\r\n]*|(?P<mark>[()])|(?P<word>[^\s();]+)")
+_BLANK = re.compile(r"(?:[ \t\r\n\f\v]+|;[^\r\n]*)*")
+_TOKEN = re.compile(r"[()]|[^\s();]+")
 _MAX_NESTING = 100
 _FOREIGN_COMMENT = re.compile(r"//|#(?!t(?![a-z]))", re.IGNORECASE)
 _KEYWORD_AHEAD = re.compile(r"\(\s*:[^\s();]+")
@@ -38,6 +40,7 @@ class Group:
 Node = Word | Group
 
 
+@functools.lru_cache(maxsize=4)  # a file is looked at several times: parsed, then checked
 def read_group(source: Source) -> Group:
     """Read the single parenthesised list that a PDDL file consists of.
 
@@ -50,7 +53,7 @@ def read_group(source: Source) -> Group:
     top: Group | None = None
     position = 0
     text = source.text
-    while position < len(text):
+    while (position := _BLANK.match(text, position).end()) < len(text):  # type: ignore[union-attr]
         match = _TOKEN.match(text, position)
         if match is None:
             raise DomainError(
@@ -58,11 +61,9 @@ def read_group(source: Source) -> Group:
                 source.place(position, position + 1),
                 "replace it with a space",
             )
-        place = source.place(match.start(), match.end())
+        token = match[0]
+        place = Place(source, position, match.end())
         position = match.end()
-        token = match["mark"] or match["word"]
-        if token is None:
-            continue
         if comment := _FOREIGN_COMMENT.match(token):
             raise DomainError(
                 f"`{comment[0]}` begins no comment in PDDL",

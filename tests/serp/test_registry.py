@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from serp.domain.source import DomainError
 from serp.errors import TaskError
 from serp.registry import find_domain_file, find_task, load_task, task_entries
 from tests.serp.tasks import CORRIDOR
@@ -163,7 +164,7 @@ def test_a_problem_beside_the_file_is_taken(package: Path) -> None:
 
 def test_a_path_that_does_not_exist_is_named(package: Path) -> None:
     for path in ("nowhere.pddl", "sub/corridor", "./corridor.pddl"):
-        with pytest.raises(TaskError, match="no such domain file"):
+        with pytest.raises(DomainError, match="there is no such file"):
             find_task(path)
 
 

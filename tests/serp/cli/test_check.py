@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 from tests.serp.cli.conftest import WALK, WALK_PROBLEM, Run
@@ -17,8 +20,9 @@ def test_a_right_file_is_summed_up(run: Run, walk: Path) -> None:
     assert "unsafe: action go" in shown
     assert "reward: action go, action rest" in shown
     assert "terminal: nothing" in shown
-    assert "unified-planning reads it: yes" in shown
+    assert "unified-planning reads it: not asked (--portable asks)" in shown
     assert "warning" not in shown
+    assert "unified-planning reads it: yes" in run("check", "walk.pddl", "--portable").stdout
 
 
 def test_an_installed_task_is_checked_by_name(run: Run) -> None:
@@ -73,13 +77,73 @@ def test_a_domain_and_its_problem_are_one_check(run: Run, walk: Path) -> None:
     assert shown.count(": right") == 1
 
 
-def test_a_problem_of_any_name_is_checked_with_the_domain_it_names(run: Run, walk: Path) -> None:
+def test_a_domain_and_a_problem_of_any_name_are_one_check(run: Run, walk: Path) -> None:
     Path("p01.pddl").write_text(WALK_PROBLEM.replace("field", "meadow"))
-    shown = run("check", "walk.pddl", "p01.pddl").stdout
-    assert "domain walk (walk.pddl, walk-problem.pddl)" in shown
-    assert "domain walk (walk.pddl, p01.pddl)" in shown
+    Path("p02-problem.pddl").write_text("; a comment\n(DEFINE (PROBLEM p2) (:domain walk))")
+    Path("other.pddl").write_text(WALK.replace("domain walk", "domain stroll"))
+    shown = run("check", "other.pddl", "p01.pddl", "walk.pddl", "p02-problem.pddl").stdout
+    assert [line for line in shown.splitlines() if "domain " in line] == [
+        "  domain stroll (other.pddl, no problem file)",
+        "  domain walk (walk.pddl, p01.pddl)",
+        "  domain walk (walk.pddl, p02-problem.pddl)",
+    ]
     Path("domain.pddl").write_text(WALK)
+    Path("walk.pddl").unlink()
     assert "domain walk (domain.pddl, p01.pddl)" in run("check", "p01.pddl").stdout
+
+
+def test_what_is_no_file_to_read_is_said_and_other_files_go_on(run: Run, walk: Path) -> None:
+    Path("self.pddl").symlink_to("self.pddl")
+    os.mkfifo("pipe.pddl")
+    result = run("check", "self.pddl", "pipe.pddl", "walk.pddl", expect=1)
+    assert "self.pddl: cannot be read (Too many levels of symbolic links)" in result.stderr
+    assert "pipe.pddl: cannot be read (it is no regular file)" in result.stderr
+    assert "walk.pddl: right" in result.stdout
+
+
+def test_of_a_long_line_only_the_place_is_shown(run: Run, folder: Path) -> None:
+    padding = " ".join(f"(:action a{k} :effect (p))" for k in range(2_000))
+    Path("a.pddl").write_text(
+        f"(define (domain a) (:predicates (p)) {padding} (:action b :effect (q)) {padding})"
+    )
+    message = run("check", "a.pddl", expect=1).stderr
+    assert "(:action b :effect (q))" in message
+    assert len(message) < 1_000
+
+
+def test_lines_may_end_with_a_carriage_return_alone(run: Run, folder: Path) -> None:
+    text = WALK.replace("(:types place)", "; places\n(:types place)")
+    Path("a.pddl").write_bytes(text.replace("\n", "\r").replace("walked) 1", "walkd) 1").encode())
+    assert "a.pddl:11:51: unknown function `walkd`" in run("check", "a.pddl", expect=1).stderr
+
+
+def test_checking_a_large_file_compiles_nothing_and_names_a_few(tmp_path: Path) -> None:
+    events = "".join(
+        f"(:event e{k} :parameters () :precondition (and (p) (> (x) {k}))"
+        " :effect (and (unsafe) (increase (reward) 1)))\n"
+        for k in range(1_000)
+    )
+    file = tmp_path / "big.pddl"
+    file.write_text(
+        "(define (domain big) (:predicates (p) (unsafe)) (:functions (x) (reward))"
+        f"(:action go :effect (and (p) (increase (x) 1))) {events})"
+    )
+    code = (
+        "import sys, serp.cli\n"
+        "try: serp.cli.main(['check', sys.argv[1]])\n"
+        "finally: print([m for m in ('numba', 'torch', 'unified_planning') if m in sys.modules])"
+    )
+    shown = subprocess.run(
+        [sys.executable, "-c", code, file], capture_output=True, text=True, timeout=60, check=True
+    ).stdout
+    assert "1,000 events" in shown
+    assert "event e11 and 988 more" in shown
+    assert shown.endswith("[]\n")
+
+
+def test_unified_planning_is_not_waited_for_longer_than_asked(run: Run, walk: Path) -> None:
+    shown = run("check", "walk.pddl", "--portable", "--portable-seconds=0.05").stdout
+    assert "unified-planning reads it: not known after 0.05 seconds" in shown
 
 
 def test_a_problem_without_a_domain_says_how_to_give_one(run: Run, folder: Path) -> None:
@@ -89,7 +153,7 @@ def test_a_problem_without_a_domain_says_how_to_give_one(run: Run, folder: Path)
 
 def test_what_other_tools_refuse_is_a_warning(run: Run, walk: Path) -> None:
     walk.write_text(WALK.replace("(assign (walked) 0)", "(scale-down (walked) 2.0)"))
-    shown = run("check", "walk.pddl").stdout
+    shown = run("check", "walk.pddl", "--portable").stdout
     assert "unified-planning reads it: no" in shown
     assert "warning: walk.pddl:15:18: unified-planning cannot read this" in shown
 

@@ -71,7 +71,7 @@ def test_the_file_is_right_and_what_is_shown_is_what_is_written(run: Run, ignora
     assert shown_lines[2:] == lines[2:]
     assert "+      (increase (pole-angle) (* #t (pole-velocity)))))" in lines
     checked = run("check", "known.pddl").stdout
-    assert "known.pddl: right" in checked and "unified-planning reads it: yes" in checked
+    assert "known.pddl: right" in checked
 
 
 def test_equal_runs_are_repaired_alike(run: Run, ignorant: Path) -> None:
