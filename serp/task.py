@@ -22,10 +22,13 @@ from serp.actions import ActionMap
 from serp.domain.loading import Domain, load_domain
 from serp.domain.model import StateError, TransitionModel, Vector
 from serp.errors import EnvironmentFailure, RunError, TaskError
+from serp.grounding import grounded
 from serp.quantities import real
 from serp.symmetry import Symmetry
 
 Grounded = Mapping[str, float | bool] | NDArray[Any]
+_SAMPLES = 8
+"""Observations that the grounding is tried on until it gives an answer."""
 Overrides = Mapping[str, Mapping[str, Any]]
 
 
@@ -160,6 +163,20 @@ class BoundTask:
                 f"task {self.name}: the domain says nothing about reward; let an action or event "
                 "`(increase (reward) ...)`, or set reward='environment'"
             )
+        self._check_grounding()
+
+    def _check_grounding(self) -> None:
+        """Check which fluents the grounding gives, before anything is done in the environment."""
+        given = next(grounded(self.task.ground, self.env.observation_space, _SAMPLES), None)
+        try:
+            if isinstance(given, Mapping):
+                self.model.check_names(given)
+            elif given is not None:
+                self.model.check_shape(given)
+        except StateError as error:
+            raise TaskError(
+                f"task {self.name}: the grounding does not fit {self.domain.source.name}: {error}"
+            ) from None
 
     def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
         if render_mode is not None and not _takes(self.task.make_env, "render_mode"):

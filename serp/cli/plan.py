@@ -10,6 +10,7 @@ import click
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say
 from serp.cli.output import open_console, print_json
+from serp.domain.source import listed
 from serp.errors import SerpError
 
 if TYPE_CHECKING:
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     from serp.domain.model import TransitionModel, Vector
     from serp.planning.replanner import MonitorReplanner
     from serp.task import Task
-
-_NAMED = 6  # missing fluents that a message names
 
 
 @click.command(
@@ -146,22 +145,17 @@ def _state(
     elif model.initial_state is not None:
         base, origin = model.values(model.initial_state), "in the initial state of its problem"
     elif given:
-        raise SerpError(f"--state leaves out {_some(missing)}; {_how_to_complete(loaded)}")
+        raise SerpError(f"--state leaves out {listed(missing)}; {_how_to_complete(loaded)}")
     elif loaded.task is not None:
         base, origin = _observed(loaded, seed), f"observed after a reset with seed {seed}"
     else:
         raise SerpError(
             f"{loaded.domain.source.name}: which state? Give one with --state, a value for each "
-            f"of {_some(missing)}; or give a problem file with an :init"
+            f"of {listed(missing)}; or give a problem file with an :init"
         )
     if given:
         origin += ", changed by --state"
     return model.state({**base, **given}), origin
-
-
-def _some(names: list[str]) -> str:
-    shown = ", ".join(f"`{name}`" for name in names[:_NAMED])
-    return shown + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
 
 
 def _how_to_complete(loaded: _Loaded) -> str:

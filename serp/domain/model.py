@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -25,7 +25,7 @@ from serp.domain.ground import (
     SetNumber,
 )
 from serp.domain.program import Program
-from serp.domain.source import did_you_mean
+from serp.domain.source import did_you_mean, listed
 from serp.errors import SerpError
 
 Vector = NDArray[np.float64]
@@ -155,21 +155,30 @@ class TransitionModel:
         """
         if not isinstance(values, Mapping):
             raise StateError(f"a state is given as fluent name → value, not as {values!r}")
+        self.check_names(values)
         state = np.empty(len(self.fluents))
-        seen = 0
         for name, value in values.items():
-            index = self._index.get(name)
-            if index is None:
-                raise StateError(self._unknown_fluent(str(name)))
             try:
-                state[index] = value
+                state[self._index[name]] = value
             except (TypeError, ValueError):
                 raise StateError(f"the value of fluent `{name}` is no number: {value!r}") from None
-            seen += 1
-        if seen != len(self.fluents):
-            missing = [f.name for f in self.fluents if f.name not in values]
-            raise StateError(f"no value for fluent `{missing[0]}` ({len(missing)} missing)")
         return self.check_state(state)
+
+    def check_names(self, names: Collection[str]) -> None:
+        """Check that the names are those of the fluents.
+
+        Raises:
+            StateError: One is unknown, or fluents are missing; names them.
+        """
+        if len(names) == len(self._index) and all(name in self._index for name in names):
+            return
+        for name in names:
+            if name not in self._index:
+                raise StateError(self._unknown_fluent(str(name)))
+        missing = listed(f.name for f in self.fluents if f.name not in names)
+        raise StateError(
+            f"no value for fluent {missing}; given are {listed(map(str, names)) or 'none'}"
+        )
 
     def _unknown_fluent(self, name: str) -> str:
         if name in self.ground.static:
@@ -186,17 +195,34 @@ class TransitionModel:
             StateError: The shape is wrong, or a value is NaN, infinite, or, for a predicate,
                 neither 0 nor 1.
         """
-        vector = _numbers(state, "a state")
-        if vector.shape != (len(self.fluents),):
-            raise StateError(
-                f"a state of this domain is {len(self.fluents)} numbers, found shape {vector.shape}"
-            )
+        vector = self.check_shape(state)
         for fluent, value in zip(self.fluents, vector.tolist(), strict=True):
             if value - value != 0.0:
                 raise StateError(f"the value of fluent `{fluent.name}` is {value}")
             if not fluent.numeric and value not in (0.0, 1.0):
                 raise StateError(f"predicate `{fluent.name}` is 0 or 1, not {value}")
         return vector
+
+    def check_shape(self, values: ArrayLike) -> Vector:
+        """Return numbers as float64 `[F]`, whatever their values are.
+
+        Raises:
+            StateError: They are no numbers, or not one for every fluent; names those that have
+                none.
+        """
+        state = _numbers(values, "a state")
+        wanted = len(self.fluents)
+        if state.shape == (wanted,):
+            return state
+        numbers = f"a state of this domain is {wanted} number{'' if wanted == 1 else 's'}"
+        if state.ndim != 1:
+            raise StateError(f"{numbers}, found shape {state.shape}")
+        names = [f.name for f in self.fluents]
+        if len(state) < wanted:
+            what = f"there is none for {listed(names[len(state) :])}"
+        else:
+            what = f"{len(state) - wanted} more than the fluents {listed(names)}"
+        raise StateError(f"{numbers} in the order of its fluents, found {len(state)}: {what}")
 
     def values(self, state: Sequence[float] | Vector) -> dict[str, float | bool]:
         """Return a state as fluent name → value (bool for predicates)."""
@@ -244,10 +270,7 @@ class TransitionModel:
             raise StateError("a state with NaN or infinity cannot be stepped")
         if states.ndim == 2:
             return self._step_batch(states, action)
-        if states.shape != (len(self.fluents),):
-            raise StateError(
-                f"a state of this domain is {len(self.fluents)} numbers, found shape {states.shape}"
-            )
+        self.check_shape(states)
         values = states.tolist()
         out, flags = self.transition(values, self.action_index(action))
         if not flags & APPLICABLE:

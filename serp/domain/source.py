@@ -223,7 +223,11 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(word, candidates, n=1, cutoff=0.6)
     if close:
         return f"did you mean `{close[0]}`?"
-    if not candidates:
-        return ""
-    listed = ", ".join(f"`{name}`" for name in candidates[:8])
-    return f"known here: {listed}{', ...' if len(candidates) > 8 else ''}"
+    return f"known here: {listed(candidates)}" if candidates else ""
+
+
+def listed(names: Iterable[str], most: int = 8) -> str:
+    """Return names in quotes, and how many more there are; empty for none."""
+    known = list(names)
+    more = f" and {len(known) - most:,} more" if len(known) > most else ""
+    return ", ".join(f"`{name}`" for name in known[:most]) + more

@@ -286,18 +286,40 @@ def divide(seen: Any) -> Any:
         (lambda seen: {"x": "far"}, "grounding of"),
         (lambda seen: {"x": None}, "grounding of"),
         (lambda seen: {"x": [1.0, 2.0]}, "grounding of"),
-        (lambda seen: [0.0, 1.0], "1 numbers, found shape"),
-        (lambda seen: None, "grounding of"),
-        (lambda seen: [[1.0], [2.0, 3.0]], "grounding of"),
+        (lambda seen: [0.0, 1.0], "found 2: 1 more than the fluents `x`"),
+        (lambda seen: None, "a state"),
+        (lambda seen: [[1.0], [2.0, 3.0]], "a state is numbers"),
         (divide, "the grounding failed on .*IndexError"),
     ],
 )
 def test_a_grounding_that_is_wrong_is_a_task_error(
     tmp_path: Path, ground: Callable[[Any], Any], said: str
 ) -> None:
-    bound = corridor(tmp_path, ground=ground).bind()
     with pytest.raises(TaskError, match=f"task corridor.*{said}"):
-        bound.ground(SEEN)
+        corridor(tmp_path, ground=ground).bind().ground(SEEN)
+
+
+@pytest.mark.parametrize(
+    ("ground", "said"),
+    [
+        (lambda seen: {}, "no value for fluent `x`; given are none"),
+        (lambda seen: {"x": 0.0, "y": 1.0}, "unknown fluent `y`"),
+        (
+            lambda seen: np.zeros(0),
+            "a state .* 1 number in the order .* found 0: there is none for `x`",
+        ),
+    ],
+)
+def test_fluents_that_a_grounding_leaves_out_are_named_before_the_environment_is_touched(
+    tmp_path: Path, ground: Callable[[Any], Any], said: str
+) -> None:
+    class Untouched(Corridor):
+        def reset(self, **options: Any) -> Any:
+            raise AssertionError
+
+    task = corridor(tmp_path, ground=ground, make_env=Untouched)
+    with pytest.raises(TaskError, match=f"the grounding does not fit .*corridor.pddl: {said}"):
+        task.bind()
 
 
 def test_the_cause_of_a_failed_grounding_is_kept_for_its_author(tmp_path: Path) -> None:

@@ -258,7 +258,7 @@ def test_state_by_name_and_back() -> None:
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ({"heat": 1.0}, "no value for fluent `lit`"),
+        ({"heat": 1.0}, "no value for fluent `lit`; given are `heat`"),
         ({"heat": 1.0, "lit": True, "het": 2.0}, "did you mean `heat`"),
         ({"heat": float("nan"), "lit": True}, "fluent `heat` is nan"),
         ({"heat": float("inf"), "lit": True}, "fluent `heat` is inf"),
@@ -268,6 +268,15 @@ def test_state_by_name_and_back() -> None:
 def test_states_that_do_not_fit_are_refused(values: dict[str, float], says: str) -> None:
     with pytest.raises(StateError, match=says):
         small().state(values)
+
+
+@pytest.mark.parametrize(
+    ("length", "says"),
+    [(1, "2 numbers .* found 1: there is none for `heat`"), (3, "found 3: 1 more than the fl")],
+)
+def test_a_state_of_a_wrong_length_names_fluents(length: int, says: str) -> None:
+    with pytest.raises(StateError, match=says):
+        small().check_state(np.zeros(length))
 
 
 def test_a_static_value_in_a_state_is_refused_with_the_reason() -> None:
