@@ -1,25 +1,30 @@
 """Instantiation: schemas over objects → ground actions, processes and events.
 
-What the problem's `:init` states and no effect changes is *static*: it is a constant, prunes the
-bindings of parameters while they are enumerated, and takes no column of the state. Every other
-ground predicate and function is a fluent.
+What cannot vary (see `serp.domain.facts`) is a constant: it rules instances out, and takes no
+column of the state. Every other ground predicate and function is a fluent.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator
 
 from serp.domain import ground as g
 from serp.domain import syntax as x
+from serp.domain.facts import (
+    MAX_GROUND_SCHEMAS,
+    Binding,
+    Budget,
+    Facts,
+    Key,
+    bound,
+    conjuncts,
+    key_of,
+    quantify,
+)
+from serp.domain.reachable import reachable
 from serp.domain.source import DomainError, Place
 
-Binding = Mapping[str, str]
-Key = tuple[str, ...]
-
-MAX_GROUND_SCHEMAS = 20_000
-MAX_FLUENTS = 200_000
-MAX_EXPANSION = 300_000
 _FLAGS = {x.UNSAFE: g.UNSAFE_TARGET, x.TERMINAL: g.TERMINAL_TARGET}
 _TRUE = g.Constant(True)
 
@@ -28,6 +33,7 @@ def instantiate(
     domain: x.DomainSyntax,
     problem: x.ProblemSyntax | None = None,
     *,
+    supplied: Collection[str] | None = None,
     max_ground_schemas: int = MAX_GROUND_SCHEMAS,
 ) -> g.GroundModel:
     """Instantiate a domain over the objects of its problem (or over its constants).
@@ -35,62 +41,43 @@ def instantiate(
     Args:
         domain: The parsed domain.
         problem: The parsed problem, if there is one.
-        max_ground_schemas: Most ground actions, processes and events together.
+        supplied: None where states are those that the problem's `:init` leads to. Else states are
+            observed and may be any; what is here names fluents that are observed although `:init`
+            states them and no effect changes them.
+        max_ground_schemas: Most ground actions, processes and events together; fluents may be ten
+            times, bindings that are tried 25 times as many.
 
     Raises:
-        DomainError: There are more instances or fluents than the limits allow, or the metric
-            contradicts `(reward)`.
+        DomainError: There are more instances or fluents than the limits allow, a number is read
+            that has no value, or the metric contradicts `(reward)`.
     """
-    return _Instantiation(domain, problem, max_ground_schemas).run()
+    return _Instantiation(domain, problem, supplied, max_ground_schemas).run()
 
 
 class _Instantiation:
     def __init__(
-        self, domain: x.DomainSyntax, problem: x.ProblemSyntax | None, max_ground_schemas: int
+        self,
+        domain: x.DomainSyntax,
+        problem: x.ProblemSyntax | None,
+        supplied: Collection[str] | None,
+        max_ground_schemas: int,
     ) -> None:
         self.domain = domain
         self.problem = problem
-        self.limit = max_ground_schemas
-        self.objects = problem.objects if problem else domain.constants
+        self.budget = Budget(max_ground_schemas)
+        self.facts = Facts(domain, problem, supplied)
         self.parameters: list[g.Parameter] = []
         self.parameter_at: dict[tuple[int, int], int] = {}
-        self.work = 0
-        self.true_keys: set[Key] = set()
-        self.values: dict[Key, x.Number] = {}
-        if problem:
-            self.true_keys = {_key(a.name, a.arguments, {}) for a in problem.true_atoms}
-            self.values = {_key(f.name, f.arguments, {}): n for f, n in problem.values}
-        stated = {key[0] for key in itertools.chain(self.true_keys, self.values)}
-        self.static = stated - _changed_names(domain)
-        self.supported: dict[tuple[str, int, tuple[str | None, ...]], set[str]] = {}
-        self.facts: dict[tuple[str, int, str], list[Key]] = {}
-        for key in self.true_keys:
-            if key[0] in self.static:
-                for i, name in [(-1, ""), *enumerate(key[1:])]:
-                    self.facts.setdefault((key[0], i, name), []).append(key)
-        self.by_type = {
-            t: tuple(o.name for o in self.objects.values() if domain.is_a(o.type, t))
-            for t in [x.OBJECT, *domain.parents]
-        }
-        self.fluents = self._fluents()
-        self.index = {(f.symbol, *f.arguments): f.index for f in self.fluents}
 
     def run(self) -> g.GroundModel:
+        self.facts.free_missing_numbers(self.budget)
+        bindings = reachable(self.facts, self.budget)
+        self.fluents = self._fluents()
+        self.index = {(f.symbol, *f.arguments): f.index for f in self.fluents}
         ground: dict[x.Kind, list[g.GroundSchema]] = {kind: [] for kind in x.Kind}
-        total = 0
         for schema in self.domain.schemas:
-            for instance in self._instances(schema):
-                total += 1
-                if total > self.limit:
-                    raise DomainError(
-                        f"the domain instantiates to more than {self.limit} ground actions, "
-                        f"processes and events; `{schema.name}` alone has up to "
-                        f"{self._bindings_count(schema)} over these objects",
-                        schema.place,
-                        "use fewer objects, more specific types, or static predicates in the "
-                        "precondition; or raise max_ground_schemas",
-                    )
-                ground[schema.kind].append(instance)
+            instances = (self._instance(schema, binding) for binding in bindings[schema.name])
+            ground[schema.kind] += [instance for instance in instances if instance is not None]
         goal = self._goal()
         metric = self._metric()
         return g.GroundModel(
@@ -112,142 +99,60 @@ class _Instantiation:
 
     def _fluents(self) -> tuple[g.Fluent, ...]:
         fluents: list[g.Fluent] = []
+        free: dict[str, list[Key]] = {}
+        for key in self.facts.free:
+            free.setdefault(key[0], []).append(key)
         for declaration in self.domain.declarations.values():
-            if declaration.name in (x.REWARD, x.UNSAFE, x.TERMINAL, *self.static):
+            name = declaration.name
+            if name in (x.REWARD, x.UNSAFE, x.TERMINAL):
                 continue
-            choices = [self._objects_of(p.types) for p in declaration.parameters]
-            for arguments in itertools.product(*choices):
-                if len(fluents) >= MAX_FLUENTS:
-                    raise DomainError(
-                        f"the domain has more than {MAX_FLUENTS} fluents over these objects",
-                        declaration.place,
-                        "use fewer objects, more specific types or fewer parameters",
-                    )
-                name = " ".join((declaration.name, *arguments))
+            keys: Iterable[Key] = self.facts.in_order(free.get(name, ()))
+            if name in self.facts.varying:
+                keys = self.facts.keys_of(declaration)
+            for key in keys:
+                self.budget.check_fluents(len(fluents) + 1, declaration)
                 fluents.append(
-                    g.Fluent(name, len(fluents), declaration.numeric, declaration.name, arguments)
+                    g.Fluent(" ".join(key), len(fluents), declaration.numeric, name, key[1:])
                 )
         return tuple(fluents)
 
     def _initial(self) -> tuple[float, ...] | None:
+        """Return the initial state; None where numbers are missing that will be observed."""
         if self.problem is None:
             return None
+        facts = self.facts
         initial: list[float] = []
+        missing: dict[str, list[str]] = {}
         for fluent in self.fluents:
             key = (fluent.symbol, *fluent.arguments)
             if not fluent.numeric:
-                initial.append(1.0 if key in self.true_keys else 0.0)
-            elif key in self.values:
-                initial.append(self.values[key].value)
+                initial.append(1.0 if key in facts.true else 0.0)
+            elif key in facts.values:
+                initial.append(facts.values[key].value)
             else:
-                return None
+                initial.append(0.0)
+                missing.setdefault(fluent.symbol, []).append(fluent.name)
+        if missing and not facts.closed:
+            return None
+        for symbol, names in missing.items():
+            shown = ", ".join(f"`{name}`" for name in names[:3])
+            self.domain.declarations[symbol].place.warn(
+                f"{shown}{f' and {len(names) - 3} more' if len(names) > 3 else ''} "
+                f"{'starts' if len(names) == 1 else 'start'} at 0, for :init gives no value"
+            )
         return tuple(initial)
 
     def _static_values(self) -> dict[str, float]:
-        stated = {" ".join(key): 1.0 for key in self.true_keys if key[0] in self.static}
+        facts = self.facts
+        stated = {" ".join(key): 1.0 for key in facts.true if key not in self.index}
         stated.update(
             (" ".join(key), number.value)
-            for key, number in self.values.items()
-            if key[0] in self.static
+            for key, number in facts.values.items()
+            if key not in self.index
         )
         return stated
 
-    # Bindings ----------------------------------------------------------------------------------
-
-    def _objects_of(self, types: Sequence[str]) -> tuple[str, ...]:
-        if len(types) == 1:
-            return self.by_type[types[0]]
-        members = {name for t in types for name in self.by_type[t]}
-        return tuple(name for name in self.objects if name in members)
-
-    def _bindings_count(self, schema: x.Schema) -> int:
-        count = 1
-        for parameter in schema.parameters:
-            count *= len(self._objects_of(parameter.types))
-        return count
-
-    def _instances(self, schema: x.Schema) -> Iterator[g.GroundSchema]:
-        filters = self._filters(schema)
-        static = [
-            c
-            for c in _conjuncts(schema.precondition)
-            if isinstance(c, x.Atom) and c.name in self.static
-        ]
-        supports = [
-            [a for a in static if any(t.name == p.name for t in a.arguments)]
-            for p in schema.parameters
-        ]
-        for binding in self._bind(schema, filters, supports, 0, {}):
-            instance = self._instance(schema, binding)
-            if instance is not None:
-                yield instance
-
-    def _filters(self, schema: x.Schema) -> list[list[x.Condition]]:
-        """Static conjuncts of the precondition, by how many parameters must be bound for them."""
-        position = {p.name: i for i, p in enumerate(schema.parameters)}
-        filters: list[list[x.Condition]] = [[] for _ in range(len(schema.parameters) + 1)]
-        for conjunct in _conjuncts(schema.precondition):
-            literal = conjunct
-            while isinstance(literal, x.Connective) and literal.operator == "not":
-                literal = literal.operands[0]
-            if isinstance(literal, x.Atom) and literal.name in self.static:
-                terms: tuple[x.Term, ...] = literal.arguments
-            elif isinstance(literal, x.SameObject):
-                terms = (literal.left, literal.right)
-            else:
-                continue
-            needed = max((position[t.name] + 1 for t in terms if t.is_variable), default=0)
-            filters[needed].append(conjunct)
-        return filters
-
-    def _bind(
-        self,
-        schema: x.Schema,
-        filters: list[list[x.Condition]],
-        supports: list[list[x.Atom]],
-        depth: int,
-        binding: Binding,
-    ) -> Iterator[Binding]:
-        if any(self._test(c, binding) == g.Constant(False) for c in filters[depth]):
-            return
-        if depth == len(schema.parameters):
-            yield binding
-            return
-        parameter = schema.parameters[depth]
-        names: Iterable[str] = self._objects_of(parameter.types)
-        for atom in supports[depth]:
-            allowed = self._supported(atom, parameter.name, binding)
-            names = [name for name in names if name in allowed]
-        for name in names:
-            self._count_work(schema.place)
-            yield from self._bind(
-                schema, filters, supports, depth + 1, {**binding, parameter.name: name}
-            )
-
-    def _supported(self, atom: x.Atom, variable: str, binding: Binding) -> set[str]:
-        """Return the objects with which a static atom, bound so far, can still be true."""
-        at = next(i for i, t in enumerate(atom.arguments) if t.name == variable)
-        pattern = tuple(binding.get(t.name) if t.is_variable else t.name for t in atom.arguments)
-        known = self.supported.get((atom.name, at, pattern))
-        if known is None:
-            bound = [(i, name) for i, name in enumerate(pattern) if name is not None]
-            facts = min(
-                (self.facts.get((atom.name, i, name), []) for i, name in bound),
-                key=len,
-                default=self.facts.get((atom.name, -1, ""), []),
-            )
-            known = {f[at + 1] for f in facts if all(f[i + 1] == name for i, name in bound)}
-            self.supported[atom.name, at, pattern] = known
-        return known
-
-    def _count_work(self, place: Place) -> None:
-        self.work += 1
-        if self.work > MAX_EXPANSION:
-            raise DomainError(
-                f"instantiation takes more than {MAX_EXPANSION} bindings",
-                place,
-                "use fewer objects, more specific types, or fewer parameters and quantifiers",
-            )
+    # Instances ---------------------------------------------------------------------------------
 
     def _instance(self, schema: x.Schema, binding: Binding) -> g.GroundSchema | None:
         preconditions: list[g.Test] = []
@@ -287,17 +192,17 @@ class _Instantiation:
             case x.Number():
                 return self._literal(expression, role)
             case x.FunctionTerm(name, arguments, place):
-                key = _key(name, arguments, binding)
+                key = key_of(name, arguments, binding)
                 if key in self.index:
                     return g.Read(self.index[key])
-                if key not in self.values:
+                if key not in self.facts.values:
                     raise DomainError(
                         f"`({' '.join(key)})` has no value",
                         place,
                         f"the problem gives values to other instances of `{name}`; add "
                         f"`(= ({' '.join(key)}) ...)` to its :init",
                     )
-                return self._literal(self.values[key], "initial")
+                return self._literal(self.facts.values[key], "initial")
             case x.TotalTime():
                 return g.Elapsed()
             case x.Arithmetic(operator, operands, _):
@@ -314,12 +219,12 @@ class _Instantiation:
             case x.Atom(name, arguments, place):
                 if name in _FLAGS:
                     return g.Holds(_FLAGS[name], place)
-                key = _key(name, arguments, binding)
+                key = key_of(name, arguments, binding)
                 if key in self.index:
                     return g.Holds(self.index[key], place)
-                return g.Constant(key in self.true_keys)
+                return g.Constant(key in self.facts.true)
             case x.SameObject(left, right, _):
-                return g.Constant(_bound(left, binding) == _bound(right, binding))
+                return g.Constant(bound(left, binding) == bound(right, binding))
             case x.Comparison(operator, left, right, place):
                 return g.Compare(
                     operator,
@@ -349,10 +254,7 @@ class _Instantiation:
     def _quantify(
         self, parameters: tuple[x.Parameter, ...], binding: Binding, place: Place
     ) -> Iterator[Binding]:
-        names = [p.name for p in parameters]
-        for chosen in itertools.product(*(self._objects_of(p.types) for p in parameters)):
-            self._count_work(place)
-            yield {**binding, **dict(zip(names, chosen, strict=True))}
+        return quantify(self.facts, self.budget, parameters, binding, place)
 
     # Effects -----------------------------------------------------------------------------------
 
@@ -362,12 +264,12 @@ class _Instantiation:
         for effect in effects:
             match effect:
                 case x.SetPredicate(atom, value, place):
-                    key = _key(atom.name, atom.arguments, binding)
-                    target = _FLAGS.get(atom.name)
-                    target = self.index[key] if target is None else target
-                    yield g.SetBoolean(target, value, condition, place)
+                    key = key_of(atom.name, atom.arguments, binding)
+                    target = _FLAGS.get(atom.name, self.index.get(key))
+                    if target is not None:  # else it is so already, and never otherwise
+                        yield g.SetBoolean(target, value, condition, place)
                 case x.ChangeFunction(change, function, value, place):
-                    key = _key(function.name, function.arguments, binding)
+                    key = key_of(function.name, function.arguments, binding)
                     target = g.REWARD_TARGET if function.name == x.REWARD else self.index[key]
                     yield g.SetNumber(
                         target, change, self._value(value, binding, role), condition, place
@@ -386,7 +288,7 @@ class _Instantiation:
 
     def _goal(self) -> g.Test | None:
         goal = self.problem.goal if self.problem else None
-        if goal is None or not any(_conjuncts(goal)):  # `()`, `(and)`: a task without a goal
+        if goal is None or not any(conjuncts(goal)):  # `()`, `(and)`: a task without a goal
             return None
         return self._test(goal, {})
 
@@ -406,40 +308,6 @@ class _Instantiation:
                 metric.place,
             )
         return g.GroundMetric(metric.maximize, self._value(expression, {}, "metric"), metric.place)
-
-
-def _bound(term: x.Term, binding: Binding) -> str:
-    return binding[term.name] if term.is_variable else term.name
-
-
-def _key(name: str, arguments: tuple[x.Term, ...], binding: Binding) -> Key:
-    return (name, *(_bound(term, binding) for term in arguments))
-
-
-def _conjuncts(condition: x.Condition | None) -> Iterator[x.Condition]:
-    if isinstance(condition, x.Connective) and condition.operator == "and":
-        for operand in condition.operands:
-            yield from _conjuncts(operand)
-    elif condition is not None:
-        yield condition
-
-
-def _changed_names(domain: x.DomainSyntax) -> set[str]:
-    names: set[str] = set()
-
-    def collect(effects: tuple[x.Effect, ...]) -> None:
-        for effect in effects:
-            match effect:
-                case x.SetPredicate(atom):
-                    names.add(atom.name)
-                case x.ChangeFunction(_, function):
-                    names.add(function.name)
-                case x.When(_, inner) | x.ForallEffect(_, inner):
-                    collect(inner)
-
-    for schema in domain.schemas:
-        collect(schema.effects)
-    return names
 
 
 def _negate(test: g.Test, place: Place) -> g.Test:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from serp.domain.instantiate import MAX_GROUND_SCHEMAS, instantiate
+from serp.domain.facts import MAX_GROUND_SCHEMAS
+from serp.domain.instantiate import instantiate
 from serp.domain.model import TransitionModel
 from serp.domain.parser import parse_domain, parse_problem
 from serp.domain.source import DomainWarning, Source
@@ -24,6 +27,8 @@ class Domain:
         syntax: The domain as written.
         problem_syntax: The problem as written, or None.
         max_ground_schemas: Most ground actions, processes and events together.
+        supplied: None where the states are those that the problem's `:init` leads to; else states
+            are observed (see `observed`), and this names what of `:init` is observed as well.
     """
 
     name: str
@@ -32,12 +37,31 @@ class Domain:
     syntax: DomainSyntax = field(repr=False)
     problem_syntax: ProblemSyntax | None = field(repr=False)
     max_ground_schemas: int = MAX_GROUND_SCHEMAS
+    supplied: frozenset[str] | None = None
 
     @property
     def warnings(self) -> tuple[DomainWarning, ...]:
         """What loading the files came upon that is no error: forms that other tools refuse."""
         sources = [s for s in (self.source, self.problem_source) if s is not None]
         return tuple(warning for source in sources for warning in source.warnings)
+
+    def observed(self, supplied: Iterable[str] = ()) -> Domain:
+        """Return the same domain for states that an environment gives.
+
+        They may be others than those that the problem's `:init` leads to, so nothing is left out
+        of the model because it cannot be reached from there.
+
+        Args:
+            supplied: Names of fluents that are observed. Where `:init` states one that no effect
+                changes, its value there is the initial one, and not fixed.
+        """
+        problem = self.problem_syntax
+        if self.supplied is None and problem is not None and problem.has_init:
+            return dataclasses.replace(self, supplied=frozenset()).observed(supplied)
+        fixed = self.model.ground.static.keys() & set(supplied)
+        if not fixed:
+            return self
+        return dataclasses.replace(self, supplied=fixed | (self.supplied or frozenset()))
 
     @functools.cached_property
     def model(self) -> TransitionModel:
@@ -48,7 +72,10 @@ class Domain:
         """
         return TransitionModel(
             instantiate(
-                self.syntax, self.problem_syntax, max_ground_schemas=self.max_ground_schemas
+                self.syntax,
+                self.problem_syntax,
+                supplied=self.supplied,
+                max_ground_schemas=self.max_ground_schemas,
             )
         )
 
@@ -57,6 +84,7 @@ def load_domain(
     domain_file: str | Path,
     problem_file: str | Path | None = None,
     *,
+    observed: bool = False,
     max_ground_schemas: int = MAX_GROUND_SCHEMAS,
 ) -> Domain:
     """Load a domain and, where there is one, its problem.
@@ -65,6 +93,8 @@ def load_domain(
         domain_file: The PDDL domain.
         problem_file: The PDDL problem; without it, `<name>-problem.pddl` beside the domain file
             `<name>.pddl` is taken if it exists.
+        observed: Whether an environment gives the states; else they are those that the problem's
+            `:init` leads to, and the model holds what can be reached from there.
         max_ground_schemas: Most ground actions, processes and events together.
 
     Raises:
@@ -79,6 +109,14 @@ def load_domain(
         problem_file = sibling if sibling.is_file() else None
     problem_source = Source.read(problem_file) if problem_file is not None else None
     problem = parse_problem(problem_source, syntax) if problem_source is not None else None
-    domain = Domain(syntax.name, source, problem_source, syntax, problem, max_ground_schemas)
+    domain = Domain(
+        syntax.name,
+        source,
+        problem_source,
+        syntax,
+        problem,
+        max_ground_schemas,
+        frozenset() if observed else None,
+    )
     domain.model  # noqa: B018  (instantiated now, so that every error in the files is met here)
     return domain

@@ -247,7 +247,9 @@ def parse_problem(source: Source, domain: DomainSyntax) -> ProblemSyntax:
     atoms, values = _initial(single[":init"], scope) if ":init" in single else ((), ())
     goal = _goal(single[":goal"], scope) if ":goal" in single else None
     metric = _metric(single[":metric"], scope) if ":metric" in single else None
-    return ProblemSyntax(name, objects, atoms, values, goal, metric, top.place)
+    return ProblemSyntax(
+        name, objects, atoms, values, goal, metric, top.place, has_init=":init" in single
+    )
 
 
 def _check_domain_name(group: Group, domain: DomainSyntax) -> None:

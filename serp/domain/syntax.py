@@ -266,3 +266,5 @@ class ProblemSyntax:
     goal: Condition | None
     metric: Metric | None
     place: Place
+    has_init: bool
+    """Whether there is an `:init`, so that what it does not state is false."""

@@ -22,7 +22,7 @@ PROBLEM_FILE = "generated-problem.pddl"
 LIMIT = 1_000
 
 
-def load_texts(texts: Texts) -> Domain:
+def load_texts(texts: Texts, *, observed: bool = False) -> Domain:
     """Load a domain from text, without files.
 
     Raises:
@@ -32,7 +32,8 @@ def load_texts(texts: Texts) -> Domain:
     problem_source = Source(PROBLEM_FILE, texts.problem) if texts.problem is not None else None
     syntax = parse_domain(source)
     problem = parse_problem(problem_source, syntax) if problem_source else None
-    return Domain(syntax.name, source, problem_source, syntax, problem, LIMIT)
+    supplied = frozenset[str]() if observed else None
+    return Domain(syntax.name, source, problem_source, syntax, problem, LIMIT, supplied)
 
 
 @dataclass(frozen=True)
@@ -63,10 +64,10 @@ class Generated:
         return f"<generated domain\n{self.texts}>"
 
 
-def generate(random: Random, flavour: Flavour = FULL) -> Generated:
+def generate(random: Random, flavour: Flavour = FULL, *, observed: bool = False) -> Generated:
     """Return a random domain, loaded. The same random state gives the same domain."""
     texts = write_texts(random, flavour)
-    return Generated(texts, load_texts(texts))
+    return Generated(texts, load_texts(texts, observed=observed))
 
 
 def random_state(random: Random, model: TransitionModel, *, exact: bool = False) -> Vector:
@@ -101,7 +102,11 @@ def random_states(
 
 def models(flavour: Flavour = FULL) -> st.SearchStrategy[Generated]:
     """Random domains, loaded; they shrink to smaller ones."""
-    return st.randoms(use_true_random=False).map(lambda random: generate(random, flavour))
+    return st.builds(
+        lambda random, observed: generate(random, flavour, observed=observed),
+        st.randoms(use_true_random=False),
+        st.booleans(),
+    )
 
 
 @st.composite
@@ -110,5 +115,5 @@ def models_with_states(
 ) -> tuple[Generated, Vector]:
     """Random domains with `count` states of theirs, `[count, F]`."""
     random = draw(st.randoms(use_true_random=False))
-    generated = generate(random, flavour)
+    generated = generate(random, flavour, observed=draw(st.booleans()))
     return generated, random_states(random, generated.model, count, exact=exact)

@@ -27,11 +27,11 @@ CLASSICAL = {
         " drop green there right, move there here, pick blue here left, move here there,"
         " drop blue there left",
     ),
-    # driving: 2 trucks, 2 cities with 2 x 2 pairs of places
+    # driving: 2 trucks, each in its city with 2 x 2 pairs of places
     "logistics": (
         {
-            **{"load-truck": 8, "load-airplane": 2, "unload-truck": 8, "unload-airplane": 2},
-            **{"drive-truck": 16, "fly-airplane": 4},
+            **{"load-truck": 4, "load-airplane": 2, "unload-truck": 4, "unload-airplane": 2},
+            **{"drive-truck": 8, "fly-airplane": 4},
         },
         "drive-truck van north-field north-depot north, load-truck parcel van north-depot,"
         " drive-truck van north-depot north-field north, unload-truck parcel van north-field,"
