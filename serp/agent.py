@@ -13,13 +13,14 @@ from serp.correction.correction import Correction
 from serp.correction.curiosity import Curiosity
 from serp.domain.model import TransitionModel, Vector
 from serp.learning.dqn import DQN, Proposal
-from serp.nesting import nested, part_of
+from serp.nesting import nested
 from serp.outlook import Outlook
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.planning.settings import PlannerSettings
 from serp.reward import Judged
+from serp.saved import Saved
 from serp.settings import Settings
 from serp.strategies.making import make_strategy
 from serp.strategies.strategy import Learner, Mask, Values
@@ -231,11 +232,12 @@ class Agent:
         """Restore what `state_dict` returned.
 
         Raises:
-            RunError: The learner has another shape.
+            RunError: The learner has another shape, or something is damaged.
         """
-        self.learner.load_state_dict(part_of(arrays, "learner"), meta["learner"])
-        self.correction.load_state_dict(part_of(arrays, "correction"), meta["correction"])
-        self.arbiter.load_state_dict({}, meta["arbiter"])
+        saved = Saved("agent", arrays, meta)
+        self.learner.load_state_dict(*saved.part("learner"))
+        self.correction.load_state_dict(*saved.part("correction"))
+        self.arbiter.load_state_dict(*saved.part("arbiter"))
         if self.outlook is not None:
-            self.outlook.load_state_dict(part_of(arrays, "outlook"), meta.get("outlook", {}))
-        self._random.bit_generator.state = dict(meta["random"])
+            self.outlook.load_state_dict(*saved.part("outlook"))
+        self._random.bit_generator.state = saved.generator_state("random", self._random)

@@ -25,6 +25,7 @@ from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.planning.forecast import SAFE, Forecast
 from serp.promises import Promises
 from serp.quantities import real, whole
+from serp.saved import Saved
 from serp.strategies.mixture import Mixture
 from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
 from serp.trust import Trust
@@ -496,9 +497,14 @@ class Arbiter:
         }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
-        self.strategy.load_state_dict(meta["strategy"])
-        self.promises.load_state_dict(meta["promises"])
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        saved = Saved("arbiter", arrays, meta)
+        self.strategy.load_state_dict(saved.part("strategy")[1])
+        self.promises.load_state_dict(saved.part("promises")[1])
 
 
 def _proposer(proposal: Proposed) -> Actor:

@@ -1,8 +1,8 @@
 """Compiling loops by numba, with a cache on disk wherever there can be one.
 
-Numba takes what it has cached for fresh while the file of the loop is as it was. A loop is made of
-more: constants and other loops that its module imports. They are put beside numba's own stamp, so
-that no loop of an earlier version is run with, say, the layout of memory that was edited since.
+A loop is compiled anew when anything that it is made of was edited: its own file, and the constants
+and other loops that its module imports. Else a loop would be run with, say, the layout of memory of
+an earlier version.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from numba import njit
 from numba.core.ccallback import CFunc
 from numba.core.sigutils import normalize_signature
 
+from serp.caching import KeptCode
+
 _Decorator = Callable[[Callable[..., Any]], Any]
 
 _CONSTANTS: Final = (Number, str, tuple)
@@ -28,19 +30,15 @@ _stamps: dict[Callable[..., Any], str] = {}
 def cached_njit(**options: Any) -> _Decorator:
     """Return a decorator that compiles a loop.
 
-    The machine code is cached beside the source or in numba's cache folder; where neither can be
-    written, it is compiled anew in every process.
+    The machine code is kept on disk, see `serp.caching`; where it cannot be, it is compiled anew in
+    every process.
 
     Args:
         options: Options of `numba.njit`.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        _stamps[function] = _stamp_of(function)
-        try:
-            return _stamped(njit(cache=True, **options)(function), function)
-        except RuntimeError:  # numba found no folder that it may write
-            return njit(**options)(function)
+        return _kept(njit(**options)(function), function)
 
     return decorate
 
@@ -54,27 +52,20 @@ def cached_cfunc(signature: Any, **options: Any) -> _Decorator:
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        _stamps[function] = _stamp_of(function)
-        # As `numba.cfunc` does, which would look into the cache before there is a stamp.
+        # As `numba.cfunc` does, which would compile before there is a cache.
         types: Any = normalize_signature(signature)  # type: ignore[no-untyped-call]
-        callback = CFunc(function, types, locals={}, options=options)
-        try:
-            callback.enable_caching()
-        except RuntimeError:  # as above
-            pass
-        else:
-            _stamped(callback, function)
+        callback = _kept(CFunc(function, types, locals={}, options=options), function)
         callback.compile()
         return callback
 
     return decorate
 
 
-def _stamped(compiled: Any, function: Callable[..., Any]) -> Any:
-    """Put a loop's stamp beside that of numba; there is none where it was told not to compile."""
-    if hasattr(compiled, "_cache"):
-        file = compiled._cache._cache_file
-        file._source_stamp = (file._source_stamp, _stamps[function])
+def _kept(compiled: Any, function: Callable[..., Any]) -> Any:
+    """Give a loop its cache; it needs none where numba was told not to compile."""
+    stamp = _stamps[function] = _stamp_of(function)
+    if hasattr(compiled, "_cache") and function.__closure__ is None:
+        compiled._cache = KeptCode(function, stamp)
     return compiled
 
 

@@ -36,3 +36,7 @@ class MissingExtra(SerpError):
 
 class Interrupted(SerpError):
     """The user stopped a training or a comparison; it can be continued."""
+
+
+class Notice(UserWarning):
+    """What the user should know and need not mend; the command prints it in one line."""

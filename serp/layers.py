@@ -20,6 +20,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import wrappers
 
+from serp.saved import state_for
+
 _CARRIED: Mapping[type, tuple[str, ...]] = {
     wrappers.NormalizeReward: ("discounted_reward",),
     wrappers.MaxAndSkipObservation: ("_obs_buffer",),
@@ -94,7 +96,7 @@ class _Part:
 
     def restore(self, saved: Mapping[str, Any]) -> None:
         if self.kind == "generator":
-            self.value.bit_generator.state = saved["state"]
+            self.value.bit_generator.state = state_for(self.value, saved["state"])
         elif self.kind == "statistics":
             for name in _STATISTICS:
                 setattr(self.value, name, self._fitting(saved[name], getattr(self.value, name)))
@@ -107,7 +109,10 @@ class _Part:
                 f"`{self.name}` of {type(self.layer).__name__} has shape {np.shape(current)}, the "
                 f"saved one {tuple(saved['shape'])}"
             )
-        array = np.array(saved["values"], dtype=saved["dtype"]).reshape(saved["shape"])
+        kind = np.dtype(saved["dtype"])  # an update may have changed it
+        if kind.kind not in "biuf":
+            raise ValueError(f"`{self.name}` is saved as {saved['dtype']}, which are no numbers")
+        array = np.array(saved["values"], dtype=kind).reshape(saved["shape"])
         return array if isinstance(current, np.ndarray) else array[()].item()
 
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from serp.compilation import cached_njit
 from serp.domain.model import Vector
-from serp.errors import RunError
 from serp.learning.dqn import DQN
 from serp.nesting import Arrays
 from serp.planning.leaf_value import LeafValue, value_at
 from serp.planning.lookahead import Lookahead
 from serp.reward import Judged
+from serp.saved import Saved
 
 _PERIOD: Final = 500
 """Env steps between two fits to the learner's values."""
@@ -187,13 +187,18 @@ class Outlook:
         """Restore what `state_dict` returned.
 
         Raises:
-            RunError: It belongs to another domain, or is incomplete.
+            RunError: It belongs to another domain, or is damaged.
         """
+        saved = Saved("values of leaves", arrays, meta)
+        packed = saved.array("packed", np.float64, (-1,))
+        means = saved.array("means", np.float64, self._means.shape)
+        steps, compared = saved.whole("steps"), saved.whole("compared")
+        others = saved.whole("others", 0, steps)
         try:
-            self._value.restore(arrays["packed"])
-            self._means[:] = arrays["means"]
-            self._steps, self._others = int(meta["steps"]), int(meta["others"])
-            self._count[:] = 0, int(meta["compared"])
-        except (KeyError, ValueError, TypeError) as error:
-            raise RunError(f"the saved values of leaves do not fit this task ({error})") from error
+            self._value.restore(packed)
+        except ValueError as error:
+            raise saved.wrong(f"packed has {error}") from None
+        self._steps, self._others = steps, others
+        self._means[:] = means
+        self._count[:] = 0, compared
         self._publish()

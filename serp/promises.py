@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from serp.saved import Saved
+
 _PER_STEP: Final = 0.001
 """So many broken promises an env step are forgiven in the long run."""
 
@@ -64,6 +66,11 @@ class Promises:
         return {"broken": self.broken, "steps": self._steps}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
-        self.broken, self._steps = int(meta["broken"]), int(meta["steps"])
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        saved = Saved("promises of the lookahead", {}, meta)
+        self.broken, self._steps = saved.whole("broken"), saved.whole("steps")
         self._since = None

@@ -33,6 +33,7 @@ from serp.runs.config import CONFIG
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.placement import default_path
 from serp.runs.reading import read_metrics
+from serp.runs.regular import read_regular
 from serp.runs.tensorboard import EventWriter, require_tensorboard
 from serp.settings import resolve
 from serp.stopping import ANSWER, stop_between_episodes
@@ -145,7 +146,7 @@ def _made_of(folder: RunFolder) -> dict[str, str]:
     made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
     for file in (folder.domain_file, folder.problem_file):
         if file is not None:
-            made[file.name] = file.read_bytes()
+            made[file.name] = read_regular(file)
     return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
 
 

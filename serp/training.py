@@ -20,6 +20,7 @@ from serp.learning.dqn import DQN
 from serp.reward import judge
 from serp.runs.rows import DecisionRow, MetricsRow
 from serp.runs.tables import Table
+from serp.saved import Saved
 from serp.settings import Settings
 from serp.task import BoundTask
 
@@ -362,12 +363,15 @@ class Trainer:
         Raises:
             RunError: It belongs to a learner of another shape or to another environment.
         """
-        self.agent.load_state_dict(arrays, meta["agent"])
+        saved = Saved("training", arrays, meta)
+        self.agent.load_state_dict(arrays, saved.part("agent")[1])
         for name in ("episode", "env_steps", "units", "vetoes", "unsafe_executed"):
-            setattr(self, name, int(meta[name]))
+            setattr(self, name, saved.whole(name))
         self.recent.clear()
-        self.recent.extend(meta["recent"])
-        self._pretrained = bool(meta["pretrained"])
-        self._unit_value = meta["unit_value"]
-        self._wall_before, self._clock = float(meta["wall_time"]), time.monotonic()
-        self.task.restore_environment(meta["environment"])
+        self.recent.extend(saved.reals("recent", 20, -np.inf, np.inf, least=0))
+        self._pretrained = saved.truth("pretrained")
+        self._unit_value = saved.part("unit_value")[1]
+        if not isinstance(self._unit_value, str | int | float | None):
+            raise saved.wrong("unit_value is neither a number nor a text")
+        self._wall_before, self._clock = saved.real("wall_time", 0.0), time.monotonic()
+        self.task.restore_environment(saved.part("environment")[1])

@@ -6,18 +6,22 @@ import contextlib
 import errno
 import os
 import sys
+import warnings
 from collections.abc import Callable
 from typing import Any, NoReturn
 
 import click
 
-from serp.errors import SerpError
+from serp.errors import Notice, SerpError
 
 DONE = 0
 MISTAKE = 1
 USAGE = 2
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 PIPE_CLOSED = 141  # 128 + SIGPIPE
+
+
+_as_ever = warnings.formatwarning
 
 
 def exit_with(run: Callable[[], Any]) -> NoReturn:
@@ -29,13 +33,16 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
             bug and keeps its traceback.
     """
     _write_whatever_comes()
+    warnings.formatwarning = _one_line  # type: ignore[assignment]
     try:
         status = run()
         sys.stdout.flush()  # a reader that went away is noticed here, not when Python ends
     except click.ClickException as error:
         error.show()
         status = error.exit_code
-    except (click.Abort, KeyboardInterrupt):
+    except (click.Abort, KeyboardInterrupt) as error:
+        if isinstance(error.__cause__, EOFError):  # click takes any for the end of what is typed
+            raise error.__cause__ from None
         say("Stopped.")
         status = INTERRUPTED
     except BrokenPipeError:
@@ -55,6 +62,13 @@ def say(text: str) -> None:
     """Write a line to standard error; no matter if nobody can read it."""
     with contextlib.suppress(OSError, ValueError):
         click.echo(text, err=True)
+
+
+def _one_line(message: Warning | str, category: type[Warning], *rest: Any) -> str:
+    """Format a warning: a notice in one line, any other as ever."""
+    if issubclass(category, Notice):
+        return f"Note: {message}\n"
+    return _as_ever(message, category, *rest)
 
 
 def _described(error: OSError) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.correction.screening import HUGE
+from serp.saved import Saved
 
 Array = NDArray[np.float64]
 Truths = NDArray[np.bool_]
@@ -91,10 +92,18 @@ class Beginning:
         return {name: getattr(self, f"_{name}")[: self._kept].copy() for name in self._STATE}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Restore what `state_dict` returned."""
-        self._kept = len(arrays["x"])
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It belongs to another domain, or is damaged.
+        """
+        saved = Saved("first samples", arrays, {})
+        kept = min(len(arrays["x"]), _MANY) if saved.has("x") and arrays["x"].ndim else 0
         for name in self._STATE:
-            getattr(self, f"_{name}")[: self._kept] = arrays[name]
+            own = getattr(self, f"_{name}")
+            # Any numbers: what is wild among them is what these samples are kept for.
+            own[:kept] = saved.array(name, own.dtype, (kept, *own.shape[1:]), low=None)
+        self._kept = kept
 
     _STATE = ("x", "y", "valid", "change")
 

@@ -7,14 +7,16 @@ correction at once. Whole numbers (addresses, offsets) are kept as floats too; t
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Final
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp.correction.views import Key, View
 from serp.errors import RunError
+from serp.nesting import Arrays, nested, part_of
+from serp.saved import Saved
 
 MODES: Final = 16
 """Modes (truth values of the predicates in view) that have a model of their own, at most."""
@@ -108,6 +110,38 @@ class GroupMemory:
         self.amplitude[:] = 0.0
         self.modes = self.waves = 0
 
+    def contents(self) -> Arrays:
+        """Return what is published, but for counted outcomes."""
+        sizes = np.array([self.modes, self.waves])
+        return {"sizes": sizes, **{name: getattr(self, name).copy() for name in self._PARTS}}
+
+    def checked(self, arrays: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
+        """Return what `contents` returned, if it can be published here.
+
+        Raises:
+            RunError: It belongs to another group, or is damaged.
+        """
+        saved = Saved("correction", arrays, {})
+        modes, waves = saved.array("sizes", np.int64, (2,), 0, max(MODES, WAVES)).tolist()
+        for name in self._PARTS:
+            array = saved.array(name, np.float64, getattr(self, name).shape)
+            if name == "kinds" and not np.isin(array, (FILE, LINEAR, WAVY, OWN)).all():
+                raise saved.wrong("kinds are others than there are")
+        if modes > MODES or waves not in (0, WAVES):
+            raise saved.wrong(f"there are {modes} modes and {waves} random features")
+        return arrays
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Publish what `checked` returned; no outcomes are counted before their owner says so."""
+        for name in self._PARTS:
+            getattr(self, name)[:] = arrays[name]
+        self.modes, self.waves = arrays["sizes"].tolist()
+        self.chance = None
+
+    _PARTS: Final = (
+        "codes", "kinds", "linear", "centre", "shrink", "frequency", "phase", "amplitude",
+    )  # fmt: skip
+
     @property
     def modes(self) -> int:
         """How many modes have a model of their own."""
@@ -191,9 +225,6 @@ class Block:
             starts[key] = at
             self.groups[key] = GroupMemory(array, at, view)
             at = self.groups[key].end
-        self._fixed = np.r_[
-            WIDTH, JUDGED, WRITTEN : HEADER + len(theta), table : table + 2 * len(views), at:size
-        ]
         for action, of_action in enumerate(views):
             array[table + 2 * action : table + 2 * action + 2] = len(of_action), at
             lists = at + VIEW * len(of_action)
@@ -245,28 +276,37 @@ class Block:
     def chancy(self, value: bool) -> None:
         self.array[CHANCY] = value
 
-    def contents(self) -> Array:
-        """Return what is published, without the addresses of this process and counted outcomes."""
-        saved = self.array.copy()
-        saved[[STEP, FLOW, SETTLE]] = 0.0
-        for group in self.groups.values():
-            saved[group.start + G_CHANCE] = 0.0
-        return saved
+    def contents(self) -> Arrays:
+        """Return what is published; not where it lies, nor counted outcomes, nor addresses."""
+        arrays = {
+            "written": self._written.copy(),
+            "literals": self._literals.copy(),
+            "flags": np.array([self.active, self.amends, self.chancy]),
+        }
+        for k, group in enumerate(self.groups.values()):
+            arrays |= nested(f"group{k}", group.contents())
+        return arrays
 
-    def restore(self, saved: Array) -> None:
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Publish what `contents` returned; outcomes are not counted before their owner says so.
 
         Raises:
-            RunError: It belongs to a model of another shape, or with other numbers in its file.
+            RunError: It belongs to a model of another shape, or with other numbers in its file, or
+                is damaged.
         """
-        fixed = self._fixed
-        if saved.shape != self.array.shape or (saved[fixed] != self.array[fixed]).any():
+        if not np.array_equal(arrays.get("written", ()), self._written):
             raise RunError(
                 "the saved correction belongs to another domain file; continue with the one it "
                 "was learned with"
             )
-        addresses = self.array[[STEP, FLOW, SETTLE]]
-        self.array[:] = saved
-        self.array[[STEP, FLOW, SETTLE]] = addresses
-        for group in self.groups.values():
-            group.chance = None
+        saved = Saved("correction", arrays, {})
+        literals = saved.array("literals", np.float64, self._literals.shape)
+        flags = saved.array("flags", np.bool_, (3,))
+        parts = [
+            group.checked(part_of(arrays, f"group{k}"))
+            for k, group in enumerate(self.groups.values())
+        ]
+        for group, part in zip(self.groups.values(), parts, strict=True):
+            group.restore(part)
+        self.adopt(literals)
+        self.active, self.amends, self.chancy = map(bool, flags)

@@ -197,6 +197,14 @@ def count(table, inputs, state, written, observed, loss, rate, most):
 
 
 @cached_njit(nogil=True)
+def enter(table, code, row):
+    """Give a context, by its code, a row of counts."""
+    slot = _find(table, code)
+    table[int(table[_T_CODES]) + slot] = code
+    table[int(table[_T_SLOTS]) + slot] = row
+
+
+@cached_njit(nogil=True)
 def _row(table, inputs, state, narrow):
     """As `row_of`, but a context that was never seen gets a row while there is room."""
     depth = _depth(table, narrow)
@@ -204,11 +212,9 @@ def _row(table, inputs, state, narrow):
         return 0
     code = _code(table, inputs, state, depth)
     slot = _find(table, code)
-    codes, slots = int(table[_T_CODES]), int(table[_T_SLOTS])
-    rows = int(table[_T_ROWS])
+    slots, rows = int(table[_T_SLOTS]), int(table[_T_ROWS])
     if table[slots + slot] == 0.0 and rows < _ROWS:
-        table[codes + slot] = code
-        table[slots + slot] = rows
+        enter(table, code, rows)
         table[_T_ROWS] = rows + 1
     return int(table[slots + slot])
 

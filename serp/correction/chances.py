@@ -19,6 +19,7 @@ from serp.correction import chance_kernels as c
 from serp.correction.forgetting import rate_of
 from serp.correction.views import View
 from serp.domain.model import Vector
+from serp.saved import MOST, Saved
 
 Array = NDArray[np.float64]
 
@@ -120,14 +121,18 @@ class Chances:
     # State -------------------------------------------------------------------------------------
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        """Return arrays and JSON values that `load_state_dict` restores exactly.
+
+        Of the table only what was counted; its layout and its hash table follow from that.
+        """
         arrays: dict[str, NDArray[Any]] = {
             "places": self._places.copy(),
             "others": self._others.copy(),
             "scores": self._scores.copy(),
         }
         if self.table is not None:
-            arrays["table"] = self.table.copy()
+            arrays |= {name: part.copy() for name, part in _parts(self.table).items()}
+            arrays["codes"] = _codes(self.table)
         return arrays, {
             "samples": self._samples,
             "strays": self._strays,
@@ -138,34 +143,68 @@ class Chances:
         """Restore what `state_dict` returned.
 
         Raises:
-            ValueError: It belongs to another view, or is damaged.
+            RunError: It belongs to another view, or is damaged.
         """
-        self._places, self._others = arrays["places"].copy(), arrays["others"].copy()
-        self._scores[:] = arrays["scores"]
-        self.table = self._checked(arrays["table"].copy()) if "table" in arrays else None
-        self._samples, self._strays = int(meta["samples"]), int(meta["strays"])
-        self._hopeless = bool(meta["hopeless"])
+        saved = Saved("counted outcomes", arrays, meta)
+        places, others = (self._positions(saved, name) for name in ("places", "others"))
+        scores = saved.array("scores", np.float64, self._scores.shape)
+        samples, hopeless = saved.whole("samples"), saved.truth("hopeless")
+        strays = saved.whole("strays", 0, samples)
+        table = self._table_of(saved, places, others) if saved.has("codes") else None
+        self._places, self._others = places, others
+        self._scores[:] = scores
+        self.table = table
+        self._samples, self._strays, self._hopeless = samples, strays, hopeless
 
-    def _checked(self, table: Array) -> Array:
-        """Return a saved table; compiled code takes what it says for addresses."""
-        for positions in (self._places, self._others):
-            if len(positions) and not 0 <= positions.min() <= positions.max() < self._depth:
-                raise ValueError("counted outcomes of another view")
-        fresh = _new_table(self._places, self._truths, self._others)
-        fixed = [k for k in range(c.TABLE) if k not in (c.T_KINDS, c.T_ROWS)]
-        start, end = int(fresh[c.T_PLACES]), int(fresh[c.T_CHANGES])
-        slots = int(fresh[c.T_SLOTS])
-        if (
-            table.shape != fresh.shape
-            or (table[fixed] != fresh[fixed]).any()
-            or (table[start:end] != fresh[start:end]).any()
-            or not 1 <= table[c.T_KINDS] <= c.KINDS
-            or not 1 <= table[c.T_ROWS] <= c.ROWS
-            or not ((table[slots : slots + c.SLOTS] >= 0).all())
-            or not (table[slots : slots + c.SLOTS] < table[c.T_ROWS]).all()
-        ):
-            raise ValueError("counted outcomes are damaged")
+    def _positions(self, saved: Saved, name: str) -> NDArray[np.int64]:
+        positions = saved.array(name, np.int64, (-1,), 0, self._depth - 1)
+        if (np.diff(positions) <= 0).any():
+            raise saved.wrong(f"{name} are in no order")
+        return positions.copy()
+
+    def _table_of(
+        self, saved: Saved, places: NDArray[np.int64], others: NDArray[np.int64]
+    ) -> Array:
+        """Return a table with what was counted, laid out anew."""
+        table = _new_table(places, self._truths, others)
+        codes = saved.array("codes", np.float64, (-1,), 0, MOST - 1)
+        rows = 1 + len(codes)
+        if rows > c.ROWS or len(np.unique(codes)) != len(codes) or (codes % 1.0).any():
+            raise saved.wrong("codes are no different whole numbers, or too many")
+        kinds = len(saved.array("changes", np.float64, (-1, len(places)), low=None))
+        if not 1 <= kinds <= c.KINDS:
+            raise saved.wrong(f"changes are of {kinds} outcomes")
+        table[c.T_KINDS], table[c.T_ROWS] = kinds, rows
+        shapes = {name: part.shape for name, part in _parts(table).items()}
+        for name, part in _parts(table).items():
+            low = None if name == "changes" else 0.0
+            part[:] = saved.array(name, np.float64, shapes[name], low)
+        totals = _parts(table)["totals"]
+        if not totals[0] > 0.0:  # shares are shares of it
+            raise saved.wrong("totals are of no sample")
+        for row, code in enumerate(codes, start=1):
+            c.enter(table, code, row)
         return table
+
+
+def _parts(table: Array) -> dict[str, Array]:
+    """Return views of what was counted: changes `[K, D]`, counts `[R, KINDS]`, totals `[R]`."""
+    kinds, rows, columns = (int(table[k]) for k in (c.T_KINDS, c.T_ROWS, c.T_COLUMNS))
+    changes, counts, totals = (int(table[k]) for k in (c.T_CHANGES, c.T_COUNTS, c.T_TOTALS))
+    return {
+        "changes": table[changes : changes + kinds * columns].reshape(kinds, columns),
+        "counts": table[counts : counts + rows * c.KINDS].reshape(rows, c.KINDS),
+        "totals": table[totals : totals + rows],
+    }
+
+
+def _codes(table: Array) -> Array:
+    """Return `[R - 1]` the codes of the contexts, in the order in which they were met."""
+    codes, slots = int(table[c.T_CODES]), int(table[c.T_SLOTS])
+    rows = table[slots : slots + c.SLOTS].astype(np.int64)
+    found = np.zeros(int(table[c.T_ROWS]))
+    found[rows] = table[codes : codes + c.SLOTS]
+    return found[1:]
 
 
 def _new_table(

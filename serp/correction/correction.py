@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.correction.corrected import CorrectedModel
-from serp.correction.experience import Experience, capacity_for
+from serp.correction.experience import Experience
 from serp.correction.kernels import foresee
 from serp.correction.learners import Learners, Meta
 from serp.correction.monitor import Monitor
@@ -20,8 +20,8 @@ from serp.correction.views import Key
 from serp.domain.flags import APPLICABLE
 from serp.domain.model import TransitionModel, Vector
 from serp.domain.native import address_of
-from serp.errors import RunError
 from serp.nesting import Arrays, nested, part_of
+from serp.saved import MOST, Saved
 from serp.trust import Trust
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class Correction:
         self, written: TransitionModel, settings: CorrectionSettings, seed: np.random.SeedSequence
     ) -> None:
         width = len(written.fluents)
-        self.experience = Experience(capacity_for(width), width)
+        self.experience = Experience.of(written)
         self.monitor = Monitor(written)
         self.tried = np.zeros(len(written.actions), dtype=np.int64)
         self.skill = Skill(width)
@@ -191,15 +191,17 @@ class Correction:
         experience, experience_meta = self.experience.state_dict()
         monitor, monitor_meta = self.monitor.state_dict()
         arrays = nested("experience", experience) | nested("monitor", monitor)
+        skill, skill_meta = self.skill.state_dict()
+        arrays |= nested("skill", skill)
         arrays["tried"] = self.tried.copy()
-        arrays |= nested("skill", self.skill.state_dict())
         meta: Meta = {
             "experience": experience_meta,
             "monitor": monitor_meta,
+            "skill": skill_meta,
             "episodes": self._episodes,
         }
         if self._corrected is not None:
-            arrays["block"] = self._corrected.block.contents()
+            arrays |= nested("block", self._corrected.block.contents())
         if self._learners is not None:
             learned, meta["learners"] = self._learners.state_dict()
             arrays |= nested("learners", learned)
@@ -211,23 +213,16 @@ class Correction:
         Raises:
             RunError: It belongs to another domain, or is damaged.
         """
-        try:
-            self._load(arrays, meta)
-        except (KeyError, ValueError, TypeError, IndexError) as error:
-            raise RunError(
-                f"the saved correction is damaged, or of another domain file ({error})"
-            ) from error
-
-    def _load(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        self.experience.load_state_dict(part_of(arrays, "experience"), meta["experience"])
-        self.monitor.load_state_dict(part_of(arrays, "monitor"), meta["monitor"])
-        self.tried[:] = arrays["tried"]
-        self._episodes = int(meta["episodes"])
-        self.skill.load_state_dict(part_of(arrays, "skill"))
+        saved = Saved("correction", arrays, meta)
+        self.experience.load_state_dict(*saved.part("experience"))
+        self.monitor.load_state_dict(*saved.part("monitor"))
+        self.skill.load_state_dict(*saved.part("skill"))
+        self.tried[:] = saved.array("tried", np.int64, self.tried.shape, 0, MOST)
+        self._episodes = saved.whole("episodes")
         if self._corrected is not None:
-            self._corrected.block.restore(arrays["block"])
+            self._corrected.block.restore(part_of(arrays, "block"))
         if self._learners is not None:
-            self._learners.load_state_dict(part_of(arrays, "learners"), meta["learners"])
+            self._learners.load_state_dict(*saved.part("learners"))
 
 
 def _kinds(model: CorrectedModel) -> NDArray[np.int64]:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.compilation import cached_njit
-from serp.domain.model import Vector
-from serp.errors import RunError
+from serp.domain.model import TransitionModel, Vector
+from serp.saved import Saved
 
 CAPACITY: Final = 20_000
 """Transitions that are kept where nobody says otherwise."""
@@ -46,6 +46,7 @@ class Experience:
     Args:
         capacity: Transitions kept, ≥ 1.
         fluents: Width of a state, F.
+        actions: Ground actions that there are, A.
 
     Attributes:
         capacity, fluents: The same.
@@ -56,9 +57,10 @@ class Experience:
         ValueError: The capacity is not positive, or the width is negative.
     """
 
-    def __init__(self, capacity: int = CAPACITY, fluents: int = 0) -> None:
+    def __init__(self, capacity: int, fluents: int, actions: int) -> None:
         if capacity < 1 or fluents < 0:
             raise ValueError(f"no experience of {capacity} transitions of {fluents} fluents")
+        self._actions_known = actions
         self.capacity = capacity
         self.fluents = fluents
         self.seen = 0
@@ -68,6 +70,12 @@ class Experience:
         self._actions: NDArray[np.int64] = np.empty(capacity, np.int64)
         self._ended: NDArray[np.bool_] = np.empty(capacity, np.bool_)
         self.ring = self._states, self._actions, self._next_states, self._ended
+
+    @classmethod
+    def of(cls, model: TransitionModel) -> Experience:
+        """Return room for what is observed of a model's states and actions."""
+        width = len(model.fluents)
+        return cls(capacity_for(width), width, len(model.actions))
 
     def add(self, state: Vector, action: int, next_state: Vector, ended: bool) -> None:
         """Take one env step.
@@ -148,28 +156,20 @@ class Experience:
             RunError: It has other fluents or another capacity, or is incomplete; this experience
                 is unchanged.
         """
-        for name, here in (("capacity", self.capacity), ("fluents", self.fluents)):
-            if meta.get(name) != here:
-                raise RunError(
-                    f"the saved experience has {name} {meta.get(name)}, this run {here}; continue "
-                    "with the task and the settings it was saved with"
-                )
-        seen = int(meta["seen"])
+        saved, fluents = Saved("experience", arrays, meta), self.fluents
+        for name, here in (("capacity", self.capacity), ("fluents", fluents)):
+            saved.equal(name, here, "continue with the task and the settings it was saved with")
+        seen = saved.whole("seen")
         count = min(seen, self.capacity)
-        try:
-            states, actions, ended = arrays["states"], arrays["actions"], arrays["ended"]
-            breaks, at_breaks = arrays["breaks"], arrays["breaks.next_states"]
-        except KeyError as error:
-            raise RunError(f"the saved experience is incomplete: {error.args[0]}") from None
-        whole = (
-            states.shape == (count, self.fluents)
-            and actions.shape == ended.shape == (count,)
-            and at_breaks.shape == (len(breaks), self.fluents)
-            and (count == 0 or count - 1 in breaks)  # nothing follows the last one
-            and bool(((breaks >= 0) & (breaks < count)).all())
-        )
-        if not whole:
-            raise RunError("the saved experience is incomplete: its arrays do not fit together")
+        # States are as they were observed, whatever they are.
+        states = saved.array("states", np.float64, (count, fluents), low=None)
+        actions = saved.array("actions", np.int64, (count,), -1, self._actions_known - 1)
+        ended = saved.array("ended", np.bool_, (count,))
+        breaks = saved.array("breaks", np.int64, (-1,), 0, count - 1)
+        at_breaks = saved.array("breaks.next_states", np.float64, (len(breaks), fluents), low=None)
+        # Nothing follows the last one.
+        if (np.diff(breaks) <= 0).any() or (count and breaks[-1:] != count - 1):
+            raise saved.wrong("breaks are in no order, or the last step has no next state")
         # The oldest row lies where the next one will be written.
         rows = (np.arange(count) + (seen if count == self.capacity else 0)) % self.capacity
         following = np.empty((count, self.fluents))
@@ -181,17 +181,3 @@ class Experience:
         self._ended[rows] = ended
         self.seen = seen
         self._head = seen % self.capacity
-
-    @classmethod
-    def restored(cls, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> Experience:
-        """Return the experience that `state_dict` was called of.
-
-        Raises:
-            RunError: It is incomplete.
-        """
-        try:
-            experience = cls(int(meta["capacity"]), int(meta["fluents"]))
-        except (KeyError, TypeError, ValueError) as error:
-            raise RunError(f"the saved experience is incomplete: {error}") from None
-        experience.load_state_dict(arrays, meta)
-        return experience

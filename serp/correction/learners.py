@@ -15,7 +15,8 @@ from serp.correction.residual import Residual
 from serp.correction.screening import note_whole
 from serp.correction.views import Key, View
 from serp.domain.model import Vector
-from serp.nesting import Arrays, nested, part_of
+from serp.nesting import Arrays, nested
+from serp.saved import Saved
 
 _MOST_STATISTICS: Final = 600_000
 
@@ -43,6 +44,7 @@ class Learners:
         self._seed = seed
         self._nonlinear = nonlinear
         self._views = {view.key: view for views in model.views for view in views}
+        self._places = {key: k for k, key in enumerate(self._views)}
         self._columns = [[_Columns(view) for view in views] for views in model.views]
         self._numeric = np.array([fluent.numeric for fluent in model.fluents], dtype=np.bool_)
         symbols: dict[str, list[int]] = {}
@@ -150,34 +152,41 @@ class Learners:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: Arrays = {"whole": self._whole.copy()}
         meta: Meta = {
-            "residuals": [],
-            "chances": [],
             "corrects": [bool(corrects) for corrects in self._corrects.values()],
             "foreseen": [bool(foreseen) for foreseen in self._foreseen.values()],
         }
-        parts: dict[str, list[Residual | Chances]] = {
-            "residuals": [*self._residuals.values()],
-            "chances": [*self._chances.values()],
-        }
-        for name, of_views in parts.items():
-            for k, part in enumerate(of_views):
-                own, own_meta = part.state_dict()
-                arrays |= nested(f"{name}{k}", own)
-                meta[name].append(own_meta)
+        parts: tuple[tuple[str, Mapping[Key, Residual | Chances]], ...] = (
+            ("residual", self._residuals),
+            ("chances", self._chances),
+        )
+        for kind, of_views in parts:
+            for key, part in of_views.items():
+                name = self._name(kind, key)
+                own, meta[name] = part.state_dict()
+                arrays |= nested(name, own)
         return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned; the block is restored by its owner, before."""
-        self._whole[:] = arrays["whole"]
+        """Restore what `state_dict` returned; the block is restored by its owner, before.
+
+        Raises:
+            RunError: It belongs to another domain, or is damaged.
+        """
+        saved = Saved("correction", arrays, meta)
+        self._whole[:] = saved.array("whole", np.bool_, self._whole.shape)
         self._wholes = int(np.count_nonzero(self._whole))
-        self._corrects = dict(zip(self._corrects, meta["corrects"], strict=True))
-        self._foreseen = dict(zip(self._foreseen, meta["foreseen"], strict=True))
-        for k, residual in enumerate(self._residuals.values()):
-            residual.load_state_dict(part_of(arrays, f"residuals{k}"), meta["residuals"][k])
-        for k, (key, chances) in enumerate(self._chances.items()):
-            chances.load_state_dict(part_of(arrays, f"chances{k}"), meta["chances"][k])
+        for name, truths in (("corrects", self._corrects), ("foreseen", self._foreseen)):
+            truths.update(zip(truths, saved.truths(name, len(truths)), strict=True))
+        for key, residual in self._residuals.items():
+            residual.load_state_dict(*saved.part(self._name("residual", key)))
+        for key, chances in self._chances.items():
+            chances.load_state_dict(*saved.part(self._name("chances", key)))
             self._block.groups[key].chance = chances.table if chances.used else None
         self._note_chances()
+
+    def _name(self, part: str, key: Key) -> str:
+        """Return the name of a part, by where its view is among all."""
+        return f"{part}{self._places[key]}"
 
 
 def _learnable(view: View) -> bool:

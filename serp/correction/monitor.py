@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from serp.compilation import cached_njit
 from serp.domain.model import TransitionModel, Vector
-from serp.errors import RunError
+from serp.saved import MOST, Saved
 
 CASES: Final = 5
 """Worst cases kept for each ground action and fluent."""
@@ -302,37 +302,31 @@ class Monitor:
         Raises:
             RunError: It belongs to another domain, or is incomplete; this monitor is unchanged.
         """
-        width = len(self._fluents)
+        saved, width = Saved("monitor", arrays, meta), len(self._fluents)
         for name, here in (("actions", len(self._actions)), ("fluents", width)):
-            if meta.get(name) != here:
-                raise RunError(
-                    f"the saved monitor knows {meta.get(name)} {name}, this domain has {here}; "
-                    "continue with the task it was saved with"
-                )
-        try:
-            bounds = arrays["bounds"]
-            executed = [int(action) for action in arrays["actions"]]
-            counts = [int(count) for count in arrays["counts"]]
-            rows = len(executed)
-            table = _unpacked("table", arrays, (rows, width, _COLUMNS))
-            kept = rows if self._keeps_states else 0
-            states = _unpacked("states", arrays, (kept, width, CASES, width))
-        except KeyError as error:
-            raise RunError(f"the saved monitor is incomplete: {error.args[0]}") from None
-        whole = (
-            bounds.shape == (2, width)
-            and len(counts) == rows == len(set(executed))
-            and all(0 <= action < len(self._actions) for action in executed)
-        )
-        if table is None or states is None or not whole:
-            raise RunError("the saved monitor is incomplete: its arrays do not fit together")
+            saved.equal(name, here, "continue with the task it was saved with")
+        executed = saved.array("actions", np.int64, (-1,), 0, len(self._actions) - 1).tolist()
+        rows = len(executed)
+        if len(set(executed)) != rows:
+            raise saved.wrong("actions come twice")
+        counts = saved.array("counts", np.int64, (rows,), 0, MOST).tolist()
+        bounds = saved.array("bounds", np.float64, (2, width), -math.inf, math.inf)
+        table = _unpacked("table", saved, (rows, width, _COLUMNS))
+        if (table[:, :, _SQUARE:_PREDICTED] < 0).any():
+            raise saved.wrong("table has squares below 0")
+        counted = table[:, :, _PREDICTED:_CASES]
+        if ((counted < 0) | (counted > MOST)).any():
+            raise saved.wrong("table has counts below 0 or beyond all bounds")
+        kept = rows if self._keeps_states else 0
+        states = _unpacked("states", saved, (kept, width, CASES, width))
+        skipped, unknown = saved.whole("skipped"), saved.whole("unknown")
         self._executed, self._counts = executed, counts
         self._rows = [-1] * len(self._actions)
         for row, action in enumerate(executed):
             self._rows[action] = row
         self._table, self._states = table, states
         self._about[:_PREDICATE] = bounds
-        self.skipped, self.unknown = int(meta["skipped"]), int(meta["unknown"])
+        self.skipped, self.unknown = skipped, unknown
 
 
 def _side(cells: list[float], side: int, count: int) -> Side:
@@ -358,14 +352,9 @@ def _packed(name: str, array: Vector) -> dict[str, NDArray[Any]]:
     return {f"{name}.places": places.astype(np.int64), f"{name}.values": flat[places]}
 
 
-def _unpacked(
-    name: str, arrays: Mapping[str, NDArray[Any]], shape: tuple[int, ...]
-) -> Vector | None:
-    """Return the array that was packed, or None where it does not fit that shape."""
-    places, values = arrays[f"{name}.places"], arrays[f"{name}.values"]
+def _unpacked(name: str, saved: Saved, shape: tuple[int, ...]) -> Vector:
+    """Return the array that was packed."""
     flat = np.zeros(math.prod(shape))
-    inside = len(places) == len(values) and bool(((places >= 0) & (places < flat.size)).all())
-    if not inside:
-        return None
-    flat[places] = values
+    places = saved.array(f"{name}.places", np.int64, (-1,), 0, flat.size - 1)
+    flat[places] = saved.array(f"{name}.values", np.float64, places.shape)
     return flat.reshape(shape)

@@ -13,9 +13,10 @@ from serp.domain.loading import Domain, load_domain
 from serp.domain.model import TransitionModel
 from serp.errors import RunError
 from serp.made_with import made_with
-from serp.nesting import part_of
 from serp.runs.checkpoint import Checkpoint
 from serp.runs.folder import RunFolder
+from serp.runs.regular import read_regular
+from serp.saved import Saved
 
 
 @dataclass(frozen=True)
@@ -60,21 +61,16 @@ def read_recorded(run: Path) -> Recorded:
     _refuse_changes(folder, checkpoint)
     domain = load_domain(folder.domain_file, folder.problem_file)
     model = domain.model.replace(dt=made.dt)
-    saved = checkpoint.meta.get("agent", {}).get("correction", {})
-    if not {"experience", "monitor"} <= saved.keys():
+    whole = Saved("run", checkpoint.arrays, checkpoint.meta)
+    saved = Saved("correction", *Saved("agent", *whole.part("agent")).part("correction"))
+    if not (saved.has("experience") and saved.has("monitor")):
         raise RunError(
             f"{run} recorded nothing of what its actions did: an earlier version of serp made it. "
             "Train again with this one, or use the version that config.json names"
         )
-    observed = part_of(checkpoint.arrays, "correction")
-    experience = Experience.restored(part_of(observed, "experience"), saved["experience"])
-    if experience.fluents != len(model.fluents):
-        raise RunError(
-            f"the experience saved in {run} has states of {experience.fluents} fluents, its domain "
-            f"has {len(model.fluents)}; restore the folder from a copy"
-        )
-    monitor = Monitor(model)
-    monitor.load_state_dict(part_of(observed, "monitor"), saved["monitor"])
+    experience, monitor = Experience.of(model), Monitor(model)
+    experience.load_state_dict(*saved.part("experience"))
+    monitor.load_state_dict(*saved.part("monitor"))
     if not len(experience):
         raise RunError(
             f"{run} has made no env step up to its last checkpoint; let it train for a while: "
@@ -88,7 +84,7 @@ def read_recorded(run: Path) -> Recorded:
         model=model,
         experience=experience,
         monitor=monitor,
-        env_steps=int(checkpoint.meta.get("env_steps", experience.seen)),
+        env_steps=whole.whole("env_steps"),
         notice=None if damage is None else f"{damage} What is said here is as of the one before.",
     )
 
@@ -100,7 +96,7 @@ def _refuse_changes(folder: RunFolder, checkpoint: Checkpoint) -> None:
         if file is None or file.name not in digests:
             continue
         try:
-            content = file.read_bytes()
+            content = read_regular(file)
         except OSError as error:
             raise RunError(f"cannot read {file}: {error.strerror or error}") from error
         if hashlib.sha256(content).hexdigest() != digests[file.name]:

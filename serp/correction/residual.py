@@ -24,6 +24,7 @@ from serp.correction.kernels import waves_of
 from serp.correction.screening import far_off
 from serp.correction.views import View
 from serp.nesting import nested, part_of
+from serp.saved import LARGEST, MOST, Saved
 
 Array = NDArray[np.float64]
 
@@ -317,6 +318,10 @@ class Residual:
         "gram", "moment", "count", "loss", "seen", "usual", "recent", "calm", "odd", "streak",
         "spread", "origin", "low", "high", "x", "y", "wave_gram", "wave_moment", "drawn_for",
     )  # fmt: skip
+    _RANGES: Final = {
+        "count": (0, MOST), "seen": (0, MOST), "streak": (0, MOST),
+        "low": (-np.inf, np.inf), "high": (-np.inf, np.inf),  # before the first sample
+    }  # fmt: skip
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
@@ -335,19 +340,24 @@ class Residual:
         }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
+        """Restore what `state_dict` returned; what was published is restored by its owner, before.
+
+        Raises:
+            RunError: It belongs to another view, or is damaged.
+        """
+        saved = Saved("residual", arrays, meta)
+        self._kept, self._samples = saved.whole("kept"), saved.whole("samples")
+        self._since, self._strangers = saved.whole("since"), saved.whole("strangers")
+        self._random.bit_generator.state = saved.generator_state("random", self._random)
         for name in self._STATE:
             own = getattr(self, f"_{name}")
-            if name not in arrays:
+            if name.startswith("wave") and not self._memory.waves:
                 own[:] = 0.0
-            elif name in ("x", "y"):
-                own[: len(arrays[name])] = arrays[name]
-            else:
-                own[:] = arrays[name]
+                continue
+            rows = min(self._kept, len(own)) if name in ("x", "y") else len(own)
+            low, high = self._RANGES.get(name, (-LARGEST, LARGEST))
+            own[:rows] = saved.array(name, np.float64, (rows, *own.shape[1:]), low, high)
         self._beginning.load_state_dict(part_of(arrays, "beginning"))
-        self._kept, self._samples = int(meta["kept"]), int(meta["samples"])
-        self._since, self._strangers = int(meta["since"]), int(meta["strangers"])
-        self._random.bit_generator.state = dict(meta["random"])
 
 
 def _range(low: Array, high: Array) -> tuple[Array, Array]:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from serp.compilation import cached_njit
 from serp.correction.forgetting import rate_of
 from serp.domain.model import Vector
+from serp.nesting import Arrays
+from serp.saved import Saved
 
 _MEMORY: Final = 0.99
 _LEAST: Final = 20
@@ -76,17 +78,16 @@ class Skill:
         missed = self._error > (1.0 - _RELIABLE) * self._change
         return not bool((missed & (self._error > _RESTING * self._usual)).any())
 
-    def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Return arrays that `load_state_dict` restores exactly."""
-        return {
-            "error": self._error.copy(),
-            "change": self._change.copy(),
-            "usual": self._usual.copy(),
-            "steps": np.array([self.steps]),
-        }
+    def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        return {"means": self.means.copy()}, {"steps": self.steps}
 
-    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Restore what `state_dict` returned."""
-        self._error[:], self._change[:] = arrays["error"], arrays["change"]
-        self._usual[:] = arrays["usual"]
-        self.steps = int(arrays["steps"][0])
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It belongs to another domain, or is damaged.
+        """
+        saved = Saved("skill of the model", arrays, meta)
+        means = saved.array("means", np.float64, self.means.shape, low=0.0)
+        self.means[:], self.steps = means, saved.whole("steps")

@@ -15,7 +15,7 @@ def load_function(generated: Generated, filename: str) -> Callable[..., int]:
 
     Args:
         generated: What to load.
-        filename: Shown in tracebacks, and where numba looks for the file beside its cache.
+        filename: Shown in tracebacks; compiled code is kept under it.
     """
     # numba finds the environment of a cached function through the module's name.
     namespace: dict[str, Any] = {"__builtins__": {}, "__name__": __name__}

@@ -3,27 +3,22 @@
 The generated function is compiled alone, to a C callback; what loops over states (the lookahead,
 batches) is compiled once for all domains and calls it through its address. An edit of a domain file
 therefore costs the compilation of one small function, and none at all where only numbers changed.
-Both are cached on disk by numba, in the folder that `cache_folder` returns.
+Both are cached on disk, see `serp.caching`.
 """
 
 from __future__ import annotations
 
 import ast
 import hashlib
-import os
-import tempfile
-import warnings
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import platformdirs
 from llvmlite import ir  # type: ignore[import-untyped]
-from numba import cfunc, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from serp.compilation import cached_njit
+from serp.compilation import cached_cfunc, cached_njit
 from serp.domain.codegen import Generated
 from serp.domain.interpreted import load_function
 
@@ -33,12 +28,6 @@ STEP_SIGNATURE = types.int64(_POINTER, types.int64, _POINTER, types.float64, _PO
 
 STACK: Final = 256
 """Numbers that compiled code keeps on the stack at most, see `stack_room`: 2 KB."""
-
-
-def cache_folder() -> Path:
-    """Return the folder of compiled models: $SERP_CACHE_DIR, or the user's cache folder."""
-    chosen = os.environ.get("SERP_CACHE_DIR")
-    return Path(chosen) if chosen else Path(platformdirs.user_cache_dir("serp")) / "models"
 
 
 def structure_digest(generated: Generated) -> str:
@@ -51,34 +40,10 @@ def compile_native(generated: Generated) -> Any:
 
     The callback must be kept alive as long as the address is in use.
     """
+    # The name of the file, of which there is none, is what the code is kept under.
+    function = load_function(generated, f"<model {structure_digest(generated)}>")
     # `error_model`: divisions are guarded in the generated code, so no check is compiled in.
-    options: dict[str, Any] = {"error_model": "numpy"}
-    path = _cached_listing(generated)
-    if path is not None:
-        try:
-            return cfunc(STEP_SIGNATURE, cache=True, **options)(load_function(generated, str(path)))
-        except Exception as error:  # numba's cache files: cut short, unreadable, of another make
-            warnings.warn(f"compiled model in {path.parent} not used: {error}", stacklevel=2)
-    return cfunc(STEP_SIGNATURE, **options)(load_function(generated, "<serp step>"))
-
-
-def _cached_listing(generated: Generated) -> Path | None:
-    """Write the function's listing beside which numba keeps its cache; None where it cannot be.
-
-    The listing is for numba's bookkeeping and for people; it is never read back.
-    """
-    folder = cache_folder()
-    path = folder / f"model_{structure_digest(generated)}.py"
-    try:
-        if path.exists():
-            return path
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile("w", dir=folder, suffix=".tmp", delete=False) as file:
-            file.write(ast.unparse(generated.tree) + "\n")
-        os.replace(file.name, path)
-    except OSError:
-        return None
-    return path
+    return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(function)
 
 
 def _pointer_to(typing_context, array, position):  # type: ignore[no-untyped-def]

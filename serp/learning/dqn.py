@@ -31,7 +31,8 @@ from serp.learning.schedule import LinearSchedule
 from serp.learning.settings import DQNSettings
 from serp.learning.symmetry import SymmetryGroup
 from serp.learning.td import TDGradient
-from serp.nesting import nested, part_of
+from serp.nesting import nested
+from serp.saved import LARGEST, Saved
 
 
 class Proposal(NamedTuple):
@@ -393,28 +394,27 @@ class DQN:
             RunError: the state belongs to a learner of another shape, or is incomplete; this
                 learner is unchanged.
         """
-        trained = self.networks.arrays()
+        saved, networks = Saved("learner", arrays, meta), self.networks
+        trained = networks.arrays()
         for name, array in trained.items():
-            shape = arrays[name].shape if name in arrays else "absent"
-            if shape != array.shape:
-                raise RunError(
-                    f"the saved learner does not fit: {name} is {shape}, expected {array.shape}; "
-                    "continue with the task and the settings it was saved with"
-                )
-        if "target" in arrays and "target" not in trained:
+            low = 0.0 if name == "adam_second" else -LARGEST
+            saved.array(name, np.float32, array.shape, low)
+        if saved.has("target") and "target" not in trained:
             raise RunError(
                 "the saved learner has a target network, this one has none; continue with the "
                 "settings it was saved with"
             )
-        self.replay.load_state_dict(part_of(arrays, "replay"), meta["replay"])
+        env_steps, learn_calls = saved.whole("env_steps"), saved.whole("learn_calls")
+        updates, adam_steps = saved.whole("updates"), saved.whole("adam_steps")
+        seen_rewards = saved.reals("seen_rewards", 4, -math.inf, math.inf)
+        state = saved.generator_state("explore_rng", self._explore_rng)
+        self.replay.load_state_dict(*saved.part("replay"))
         for name, array in trained.items():
             array[...] = arrays[name]
-        self._env_steps = int(meta["env_steps"])
-        self._learn_calls = int(meta["learn_calls"])
-        self.networks.updates = int(meta["updates"])
-        self.networks.optimizer.steps = int(meta["adam_steps"])
-        self._bounds.load_state(meta["seen_rewards"])
-        self._explore_rng.bit_generator.state = meta["explore_rng"]
+        self._env_steps, self._learn_calls = env_steps, learn_calls
+        networks.updates, networks.optimizer.steps = updates, adam_steps
+        self._bounds.load_state(seen_rewards)
+        self._explore_rng.bit_generator.state = state
 
 
 def _generators(seed: np.random.SeedSequence | int) -> list[np.random.Generator]:

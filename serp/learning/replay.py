@@ -21,6 +21,7 @@ from serp.learning.guidance import Guidance
 from serp.learning.samples import Samples, type_Bool, type_F32
 from serp.learning.sampling import Sampler
 from serp.learning.symmetry import SymmetryGroup
+from serp.saved import LARGEST, MOST, Saved, whole_within
 
 
 class ReplayBuffer:
@@ -340,10 +341,8 @@ class ReplayBuffer:
             "rng": self._sampler.rng.bit_generator.state,
         }
         if self._store.guide is not None:
-            meta["pending_guide"] = [
-                [int(action), float(value)]
-                for action, value in (self._pending_guide[i] for i in order)
-            ]
+            meta["pending_guide"] = [int(self._pending_guide[i][0]) for i in order]
+            meta["pending_value"] = [float(self._pending_guide[i][1]) for i in order]
         return arrays, meta
 
     def load_state_dict(
@@ -355,63 +354,89 @@ class ReplayBuffer:
             RunError: the state belongs to a buffer of other settings, or is incomplete; this
                 buffer is unchanged.
         """
+        saved = Saved("replay memory", arrays, meta)
+        shapes = Saved("replay memory", {}, saved.part("shapes")[1])
         for name, here in self._shapes().items():
-            saved = meta["shapes"].get(name)
-            if saved != here:
-                raise RunError(
-                    f"the saved replay memory has {name} {saved}, this learner {here}; continue "
-                    "with the task and the settings it was saved with"
-                )
+            shapes.equal(name, here, "continue with the task and the settings it was saved with")
         guided = self._store.guide is not None
-        if guided != ("pending_guide" in meta):
+        if guided != saved.has("pending_guide"):
             raise RunError(
                 f"the saved replay memory is that of a learner {'without' if guided else 'with'} a "
                 f"guide to learn from, this learner has {'one' if guided else 'none'}; continue "
                 "with the settings it was saved with"
             )
-        sizes = [int(size) for size in meta["sizes"]]
-        pending = len(meta["pending_action"])
-        lengths = {
-            f"{memory}.{name}": size
-            for (memory, _, _), size in zip(self._memories(), sizes, strict=True)
-            for name in self._fields
-        } | {"pending.observation": pending}
-        for name, length in lengths.items():
-            if name not in arrays or len(arrays[name]) != length:
-                raise RunError(f"the saved replay memory is incomplete: {name}")
-            least = _LEAST_ACTION.get(name.partition(".")[2])
-            if least is not None and not _all_within(arrays[name], least, self._action_count):
-                raise RunError(f"the saved replay memory has actions that do not exist: {name}")
-
-        guide = [(int(action), float(value)) for action, value in meta.get("pending_guide", ())]
-        if guided and len(guide) != pending:
-            raise RunError("the saved replay memory is incomplete: pending_guide")
-        if not all(-1 <= action < self._action_count for action, _ in guide):
-            raise RunError("the saved replay memory has actions that do not exist: pending_guide")
+        most = (self._capacity, self._early_capacity, self._failing_capacity)
+        sizes = saved.wholes("sizes", len(most), 0, max(most))
+        size, _, failing_size = sizes
+        if any(held > room for held, room in zip(sizes, most, strict=True)):
+            raise saved.wrong(f"sizes are {sizes}, and there is room for {list(most)}")
+        for (memory, _, _), held in zip(self._memories(), sizes, strict=True):
+            for name, array in self._fields.items():
+                low, high = self._range_of(name)
+                saved.array(f"{memory}.{name}", array.dtype, (held, *array.shape[1:]), low, high)
+            if arrays[f"{memory}.forbidden"].all(axis=1).any():
+                raise saved.wrong(f"{memory}.forbidden forbids everything")
+        head = _head(saved, "head", size, self._capacity)
+        failing_head = _head(saved, "failing_head", failing_size, self._failing_capacity)
+        actions = self._action_count
+        # The n-th step completes the first one.
+        width = len(self._pending_observation[0])
+        observations = saved.array("pending.observation", np.float32, (-1, width))
+        pending = len(observations)
+        if pending >= self._n_step:
+            raise saved.wrong(f"{pending} steps wait for {self._n_step} rewards")
+        pending_action = saved.wholes("pending_action", pending, 0, actions - 1)
+        pending_return = saved.reals("pending_return", pending)
+        pending_failing = saved.truths("pending_failing", pending)
+        guide: list[tuple[int, float]] = []
+        if guided:
+            chosen = saved.wholes("pending_guide", pending, -1, actions - 1)
+            guide = list(zip(chosen, saved.reals("pending_value", pending), strict=True))
+        recent = saved.rows(
+            "recent",
+            self._window,
+            lambda entry: (
+                len(entry) == 3
+                and whole_within(entry[0], 0, MOST)
+                and whole_within(entry[1], 0, size - 1)
+                and whole_within(entry[2], 0, 1)
+            ),
+            "a step, its row and whether it was copied",
+        )
+        episode_steps = saved.whole("episode_steps")
+        state = saved.generator_state("rng", self._sampler.rng)
 
         self._size, self._early_size, self._failing_size = sizes
         for memory, start, size in self._memories():
             for name, array in self._fields.items():
                 array[start : start + size] = arrays[f"{memory}.{name}"]
-        self._head = int(meta["head"])
-        self._failing_head = int(meta["failing_head"])
+        self._head, self._failing_head = head, failing_head
         self._first, self._pending = 0, pending
-        self._pending_observation[:pending] = arrays["pending.observation"]
-        self._pending_action[:pending] = map(int, meta["pending_action"])
-        self._pending_return[:pending] = map(float, meta["pending_return"])
-        self._pending_failing[:pending] = map(bool, meta["pending_failing"])
+        self._pending_observation[:pending] = observations
+        self._pending_action[:pending] = pending_action
+        self._pending_return[:pending] = pending_return
+        self._pending_failing[:pending] = pending_failing
         if guided:
             self._pending_guide[:pending] = guide
-        self._episode_steps = int(meta["episode_steps"])
+        self._episode_steps = episode_steps
         self._recent.clear()
-        self._recent.extend([int(value) for value in entry] for entry in meta["recent"])
-        self._sampler.rng.bit_generator.state = meta["rng"]
+        self._recent.extend(recent)
+        self._sampler.rng.bit_generator.state = state
         self._dirty = True
+
+    def _range_of(self, field: str) -> tuple[float, float]:
+        """Between which values a field of samples lies."""
+        if field in _LEAST_ACTION:
+            return _LEAST_ACTION[field], self._action_count - 1
+        return (0.0, 1.0) if field == "discount" else (-LARGEST, LARGEST)
 
 
 _LEAST_ACTION = {"action": 0, "guide_action": -1, "guide_next_action": -1}
 """Fields that hold actions → the least that they may hold."""
 
 
-def _all_within(actions: npt.NDArray[Any], least: int, count: int) -> bool:
-    return bool(((actions >= least) & (actions < count)).all())
+def _head(saved: Saved, name: str, size: int, capacity: int) -> int:
+    """Where the next row of a ring goes: behind the last one, until the ring is full."""
+    if size < capacity:
+        return saved.whole(name, size, size)
+    return saved.whole(name, 0, max(capacity - 1, 0))

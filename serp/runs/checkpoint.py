@@ -2,7 +2,7 @@
 
 The file is an ordinary safetensors file. Its metadata has one entry, ``serp``, a JSON object::
 
-    {"format": 3, "sha256": "<digest of the content>", "meta": {...}}
+    {"format": 5, "sha256": "<digest of the content>", "meta": {...}}
 
 One entry, because safetensors writes several in no fixed order: so equal states give equal bytes.
 Integers of any size stay exact (a PCG64 state has 128 bits). NaN and the infinities, which JSON
@@ -34,14 +34,20 @@ from serp.runs.durable import (
     write_aside,
     write_durably,
 )
+from serp.runs.regular import read_regular
 
-FORMAT = 4
+FORMAT = 5
 NEWEST = "checkpoint.safetensors"
 PREVIOUS = "checkpoint-previous.safetensors"
 DAMAGED = "checkpoint-damaged.safetensors"
 
+_ADVICE = (
+    "Nothing is left to go on from: restore a checkpoint from a copy, or train again with another "
+    "--out. What metrics.csv and decisions.csv say of the run can still be read."
+)
 _ENTRY = "serp"
 _FLOAT = "float"
+_FLOATS = {str(value): value for value in (math.nan, math.inf, -math.inf)}
 _LENGTH_BYTES = 8  # a safetensors file begins with the length of its header
 
 
@@ -93,7 +99,7 @@ def load(path: Path | str) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, A
     """
     path = Path(path)
     try:
-        data = path.read_bytes()
+        data = read_regular(path)
     except FileNotFoundError as error:
         raise RunError(
             f"there is no checkpoint {path}. A run can be continued or evaluated once it has "
@@ -144,12 +150,12 @@ def load_newest(folder: Path | str) -> Checkpoint:
         RunError: there is no checkpoint, it cannot be read, or a newer serp wrote it.
     """
     newest, previous = Path(folder) / NEWEST, Path(folder) / PREVIOUS
-    if newest.exists() or not previous.exists():
+    if os.path.lexists(newest) or not os.path.lexists(previous):
         try:
             arrays, meta = load(newest)
         except CheckpointDamaged as error:
-            if not previous.exists():
-                raise
+            if not os.path.lexists(previous):
+                raise CheckpointDamaged(f"{error} {_ADVICE}") from error
             fallback = str(error)
         else:
             return Checkpoint(arrays, meta, newest)
@@ -158,7 +164,7 @@ def load_newest(folder: Path | str) -> Checkpoint:
     try:
         arrays, meta = load(previous)
     except CheckpointDamaged as error:
-        raise CheckpointDamaged(f"{fallback} The one before it: {error}") from error
+        raise CheckpointDamaged(f"{fallback} The one before it: {error} {_ADVICE}") from error
     return Checkpoint(arrays, meta, previous, fallback)
 
 
@@ -203,13 +209,13 @@ def _decode(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], d
         header = json.loads(data[_LENGTH_BYTES : _LENGTH_BYTES + size])
     except (SafetensorError, ValueError, KeyError, RecursionError) as error:
         raise damaged(f"it is cut or altered ({error})") from error
-    text = header.get("__metadata__", {}).get(_ENTRY)
+    text = (header.get("__metadata__") or {}).get(_ENTRY)
     if text is None:
         raise RunError(f"{path} is a safetensors file, but not a checkpoint of serp.")
     try:
         entry = json.loads(text)
         version, digest, meta = entry["format"], entry["sha256"], entry["meta"]
-        if not isinstance(version, int) or version < 1:
+        if type(version) is not int or version < 1 or not isinstance(meta, dict):
             raise ValueError(f"format {version!r}")
     except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise damaged("its metadata cannot be read") from error
@@ -228,7 +234,10 @@ def _decode(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], d
         raise damaged("its content is not what was written (the digest differs)")
     # Where safetensors gives views of immutable bytes, copy: the state is written on after this.
     arrays = {name: a if a.flags.writeable else a.copy() for name, a in loaded.items()}
-    return arrays, _exact(meta)
+    try:
+        return arrays, _exact(meta)
+    except (KeyError, TypeError, IndexError, RecursionError) as error:
+        raise damaged("its metadata cannot be read") from error
 
 
 def _strict(value: Any) -> Any:
@@ -252,7 +261,7 @@ def _exact(value: Any) -> Any:
         return value
     if set(value) == {_FLOAT}:
         inner = value[_FLOAT]
-        return {_FLOAT: _exact(inner[0])} if isinstance(inner, list) else float(inner)
+        return {_FLOAT: _exact(inner[0])} if isinstance(inner, list) else _FLOATS[inner]
     return {key: _exact(item) for key, item in value.items()}
 
 

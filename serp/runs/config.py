@@ -12,9 +12,16 @@ from typing import Any
 
 from serp.errors import RunError
 from serp.runs.json_files import json_text, read_json
+from serp.runs.lock import LOCK
 
 FORMAT = 1
 CONFIG = "config.json"
+
+_KINDS = {
+    "format": int, "created": str, "command": list, "domain_files": dict, "config": dict,
+    "versions": dict, "machine": dict,
+}  # fmt: skip
+"""What `config.json` has to hold: key → kind of JSON value."""
 
 _PACKAGES = (
     "serp",
@@ -72,6 +79,11 @@ def read_config(folder: Path) -> dict[str, Any]:
         raise RunError(f"there is no run {folder}: no such folder.")
     file = folder / CONFIG
     if not os.path.isfile(file):
+        if os.path.lexists(folder / LOCK):
+            raise RunError(
+                f"the run {folder} was stopped before it began: it has no {CONFIG}, so there is "
+                f"nothing to continue. Begin it anew, with --out {folder}."
+            )
         raise RunError(
             f"{folder} is no run: it has no {CONFIG}. Give a folder that plan-and-learn has made."
         )
@@ -82,10 +94,18 @@ def read_config(folder: Path) -> dict[str, Any]:
             f"{file} has format {version}; this serp knows formats up to {FORMAT}. Install a "
             "newer serp to read this run."
         )
-    if not isinstance(version, int) or not all(
-        isinstance(about.get(key), dict) for key in ("config", "domain_files")
-    ):
-        raise RunError(f"{file} was not written by serp, or is damaged. Restore it from a copy.")
+    for key, kind in _KINDS.items():
+        if not isinstance(about.get(key), kind):
+            raise RunError(
+                f"{file} was not written by serp, or is damaged: {key} is missing or no "
+                f"{kind.__name__}. Restore it from a copy."
+            )
+    texts = (*about["command"], *about["domain_files"].values())
+    if not all(isinstance(text, str) for text in texts):
+        raise RunError(
+            f"{file} is damaged: command and domain_files are to hold texts. Restore it from a "
+            "copy."
+        )
     return about
 
 

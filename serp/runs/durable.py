@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from serp.errors import RunError
+from serp.runs.regular import open_regular
 
 _ADVICE = {
     errno.ENOSPC: "Free some space on that disk",
@@ -58,7 +59,9 @@ def write_aside(path: Path, content: bytes) -> Path:
     aside = aside_of(path)
     try:
         try:
-            file = os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | _BINARY, 0o666)
+            # What lies there may be a link to a file elsewhere.
+            aside.unlink(missing_ok=True)
+            file = open_regular(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL)
             try:
                 write_all(file, content)
                 os.fsync(file)
@@ -145,6 +148,3 @@ def write_together(contents: Mapping[Path, str]) -> None:
         for aside in written:
             with contextlib.suppress(OSError):
                 aside.unlink(missing_ok=True)
-
-
-_BINARY = getattr(os, "O_BINARY", 0)  # Windows would translate line ends without it

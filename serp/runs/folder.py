@@ -23,18 +23,23 @@ import numpy as np
 from serp.errors import RunError
 from serp.runs.checkpoint import DAMAGED, NEWEST, Checkpoint, load_newest, save_rotating
 from serp.runs.config import CONFIG, config_text, read_config
-from serp.runs.durable import cannot_write, sync_folder, write_durably
+from serp.runs.durable import aside_of, cannot_write, sync_folder, write_durably
 from serp.runs.json_files import finite, json_text, read_json
 from serp.runs.lock import LOCK, RunLock
 from serp.runs.placement import make_empty, occupied, remove_traces
+from serp.runs.regular import require_regular
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
-from serp.runs.tables import Table
+from serp.runs.tables import Position, Table
+from serp.saved import Saved
 
 METRICS = "metrics.csv"
 DECISIONS = "decisions.csv"
 SUMMARY = "summary.json"
 _TABLES = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
 COPIES = ("domain.pddl", "problem.pddl")
+_BEGUN_WITH = (*COPIES, *_TABLES)
+"""What a run makes before ``config.json``, which makes the folder a run."""
+_TRACES = (*_BEGUN_WITH, *(aside_of(Path(name)).name for name in (*_BEGUN_WITH, CONFIG)))
 _POSITIONS = "tables"  # the key of a checkpoint's JSON under which the table positions stand
 
 
@@ -92,13 +97,14 @@ class RunFolder:
         sources = [_source(file) for file in domain_files]
         copies = {copy: name for copy, (name, _) in zip(COPIES, sources, strict=False)}
         text = config_text(config, copies, command, now or datetime.datetime.now())
-        made = make_empty(path)
+        made = make_empty(path, _TRACES)
         lock = None
         try:
             lock = RunLock(path)
             # Whoever came first between the look and the lock has left a run here.
             if os.path.lexists(path / CONFIG):
                 raise occupied(path)
+            remove_traces(path, _TRACES)
             for copy, (_, content) in zip(COPIES, sources, strict=False):
                 write_durably(path / copy, content)
             for name, columns in _TABLES.items():
@@ -107,7 +113,8 @@ class RunFolder:
             return cls(path, read_config(path), lock)
         except BaseException:
             if lock is not None:
-                remove_traces(path, (*COPIES, *_TABLES, LOCK))
+                with contextlib.suppress(RunError):
+                    remove_traces(path, (*_TRACES, LOCK))
                 lock.release()
             if made:
                 with contextlib.suppress(OSError):
@@ -145,14 +152,23 @@ class RunFolder:
 
     @property
     def domain_file(self) -> Path:
-        """The copy of the domain."""
-        return self.path / COPIES[0]
+        """The copy of the domain.
+
+        Raises:
+            RunError: it is a link or no file.
+        """
+        return require_regular(self.path / COPIES[0])
 
     @property
     def problem_file(self) -> Path | None:
-        """The copy of the problem; None where the run has none."""
-        copy = self.path / COPIES[1]
-        return copy if COPIES[1] in self.about["domain_files"] else None
+        """The copy of the problem; None where the run has none.
+
+        Raises:
+            RunError: it is a link or no file.
+        """
+        if COPIES[1] not in self.about["domain_files"]:
+            return None
+        return require_regular(self.path / COPIES[1])
 
     @property
     def metrics(self) -> Table:
@@ -181,11 +197,11 @@ class RunFolder:
         self.metrics.sync()
         self.decisions.sync()
 
-    def positions(self) -> dict[str, int]:
+    def positions(self) -> dict[str, Position]:
         """Flushes, and returns where each table ends: what `truncate` takes."""
         return {"metrics": self.metrics.position(), "decisions": self.decisions.position()}
 
-    def truncate(self, positions: Mapping[str, int]) -> None:
+    def truncate(self, positions: Mapping[str, Position]) -> None:
         """Drops the rows that were written after `positions`.
 
         Raises:
@@ -242,10 +258,9 @@ class RunFolder:
             RunError: there is no whole checkpoint, or the tables do not reach that far.
         """
         found = self.load_checkpoint()
-        positions = found.meta.pop(_POSITIONS, None)
-        if positions is None:
-            raise RunError(f"{found.path} does not say where the tables of {self.path} ended.")
-        self.truncate(positions)
+        saved = Saved("run", {}, Saved("run", {}, found.meta).part(_POSITIONS)[1])
+        self.truncate({name: Position(*saved.wholes(name, 2)) for name in ("metrics", "decisions")})
+        del found.meta[_POSITIONS]
         return found
 
     def write(self, name: str, content: str | bytes) -> Path:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from serp.errors import RunError
+from serp.runs.regular import read_regular
 
 
 def json_text(value: object) -> str:
@@ -47,7 +48,7 @@ def read_json(file: Path, advice: str) -> dict[str, Any]:
         RunError: it cannot be read, or holds something else.
     """
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(read_regular(file).decode("utf-8"))
     except OSError as error:
         raise RunError(f"cannot read {file}: {error.strerror or error}. {advice}") from error
     except (ValueError, RecursionError) as error:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from serp.errors import RunError
 from serp.runs.durable import cannot_write
+from serp.runs.regular import open_regular
 
 LOCK = ".lock"
 
@@ -45,7 +46,7 @@ class RunLock:
     def __init__(self, folder: Path) -> None:
         path = folder / LOCK
         try:
-            self._file: int | None = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+            self._file: int | None = open_regular(path, os.O_RDWR | os.O_CREAT)
         except OSError as error:
             raise cannot_write(path, error, "The run is as it was.") from error
         try:

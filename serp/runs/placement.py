@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 from serp.errors import RunError
@@ -38,8 +37,13 @@ def default_path(
     return path
 
 
-def make_empty(path: Path) -> bool:
+def make_empty(path: Path, traces: Collection[str]) -> bool:
     """Makes the folder of a new run; False where an empty one was there.
+
+    Args:
+        path: the folder.
+        traces: what a run that was stopped before it began may have left there; it counts for
+            nothing.
 
     Raises:
         RunError: it is a file, holds something, or cannot be made.
@@ -52,13 +56,14 @@ def make_empty(path: Path) -> bool:
     except OSError as error:
         raise cannot_write(path, error, "Nothing was made.") from error
     try:
-        # A lock alone is what a run leaves that failed before it began.
-        held = any(entry.name != LOCK for entry in path.iterdir())
+        names = {entry.name for entry in path.iterdir()}
     except NotADirectoryError:
         raise RunError(f"{path} is a file. Give another folder with --out.") from None
     except OSError as error:
         raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
-    if held:
+    # The lock says that it was a run that left the rest, stopped before it began. In a folder
+    # without one, a domain.pddl may be the user's own.
+    if names and not (LOCK in names and names <= {LOCK, *traces}):
         raise occupied(path)
     return False
 
@@ -75,10 +80,16 @@ def occupied(path: Path) -> RunError:
     )
 
 
-def remove_traces(path: Path, names: Iterable[str]) -> None:
-    """Removes the files that a failed beginning made in a folder that was empty before."""
+def remove_traces(path: Path, traces: Iterable[str]) -> None:
+    """Removes what a run that was stopped or failed before it began left in a folder.
+
+    Raises:
+        RunError: It cannot be removed.
+    """
     if os.path.lexists(path / CONFIG):  # another process's run
         return
-    with contextlib.suppress(OSError):
-        for name in names:
+    for name in traces:
+        try:
             (path / name).unlink(missing_ok=True)
+        except OSError as error:
+            raise cannot_write(path / name, error, "Nothing was changed.") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, Final, get_type_hints
 import numpy as np
 
 from serp.errors import RunError
+from serp.runs.regular import open_regular
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow
 
 _INT64: Final = range(-(2**63), 2**63)
@@ -28,7 +30,7 @@ def read_rows(path: Path | str, columns: Sequence[str]) -> Iterator[tuple[int, l
     path = Path(path)
     number = 0
     try:
-        with open(path, "rb") as file:
+        with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
             for number, line in enumerate(file, start=1):
                 if number > 1 and not line.endswith(b"\n"):
                     break

@@ -9,19 +9,33 @@ from __future__ import annotations
 
 import contextlib
 import os
+import zlib
 from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 from pathlib import Path
 from types import NoneType, TracebackType
-from typing import Any, Final, Self
+from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 
 from serp.errors import RunError
 from serp.runs.durable import cannot_write, write_all
+from serp.runs.regular import open_regular
 
 _ROWS_HELD: Final = 1024  # formatted in about 5 ms, held in well under 1 MB
 _BLOCK: Final = 65_536
+
+
+class Position(NamedTuple):
+    """A place in a table, and what comes before it.
+
+    Attributes:
+        bytes: how many there are.
+        checksum: their CRC-32.
+    """
+
+    bytes: int
+    checksum: int
 
 
 class Table:
@@ -44,14 +58,11 @@ class Table:
         self._rows: list[Sequence[Any]] = []
         self._header = (",".join(map(_text, self.columns)) + "\n").encode()
         try:
-            self._file = os.open(
-                self.path,
-                os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0),
-                0o666,
-            )
+            self._file = open_regular(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
         except OSError as error:
             raise cannot_write(self.path, error, "The table is as it was.") from error
         self._open = True
+        self._checksum: int | None = None  # None: to be read from the file, where it is asked for
         try:
             self._end = os.fstat(self._file).st_size
             self._check()
@@ -104,22 +115,29 @@ class Table:
         except OSError as error:
             raise cannot_write(self.path, error, "Its last rows may be missing.") from error
 
-    def position(self) -> int:
-        """Flushes, and returns where the table ends, in bytes: what `truncate` takes.
+    def position(self) -> Position:
+        """Flushes, and returns where the table ends: what `truncate` takes.
 
         Raises:
             RunError: the write failed.
         """
         self.flush()
-        return self._end
+        if self._checksum is None:
+            try:
+                self._checksum = self._checksum_of(self._end)
+            except OSError as error:
+                raise RunError(f"cannot read {self.path}: {error.strerror or error}.") from error
+        return Position(self._end, self._checksum)
 
-    def truncate(self, position: int) -> None:
+    def truncate(self, to: Position) -> None:
         """Goes back to an earlier `position`: drops the rows after it, held ones too.
 
         Raises:
-            RunError: the file does not reach that far, no row ends there, or the disk failed.
+            RunError: the file does not reach that far, the rows up to there are not those that
+                were written, or the disk failed.
         """
         self._rows.clear()
+        position = to.bytes
         if not len(self._header) <= position <= self._end:
             raise RunError(
                 f"{self.path} has {self._end} bytes, and the checkpoint was made when it had "
@@ -127,16 +145,16 @@ class Table:
                 "a new run with another --out."
             )
         try:
-            if self._read(position - 1, 1) != b"\n":
+            if self._checksum_of(position) != to.checksum:
                 raise RunError(
-                    f"no row of {self.path} ends at byte {position}, where the checkpoint was "
-                    "made: the table was changed since. Restore it from a copy, or begin a new run "
-                    "with another --out."
+                    f"the rows of {self.path} up to byte {position} are not those that were there "
+                    "when the checkpoint was made: the table was changed since. Restore it from a "
+                    "copy, or begin a new run with another --out."
                 )
             os.ftruncate(self._file, position)
         except OSError as error:
             raise cannot_write(self.path, error, "The table is as it was.") from error
-        self._end = position
+        self._end, self._checksum = position, to.checksum
 
     def close(self) -> None:
         """Flushes and closes; closing twice does nothing.
@@ -205,6 +223,13 @@ class Table:
         os.lseek(self._file, start, os.SEEK_SET)
         return os.read(self._file, size) if size > 0 else b""
 
+    def _checksum_of(self, size: int) -> int:
+        """The CRC-32 of the first so many bytes."""
+        checksum = 0
+        for start in range(0, size, _BLOCK):
+            checksum = zlib.crc32(self._read(start, min(_BLOCK, size - start)), checksum)
+        return checksum
+
     def _write(self, data: bytes) -> None:
         try:
             write_all(self._file, data)
@@ -216,7 +241,11 @@ class Table:
                 raise
             kept = f"Its rows up to byte {self._end} are whole."
             raise cannot_write(self.path, error, kept) from error
+        if self._end == 0:
+            self._checksum = 0
         self._end += len(data)
+        if self._checksum is not None:
+            self._checksum = zlib.crc32(data, self._checksum)
 
 
 def _text(value: str) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from serp.errors import MissingExtra
+from serp.errors import MissingExtra, RunError
 from serp.runs.rows import METRICS_COLUMNS, MetricsRow
 
 
@@ -34,13 +34,17 @@ class EventWriter:
 
     Raises:
         MissingExtra: TensorBoard is not installed.
+        RunError: `tensorboard/` is a link.
     """
 
     def __init__(self, folder: Path, purge_step: int | None = None) -> None:
         require_tensorboard()
         from torch.utils.tensorboard import SummaryWriter
 
-        self._writer: Any = SummaryWriter(str(folder / "tensorboard"), purge_step=purge_step)
+        events = folder / "tensorboard"
+        if events.is_symlink():
+            raise RunError(f"{events} is a link. Put a folder there, or remove it.")
+        self._writer: Any = SummaryWriter(str(events), purge_step=purge_step)
 
     def __enter__(self) -> Self:
         return self

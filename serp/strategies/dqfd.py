@@ -7,6 +7,7 @@ from typing import Any
 
 from serp.actions import ActionForecast
 from serp.learning.guidance import Guidance, GuidedLearning
+from serp.saved import Saved
 from serp.strategies.advice import advice
 from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
 
@@ -59,5 +60,9 @@ class Demonstrations(Strategy):
         return {"step": self._step}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
-        self._step = int(meta["step"])
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        self._step = Saved("strategy", {}, meta).whole("step")

@@ -9,6 +9,7 @@ import numpy as np
 
 from serp.actions import ActionForecast
 from serp.learning.guidance import Guidance, GuidedLearning
+from serp.saved import Saved
 from serp.strategies.advice import advice
 from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
 
@@ -73,6 +74,11 @@ class ImitateThenLearn(Strategy):
         }
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
-        self._step, self._end = int(meta["step"]), int(meta["end"])
-        self._random.bit_generator.state = dict(meta["random"])
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        saved = Saved("strategy", {}, meta)
+        self._step, self._end = saved.whole("step"), saved.whole("end")
+        self._random.bit_generator.state = saved.generator_state("random", self._random)

@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any, Final
 
+from serp.saved import Saved
 from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
 
 _WINDOW: Final = 5
@@ -79,9 +80,14 @@ class JumpStart(Strategy):
         }
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
-        self._longest, self._stage = int(meta["longest"]), int(meta["stage"])
-        self._best = -float("inf") if meta["best"] is None else float(meta["best"])
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        saved = Saved("strategy", {}, meta)
+        self._longest, self._stage = saved.whole("longest"), saved.whole("stage", -1, self._stages)
+        self._best = -float("inf") if self._stage < 0 else saved.real("best")
         self._recent.clear()
-        self._recent.extend(meta["recent"])
+        self._recent.extend(saved.reals("recent", _WINDOW, least=0))
         self._step = 0

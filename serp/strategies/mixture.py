@@ -9,6 +9,7 @@ import numpy as np
 
 from serp.actions import ActionForecast
 from serp.learning.guidance import Guidance, GuidedLearning
+from serp.saved import Saved
 from serp.strategies.advice import advice
 from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
 from serp.trust import Trust
@@ -106,6 +107,11 @@ class Mixture(Strategy):
         return {"rho": self._rho, "random": self._random.bit_generator.state}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
-        self._rho = float(meta["rho"])
-        self._random.bit_generator.state = dict(meta["random"])
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        saved = Saved("strategy", {}, meta)
+        self._rho = saved.real("rho", 0.0, 1.0)
+        self._random.bit_generator.state = saved.generator_state("random", self._random)

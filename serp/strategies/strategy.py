@@ -142,4 +142,8 @@ class Strategy:
         return {}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned."""
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """

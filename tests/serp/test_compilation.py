@@ -44,7 +44,7 @@ def result(folder: Path) -> list[float]:
     path = os.pathsep.join([ours, os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
         [sys.executable, "outer.py"], cwd=folder, capture_output=True, text=True, check=True,
-        env={**os.environ, "PYTHONPATH": path, "NUMBA_CACHE_DIR": str(folder / "cache")},
+        env={**os.environ, "PYTHONPATH": path, "SERP_CACHE_DIR": str(folder / "cache")},
     )  # fmt: skip
     return [float(word) for word in done.stdout.split()]
 

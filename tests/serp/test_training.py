@@ -17,7 +17,7 @@ from serp.planning.lookahead import Lookahead
 from serp.registry import load_task
 from serp.runs import checkpoint
 from serp.runs.rows import DECISIONS_COLUMNS, MetricsRow
-from serp.runs.tables import Table
+from serp.runs.tables import Position, Table
 from serp.settings import Settings, resolve
 from serp.task import Task
 from serp.training import Trainer
@@ -58,7 +58,7 @@ class Run:
     def restore(self) -> None:
         arrays, meta = checkpoint.load(self.folder / "saved")
         self.trainer.load_state_dict(arrays, meta)
-        self.decisions.truncate(meta["position"])
+        self.decisions.truncate(Position(*meta["position"]))
 
     def everything(self) -> tuple[list[Any], str, dict[str, bytes], str]:
         """Whatever the run has done and is, but for the time it took."""
@@ -208,7 +208,7 @@ def test_a_run_saved_without_values_of_leaves_is_not_continued_with_them(tmp_pat
     never = settings.replace({"planner": {"leaf_value": "never"}})
     trainer = Trainer(task.bind(), never, 3)
     trainer.run_episode()
-    with pytest.raises(RunError, match="values of leaves do not fit"):
+    with pytest.raises(RunError, match="outlook is missing"):
         Trainer(task.bind(), settings, 3).load_state_dict(*trainer.state_dict())
 
 
@@ -323,7 +323,7 @@ def test_a_state_of_another_learner_is_refused(tmp_path: Path) -> None:
     run = uninterrupted(tmp_path / "run", "default", 2)
     task = corridor(tmp_path)
     wider = settings_of(task, "default").replace({"learner": {"hidden": [9]}})
-    with pytest.raises(RunError, match="does not fit"):
+    with pytest.raises(RunError, match="parameters has shape"):
         Trainer(task.bind(), wider, 3).load_state_dict(*run.trainer.state_dict())
 
 

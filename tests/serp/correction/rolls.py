@@ -58,7 +58,7 @@ def balance(text: str, seed: int, steps: int, noise: float = 0.0) -> tuple[Exper
     serp_envs.register()
     env = gym.make("serp/CartPole-v0")
     rng = np.random.default_rng(seed)
-    experience = Experience(steps, 4)
+    experience = Experience(steps, 4, 9)
     falls = 0
     observation, _ = env.reset(seed=seed)
     for _ in range(steps):
@@ -82,7 +82,7 @@ def imagined(
     noise: float = 0.0,
 ) -> Experience:
     """What a model says of random actions in given states, plus noise on numeric fluents."""
-    experience = Experience(len(states), len(model.fluents))
+    experience = Experience(len(states), len(model.fluents), len(model.actions))
     numeric = np.array([fluent.numeric for fluent in model.fluents])
     actions = rng.integers(len(model.actions), size=len(states))
     errors = numeric * rng.normal(scale=noise, size=states.shape)

@@ -275,16 +275,45 @@ def test_an_object_that_rests_is_no_hindrance_to_others_of_its_type(resting: str
         assert predicted[column[f"lit {ball}"]] == 1.0
 
 
-def test_a_damaged_table_is_refused() -> None:
+def test_the_table_is_laid_out_anew_from_what_was_counted() -> None:
+    """What a checkpoint does not hold cannot be forged: offsets, and a hash table without end."""
+    model = from_text(GRID).model
+    whole, resumed = correction_of(model), correction_of(model)
+    slip(whole, 100)
+    arrays, meta = whole.state_dict()
+    resumed.load_state_dict(arrays, meta)
+    tables = [
+        chances.table
+        for correction in (whole, resumed)
+        for chances in correction._learners._chances.values()
+        if chances.table is not None
+    ]
+    assert len(tables) == 2
+    assert tables[0].tobytes() == tables[1].tobytes()
+    assert sum(array.nbytes for name, array in arrays.items() if "chances" in name) < 20_000
+
+
+def test_damaged_counts_are_refused() -> None:
     model = from_text(GRID).model
     correction = correction_of(model)
     slip(correction, 100)
     arrays, meta = correction.state_dict()
-    (name,) = [name for name in arrays if name.endswith("table")]
-    far_away = arrays[name].copy()
-    far_away[8] = 1e9
-    for damaged in (arrays[name][:20], far_away, np.zeros_like(arrays[name])):
+    (prefix,) = [name.removesuffix("codes") for name in arrays if name.endswith(".codes")
+                 and "chances" in name]  # fmt: skip
+    codes, totals = arrays[f"{prefix}codes"], arrays[f"{prefix}totals"]
+    for name, damaged in (
+        ("codes", codes[:-1]),
+        ("codes", np.repeat(codes, 2000)),
+        ("codes", codes + 0.5),
+        ("codes", np.full_like(codes, 2.0**60)),
+        ("codes", np.full_like(codes, codes[0])),
+        ("totals", np.zeros_like(totals)),
+        ("totals", -totals),
+        ("changes", np.zeros((13, 1))),
+        ("places", np.array([10**9])),
+        ("others", np.array([-1])),
+    ):
         with pytest.raises(RunError, match="damaged"):
-            correction_of(model).load_state_dict({**arrays, name: damaged}, meta)
+            correction_of(model).load_state_dict({**arrays, f"{prefix}{name}": damaged}, meta)
     with pytest.raises(RunError):
         correction_of(model).load_state_dict({}, meta)

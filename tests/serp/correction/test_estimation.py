@@ -155,9 +155,9 @@ def test_noise_alone_is_no_finding() -> None:
 
 def test_nothing_seen_says_nothing() -> None:
     model = cartpole().model.replace(dt=DT)
-    found = findings(model, Experience(10, 4))
+    found = findings(model, Experience(10, 4, 9))
     assert found == Findings((), (), (), (), 0, 0)
-    broken = Experience(10, 4)
+    broken = Experience(10, 4, 9)
     broken.add(np.full(4, np.nan), 0, np.zeros(4), False)
     broken.add(np.zeros(4), -1, np.zeros(4), False)
     assert findings(model, broken).skipped == 2
@@ -216,7 +216,7 @@ def test_a_line_through_a_few_large_changes_is_no_effect() -> None:
 def test_values_that_only_a_fault_can_be_move_nothing() -> None:
     seen, _ = balance(cartpole().source.text, 0, 500, 0.2)
     model = cartpole("cartpole-empty").model.replace(dt=DT)
-    faulty = Experience(700, 4)
+    faulty = Experience(700, 4, 9)
     for k, row in enumerate(zip(seen.states, seen.actions, seen.next_states, strict=True)):
         state, action, after = row
         faulty.add(state, int(action), after, False)
@@ -263,7 +263,7 @@ def slips(seed: int, *, teleports: bool) -> Findings:
     domain = from_text((DOMAINS / "cliff.pddl").read_text(encoding="utf-8"))
     moves = {"up": 0, "right": 1, "down": 2, "left": 3}
     rng = np.random.default_rng(seed)
-    experience = Experience(2_000, 2)
+    experience = Experience(2_000, 2, 9)
     cell, _ = env.reset(seed=seed)
     for _ in range(2_000):
         action = int(rng.integers(4))

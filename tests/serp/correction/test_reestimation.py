@@ -28,7 +28,7 @@ SPLIT = """(define (domain split)
 def adopted(change: Callable[[int], tuple[float, float]], steps: int = 64) -> Vector:
     """The literals after steps that change the fluents of `WALK` so."""
     model = from_text(WALK).model
-    experience = Experience(steps, 2)
+    experience = Experience(steps, 2, 9)
     state = np.zeros(2)
     for k in range(steps):
         after = state + change(k)
@@ -53,7 +53,7 @@ def test_an_effect_that_seldom_comes_about_is_not_averaged_away() -> None:
 def test_estimates_follow_what_is_observed_since() -> None:
     model = from_text(WALK).model
     rng = np.random.default_rng(5)
-    experience, states = Experience(1024, 2), np.zeros(2)
+    experience, states = Experience(1024, 2, 9), np.zeros(2)
     reestimation, theta = Reestimation(model), model.theta.copy()
     off = []
     for k in range(1, 1025):
@@ -88,7 +88,7 @@ def test_a_wild_reading_neither_blocks_an_estimate_nor_lets_one_pass(
     for truth, expected in ((1.0, 0.2), (0.1, 0.1)):
         model = from_text(WALK).model
         rng = np.random.default_rng(3)
-        experience = Experience(256, 2)
+        experience = Experience(256, 2, 9)
         for k in range(256):
             state = rng.normal(size=2)
             much = 0.2 if truth == 1.0 else 0.4 * (rng.random() < truth)
@@ -104,7 +104,7 @@ def test_a_wild_reading_neither_blocks_an_estimate_nor_lets_one_pass(
 def test_what_is_written_as_nothing_may_be_estimated_either_way(truth: float) -> None:
     model = from_text(WALK.replace("(near) 0.4", "(near) 0.0")).model
     rng = np.random.default_rng(0)
-    experience = Experience(256, 2)
+    experience = Experience(256, 2, 9)
     for _ in range(256):
         state = rng.normal(size=2)
         after = state + np.array([truth + 0.3 * rng.standard_normal(), 0.2])
@@ -116,7 +116,8 @@ def test_what_is_written_as_nothing_may_be_estimated_either_way(truth: float) ->
 def test_an_estimate_that_is_no_news_changes_nothing() -> None:
     model = from_text(WALK).model
     rng = np.random.default_rng(5)
-    experience, reestimation, theta = Experience(4096, 2), Reestimation(model), model.theta.copy()
+    experience, reestimation = Experience(4096, 2, 9), Reestimation(model)
+    theta = model.theta.copy()
     changes = []
     for k in range(1, 4097):
         state = rng.normal(size=2)

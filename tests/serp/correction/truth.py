@@ -71,7 +71,7 @@ def recorded(
     model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
 ) -> Recorded:
     """What a run would have recorded of these steps."""
-    experience = Experience(len(states), states.shape[1])
+    experience = Experience(len(states), states.shape[1], len(model.actions))
     monitor = Monitor(model)
     written = predictions(model, states, actions)
     for step in zip(states, actions.tolist(), next_states, written, strict=True):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import stat
 from pathlib import Path
 from random import Random
 
@@ -12,7 +10,7 @@ import pytest
 
 from serp.domain.codegen import generate_step
 from serp.domain.model import Outcome, TransitionModel, Vector
-from serp.domain.native import cache_folder, compile_native, structure_digest
+from serp.domain.native import compile_native, structure_digest
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
 
 
@@ -118,53 +116,11 @@ def test_a_compiled_model_is_found_again_and_so_is_one_with_other_literals(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SERP_CACHE_DIR", str(tmp_path / "new"))
-    assert cache_folder() == tmp_path / "new"
     hits = [
         compile_native(generate_step(load_texts(one_action(literal)).model.ground)).cache_hits
         for literal in ("0.5", "0.5", "0.75")
     ]
     assert hits == [0, 1, 1]
-    assert len(list((tmp_path / "new").glob("*.py"))) == 1
-
-
-def test_a_file_in_place_of_the_cache_folder_does_not_stop_anything(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "file").write_text("")
-    monkeypatch.setenv("SERP_CACHE_DIR", str(tmp_path / "file"))
-    assert load_texts(one_action("0.5")).model.step(np.zeros((2, 1)), 0).state.tolist() == [
-        [0.5],
-        [0.5],
-    ]
-
-
-@pytest.mark.skipif(os.getuid() == 0, reason="root may write anywhere")
-def test_a_cache_folder_that_cannot_be_written_does_not_stop_anything(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    tmp_path.chmod(stat.S_IRUSR | stat.S_IXUSR)
-    monkeypatch.setenv("SERP_CACHE_DIR", str(tmp_path))
-    assert load_texts(one_action("0.5")).model.step(np.zeros((1, 1)), 0).state.tolist() == [[0.5]]
-
-
-@pytest.mark.parametrize("suffix", ["nbi", "nbc", "py"])
-@pytest.mark.parametrize("damage", [b"", b"not what it was"])
-def test_damaged_cache_files_do_not_stop_anything(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, damage: bytes
-) -> None:
-    monkeypatch.setenv("SERP_CACHE_DIR", str(tmp_path))
-    states = np.zeros((2, 1))
-    load_texts(one_action("0.5")).model.step(states, 0)
-    damaged = list(tmp_path.rglob(f"*.{suffix}"))
-    assert damaged
-    for path in damaged:
-        path.write_bytes(damage)
-    if suffix == "py":
-        found = load_texts(one_action("0.5")).model.step(states, 0)
-    else:
-        with pytest.warns(UserWarning, match="not used"):
-            found = load_texts(one_action("0.5")).model.step(states, 0)
-    assert found.state.tolist() == [[0.5], [0.5]]
 
 
 def test_the_digest_tells_structures_apart() -> None:

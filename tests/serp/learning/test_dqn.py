@@ -443,5 +443,5 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(
 def test_a_state_without_a_needed_array_is_refused() -> None:
     arrays, meta = learner().state_dict()
     del arrays["target"]
-    with pytest.raises(RunError, match="target is absent"):
+    with pytest.raises(RunError, match="target is missing"):
         learner().load_state_dict(arrays, meta)
