@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.arbiter import Arbiter, Decision, Forecaster
+from serp.choice import best_of
 from serp.correction.correction import Correction
 from serp.correction.curiosity import Curiosity
 from serp.domain.model import TransitionModel, Vector
@@ -91,7 +92,7 @@ def _limited(proposal: Proposal, among: Mask | None) -> Proposal:
     """Return the best of the actions that a greedy choice is limited to."""
     if among is None or proposal.q is None or among[proposal.action] or not among.any():
         return proposal
-    return proposal._replace(action=int(np.where(among, proposal.q, -np.inf).argmax()))
+    return proposal._replace(action=best_of(proposal.q, among))
 
 
 class Agent:

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
+from serp.choice import best_of
 from serp.errors import RunError
 from serp.learning.bounds import ReturnBounds
 from serp.learning.guidance import Guidance, GuidedLearning
@@ -245,7 +246,7 @@ class DQN:
         Draws nothing at random.
         """
         q = self._q_of_one(x, base)
-        return Proposal(int(q.argmax()), False, q)
+        return Proposal(best_of(q), False, q)
 
     def greedy(
         self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
@@ -254,7 +255,7 @@ class DQN:
 
         Draws nothing at random.
         """
-        return int(self._q_of_one(x, base).argmax())
+        return best_of(self._q_of_one(x, base))
 
     def _q_of_one(
         self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None
