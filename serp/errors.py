@@ -19,6 +19,10 @@ class EnvironmentFailure(TaskError):
     """The environment of a task raised, or returned something that its own spaces do not allow."""
 
 
+class LearningFailure(SerpError):
+    """A number of the learner is not finite, or too large for it."""
+
+
 class RunError(SerpError):
     """A run folder or a checkpoint cannot be written, read or continued."""
 

@@ -11,8 +11,6 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-FLOAT32_MAX: Final = float(np.finfo(np.float32).max)
-"""The learner counts in float32: what is larger would be infinite there."""
 _SLACK: Final = 1e-6
 """By so much, relative to a bound, a number may exceed it: float32 rounds."""
 
