@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.arbiter import Arbiter, Decision, Forecaster
+from serp.choice import best_of
 from serp.correction.correction import Correction
 from serp.correction.curiosity import Curiosity
 from serp.domain.model import TransitionModel, Vector
+from serp.errors import EnvironmentFailure, TaskError
 from serp.learning.dqn import DQN, Proposal
 from serp.nesting import nested
 from serp.outlook import Outlook
@@ -19,6 +21,7 @@ from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.planning.settings import PlannerSettings
+from serp.quantities import FLOAT32_MAX
 from serp.reward import Judged
 from serp.saved import Saved
 from serp.settings import Settings
@@ -64,6 +67,18 @@ def _learner_input(inputs: str) -> Callable[[Vector, Vector], Vector]:
     return lambda observation, state: np.concatenate((observation, state))
 
 
+_FOR_LEARNER = (
+    f"more than the learner can take, which counts in float32 (up to {FLOAT32_MAX:.2g}); give it "
+    "in other units, or within bounds"
+)
+
+
+def _too_large(values: Vector) -> int:
+    """Return where a number is not finite in float32; -1 where there is none."""
+    fits = np.abs(values) <= FLOAT32_MAX
+    return -1 if fits.all() else int(fits.argmin())
+
+
 class _Asked:
     """The learner before one input."""
 
@@ -92,7 +107,7 @@ def _limited(proposal: Proposal, among: Mask | None) -> Proposal:
     """Return the best of the actions that a greedy choice is limited to."""
     if among is None or proposal.q is None or among[proposal.action] or not among.any():
         return proposal
-    return proposal._replace(action=int(np.where(among, proposal.q, -np.inf).argmax()))
+    return proposal._replace(action=best_of(proposal.q, among))
 
 
 class Agent:
@@ -162,11 +177,26 @@ class Agent:
         """Return the state `[F]` and the learner's input for an observation of the environment.
 
         Raises:
-            EnvironmentFailure: The observation is none of the space, or holds NaN.
-            TaskError: The grounding failed, or contradicts a symmetry that the task declares.
+            EnvironmentFailure: The observation is none of the space, or a number in it is not
+                finite, or not in float32, in which the learner counts.
+            TaskError: The grounding failed, gave such a number, or contradicts a symmetry that the
+                task declares.
         """
         observation = self.task.observation(raw)
         state = self.task.ground(raw)
+        if self.settings.training.inputs != "state":
+            place = _too_large(observation)
+            if place >= 0:
+                raise EnvironmentFailure(
+                    f"task {self.task.name}: the observation: {self.task.observations.name(place)} "
+                    f"is {observation[place]:g}, {_FOR_LEARNER}"
+                )
+        place = _too_large(state)
+        if place >= 0:
+            raise TaskError(
+                f"task {self.task.name}: grounding: fluent `{self.task.model.fluents[place].name}` "
+                f"is {state[place]:g}, {_FOR_LEARNER}"
+            )
         if self._unchecked:
             self._unchecked -= 1
             for symmetry in self._symmetries:

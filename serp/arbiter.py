@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.actions import ActionForecast, ActionMap
+from serp.choice import best_of
 from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
 from serp.domain.model import TransitionModel, Vector
 from serp.errors import SettingsError
@@ -373,7 +374,7 @@ class Arbiter:
             return self._accept(situation, proposal)
         refusal = self._refusal(situation.forecast, action)
         if self.settings.after_veto == "learner" and proposal.q is not None and admissible.any():
-            second = int(np.where(admissible, proposal.q, -np.inf).argmax())
+            second = best_of(proposal.q, admissible)
             return self._record(situation, second, actor, refusal, action, actor)
         return self._planner_acts(situation, action, actor, refusal)
 

@@ -15,8 +15,12 @@ class TaskError(SerpError):
     """A task does not fit together: environment, domain, grounding or the map of actions."""
 
 
-class EnvironmentFailure(SerpError):
-    """The environment raised, or returned something that its own spaces do not allow."""
+class EnvironmentFailure(TaskError):
+    """The environment of a task raised, or returned something that its own spaces do not allow."""
+
+
+class LearningFailure(SerpError):
+    """A number of the learner is not finite, or too large for it."""
 
 
 class RunError(SerpError):

@@ -7,11 +7,14 @@ from __future__ import annotations
 
 import math
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from serp.errors import SettingsError
+
+FLOAT32_MAX: Final = float(np.finfo(np.float32).max)
+"""The learner counts in float32: what is larger is infinite there."""
 
 
 def whole(value: Any, least: int) -> int | None:

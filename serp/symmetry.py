@@ -103,7 +103,7 @@ class TaskSymmetry:
         """
         if self.columns is None or self.signs is None:
             return
-        mirrored = task.raw(observation[list(self.columns)] * np.array(self.signs))
+        mirrored = task.observations.raw(observation[list(self.columns)] * np.array(self.signs))
         expected, got = self.model.of_state(state), task.ground(mirrored)
         wrong = np.abs(expected - got) > _TOLERANCE * np.maximum(1.0, np.abs(expected))
         if wrong.any():

@@ -6,11 +6,11 @@ import contextlib
 import inspect
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, TypeVar
 
 import gymnasium as gym
 import numpy as np
@@ -19,16 +19,20 @@ from numpy.typing import NDArray
 
 from serp import layers
 from serp.actions import ActionMap
+from serp.answers import reset_answer, step_answer
 from serp.domain.loading import Domain, load_domain
 from serp.domain.model import StateError, TransitionModel, Vector
 from serp.errors import EnvironmentFailure, RunError, TaskError
 from serp.grounding import grounded
+from serp.observation import Observations
 from serp.quantities import real
 from serp.symmetry import Symmetry
 
 Grounded = Mapping[str, float | bool] | NDArray[Any]
 _SAMPLES = 8
 """Observations that the grounding is tried on until it gives an answer."""
+_T = TypeVar("_T")
+
 Overrides = Mapping[str, Mapping[str, Any]]
 
 
@@ -107,6 +111,7 @@ class BoundTask:
         model: Its transition model, over the task's control period.
         env: The environment.
         actions: The map of actions.
+        observations: Reads the environment's observations.
         rewarded_by: `domain` or `environment`.
         on_notice: Called with a line that the user should read, where it is set.
 
@@ -154,9 +159,12 @@ class BoundTask:
             )
         self._first_action = int(space.start)
         self.actions = ActionMap(self.model, int(space.n), task.actions)
-        self.observation_size = self._size_of(getattr(self.env, "observation_space", None))
-        self._space = self.env.observation_space
-        self._flatten_by_space = not isinstance(self._space, spaces.Box)
+        try:
+            self.observations = Observations(getattr(self.env, "observation_space", None))
+        except ValueError as error:
+            raise TaskError(f"task {self.name}: {error}") from None
+        self.observation_size = self.observations.size
+        self._inside = True
         self.rewarded_by = task.reward or ("domain" if self.model.rewarding else "environment")
         if self.rewarded_by == "domain" and not self.model.rewarding:
             raise TaskError(
@@ -195,48 +203,30 @@ class BoundTask:
             raise TaskError(f"task {self.name}: make_env returned {type(env).__name__}, no gym.Env")
         return env
 
-    def _size_of(self, space: Any) -> int:
-        try:
-            flat = spaces.flatten_space(space)
-        except NotImplementedError:
-            flat = None
-        if not isinstance(flat, spaces.Box):
-            raise TaskError(
-                f"task {self.name}: observations of {space} cannot be flattened to a vector"
-            )
-        return int(flat.shape[0])
-
     # The way of data through a step ------------------------------------------------------------
 
     def observation(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a flat float64 vector.
 
+        The first number outside the bounds that the space declares is a notice.
+
         Raises:
-            EnvironmentFailure: It is no member of the space, of another size than that, or holds
-                NaN.
+            EnvironmentFailure: It is no member of the space, not made of real numbers, or holds
+                NaN or an infinity.
         """
         try:
-            flat = spaces.flatten(self._space, raw) if self._flatten_by_space else raw
-            vector = np.array(flat, dtype=np.float64).reshape(-1)  # environments reuse buffers
-        except Exception as error:
-            raise EnvironmentFailure(
-                f"task {self.name}: an observation {raw!r} that does not fit "
-                f"{self._space}: {_short(error)}"
-            ) from error
-        if vector.shape[0] != self.observation_size:
-            raise EnvironmentFailure(
-                f"task {self.name}: an observation of {vector.shape[0]} numbers, the space "
-                f"promises {self.observation_size}"
-            )
-        if not np.isfinite(vector).all():
-            raise EnvironmentFailure(f"task {self.name}: observation with NaN or infinity: {raw}")
+            vector = self.observations.read(raw)
+        except ValueError as error:
+            raise EnvironmentFailure(f"task {self.name}: the observation: {error}") from None
+        if self._inside and self.on_notice is not None:
+            outside = self.observations.outside(vector)
+            if outside is not None:
+                self._inside = False
+                self.on_notice(
+                    f"The observation left its space: {outside.name} is {outside.value:g}, beyond "
+                    f"the declared {outside.bound:g}. It is used as it is; this is said once."
+                )
         return vector
-
-    def raw(self, vector: NDArray[np.float64]) -> Any:
-        """Return the observation, as the environment would give it, of a flat vector."""
-        if self._flatten_by_space:
-            return spaces.unflatten(self._space, vector)
-        return vector.reshape(self._space.shape).astype(self._space.dtype)
 
     def ground(self, raw: Any) -> Vector:
         """Return the state `[F]` of an observation as the environment gave it.
@@ -264,11 +254,9 @@ class BoundTask:
             EnvironmentFailure: It raised, or returned something else than observation and info.
         """
         self._watch.before_reset()
-        try:
-            raw, info = self.env.reset(seed=seed)
-            info = dict(info)
-        except Exception as error:
-            raise EnvironmentFailure(f"task {self.name}: reset failed: {_short(error)}") from error
+        with self._blamed("reset"):
+            answer = self.env.reset(seed=seed)
+        raw, info = self._understood(reset_answer, answer, "reset")
         for carried in self._watch.after_reset():
             if self.on_notice is not None:
                 self.on_notice(
@@ -284,22 +272,26 @@ class BoundTask:
             Observation, the environment's reward, terminated, truncated, info.
 
         Raises:
-            EnvironmentFailure: The environment raised, returned something else than five values,
-                or gave a reward that is no number.
+            EnvironmentFailure: The environment raised, or returned something else.
         """
+        what = f"step with action {self.actions.name(action)}"
+        with self._blamed(what):
+            answer = self.env.step(self._first_action + action)
+        return self._understood(step_answer, answer, what)
+
+    @contextlib.contextmanager
+    def _blamed(self, what: str) -> Iterator[None]:
+        """Say that the environment failed, whatever it raised."""
         try:
-            raw, reward, terminated, truncated, info = self.env.step(self._first_action + action)
-            number = float(reward)
-            ended, cut = bool(terminated), bool(truncated)
-            info = dict(info)
+            yield
         except Exception as error:
-            raise EnvironmentFailure(
-                f"task {self.name}: step with action {self.actions.name(action)} failed: "
-                f"{_short(error)}"
-            ) from error
-        if number - number != 0.0:
-            raise EnvironmentFailure(f"task {self.name}: the environment's reward is {number}")
-        return raw, number, ended, cut, info
+            raise EnvironmentFailure(f"task {self.name}: {what} failed: {_short(error)}") from error
+
+    def _understood(self, understand: Callable[[Any], _T], answer: Any, what: str) -> _T:
+        try:
+            return understand(answer)
+        except ValueError as error:
+            raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
 
     def close(self) -> None:
         """Close the environment.
@@ -307,12 +299,8 @@ class BoundTask:
         Raises:
             EnvironmentFailure: It raised.
         """
-        try:
+        with self._blamed("closing the environment"):
             self.env.close()
-        except Exception as error:
-            raise EnvironmentFailure(
-                f"task {self.name}: closing the environment failed: {_short(error)}"
-            ) from error
 
     def __enter__(self) -> Self:
         return self

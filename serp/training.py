@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from serp.actions import ActionForecast
 from serp.agent import Agent
 from serp.arbiter import Actor, Decision, Reason
-from serp.domain.model import Vector
-from serp.errors import SettingsError
+from serp.domain.model import StateError, Vector
+from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.learning.dqn import DQN
 from serp.reward import judge
 from serp.runs.rows import DecisionRow, MetricsRow
@@ -171,6 +171,7 @@ class Trainer:
         self.episode = 0
         self.env_steps = 0
         self.units = 0
+        self._under_way = 1  # the env step that is being made
         self.vetoes = 0
         self.unsafe_executed = 0
         self.recent: deque[float] = deque(maxlen=20)
@@ -196,12 +197,23 @@ class Trainer:
         Raises:
             TaskError: The grounding failed.
             EnvironmentFailure: The environment raised or gave NaN.
+            LearningFailure: A number of the learner is not finite.
             SettingsError: The environment has no such unit as `arbiter.rho_unit`.
         """
         return learn_alone(self.learning_points())
 
     def learning_points(self) -> LearningPoints[MetricsRow]:
         """As `run_episode`, for a driver that does the learning; see `LearningPoints`."""
+        try:
+            return (yield from self._learning_points())
+        except (TaskError, LearningFailure, StateError) as error:
+            error.add_note(
+                f"That was in env step {self._under_way} of the training, episode "
+                f"{self.episode + 1}."
+            )
+            raise
+
+    def _learning_points(self) -> LearningPoints[MetricsRow]:
         agent, task, strategy = self.agent, self.task, self.agent.arbiter.strategy
         episode = _Episode()
         raw, info = task.reset(seed=episode_seed(self.seed, self.episode))
@@ -210,6 +222,7 @@ class Trainer:
         random_phase = not self._pretrained
         decision = self._decide(state, x, random_phase=random_phase)
         while True:
+            self._under_way = self.env_steps + 1
             self._log(decision, state)
             raw, env_reward, terminated, truncated, info = task.step(decision.action)
             next_state, next_x = agent.perceive(raw)
@@ -244,6 +257,8 @@ class Trainer:
             if not random_phase:
                 agent.learner.margin_weight = strategy.margin_weight
                 loss = yield agent.learner
+                if agent.learner.failure is not None:
+                    raise agent.learner.failure
                 if loss is not None:
                     episode.losses.append(loss)
                 self._end_unit("step")

@@ -159,6 +159,8 @@ class TransitionModel:
         state = np.empty(len(self.fluents))
         for name, value in values.items():
             try:
+                if isinstance(value, _NO_NUMBERS):
+                    raise TypeError
                 state[self._index[name]] = value
             except (TypeError, ValueError):
                 raise StateError(f"the value of fluent `{name}` is no number: {value!r}") from None
@@ -411,9 +413,16 @@ class TransitionModel:
 
 def _numbers(values: ArrayLike, what: str) -> Vector:
     try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise StateError(f"{what} is numbers, found {values!r}") from None
+        array = np.asarray(values)
+    except ValueError:  # lists of different lengths
+        array = np.asarray(None)
+    if array.dtype.kind not in "biuf":
+        raise StateError(f"{what} is numbers, found {values!r}")
+    return array.astype(np.float64, copy=False)
+
+
+_NO_NUMBERS = (str, bytes, complex, np.complexfloating)
+"""What NumPy would make a number of all the same."""
 
 
 def _without_result(site: Site) -> str:

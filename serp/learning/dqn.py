@@ -20,7 +20,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from serp.errors import RunError
+from serp.choice import best_of
+from serp.errors import LearningFailure, RunError
 from serp.learning.bounds import ReturnBounds
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.learning.mean_q import MeanQ
@@ -32,6 +33,7 @@ from serp.learning.settings import DQNSettings
 from serp.learning.symmetry import SymmetryGroup
 from serp.learning.td import TDGradient
 from serp.nesting import nested
+from serp.quantities import FLOAT32_MAX
 from serp.saved import LARGEST, Saved
 
 
@@ -63,6 +65,8 @@ class DQN:
 
     Attributes:
         symmetry: those in use; None where there are none.
+        failure: what was first not finite, once the loss was not; from then on the network learns
+            no more. None: nothing.
         guided: as given, where something of it is in use; else None. Then `remember` needs no
             guidance.
         networks: what gradient updates change.
@@ -118,6 +122,7 @@ class DQN:
         )
         self._env_steps = 0
         self._learn_calls = 0
+        self.failure: LearningFailure | None = None
 
         self._mean_q = MeanQ(self.networks.online, self.symmetry)
         self._td = TDGradient(self.networks.online, self.networks.target, settings, self.guided)
@@ -246,7 +251,7 @@ class DQN:
         Draws nothing at random.
         """
         q = self._q_of_one(x, base)
-        return Proposal(int(q.argmax()), False, q)
+        return Proposal(best_of(q), False, q)
 
     def greedy(
         self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
@@ -255,7 +260,7 @@ class DQN:
 
         Draws nothing at random.
         """
-        return int(self._q_of_one(x, base).argmax())
+        return best_of(self._q_of_one(x, base))
 
     def _q_of_one(
         self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None
@@ -283,8 +288,19 @@ class DQN:
         failing: bool = False,
         guidance: Guidance | None = None,
     ) -> None:
-        """Takes one env step with the *executed* action; see `ReplayBuffer.add`."""
+        """Takes one env step with the *executed* action; see `ReplayBuffer.add`.
+
+        Raises:
+            LearningFailure: returns of such rewards are too large for float32.
+        """
         scaled = float(reward) * self.settings.reward_scale
+        largest = abs(scaled) / (1.0 - self.settings.discount)
+        if not largest <= FLOAT32_MAX:
+            raise LearningFailure(
+                f"learner: rewards such as {reward:g} add up to a return of {largest:g} in units "
+                f"of Q, more than float32 holds (up to {FLOAT32_MAX:.2g}). Give smaller rewards, "
+                "or set a smaller learner.reward_scale"
+            )
         self.replay.add(
             observation,
             action,
@@ -305,6 +321,9 @@ class DQN:
         Returns:
             Mean loss over these updates, or None where none was due: before `learning_starts`,
             or with less than one update a step.
+
+        Raises:
+            LearningFailure: the loss is not finite.
         """
         return self._train(self.take_due())
 
@@ -325,6 +344,9 @@ class DQN:
 
         Returns:
             Mean loss, or None where nothing was done.
+
+        Raises:
+            LearningFailure: the loss is not finite.
         """
         if not self.replay.size:
             return None
@@ -333,10 +355,14 @@ class DQN:
     def _train(self, updates: int) -> float | None:
         if updates <= 0:
             return None
-        return sum(self.update() for _ in range(updates)) / updates
+        with np.errstate(over="ignore", invalid="ignore"):  # the loss shows it
+            loss = sum(self.update() for _ in range(updates)) / updates
+        if self.failure is not None:
+            raise self.failure
+        return loss
 
     def update(self) -> float:
-        """One gradient update; returns its loss.
+        """One gradient update; returns its loss. Where that is not finite, nothing changes.
 
         Raises:
             ValueError: there is no sample yet.
@@ -345,8 +371,13 @@ class DQN:
         td.forward(batch.observation, batch.next_observation, self._margin_weight > 0.0)
         loss = self.loss(td, 0, batch)
         td.backward()
-        self.networks.step()
+        self.step()
         return loss
+
+    def step(self) -> None:
+        """Moves the network against its gradient, unless something is not finite."""
+        if self.failure is None:
+            self.networks.step()
 
     def loss(self, td: TDGradient, number: int, batch: Samples) -> float:
         """The loss on a batch of its own, by forward passes made before.
@@ -357,7 +388,34 @@ class DQN:
             batch: what was passed forward.
         """
         lower, upper = self.value_bounds if self.settings.clip_targets else (-math.inf, math.inf)
-        return td.loss(number, batch, lower, upper, self._margin_weight)
+        loss = td.loss(number, batch, lower, upper, self._margin_weight)
+        if not math.isfinite(loss) and self.failure is None:
+            self.failure = self._failure_of(f"the loss is {loss}", batch)
+        return loss
+
+    def _failure_of(self, what: str, batch: Samples | None = None) -> LearningFailure:
+        """Says what is not finite first: parameters before the values that they give."""
+        first = self.networks.not_finite()
+        if first is None and batch is not None:
+            sizes = {
+                "input": batch.observation,
+                "next input": batch.next_observation,
+                "reward": batch.reward,
+            }
+            if batch.guide is not None:
+                sizes["value of the guide"] = batch.guide.value
+            name, array = max(sizes.items(), key=lambda item: float(np.abs(item[1]).max()))
+            place = np.unravel_index(int(np.abs(array).argmax()), array.shape)
+            at = f" {place[-1]}" if array.ndim > batch.reward.ndim else ""
+            first = (
+                "a value of the network; all its parameters are finite, and the largest number "
+                f"that it was given is {name}{at}: {array[place]:g}"
+            )
+        return LearningFailure(
+            f"learner: {what} in gradient update {self.updates + 1}, env step {self._env_steps}. "
+            f"Not finite is {first}. Smaller inputs or rewards, or a smaller learner.learning_rate "
+            "or learner.gradient_clip, keep the numbers small"
+        )
 
     def module(self) -> torch.nn.Module:
         """An independent copy of the network for export, ``[batch, F]`` → ``[batch, A]``.
@@ -368,7 +426,13 @@ class DQN:
         return self._mean_q.module(self.networks.online)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
-        """Everything the future depends on: arrays and plain JSON values."""
+        """Everything the future depends on: arrays and plain JSON values.
+
+        Raises:
+            LearningFailure: a parameter is not finite; there is no future.
+        """
+        if self.networks.not_finite() is not None:
+            raise self._failure_of("a number that is to be saved is not finite")
         replay_arrays, replay_meta = self.replay.state_dict()
         arrays: dict[str, npt.NDArray[Any]] = {
             name: array.copy() for name, array in self.networks.arrays().items()

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from serp.learning.kernels import compiled
+from serp.learning.kernels import compiled, within
 
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
@@ -134,7 +134,7 @@ def guided_td_gradient(
                     other += guide_next_values[e, i, then]
                 if other > value:
                     value = other
-            value = min(max(value, lower), upper)
+            value = within(value, lower, upper)
             chosen = action[e, i]
             error = q[e, i, chosen] - (reward[e, i] + discount[e, i] * value)
             if residual:

@@ -51,7 +51,7 @@ def add_bias(z: Any, parameters: Any, at: int, floor: Any) -> None:
             row = z[e, i]
             for j in range(outputs):
                 value = row[j] + bias[j]
-                row[j] = value if value > floor else floor
+                row[j] = floor if value <= floor else value  # NaN stays NaN
 
 
 @compiled
@@ -89,7 +89,7 @@ def normalize(z: Any, h: Any, inverse: Any, parameters: Any, at: int) -> None:
                 normal = row[j] * factor
                 row[j] = normal
                 value = normal * gain[j] + shift[j]
-                out[j] = value if value > _ZERO else _ZERO
+                out[j] = _ZERO if value <= _ZERO else value  # NaN stays NaN
 
 
 @compiled
@@ -322,6 +322,14 @@ def mean_over_images(q: Any, images: Any, out: Any) -> None:
 
 
 @compiled
+def within(value: Any, lower: Any, upper: Any) -> Any:
+    """A value, or the bound that it exceeds; NaN stays NaN."""
+    if value < lower:
+        return lower
+    return upper if value > upper else value
+
+
+@compiled
 def td_gradient(
     q: Any,
     next_q: Any,
@@ -369,7 +377,7 @@ def td_gradient(
                     best < 0 or choice_q[e, i, k] > choice_q[e, i, best]
                 ):
                     best = k
-            value = min(max(next_q[e, i, best], lower), upper)
+            value = within(next_q[e, i, best], lower, upper)
             chosen = action[e, i]
             error = q[e, i, chosen] - (reward[e, i] + discount[e, i] * value)
             q_gradient[e, i, :] = _ZERO

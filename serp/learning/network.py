@@ -244,6 +244,14 @@ class QNetwork:
         """Polyak averaging: parameters += share × (other's − own)."""
         self.parameters.lerp_(other.parameters, share)
 
+    def place_of(self, column: int) -> str:
+        """Which part of a member a column of `parameters` belongs to, in words."""
+        number = sum(layer.end <= column for layer in self.layers)
+        layer = self.layers[number]
+        vector = (column - layer.bias) // layer.outputs
+        part = "weights" if column < layer.bias else ("bias", "gain", "shift")[vector]
+        return f"{part} of layer {number + 1}"
+
     def module(self) -> torch.nn.Module:
         """An independent copy for export: ``[batch, F]`` → ``[batch, A]``, the members' mean."""
         modules = [self._member_module(m) for m in range(self.members)]

@@ -83,6 +83,20 @@ class Networks:
             self.target.move_into(target)
         self.optimizer.follow(self.online.parameters, self.online.gradient)
 
+    def not_finite(self) -> str | None:
+        """The first of all numbers that is not finite, in words; None where all are."""
+        for name, array in self.arrays().items():
+            if not np.isfinite(array).all():
+                member, column = np.argwhere(~np.isfinite(array))[0]
+                what = {"parameters": "the", "target": "the target network's"}.get(
+                    name, "Adam's sums for the"
+                )
+                return (
+                    f"{what} {self.online.place_of(int(column))} in network {member + 1} of "
+                    f"{len(array)}: {array[member, column]}"
+                )
+        return None
+
     def arrays(self) -> dict[str, type_F32]:
         """All that a gradient update changes, but for the two counts: name → view."""
         arrays: dict[str, type_F32] = {

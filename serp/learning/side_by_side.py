@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 from serp.learning.dqn import DQN
 from serp.learning.samples import Samples
 from serp.learning.td import TDGradient
@@ -54,7 +56,7 @@ class SideBySide:
         self._runs: dict[tuple[int, int], tuple[TDGradient, Samples]] = {}
 
     def learn(self, numbers: Sequence[int] | None = None) -> list[float | None]:
-        """As `DQN.learn`, of each learner.
+        """As `DQN.learn`, of each learner; one with a `failure` stands still, and raises nothing.
 
         Args:
             numbers: which learners, each at most once; None: all.
@@ -72,10 +74,11 @@ class SideBySide:
                 raise ValueError("a learner now learns side by side with others; make another one")
             due[i] = self._learners[i].take_due()
         losses = [0.0] * len(self._learners)
-        for done in range(max(due, default=0)):
-            for start, stop in _runs([updates > done for updates in due]):
-                for i, loss in enumerate(self._update(start, stop), start):
-                    losses[i] += loss
+        with np.errstate(over="ignore", invalid="ignore"):  # the losses show it
+            for done in range(max(due, default=0)):
+                for start, stop in _runs([updates > done for updates in due]):
+                    for i, loss in enumerate(self._update(start, stop), start):
+                        losses[i] += loss
         return [losses[i] / due[i] if due[i] else None for i in numbers]
 
     def _update(self, start: int, stop: int) -> list[float]:
@@ -93,7 +96,7 @@ class SideBySide:
         ]
         td.backward()
         for learner in learners:
-            learner.networks.step()
+            learner.step()
         return losses
 
     def _run(self, start: int, stop: int) -> tuple[TDGradient, Samples]:

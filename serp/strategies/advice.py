@@ -7,19 +7,22 @@ from numpy.typing import NDArray
 
 from serp.actions import ActionForecast
 from serp.learning.guidance import Guidance
+from serp.quantities import FLOAT32_MAX
 
 
 def values_of(forecast: ActionForecast, scale: float) -> NDArray[np.float32]:
     """Return `[E]` what the best plan from each action on is worth, in units of Q.
 
     An action that the planner gives no value (it is not applicable, or not in the model) is worth
-    as much as the least of the others, so that nothing is infinite.
+    as much as the least of the others, and what float32 cannot hold as its largest number, so that
+    nothing is infinite.
     """
     value = forecast.value
     finite = np.isfinite(value)
     if not finite.all():
         value = np.where(finite, value, value[finite].min() if finite.any() else 0.0)
-    scaled: NDArray[np.float32] = (scale * value).astype(np.float32)
+    held = np.clip(scale * value, -FLOAT32_MAX, FLOAT32_MAX)
+    scaled: NDArray[np.float32] = held.astype(np.float32)
     return scaled
 
 

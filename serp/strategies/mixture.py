@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from serp.actions import ActionForecast
+from serp.choice import best_of
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.saved import Saved
 from serp.strategies.advice import advice
@@ -82,9 +83,11 @@ class Mixture(Strategy):
         if len(q) < 2:  # nobody to agree with
             return None
         mean = q.mean(axis=0)
-        own = int(np.where(situation.admissible, mean, -np.inf).argmax())
+        own = best_of(mean, situation.admissible)
+        if own < 0 or own == planned:
+            return None
         gain = q[:, own] - q[:, planned]
-        if own == planned or gain.mean() <= self._surety * gain.std():
+        if not gain.mean() > self._surety * gain.std():  # NaN is no surety
             return None
         return learner.propose_greedily(among=situation.admissible)
 

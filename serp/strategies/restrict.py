@@ -37,7 +37,7 @@ class Restrict(Strategy):
         if not admissible.any():
             return admissible
         best = forecast.value[admissible].max()
-        if best == -np.inf:  # the model knows none of them
+        if not np.isfinite(best):  # the model knows none of them, or their worth is no number
             return admissible
         reasonable: Mask = admissible & (forecast.value >= best - self._slack * abs(best))
         return reasonable

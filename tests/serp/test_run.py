@@ -7,6 +7,7 @@ import csv
 import errno
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -22,7 +23,16 @@ import pytest
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
 from serp.domain.model import StateError
-from serp.errors import EnvironmentFailure, Interrupted, RunError, SettingsError, TaskError
+from serp.errors import (
+    EnvironmentFailure,
+    Interrupted,
+    LearningFailure,
+    RunError,
+    SerpError,
+    SettingsError,
+    TaskError,
+)
+from serp.learning.networks import Networks
 from serp.run import Run, load_run, plan_and_learn
 from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS, load
 from serp.runs.folder import RunFolder
@@ -134,7 +144,8 @@ def test_a_failure_says_what_is_kept_and_how_to_go_on(
     out = tmp_path / "my run"
     with pytest.raises(kind) as failure:
         train(make(tmp_path), out, episodes=EPISODES)
-    (note,) = failure.value.__notes__
+    where, note = failure.value.__notes__
+    assert re.search(r"in env step \d+ of the training, episode \d", where)
     assert f"kept in {out}" in note
     assert f"serp plan-and-learn --resume '{out}'" in note
     assert f"plan_and_learn(task, out={str(out)!r}, resume=True)" in note
@@ -760,7 +771,7 @@ def test_a_reward_without_a_value_is_said_with_its_place_and_without_advice_that
     file.write_text(text.rstrip().removesuffix(")") + event + ")", encoding="utf-8")
     with pytest.raises(StateError, match=r"pddl:\d+:\d+: `\(> .* is neither true nor") as raised:
         train(task, tmp_path / "run", episodes=3)
-    assert not getattr(raised.value, "__notes__", [])
+    assert "--resume" not in "".join(raised.value.__notes__)
 
 
 @pytest.mark.parametrize("folder", [3, None, b"run"])
@@ -775,3 +786,71 @@ def test_an_older_agent_is_not_passed_off_as_the_newest(tmp_path: Path) -> None:
     (out / NEWEST).write_bytes(b"x")
     notice = load_run(out, corridor(tmp_path)).notice
     assert notice is not None and notice.endswith("The agent is that of the one before it.")
+
+
+# Numbers that are not finite ----------------------------------------------------------------------
+
+
+class Huge(Corridor):
+    """Answers with another observation or another reward at one step, counted over all episodes."""
+
+    def __init__(self, seen: Any = None, reward: Any = None) -> None:
+        super().__init__()
+        self.other = seen, reward
+
+    def step(self, action: int) -> Any:
+        seen, reward, *rest = super().step(action)
+        if self.made == 30:
+            seen = seen if self.other[0] is None else np.array(self.other[0])
+            reward = reward if self.other[1] is None else self.other[1]
+        return seen, reward, *rest
+
+
+@pytest.mark.parametrize(
+    ("seen", "reward", "said"),
+    [
+        ([0.0, 1e39], None, "the observation: entry 1 is 1e.39, more than the learner can take"),
+        ([0.0, np.nan], None, "the observation: entry 1 is nan"),
+        ([-1e39, 0.0], None, "entry 0 is -1e.39"),
+        (None, -1e39, "rewards such as -1e.39"),
+        (None, np.inf, "the reward is inf"),
+    ],
+)
+def test_a_number_that_is_not_finite_stops_a_run_that_can_go_on(
+    tmp_path: Path, seen: Any, reward: Any, said: str
+) -> None:
+    changes = {"reward": "environment"}
+    with pytest.raises(SerpError, match=f"{said}.*") as failure:
+        train(corridor(tmp_path, lambda: Huge(seen, reward), **changes), tmp_path / "run",
+              episodes=EPISODES)  # fmt: skip
+    where, advice = failure.value.__notes__
+    assert "in env step 30 of" in where and "--resume" in advice
+    resume(corridor(tmp_path, **changes), tmp_path / "run")
+    train(corridor(tmp_path, **changes), tmp_path / "whole", episodes=EPISODES)
+    assert everything(tmp_path / "run")[:3] == everything(tmp_path / "whole")[:3]
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_no_parameter_that_is_not_finite_is_ever_saved(
+    tmp_path: Path, preset: str, whole: Whole
+) -> None:
+    """Neither one that the loss shows, nor one that came about after the last loss."""
+    broken: list[int] = []
+
+    def step(self: Networks) -> None:
+        stepped(self)
+        if self.updates == 40 and not broken:
+            broken.append(self.updates)
+            self.arrays()["parameters"][0, 0] = np.nan
+
+    stepped = Networks.step
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Networks, "step", step)
+        with pytest.raises(LearningFailure, match="the weights of layer 1 in network 1 of"):
+            train(corridor(tmp_path), tmp_path / "run", preset, episodes=50)
+    assert broken
+    for name in (NEWEST, PREVIOUS):
+        arrays, _ = load(tmp_path / "run" / name)
+        assert np.isfinite(arrays["learner.parameters"]).all()
+    resume(corridor(tmp_path), tmp_path / "run", episodes=EPISODES)
+    assert everything(tmp_path / "run")[0][:EPISODES] == whole(preset)[0]

@@ -284,6 +284,10 @@ def divide(seen: Any) -> Any:
         (lambda seen: {"x": float("nan")}, "`x` is nan"),
         (lambda seen: {"x": float("-inf")}, "`x` is -inf"),
         (lambda seen: {"x": "far"}, "grounding of"),
+        (lambda seen: {"x": "3.5"}, "`x` is no number: '3.5'"),
+        (lambda seen: {"x": 1j}, "`x` is no number: 1j"),
+        (lambda seen: np.array(["3.5"]), "grounding of"),
+        (lambda seen: np.array([1j]), "grounding of"),
         (lambda seen: {"x": None}, "grounding of"),
         (lambda seen: {"x": [1.0, 2.0]}, "grounding of"),
         (lambda seen: [0.0, 1.0], "found 2: 1 more than the fluents `x`"),
@@ -345,6 +349,9 @@ def test_the_cause_of_a_failed_grounding_is_kept_for_its_author(tmp_path: Path) 
         {"x": 1.0},
         [[1.0], [2.0, 3.0]],
         object(),
+        np.array([1j, 0.0]),
+        np.array(["0.5", "1"]),
+        np.array([0.5, 1.0], dtype=object),
     ],
 )
 def test_an_observation_that_is_wrong_is_an_environment_failure(tmp_path: Path, seen: Any) -> None:
@@ -361,30 +368,81 @@ def test_an_observation_outside_a_discrete_space_is_an_environment_failure(
         bound.observation(seen)
 
 
-@pytest.mark.parametrize("reward", [np.nan, np.inf, None, "much", np.array([1.0, 2.0])])
-def test_a_reward_that_is_no_number_is_an_environment_failure(tmp_path: Path, reward: Any) -> None:
-    bound = odd(tmp_path, step=(SEEN, reward, False, False, {}))
-    with pytest.raises(EnvironmentFailure, match="task corridor"):
-        bound.step(0)
-
-
-@pytest.mark.parametrize("reward", [1, np.float32(1.0), np.array(1.0), True])
-def test_a_reward_may_be_any_number(tmp_path: Path, reward: Any) -> None:
-    bound = odd(tmp_path, step=(SEEN, reward, np.bool_(True), 0, {}))
-    assert bound.step(0)[1:4] == (1.0, True, False)
-
-
 @pytest.mark.parametrize(
-    "answer", [(SEEN, 0.0, False, {}), "done", 3, (SEEN, 0.0, False, False, 5)]
+    ("answer", "said"),
+    [
+        ((SEEN, np.nan, False, False, {}), "the reward is nan, not a finite number"),
+        ((SEEN, 10**400, False, False, {}), "the reward is inf, not a finite number"),
+        ((SEEN, None, False, False, {}), "the reward is None .NoneType., not one number"),
+        ((SEEN, "1.5", False, False, {}), "the reward is '1.5' .str., not one number"),
+        ((SEEN, 1j, False, False, {}), "the reward is 1j .complex., not one number"),
+        ((SEEN, np.zeros(2), False, False, {}), "the reward is array.*not one number"),
+        ((SEEN, 0.0, None, False, {}), "terminated is None .NoneType., not True or False"),
+        ((SEEN, 0.0, False, "False", {}), "truncated is 'False' .str., not True or False"),
+        ((SEEN, 0.0, False, 0.5, {}), "truncated is 0.5 .float., not True or False"),
+        ((SEEN, 0.0, np.zeros(2, bool), False, {}), "terminated is array.*not True or False"),
+        ((SEEN, 0.0, False, False, None), "info is None .NoneType., not a dictionary"),
+        ((SEEN, 0.0, False, {}), "it returned 4 values, not the five values .observation, reward"),
+        ("done", "it returned 'done' .str., not the five values"),
+    ],
 )
-def test_a_step_that_returns_something_else_is_an_environment_failure(
-    tmp_path: Path, answer: Any
+def test_an_answer_of_another_kind_is_named_with_what_is_wanted(
+    tmp_path: Path, answer: Any, said: str
 ) -> None:
-    with pytest.raises(EnvironmentFailure, match="step with action right failed"):
-        odd(tmp_path, step=answer).step(1)
+    bound = odd(tmp_path, step=answer)
+    with pytest.raises(TaskError, match=f"task corridor: step with action right failed: {said}"):
+        bound.step(1)
 
 
-@pytest.mark.parametrize("answer", [SEEN[:1], (SEEN, 0.0, {}), 3, (SEEN, 5)])
+@pytest.mark.parametrize("one", [1, np.float32(1.0), np.array(1.0), np.array([1.0]), True])
+def test_numbers_and_truth_values_may_be_arrays_of_one(tmp_path: Path, one: Any) -> None:
+    bound = odd(tmp_path, step=(SEEN, one, one, np.bool_(False), {}))
+    answer = bound.step(0)[1:4]
+    assert answer == (1.0, True, False) and list(map(type, answer)) == [float, bool, bool]
+
+
+def test_a_number_that_is_not_finite_is_named_by_its_place(tmp_path: Path) -> None:
+    space = spaces.Dict(
+        at=spaces.Box(-1, 1, (2, 2)), go=spaces.Tuple((spaces.Discrete(2), spaces.Box(0, 1, ())))
+    )
+    bound = odd(tmp_path, observation_space=space)
+    good = {"at": np.zeros((2, 2)), "go": (1, 0.5)}
+    assert bound.observation(good).tolist() == [0, 0, 0, 0, 0, 1, 0.5]
+    for part, said in (
+        ({"at": [[0, 0], [np.inf, 0]]}, r"entry \[1, 0\] of `at` is inf"),
+        ({"go": (1, np.nan)}, "the number of `go.1` is nan"),
+        ({"go": (1, "0.5")}, r"`go.1` is '0.5' \(str\); real numbers are wanted"),
+        ({"go": (2, 0.5)}, r"`go.0` is 2 \(int\); a member of Discrete\(2\) is wanted"),
+        ({"go": (1,)}, r"`go` is \(1,\) \(tuple\); Tuple"),
+    ):
+        with pytest.raises(EnvironmentFailure, match=said):
+            bound.observation({**good, **part})
+
+
+def test_the_first_observation_outside_its_space_is_a_notice(tmp_path: Path) -> None:
+    space = spaces.Box(np.float32([-1, -np.inf]), np.float32([0.1, 2]))
+    bound = odd(tmp_path, observation_space=space)
+    notices: list[str] = []
+    bound.observation([0.0, 3.0])
+    bound.on_notice = notices.append
+    bound.observation([0.1, -1e9])  # float32's 0.1 is a little less
+    assert notices == []
+    for value in (5.25, 6.0):
+        assert bound.observation([0.0, value])[1] == value
+    (notice,) = notices
+    assert "entry 1 is 5.25, beyond the declared 2" in notice
+
+
+def test_what_an_environment_writes_into_its_buffers_later_changes_nothing(tmp_path: Path) -> None:
+    buffer, info = np.zeros(2), {"game": 1}
+    bound = odd(tmp_path, step=(buffer, 0.0, False, False, info), reset=({"seen": buffer}, info))
+    (reset, first), (seen, *_, second) = bound.reset(), bound.step(0)
+    buffer[:], info["game"] = 7.0, 2
+    assert not seen.any() and not reset["seen"].any()
+    assert first["game"] == second["game"] == 1
+
+
+@pytest.mark.parametrize("answer", [SEEN, (SEEN, 0.0, {}), 3, (SEEN, 5), (SEEN, None)])
 def test_a_reset_that_returns_something_else_is_an_environment_failure(
     tmp_path: Path, answer: Any
 ) -> None:
@@ -415,7 +473,7 @@ def test_warnings_of_an_environment_are_left_to_the_user(tmp_path: Path) -> None
 
 def test_all_of_these_are_the_users_to_mend() -> None:
     assert issubclass(TaskError, SerpError)
-    assert issubclass(EnvironmentFailure, SerpError)
+    assert issubclass(EnvironmentFailure, TaskError)
 
 
 def test_a_task_is_made_by_keywords_alone() -> None:

@@ -1,0 +1,90 @@
+"""What an environment answers to `reset` and `step`, taken apart and checked.
+
+Every function raises a ValueError that says what was given and what is wanted.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import reprlib
+from collections.abc import Mapping
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+
+def step_answer(answer: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+    """Return observation, reward, terminated, truncated and info; nothing is shared.
+
+    The reward is a finite number; it and the two truth values may be arrays of one element.
+    """
+    wanted = "the five values (observation, reward, terminated, truncated, info)"
+    raw, reward, terminated, truncated, info = _taken_apart(answer, 5, wanted)
+    return (
+        _owned(raw),
+        _number(reward, "the reward"),
+        _truth(terminated, "terminated"),
+        _truth(truncated, "truncated"),
+        _info(info),
+    )
+
+
+def reset_answer(answer: Any) -> tuple[Any, dict[str, Any]]:
+    """Return observation and info; nothing is shared."""
+    raw, info = _taken_apart(answer, 2, "the two values (observation, info)")
+    return _owned(raw), _info(info)
+
+
+def _taken_apart(answer: Any, count: int, wanted: str) -> tuple[Any, ...]:
+    if not isinstance(answer, tuple | list):
+        raise ValueError(f"it returned {_shown(answer)}, not {wanted}")
+    if len(answer) != count:
+        raise ValueError(f"it returned {len(answer)} values, not {wanted}")
+    return tuple(answer)
+
+
+def _owned(raw: Any) -> Any:
+    """Return an observation that no later step of the environment changes."""
+    if isinstance(raw, np.ndarray):
+        return raw.copy()
+    return copy.deepcopy(raw) if isinstance(raw, Mapping | tuple | list) else raw
+
+
+def _number(value: Any, what: str) -> float:
+    single = _single(value)
+    if not isinstance(single, Real):
+        raise ValueError(f"{what} is {_shown(value)}, not one number")
+    try:
+        number = float(single)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f"{what} is {number}, not a finite number")
+    return number
+
+
+def _truth(value: Any, what: str) -> bool:
+    single = _single(value)
+    if isinstance(single, Real) and single in (0, 1):
+        return bool(single)
+    raise ValueError(f"{what} is {_shown(value)}, not True or False")
+
+
+def _info(value: Any) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        raise ValueError(f"info is {_shown(value)}, not a dictionary")
+    return dict(value)
+
+
+def _single(value: Any) -> Any:
+    """Return the only element of an array, a tensor or a NumPy number; else the value itself."""
+    if isinstance(value, bool | int | float) or not hasattr(value, "__array__"):
+        return value
+    array = np.asarray(value)
+    return array.item() if array.size == 1 else value
+
+
+def _shown(value: Any) -> str:
+    return f"{reprlib.repr(value)} ({type(value).__name__})"
