@@ -26,15 +26,12 @@ from serp.reward import Judged
 from serp.saved import Saved
 from serp.settings import Settings
 from serp.strategies.making import make_strategy
-from serp.strategies.strategy import Learner, Mask, Values
+from serp.strategies.strategy import Learner, Mask, Strategy, Values
 from serp.symmetry import TaskSymmetry, declared_symmetries, symmetry_group
 from serp.task import BoundTask
 
 Arrays = dict[str, NDArray[Any]]
 Meta = dict[str, Any]
-
-_MIRRORED = 256
-"""With so many observations the symmetries that a task declares are checked."""
 
 
 class _GraphPlanner:
@@ -103,6 +100,15 @@ class _Asked:
         return self._learner.target_q(self._x)
 
 
+class _Greedy(_Asked):
+    """The same, where nothing is explored."""
+
+    def propose(
+        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
+        return self.propose_greedily(among=among, base=base)
+
+
 def _limited(proposal: Proposal, among: Mask | None) -> Proposal:
     """Return the best of the actions that a greedy choice is limited to."""
     if among is None or proposal.q is None or among[proposal.action] or not among.any():
@@ -121,6 +127,7 @@ class Agent:
     Attributes:
         correction: What the model learns from its errors.
         outlook: What the lookahead makes of the learner's values; None for nothing.
+        symmetries: Those that the task declares and the learner uses.
         notices: What the user should know: symmetries that the domain file does not have, and a
             model that cannot be corrected.
 
@@ -146,15 +153,14 @@ class Agent:
             Curiosity(self.correction.tried, tries), lambda: self.correction.trust,
         )  # fmt: skip
         self._learner_input = _learner_input(settings.training.inputs)
-        self._symmetries: tuple[TaskSymmetry, ...] = ()
+        self.symmetries: tuple[TaskSymmetry, ...] = ()
         self.notices: tuple[str, ...] = ()
         group = None
         if settings.learner.symmetry:
-            self._symmetries, self.notices = declared_symmetries(task)
-            group = symmetry_group(task, self._symmetries, settings.training.inputs)
+            self.symmetries, self.notices = declared_symmetries(task)
+            group = symmetry_group(task, self.symmetries, settings.training.inputs)
         if self.correction.notice is not None:
             self.notices = (*self.notices, self.correction.notice)
-        self._unchecked = _MIRRORED if self._symmetries else 0
         self.learner = DQN(
             self._input_size(),
             task.actions.size,
@@ -179,8 +185,7 @@ class Agent:
         Raises:
             EnvironmentFailure: The observation is none of the space, or a number in it is not
                 finite, or not in float32, in which the learner counts.
-            TaskError: The grounding failed, gave such a number, or contradicts a symmetry that the
-                task declares.
+            TaskError: The grounding failed, or gave such a number.
         """
         observation = self.task.observation(raw)
         state = self.task.ground(raw)
@@ -197,10 +202,6 @@ class Agent:
                 f"task {self.task.name}: grounding: fluent `{self.task.model.fluents[place].name}` "
                 f"is {state[place]:g}, {_FOR_LEARNER}"
             )
-        if self._unchecked:
-            self._unchecked -= 1
-            for symmetry in self._symmetries:
-                symmetry.check_grounding(self.task, observation, state)
         return state, self._learner_input(observation, state)
 
     def observe(
@@ -232,6 +233,10 @@ class Agent:
     def decide_greedily(self, state: Vector, x: Vector) -> Decision:
         """Decide as the trained agent does: by its strategy, without exploration."""
         return self.arbiter.decide_greedily(state, self.before(x))
+
+    def decide_in_turns(self, state: Vector, x: Vector, strategy: Strategy) -> Decision:
+        """Decide as in training, with the turns of a strategy, but without exploration."""
+        return self.arbiter.decide_in_turns(state, _Greedy(self.learner, x), strategy)
 
     def decide_alone(self, state: Vector, x: Vector) -> Decision:
         """Let the learner's greedy choice be executed: no planner, no veto."""

@@ -320,6 +320,11 @@ class Arbiter:
         situation = self._situation(state)
         return self._follow(situation, self.strategy.propose_greedily(situation, learner))
 
+    def decide_in_turns(self, state: Vector, learner: Learner, strategy: Strategy) -> Decision:
+        """Decide as in training, with the turns of a strategy, without curiosity."""
+        situation = self._situation(state)
+        return self._follow(situation, strategy.propose(situation, learner))
+
     def judge_proposal(self, state: Vector, proposal: Proposed) -> Decision:
         """Decide on a proposal whoever's turn it is: it is executed, or refused."""
         return self._consider(self._situation(state), proposal)

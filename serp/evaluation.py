@@ -1,10 +1,11 @@
-"""Evaluating a policy: the trained mixture, the planner alone, or the learner alone."""
+"""Evaluating a policy: the learner within the vetoes or alone, the planner alone, the mixture."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -13,12 +14,20 @@ from serp.arbiter import Decision
 from serp.domain.model import Vector
 from serp.domain.source import did_you_mean
 from serp.errors import SettingsError
+from serp.policies import Policy
 from serp.quantities import seed_of, whole
+from serp.runs.summary import WINDOW
 from serp.task import BoundTask
 
-Policy = Literal["serp", "planner", "learner"]
+EPISODES: Final = 100
+"""Episodes of an evaluation where nothing else is said."""
+ENOUGH: Final = WINDOW
+"""With fewer episodes than these, mean and interval say little."""
+CONFIDENCE: Final = 0.95
 _SEEDS = 2  # spawn key of the environment's seeds
+_DRAWS = 3  # spawn key of the draws of whose turn it is
 _Policy = Callable[[Vector, Vector], Decision]  # (state, input of the learner) → decision
+_Begin = Callable[[np.random.SeedSequence], _Policy]  # seed of an episode's draws → its policy
 
 
 @dataclass(frozen=True)
@@ -26,8 +35,8 @@ class EvaluationResult:
     """Returns of a policy over some episodes.
 
     Attributes:
-        policy: `serp`: the learner's greedy choice within the vetoes. `planner`: the planner
-            alone. `learner`: the learner's greedy choice alone, no veto.
+        policy: Which; see `serp.policies.Policy`.
+        meaning: The same in words, as the strategy of the agent has it.
         returns: The environment's return of each episode.
         lengths: Steps of each episode.
         terminated: Episodes that the environment ended (others met a limit).
@@ -36,6 +45,7 @@ class EvaluationResult:
     """
 
     policy: str
+    meaning: str
     returns: tuple[float, ...]
     lengths: tuple[int, ...]
     terminated: int
@@ -47,13 +57,41 @@ class EvaluationResult:
         """Mean return."""
         return float(np.mean(self.returns))
 
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Ends of the 95 % confidence interval of the mean (Student's t); None for one episode."""
+        if len(self.returns) < 2:
+            return None
+        from scipy.stats import t  # takes half a second to import
+
+        error = float(np.std(self.returns, ddof=1)) / math.sqrt(len(self.returns))
+        reach = float(t.ppf((1.0 + CONFIDENCE) / 2.0, len(self.returns) - 1)) * error
+        return self.mean - reach, self.mean + reach
+
+    @property
+    def warning(self) -> str | None:
+        """What to beware of: few episodes; None for nothing."""
+        count = len(self.returns)
+        if count >= ENOUGH:
+            return None
+        return (
+            f"These are few episodes ({count}): mean and interval are rough. Take at least "
+            f"{ENOUGH}."
+        )
+
     def as_dict(self) -> dict[str, Any]:
-        """Return JSON values: the fields, and mean, standard deviation, median and extremes."""
+        """Return JSON values: the fields, and statistics of the returns.
+
+        These are mean, its 95 % confidence interval, standard deviation (0 for one episode), median
+        and extremes.
+        """
         returns = np.array(self.returns)
         return {
             **{k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()},
             "episodes": len(self.returns),
             "mean": float(returns.mean()),
+            "confidence_interval": None if self.interval is None else list(self.interval),
+            "warning": self.warning,
             "std": float(returns.std(ddof=1)) if len(returns) > 1 else 0.0,
             "median": float(np.median(returns)),
             "min": float(returns.min()),
@@ -102,7 +140,12 @@ class Episode(NamedTuple):
 
 
 def play(
-    agent: Agent, task: BoundTask, policy: Policy = "serp", *, episodes: int = 20, seed: int = 0
+    agent: Agent,
+    task: BoundTask,
+    policy: Policy = "serp",
+    *,
+    episodes: int = EPISODES,
+    seed: int = 0,
 ) -> Iterator[Episode]:
     """Run a policy without exploring or learning; no random state of the agent changes.
 
@@ -111,7 +154,7 @@ def play(
     Args:
         agent: The agent.
         task: The task, in an environment that nobody else uses.
-        policy: Which policy; see `EvaluationResult`.
+        policy: Which; see `serp.policies.Policy`.
         episodes: How many episodes, at least 1.
         seed: Seed of the environment; other than any that training uses.
 
@@ -132,10 +175,11 @@ def play(
 
 
 def _play(
-    agent: Agent, task: BoundTask, decide: _Policy, episodes: int, seed: int
+    agent: Agent, task: BoundTask, begin: _Begin, episodes: int, seed: int
 ) -> Iterator[Episode]:
     for episode in range(episodes):
         raw, info = task.reset(seed=episode_seed(seed, episode))
+        decide = begin(np.random.SeedSequence(entropy=seed, spawn_key=(_DRAWS, episode)))
         yield Episode(episode + 1, info, _steps(agent, task, decide, raw))
 
 
@@ -158,9 +202,18 @@ def _steps(agent: Agent, task: BoundTask, decide: _Policy, raw: Any) -> Iterator
 
 
 def evaluate(
-    agent: Agent, task: BoundTask, policy: Policy = "serp", *, episodes: int = 20, seed: int = 0
+    agent: Agent,
+    task: BoundTask,
+    policy: Policy = "serp",
+    *,
+    episodes: int = EPISODES,
+    seed: int = 0,
+    on_episode: Callable[[], None] = lambda: None,
 ) -> EvaluationResult:
-    """Measure a policy; see `play`, which takes the same arguments and raises the same errors."""
+    """Measure a policy; see `play`, which takes the same arguments and raises the same errors.
+
+    `on_episode` is called at the end of each episode.
+    """
     returns: list[float] = []
     lengths: list[int] = []
     ended = unsafe = vetoes = 0
@@ -174,12 +227,39 @@ def evaluate(
             ended += step.terminated
         returns.append(total)
         lengths.append(length)
-    return EvaluationResult(policy, tuple(returns), tuple(lengths), ended, unsafe, vetoes)
+        on_episode()
+    meaning = meaning_of(agent, policy)
+    return EvaluationResult(policy, meaning, tuple(returns), tuple(lengths), ended, unsafe, vetoes)
 
 
-def _policies(agent: Agent) -> dict[str, _Policy]:
+def meaning_of(agent: Agent, policy: Policy) -> str:
+    """Say in words what a policy of an agent does."""
+    arbiter, strategy = agent.arbiter, agent.arbiter.strategy
+    if policy == "planner":
+        return "the planner alone"
+    if policy == "learner":
+        return f"{strategy.alone} alone, no veto"
+    instead = "the planner's"
+    if arbiter.settings.after_veto == "learner":
+        instead = "the learner's best that is not"
+    chosen = strategy.choice if policy == "serp" else f"as in training: {strategy.turns}"
+    return f"{chosen}, within the vetoes: a refused choice gives way to {instead}"
+
+
+def other_in_training(agent: Agent) -> str | None:
+    """Say in words who acts in training, where that is not the policy `serp`; else None."""
+    strategy = agent.arbiter.strategy
+    return None if strategy.turns == strategy.choice else strategy.turns
+
+
+def _policies(agent: Agent) -> dict[str, _Begin]:
+    def in_turns(draws: np.random.SeedSequence) -> _Policy:
+        strategy = agent.arbiter.strategy.forked(draws)
+        return lambda state, x: agent.decide_in_turns(state, x, strategy)
+
     return {
-        "serp": agent.decide_greedily,
-        "planner": lambda state, x: agent.arbiter.plan(state),
-        "learner": agent.decide_alone,
+        "serp": lambda draws: agent.decide_greedily,
+        "planner": lambda draws: lambda state, x: agent.arbiter.plan(state),
+        "learner": lambda draws: agent.decide_alone,
+        "training": in_turns,
     }

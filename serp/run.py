@@ -19,14 +19,16 @@ from numpy.typing import NDArray
 
 from serp.agent import Agent
 from serp.arbiter import Decision
+from serp.bar import bar
 from serp.budget import Budget
 from serp.domain.loading import Domain, load_domain
 from serp.domain.model import StateError
 from serp.errors import Interrupted, RunError, SettingsError, TaskError
-from serp.evaluation import EvaluationResult, Policy, evaluate
+from serp.evaluation import EPISODES, EvaluationResult, evaluate
 from serp.made_with import made_with
+from serp.policies import Policy
 from serp.progress import ProgressStats, open_progress
-from serp.quantities import seed_of
+from serp.quantities import seed_of, whole
 from serp.registry import find_task, load_task
 from serp.runs.checkpoint import NEWEST, PREVIOUS, Checkpoint
 from serp.runs.config import CONFIG
@@ -378,20 +380,44 @@ class Run:
         return RunFolder.open(self.path).load_checkpoint()
 
     def decide(self, observation: Any) -> Decision:
-        """Decide as the trained agent does, for one observation as the environment gives it."""
+        """Decide as the trained agent does, for one observation as the environment gives it.
+
+        This is `serp` of `serp.policies.Policy`.
+
+        Raises:
+            RunError: There is no whole checkpoint, or the run's files were changed since.
+            EnvironmentFailure: The observation is none of the environment's space, or holds NaN.
+            TaskError: The grounding failed.
+        """
         return self.agent.decide_greedily(*self.agent.perceive(observation))
 
     def evaluate(
-        self, policy: Policy = "serp", *, episodes: int = 20, seed: int = 0
+        self,
+        policy: Policy = "serp",
+        *,
+        episodes: int = EPISODES,
+        seed: int = 0,
+        quiet: bool = False,
     ) -> EvaluationResult:
         """Evaluate a policy of the run; see `serp.evaluation.evaluate`.
+
+        Args:
+            policy: Which; see `serp.policies.Policy`.
+            episodes: How many, at least 1.
+            seed: Seed of the environment.
+            quiet: Show no bar on a terminal.
 
         Raises:
             SerpError: The run or its task cannot be loaded, or the environment failed.
         """
         agent = self.agent
-        with self.environment() as task, one_thread():
-            return evaluate(agent, task, policy, episodes=episodes, seed=seed)
+        title = f"{self.task.name}, policy {policy}"
+        with (
+            self.environment() as task,
+            one_thread(),
+            bar(title, whole(episodes, 1) or 1, quiet=quiet) as advance,
+        ):
+            return evaluate(agent, task, policy, episodes=episodes, seed=seed, on_episode=advance)
 
     @contextlib.contextmanager
     def environment(self, render_mode: str | None = None) -> Iterator[BoundTask]:

@@ -25,6 +25,8 @@ from serp.settings import Settings
 from serp.task import BoundTask
 
 _EPISODES = 1  # spawn key of the environment's seeds
+_MIRRORED = 256
+"""With so many observations the symmetries that a task declares are checked."""
 _T = TypeVar("_T")
 
 LearningPoints = Generator[DQN, float | None, _T]
@@ -181,6 +183,7 @@ class Trainer:
         self._wall_before = 0.0
         self._clock = time.monotonic()
         self._unit_value: Any = None
+        self._unchecked = _MIRRORED
         self._names = [task.actions.name(a) for a in range(task.actions.size)]
 
     @property
@@ -195,7 +198,7 @@ class Trainer:
             Its row of the metrics.
 
         Raises:
-            TaskError: The grounding failed.
+            TaskError: The grounding failed, or contradicts a symmetry that the task declares.
             EnvironmentFailure: The environment raised or gave NaN.
             LearningFailure: A number of the learner is not finite.
             SettingsError: The environment has no such unit as `arbiter.rho_unit`.
@@ -218,14 +221,14 @@ class Trainer:
         episode = _Episode()
         raw, info = task.reset(seed=episode_seed(self.seed, self.episode))
         self._notice_unit(info, reset=True)
-        state, x = agent.perceive(raw)
+        state, x = self._perceive(raw)
         random_phase = not self._pretrained
         decision = self._decide(state, x, random_phase=random_phase)
         while True:
             self._under_way = self.env_steps + 1
             self._log(decision, state)
             raw, env_reward, terminated, truncated, info = task.step(decision.action)
-            next_state, next_x = agent.perceive(raw)
+            next_state, next_x = self._perceive(raw)
             ground = int(decision.forecast.ground[decision.action])
             judged = judge(task, state, ground, next_state, env_reward)
             reward, domain_reward, failed = judged
@@ -269,6 +272,14 @@ class Trainer:
                 episode.terminated, episode.truncated = terminated, truncated
                 return self._end_episode(episode)
             state, x, decision = next_state, next_x, following
+
+    def _perceive(self, raw: Any) -> tuple[Vector, Vector]:
+        state, x = self.agent.perceive(raw)
+        if self._unchecked:
+            self._unchecked -= 1
+            for symmetry in self.agent.symmetries:
+                symmetry.check_grounding(self.task, self.task.observation(raw), state)
+        return state, x
 
     def _decide(self, state: Vector, x: Vector, *, random_phase: bool) -> Decision:
         if random_phase:

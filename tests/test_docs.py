@@ -28,7 +28,7 @@ import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 import pytest
@@ -40,6 +40,7 @@ from serp.cli.root import serp as group
 from serp.comparison.algorithms import OWN, algorithm_entries
 from serp.domain.instantiate import MAX_EXPANSION, MAX_FLUENTS, MAX_GROUND_SCHEMAS
 from serp.domain.program import MAX_NATIVE_SIZE
+from serp.policies import Policy
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.settings import PRESETS, resolve
 
@@ -303,6 +304,7 @@ LISTS: dict[str, Callable[[], set[str]]] = {
     "decisions.csv": lambda: set(DECISIONS_COLUMNS),
     "actors": lambda: {actor.value for actor in Actor},
     "reasons": lambda: {reason.value for reason in Reason},
+    "policies": lambda: set(get_args(Policy)),
     "public names": lambda: {f"serp.{name}" for name in serp.__all__},
     "run folder": run_files,
     "algorithms": lambda: {*OWN, *algorithm_entries()},

@@ -24,19 +24,21 @@ if TYPE_CHECKING:
     examples=[
         "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
         "serp compare --domain cartpole --model-variants all",
+        "serp compare --domain cartpole --model-variants cartpole-reversed,cartpole-cart-only",
         "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
         "serp compare --out runs/soccer --algorithms jump-start --seeds 10",
     ],
 )
 @click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
-@click.option("--algorithms", metavar="NAME,...",
+@click.option("--algorithms", multiple=True, metavar="NAME,...",
               help="What is compared, the first with all others. NAME:SECTION.NAME=VALUE is one "
-                   "with a setting changed.  [default: serp,mrp,dqn]")  # fmt: skip
+                   "with a setting changed. May be repeated.  "
+                   "[default: serp,mrp,dqn]")  # fmt: skip
 @click.option("--seeds", metavar="N|A-B|A,B",
               help="So many seeds from 0 on, or the seeds themselves.  [default: 5]")  # fmt: skip
 @click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
               help="Budget of each training.")  # fmt: skip
-@click.option("--model-variants", multiple=True, metavar="FILE",
+@click.option("--model-variants", multiple=True, metavar="FILE,...",
               help="How bad may the model be? Other domain files for the task: files, names of "
                    "files beside the task's own, patterns, or `all`. May be repeated.")  # fmt: skip
 @click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
@@ -62,7 +64,7 @@ if TYPE_CHECKING:
 def command(
     ctx: click.Context,
     domain: str | None,
-    algorithms: str | None,
+    algorithms: tuple[str, ...],
     seeds: str | None,
     model_variants: tuple[str, ...],
     assignments: tuple[str, ...],
@@ -96,7 +98,7 @@ def command(
     try:
         comparison = compare(
             domain, algorithms=names, seeds=chosen, settings=settings,
-            model_variants=model_variants,
+            model_variants=_named(model_variants, "--model-variants"),
             changed=changed, out=out, quiet=quiet, env_steps=env_steps, threshold=threshold,
             evaluate_every=evaluate_every, evaluation_episodes=evaluation_episodes,
             final_episodes=final_episodes, jobs=jobs,
@@ -113,19 +115,33 @@ def command(
     return None
 
 
-def _algorithms(text: str | None) -> tuple[list[str] | None, dict[str, Any]]:
+def _algorithms(texts: tuple[str, ...]) -> tuple[list[str] | None, dict[str, Any]]:
     """Return names, and what those of the form `name:section.setting=value` change."""
-    if text is None:
-        return None, {}
-    names = _split(text)
+    names = _named(texts, "--algorithms")
     if not names:
-        raise click.BadParameter("no algorithm is named", param_hint="--algorithms")
+        return None, {}
     changed = {
         name: parse_settings(tuple(name.partition(":")[2].split(";")))
         for name in names
         if ":" in name
     }
     return names, changed
+
+
+def _named(texts: tuple[str, ...], option: str) -> list[str]:
+    """Return the names that an option was given, apart by commas or given one by one.
+
+    Raises:
+        BadParameter: A text names nothing.
+    """
+    names: list[str] = []
+    for text in texts:
+        # A file may have commas in its name.
+        found = [text] if Path(text).is_file() else _split(text)
+        if not found:
+            raise click.BadParameter("nothing is named", param_hint=option)
+        names += found
+    return names
 
 
 def _split(text: str) -> list[str]:
@@ -176,6 +192,8 @@ def _print_results(comparison: Comparison) -> None:
     console = open_console()
     console.print("")
     print_table(console, *comparison.overview())
+    if comparison.caution is not None:
+        console.print(f"\n{comparison.caution}")
     console.print("\nNext:")
     print_table(
         console,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 import click
 
 from serp.cli.examples import ExampledCommand
 from serp.cli.output import number, open_console, plural, print_json, print_table
 from serp.cli.policies import open_run, policy_of_run
+from serp.policies import Policy
 
 
 @click.command(
@@ -18,24 +18,30 @@ from serp.cli.policies import open_run, policy_of_run
     short_help="Measure a trained policy.",
     examples=[
         "serp evaluate runs/seven",
-        "serp evaluate runs/seven --policy planner --episodes 100",
+        "serp evaluate runs/seven --policy planner --episodes 500",
         "serp evaluate runs/seven --policy learner --json > learner.json",
     ],
 )
 @policy_of_run
-@click.option("--episodes", type=click.IntRange(min=1), default=20, show_default=True, metavar="N",
+@click.option("--episodes", type=click.IntRange(min=1), default=100, show_default=True, metavar="N",
               help="Episodes to measure.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the environment.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print all numbers as JSON.")
 def command(
     run: Path,
-    policy: Literal["serp", "planner", "learner"],
+    policy: Policy,
     episodes: int,
     seed: int,
     as_json: bool,
 ) -> None:
-    """Measure a policy of RUN, the folder that plan-and-learn made."""
+    """Measure a policy of RUN, the folder that plan-and-learn made.
+
+    Return is the sum of the environment's rewards. The interval holds the mean of all episodes with
+    95 % confidence (Student's t); the spread is what single episodes differ by.
+    """
+    from serp.evaluation import other_in_training
+
     loaded = open_run(run)
     result = loaded.evaluate(policy, episodes=episodes, seed=seed).as_dict()
     if as_json:
@@ -43,17 +49,26 @@ def command(
         return
     console = open_console()
     console.print(f"{run}, policy {policy}, {plural(episodes, 'episode')}, seed {seed}")
+    console.print(f"Measured: {result['meaning']}.")
     steps = sum(result["lengths"])
+    low, high = result["confidence_interval"] or (None, None)
+    interval = f", 95 % interval {number(low)} to {number(high)}" if low is not None else ""
     print_table(
         console,
         ("", ""),
         [
-            ("return", f"{number(result['mean'])} ± {number(result['std'])} (mean ± std)"),
-            ("", f"{number(result['min'])} to {number(result['max'])}, "
-                 f"median {number(result['median'])}"),
+            ("mean return", f"{number(result['mean'])}{interval}"),
+            ("spread", f"standard deviation {number(result['std'])}, "
+                       f"{number(result['min'])} to {number(result['max'])}, "
+                       f"median {number(result['median'])}"),
             ("terminated", f"{result['terminated']} of {episodes} episodes"),
             ("unsafe", f"{plural(result['unsafe_executed'], 'action')} executed that the model "
                        f"predicted unsafe, in {plural(steps, 'step')}"),
             ("vetoes", f"{plural(result['vetoes'], 'proposal')} refused"),
         ],
     )  # fmt: skip
+    if result["warning"] is not None:
+        console.print(result["warning"])
+    acting = other_in_training(loaded.agent) if policy == "serp" else None
+    if acting is not None:
+        console.print(f"Training acts otherwise: {acting}. --policy training measures that.")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
 from serp.cli.failures import say
+from serp.policies import Policy
 
 if TYPE_CHECKING:
     from serp.run import Run
@@ -16,10 +17,12 @@ if TYPE_CHECKING:
 
 def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
     """Give a command the argument RUN and the option --policy."""
-    option = click.option("--policy", type=click.Choice(["serp", "planner", "learner"]),
+    option = click.option("--policy", type=click.Choice(get_args(Policy)),
                           default="serp", show_default=True,
                           help="serp: the learner's choice within the vetoes; planner: the "
-                               "planner alone; learner: the learner alone, no veto.")  # fmt: skip
+                               "planner alone; learner: the learner alone, no veto; training: who "
+                               "acts in training, planner or learner, within the vetoes. None "
+                               "explores.")  # fmt: skip
     return click.argument("run", type=click.Path(path_type=Path))(option(command))
 
 

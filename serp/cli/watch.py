@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,6 +11,7 @@ from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say
 from serp.cli.output import number, open_console, plural
 from serp.cli.policies import open_run, policy_of_run
+from serp.policies import Policy
 
 if TYPE_CHECKING:
     from serp.watching.film import EpisodeResult
@@ -49,7 +50,7 @@ _FILM_FPS = {".gif": 50.0, ".mp4": 60.0}
 def command(
     ctx: click.Context,
     run: Path,
-    policy: Literal["serp", "planner", "learner"],
+    policy: Policy,
     episodes: int,
     seed: int,
     out: Path | None,

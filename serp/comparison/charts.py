@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from serp.comparison.definitions import BY_NAME
-from serp.comparison.looks import looks
+from serp.comparison.looks import looks, mark_caution, mark_cut
 from serp.comparison.results import PLAIN, Results
 from serp.comparison.statistics import Estimate
 from serp.comparison.variants import VariantRow, subject, variant_rows
@@ -41,10 +41,12 @@ def estimates_chart(results: Results) -> Figure:
             axes.set_xlabel("return")
             axes.grid(axis="y", visible=False)
             axes.locator_params(axis="x", nbins=5)
+            mark_cut(axes.xaxis)
         panels[0].set_yticks(range(len(algorithms)), algorithms)
         panels[0].set_ylim(len(algorithms) - 0.5, -0.5)
         for axes in panels:
             axes.tick_params(axis="y", length=0)
+        mark_caution(figure, results.caution())
     return figure
 
 
@@ -67,6 +69,7 @@ def variants_chart(results: Results) -> Figure:
         # Lines come before points in each panel's list.
         names = sorted(entries, key=lambda label: label not in {row.variant for row in rows})
         figure.legend([entries[label] for label in names], names, loc="outside right upper")
+        mark_caution(figure, results.caution(*results.variants))
     return figure
 
 
@@ -100,6 +103,7 @@ def _panel(
     axes.margins(x=0.08, y=0.08)
     axes.autoscale_view()
     _diagonal(axes)
+    mark_cut(axes.xaxis, axes.yaxis)
 
 
 def _diagonal(axes: Axes) -> None:

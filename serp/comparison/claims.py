@@ -244,7 +244,9 @@ def _why_not(results: Results, first: str, second: str, name: str = "first_10") 
         if not trials:
             return f"no finished trial of {algorithm}"
         if not known:
-            return f"{algorithm} has no such measure here"
+            few = any(name in results.undecided[r.trial] for r in results.of(algorithm))
+            what = "too few episodes for it" if few else "no such measure here"
+            return f"{algorithm} has {what}"
         if known < 2:
             return f"{algorithm} has one seed, and so no interval"
     return ""

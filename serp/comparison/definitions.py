@@ -69,7 +69,7 @@ MEASURES: Final = (
         "threshold_env_steps",
         "env steps to the threshold",
         "Env steps until the mean return of 20 training episodes in a row first reaches the "
-        "threshold; no fewer than 20 episodes take.",
+        "threshold. Fewer than 20 training episodes are too few to say so, or to say never.",
         "env steps",
         "lower",
         True,
@@ -86,7 +86,8 @@ MEASURES: Final = (
         "learner_threshold_env_steps",
         "env steps to the learner's threshold",
         "Env steps "
-        "until an evaluation of the learner alone first reaches the threshold in the mean.",
+        "until an evaluation of the learner alone first reaches the threshold in the mean. Fewer "
+        "than 20 evaluation episodes in all are too few to say so, or to say never.",
         "env steps",
         "lower",
         True,

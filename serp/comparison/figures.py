@@ -19,7 +19,7 @@ from serp.comparison.curves import (
     training_curves,
     unit_curves,
 )
-from serp.comparison.looks import Look, looks
+from serp.comparison.looks import CUT, Look, is_cut, looks, mark_caution, mark_cut
 from serp.comparison.results import Results
 from serp.comparison.statistics import Band, interquartile_band, mean_band
 from serp.comparison.variants import planner_returns, variant_rows
@@ -29,6 +29,9 @@ from serp.runs.summary import WINDOW
 _SMOOTHED = f"training return (mean of {WINDOW} episodes)"
 _MEAN = "Mean over the seeds, shaded: one standard deviation."
 _IQM = "Interquartile mean over the seeds, shaded: 95 % bootstrap interval."
+
+
+_ZOOMED = f"An axis that says “{CUT.strip('()')}” does not show 0: look at its numbers."
 
 
 class Picture(NamedTuple):
@@ -88,6 +91,8 @@ def pictures(results: Results) -> tuple[Picture, ...]:
                 about.threshold, planner)
     )  # fmt: skip
     drawn = [picture for picture in found if picture is not None]
+    for picture in drawn:
+        mark_caution(picture.figure, results.caution())
     if results.algorithms:
         drawn.append(
             Picture(
@@ -108,7 +113,12 @@ def pictures(results: Results) -> tuple[Picture, ...]:
                 variants_chart(results),
             )
         )
-    return tuple(drawn)
+    return tuple(
+        picture._replace(caption=f"{picture.caption} {_ZOOMED}")
+        if is_cut(picture.figure)
+        else picture
+        for picture in drawn
+    )
 
 
 def _curves(
@@ -143,6 +153,7 @@ def _curves(
         axes.set_ylabel(y)
         last = max(float(found.x[-1]) for found in shown.values())
         axes.set_xlim(0 if x == "env steps" else 1, max(last, 2.0))
+        mark_cut(axes.yaxis)
         axes.xaxis.set_major_formatter(EngFormatter(sep=""))
         axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
         handles, labels = axes.get_legend_handles_labels()

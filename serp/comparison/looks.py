@@ -5,6 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
+from matplotlib.axis import Axis
+from matplotlib.figure import Figure
+
+from serp.picture import INK
+
 # Okabe and Ito's palette, told apart by colour-blind readers too, without its yellow, which does
 # not show on white. The numbers of colours, dashes and markers share no divisor, so that 140
 # algorithms differ.
@@ -27,6 +32,31 @@ class Look(NamedTuple):
     dash: Any
     marker: str
     width: float
+
+
+CUT: Final = "(axis cut)"
+"""Stands at an axis on which differences look larger than they are."""
+
+
+def mark_cut(*axes: Axis) -> None:
+    """Say so at each axis that does not show 0."""
+    for axis in axes:
+        low, high = sorted(axis.get_view_interval())
+        if not low <= 0.0 <= high:
+            axis.set_label_text(f"{axis.get_label_text()} {CUT}")
+
+
+def is_cut(figure: Figure) -> bool:
+    """Whether an axis of a figure is marked so."""
+    return any(
+        CUT in axis.get_label_text() for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)
+    )
+
+
+def mark_caution(figure: Figure, caution: str | None) -> None:
+    """Write below a figure with intervals what to beware of."""
+    if caution is not None:
+        figure.supxlabel(caution, fontsize=9.5, color=INK)
 
 
 def looks(algorithms: Sequence[str]) -> dict[str, Look]:

@@ -69,18 +69,19 @@ def spread_text(mean: float, deviation: float) -> str:
 def times_text(found: Times) -> str:
     """The median, its interval and how often it never happened.
 
-    Such as `12,000 [9,000, never], never in 3 of 10`, or `never (8 of 10)`.
+    Such as `12,000 [9,000, never], never in 3 of 10`, `never (8 of 10)` or `too few episodes`.
     """
     if not found.trials:
-        return NOTHING
+        return "too few episodes" if found.too_few else NOTHING
+    few = f", too few episodes in {found.too_few}" if found.too_few else ""
     if math.isinf(found.median) and (found.low is None or math.isinf(found.low)):
-        return f"never ({found.never} of {found.trials})"
+        return f"never ({found.never} of {found.trials}){few}"
     text = _time(found.median)
     if found.low is not None and found.high is not None:
         text += f" [{_time(found.low)}, {_time(found.high)}]"
     if found.never:
         text += f", never in {found.never} of {found.trials}"
-    return text
+    return text + few
 
 
 def percent(share: float) -> str:

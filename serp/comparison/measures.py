@@ -16,6 +16,9 @@ Array = NDArray[np.float64]
 NEVER: Final = float("inf")
 """The value of a time until something that did not happen."""
 
+TRAINING_THRESHOLD: Final = ("threshold_env_steps", "threshold_episodes")
+LEARNER_THRESHOLD: Final = ("learner_threshold_env_steps", "learner_threshold_held")
+
 
 def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str, float]:
     """Take every measure of a trial.
@@ -27,8 +30,8 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
 
     Returns:
         Every name of `serp.comparison.definitions.MEASURES`, then `outcome.<name>` and
-        `info.<name>`, as far as there are such. NaN where nothing was measured, infinity for
-        times until what never happened.
+        `info.<name>`, as far as there are such. NaN where nothing was measured or too few episodes
+        tell (see `undecided`), infinity for times until what never happened.
     """
     episodes = record.episodes
     returns = episodes["return"].astype(np.float64)
@@ -44,6 +47,7 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
         "last_20": _mean(returns[-WINDOW:]),
         **_training_threshold(ends, returns, threshold),
         **_learner_threshold(learner, threshold),
+        **dict.fromkeys(undecided(record, threshold), np.nan),
         "final_learner": _final(record, "learner", "return"),
         "final_vetoed": _final(record, "vetoed", "return"),
         "planner": _final(record, "planner", "return"),
@@ -66,6 +70,18 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
         if name.startswith("info."):
             values[name] = float(np.nansum(column.astype(np.float64)))
     return {name: float(value) for name, value in values.items()}
+
+
+def undecided(record: Record, threshold: float | None) -> tuple[str, ...]:
+    """Return the measures of a threshold that a trial has too few episodes for.
+
+    One lucky episode is no good policy, and a few bad ones are no "never".
+    """
+    if threshold is None:
+        return ()
+    evaluated = int((record.evaluations["policy"] == "learner").sum())
+    few = TRAINING_THRESHOLD if len(record.episodes["return"]) < WINDOW else ()
+    return few + (LEARNER_THRESHOLD if 0 < evaluated < WINDOW else ())
 
 
 def training_area(ends: Array, returns: Array, env_steps: int) -> float:
@@ -94,11 +110,10 @@ def learner_area(points: Checkpoints, env_steps: int) -> float:
 
 
 def _training_threshold(ends: Array, returns: Array, threshold: float | None) -> dict[str, float]:
-    names = ("threshold_env_steps", "threshold_episodes")
+    names = TRAINING_THRESHOLD
     if threshold is None:
         return dict.fromkeys(names, float("nan"))
-    # Only whole windows: one lucky first episode is no good policy.
-    good = np.flatnonzero(moving_mean(returns)[WINDOW - 1 :] >= threshold)
+    good = np.flatnonzero(moving_mean(returns)[WINDOW - 1 :] >= threshold)  # whole windows only
     if not len(good):
         return dict.fromkeys(names, NEVER)
     episode = int(good[0]) + WINDOW
@@ -106,7 +121,7 @@ def _training_threshold(ends: Array, returns: Array, threshold: float | None) ->
 
 
 def _learner_threshold(points: Checkpoints, threshold: float | None) -> dict[str, float]:
-    names = ("learner_threshold_env_steps", "learner_threshold_held")
+    names = LEARNER_THRESHOLD
     if threshold is None or not len(points.returns):
         return dict.fromkeys(names, float("nan"))
     good = points.returns >= threshold

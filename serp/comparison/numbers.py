@@ -17,7 +17,6 @@ from serp.comparison.statistics import (
     mean,
     median,
     standard_deviation,
-    times,
 )
 from serp.comparison.tables import DIFFERENCES
 from serp.comparison.variants import Check, pooled_final, subject, variant_rows
@@ -53,7 +52,8 @@ def comparison_json(results: Results, claims: Sequence[Claim]) -> str:
     """Everything that the report says, as strict JSON.
 
     Null stands for what was not measured and for infinity; a trial's `never` names the measures
-    that are times until what did not happen.
+    that are times until what did not happen, its `too_few_episodes` those that more episodes would
+    have told.
     """
     about = results.about
     content = {
@@ -85,7 +85,8 @@ def comparison_json(results: Results, claims: Sequence[Claim]) -> str:
             }
             for name in results.algorithms
         },
-        "trials": [_trial(trial, values) for trial, values in results.measured.items()],
+        "caution": results.caution(*results.variants),
+        "trials": [_trial(results, trial) for trial in results.measured],
         "statistics": {variant: _statistics(results, variant) for variant in results.variants},
         "differences": _differences(results),
         "model_variants": _variants(results),
@@ -97,9 +98,11 @@ def comparison_json(results: Results, claims: Sequence[Claim]) -> str:
     return json_text(finite(content))
 
 
-def _trial(trial: Trial, values: dict[str, float]) -> dict[str, Any]:
+def _trial(results: Results, trial: Trial) -> dict[str, Any]:
+    values = results.measured[trial]
     never = [name for name, value in values.items() if math.isinf(value)]
-    return {**trial._asdict(), "measures": values, "never": never}
+    few = list(results.undecided[trial])
+    return {**trial._asdict(), "measures": values, "never": never, "too_few_episodes": few}
 
 
 def _statistics(results: Results, variant: str) -> dict[str, Any]:
@@ -124,9 +127,9 @@ def _statistic(
         "iqm": _estimate(results.estimate(algorithm, name, variant)),
     }
     if time:
-        summed = times(results.values(algorithm, name, variant))
+        summed = results.times(algorithm, name, variant)
         found |= {"median": summed.median, "median_low": summed.low, "median_high": summed.high,
-                  "never": summed.never}  # fmt: skip
+                  "never": summed.never, "too_few_episodes": summed.too_few}  # fmt: skip
     return found
 
 

@@ -24,7 +24,7 @@ from serp.comparison.numbers import comparison_json, episodes_csv, evaluations_c
 from serp.comparison.page import page
 from serp.comparison.records import Record, Trial
 from serp.comparison.results import Results
-from serp.comparison.statistics import RESAMPLES, times
+from serp.comparison.statistics import RESAMPLES
 from serp.comparison.tables import (
     COST,
     RETURNS,
@@ -113,7 +113,7 @@ def report_text(results: Results, claims: Sequence[Claim], drawn: Sequence[Pictu
     if len(variant_rows(results)) > 1:
         sections += _variants(results, figures)
     if claims:
-        sections += _claims(claims)
+        sections += _claims(results, claims)
     sections += [
         "## How to reproduce",
         code(about.command),
@@ -134,7 +134,8 @@ stratified where several domain files are pooled (Agarwal et al. 2021, arXiv:210
 none for a single seed. Differences resample both sides independently.
 * **± std**: standard deviation over the seeds (n − 1).
 * **Times**: medians over all trials with the 95 % interval of the median. Where means or \
-differences of times to the threshold are given, never counts as the whole training.
+differences of times to the threshold are given, never counts as the whole training. A trial with \
+too few episodes to tell whether the threshold was reached counts nowhere.
 * **Range**: the largest less the smallest return of any episode in this comparison, here {range}.
 * **Training return** includes exploration and, where there is one, the planner's actions. \
 **The learner alone** acts greedily, without planner and vetoes."""
@@ -142,7 +143,8 @@ differences of times to the threshold are given, never counts as the whole train
 _FILES: Final = """\
 * `report.html`: this report with its figures in one file
 * `figures/`: every figure as PNG and SVG
-* `measures.csv`: all measures, a row a trial (empty: not measured; inf: never)
+* `measures.csv`: all measures, a row a trial (empty: not measured, or too few episodes to tell; \
+inf: never)
 * `episodes.csv`, `evaluations.csv`: every episode of training and of evaluation
 * `comparison.json`: all of it for programs"""
 
@@ -182,7 +184,7 @@ def overview(results: Results) -> tuple[list[str], list[list[str]]]:
             algorithm,
             estimate_text(results.estimate(algorithm, "training_area")),
             estimate_text(results.estimate(algorithm, "final_learner")),
-            times_text(times(results.values(algorithm, "threshold_env_steps"))),
+            times_text(results.times(algorithm, "threshold_env_steps")),
             number(float(results.values(algorithm, "unsafe").sum())),
         ]
         for algorithm in results.algorithms
@@ -199,8 +201,15 @@ def _lead(results: Results) -> str:
     head, rows = overview(results)
     return (
         "Interquartile means over the seeds with 95 % intervals; of times, the medians.\n\n"
+        + _caution(results)
         + table(head, [[plain(row[0]), *row[1:]] for row in rows])
     )
+
+
+def _caution(results: Results, *variants: str) -> str:
+    """A paragraph on few seeds, to stand before intervals and verdicts; empty for enough."""
+    found = results.caution(*variants)
+    return f"**{plain(found)}**\n\n" if found else ""
 
 
 def _what(results: Results) -> str:
@@ -259,7 +268,7 @@ def _results(results: Results, figures: dict[str, str]) -> Iterable[str]:
     yield figures.get("training-units", "")
     yield figures.get("learner", "")
     yield figures.get("estimates", "")
-    yield "### Returns\n\n" + values_table(results, RETURNS)
+    yield "### Returns\n\n" + _caution(results) + values_table(results, RETURNS)
     if results.about.threshold is not None:
         yield (
             "### Time until good\n\nMedians over the seeds; good is a mean return of at least "
@@ -271,8 +280,10 @@ def _results(results: Results, figures: dict[str, str]) -> Iterable[str]:
     yield "### Effort\n\n" + values_table(results, COST)
     if len(results.algorithms) > 1:
         yield f"## Differences to {plain(results.algorithms[0])}"
-        yield "An interval that does not hold 0 tells the two apart.\n\n" + differences_table(
-            results
+        yield (
+            "An interval that does not hold 0 tells the two apart.\n\n"
+            + _caution(results)
+            + differences_table(results)
         )
 
 
@@ -280,7 +291,7 @@ def _variants(results: Results, figures: dict[str, str]) -> Iterable[str]:
     name = plain(subject(results))
     yield "## How bad may the model be?"
     yield figures.get("variants", "")
-    yield variants_table(results)
+    yield _caution(results, *results.variants) + variants_table(results)
     yield (
         f"**Final**: {name}'s final learner is not worse than dqn's: the interval of the "
         f"difference of the means lies above {_limit(results, FINAL_MARGIN)}. **Early**: the mean "
@@ -295,12 +306,13 @@ def _limit(results: Results, share: float) -> str:
     return f"{number(-share * results.range)} ({percent(share)} of the range of returns)"
 
 
-def _claims(claims: Sequence[Claim]) -> Iterable[str]:
+def _claims(results: Results, claims: Sequence[Claim]) -> Iterable[str]:
     yield "## The paper's claims"
     yield (
         "What these numbers say of the claims of section 4. A claim is confirmed where the 95 % "
         "interval of a difference between means lies on the claim's side in everything that was "
         f"measured for it; similar means within {percent(MARGIN)} of the range.\n\n"
+        + _caution(results)
         + claims_table(claims)
     )
     for claim in claims:

@@ -11,9 +11,17 @@ from numpy.typing import NDArray
 
 from serp.comparison.about import ComparisonAbout
 from serp.comparison.definitions import BY_NAME, MEASURES, Measure, extra_measures
-from serp.comparison.measures import measure
+from serp.comparison.measures import measure, undecided
 from serp.comparison.records import Record, Trial
-from serp.comparison.statistics import Estimate, Statistic, difference, estimate, mean
+from serp.comparison.statistics import (
+    Estimate,
+    Statistic,
+    Times,
+    difference,
+    estimate,
+    mean,
+    times,
+)
 
 Array = NDArray[np.float64]
 
@@ -22,6 +30,8 @@ PLANNER: Final = "mrp"
 PLAIN: Final = "dqn"
 """The algorithm that is the learner alone: the line to beat."""
 OURS: Final = "serp"
+ENOUGH: Final = 5
+"""Intervals over fewer seeds than these are rough: they are too narrow as a rule."""
 
 
 class Results:
@@ -36,6 +46,7 @@ class Results:
         about: As given.
         records: In the order of algorithms, variants (the base first) and seeds.
         measured: Trial → name of a measure → value, as `serp.comparison.measures.measure` takes it.
+        undecided: Trial → measures of the threshold that it has too few episodes for.
         missing: Trials that were asked for and are not there.
     """
 
@@ -47,6 +58,7 @@ class Results:
         self.measured = {
             trial: measure(found[trial], about.env_steps, about.threshold) for trial in order
         }
+        self.undecided = {trial: undecided(found[trial], about.threshold) for trial in order}
         self.missing = tuple(trial for trial in about.trials if trial not in found)
         self._estimates: dict[tuple[str, str, str], Estimate] = {}
 
@@ -108,6 +120,29 @@ class Results:
             ],
             dtype=np.float64,
         )
+
+    def times(self, algorithm: str, name: str, variant: str | None = None) -> Times:
+        """Sum up a measure that is a time until something."""
+        few = sum(name in self.undecided[record.trial] for record in self.of(algorithm, variant))
+        return times(self.values(algorithm, name, variant), few)
+
+    def caution(self, *variants: str) -> str | None:
+        """Say of some variants (the base by default) that they have few seeds; None: they have not.
+
+        It stands wherever intervals and verdicts are shown.
+        """
+        counts = {
+            (name, variant): len(self.of(name, variant))
+            for variant in variants or (self.about.base,)
+            for name in self.on(variant)
+        }
+        few = {place: count for place, count in counts.items() if count < ENOUGH}
+        if not few:
+            return None
+        least, most = min(few.values()), max(few.values())
+        of = "" if len(few) == len(counts) else f" of {', '.join(dict.fromkeys(n for n, _ in few))}"
+        seeds = f"{least}" if least == most else f"{least} to {most}"
+        return f"Few seeds ({seeds}{of}): intervals and verdicts are rough. Take at least {ENOUGH}."
 
     def known(self, algorithm: str, name: str, variant: str | None = None) -> Array:
         """The same for intervals: what is unknown is left out.

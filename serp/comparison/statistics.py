@@ -50,7 +50,8 @@ class Times(NamedTuple):
         low: Lower end of its 95 % interval; None for fewer than two trials.
         high: Upper end, maybe infinity; None likewise.
         never: Trials in which it never happened.
-        trials: How many there are.
+        trials: How many there are, those with too few episodes left out.
+        too_few: Trials with too few episodes to tell.
     """
 
     median: float
@@ -58,6 +59,7 @@ class Times(NamedTuple):
     high: float | None
     never: int
     trials: int
+    too_few: int = 0
 
 
 class Band(NamedTuple):
@@ -153,25 +155,30 @@ def difference(
     )
 
 
-def times(values: ArrayLike) -> Times:
+def times(values: ArrayLike, too_few: int = 0) -> Times:
     """Sum up times, infinity standing for never.
 
     The interval takes its ends from among the medians of the resampled trials, so that it can
     reach up to infinity.
+
+    Args:
+        values: `[trials]`.
+        too_few: Of the trials whose value is NaN, those that had too few episodes to tell.
     """
     found = _sorted(values)
     never = int(np.isinf(found).sum())
     if not len(found):
-        return Times(float("nan"), None, None, 0, 0)
+        return Times(float("nan"), None, None, 0, 0, too_few)
     middle = median(found)
     if len(found) < 2:
-        return Times(middle, None, None, never, len(found))
+        return Times(middle, None, None, never, len(found), too_few)
     rng = np.random.default_rng(_SEED)
     picks = rng.integers(0, len(found), (RESAMPLES, len(found)))
     medians = np.median(found[picks], axis=-1)
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(medians, [tail, 1 - tail], method="inverted_cdf")
-    return Times(middle, min(float(low), middle), max(float(high), middle), never, len(found))
+    ends = min(float(low), middle), max(float(high), middle)
+    return Times(middle, *ends, never, len(found), too_few)
 
 
 def mean_band(curves: Array) -> Band:

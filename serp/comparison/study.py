@@ -49,6 +49,11 @@ class Comparison:
         """Return a table: its head, and a row an algorithm."""
         return overview(self.results)
 
+    @property
+    def caution(self) -> str | None:
+        """What to beware of in intervals and verdicts: few seeds; None for nothing."""
+        return self.results.caution(*self.results.variants)
+
 
 def compare(
     task: Task | str | None = None,

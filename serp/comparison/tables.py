@@ -18,7 +18,7 @@ from serp.comparison.markdown import (
     times_text,
 )
 from serp.comparison.results import PLAIN, Results
-from serp.comparison.statistics import interquartile_mean, mean, median, standard_deviation, times
+from serp.comparison.statistics import interquartile_mean, mean, median, standard_deviation
 from serp.comparison.variants import Check, pooled_final, subject, variant_rows
 
 RETURNS: Final = (
@@ -90,7 +90,7 @@ def thresholds_table(results: Results) -> str:
     rows = [
         [
             plain(algorithm),
-            *(times_text(times(results.values(algorithm, name))) for name in THRESHOLDS),
+            *(times_text(results.times(algorithm, name)) for name in THRESHOLDS),
             estimate_text(results.estimate(algorithm, "learner_threshold_held")),
         ]
         for algorithm in results.algorithms

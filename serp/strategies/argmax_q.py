@@ -24,6 +24,11 @@ class ArgmaxQ(Strategy):
         self.guided = GuidedLearning(bootstrap_guide=True)
         self._scale = scale
 
+    @property
+    def choice(self) -> str:
+        """Both proposals."""
+        return "the planner's or the learner's choice, whichever the learner values more"
+
     def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
         """Return the better proposal; exploration is the learner's."""
         return _better(situation, learner, learner.propose(situation.explorable))

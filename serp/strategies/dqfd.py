@@ -40,6 +40,11 @@ class Demonstrations(Strategy):
         """0 during the demonstration, then 1."""
         return 0.0 if self._demonstrating else 1.0
 
+    @property
+    def turns(self) -> str:
+        """Whether the planner demonstrates."""
+        return "the planner's choice" if self._demonstrating else self.choice
+
     def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
         """Let the planner act in the demonstration, then ask the learner."""
         return None if self._demonstrating else learner.propose(situation.explorable)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -43,6 +44,19 @@ class ImitateThenLearn(Strategy):
     def rho(self) -> float:
         """The learner's share of the decisions."""
         return self._step / self._end if self._imitating else 1.0
+
+    @property
+    def turns(self) -> str:
+        """Who acts with which probability."""
+        if not self._imitating:
+            return self.choice
+        return f"with probability {1.0 - self.rho:.2f} the planner's choice, else the learner's"
+
+    def forked(self, seed: np.random.SeedSequence) -> ImitateThenLearn:
+        """Return a copy with draws of its own."""
+        forked = copy.copy(self)
+        forked._random = np.random.default_rng(seed)
+        return forked
 
     @property
     def margin_weight(self) -> float:

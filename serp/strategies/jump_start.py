@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 from collections import deque
 from collections.abc import Mapping
@@ -49,6 +50,16 @@ class JumpStart(Strategy):
     def rho(self) -> float:
         """0 while the planner acts, then 1."""
         return float(self._step >= self.planned_steps)
+
+    @property
+    def turns(self) -> str:
+        """How long the planner acts."""
+        steps = self.planned_steps
+        if steps == float("inf"):
+            return "the planner's choice"
+        if steps <= 0:
+            return self.choice
+        return f"the planner's choice in the first {math.ceil(steps)} steps, then the learner's"
 
     def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
         """Return None in the first h steps."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import Any
 
@@ -61,6 +62,23 @@ class Mixture(Strategy):
     def rho(self) -> float:
         """ρ."""
         return self._rho
+
+    @property
+    def turns(self) -> str:
+        """Who acts with which probability."""
+        if self._rho >= 1.0:
+            return self.choice
+        also = ["all plans are worth the same"] * self._ask_when_indifferent
+        if self._surety is not None:
+            also.append("its networks agree that their own choice is better")
+        text = f"with probability {1.0 - self._rho:.2f} the planner's choice, else the learner's"
+        return text + (f"; the learner's also where {' or '.join(also)}" if also else "")
+
+    def forked(self, seed: np.random.SeedSequence) -> Mixture:
+        """Return a copy with draws of its own."""
+        forked = copy.copy(self)
+        forked._random = np.random.default_rng(seed)
+        return forked
 
     def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
         """Draw whose turn it is."""

@@ -23,6 +23,13 @@ class Residual(Strategy):
         self.guided = GuidedLearning(residual=True)
         self._scale = scale
 
+    @property
+    def choice(self) -> str:
+        """With the planner's values."""
+        return "the learner's choice, the planner's values a part of its own"
+
+    alone = choice
+
     def propose(self, situation: Situation, learner: Learner) -> Proposed:
         """Return the choice by the sum, with exploration."""
         return learner.propose(situation.explorable, base=self.base(situation.forecast))

@@ -22,6 +22,11 @@ class Restrict(Strategy):
     def __init__(self, *, slack: float) -> None:
         self._slack = slack
 
+    @property
+    def choice(self) -> str:
+        """With the restriction."""
+        return "the learner's choice among the actions of good enough plans"
+
     def propose(self, situation: Situation, learner: Learner) -> Proposed:
         """Return the learner's choice among reasonable actions, with exploration."""
         reasonable = self.allowed(situation.forecast, situation.admissible)

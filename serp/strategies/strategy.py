@@ -6,6 +6,7 @@ hold under every strategy.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -95,6 +96,21 @@ class Strategy:
         return 1.0
 
     @property
+    def choice(self) -> str:
+        """In words: what `propose_greedily` returns."""
+        return "the learner's choice"
+
+    @property
+    def alone(self) -> str:
+        """In words: what `propose_alone` returns."""
+        return "the learner's choice"
+
+    @property
+    def turns(self) -> str:
+        """In words: what `propose` returns now, exploration left out."""
+        return self.choice
+
+    @property
     def margin_weight(self) -> float:
         """Weight of the learner's imitation loss from now on."""
         return 0.0 if self.guided is None else self.guided.margin_weight
@@ -110,6 +126,16 @@ class Strategy:
     def propose_alone(self, situation: Situation, learner: Learner) -> Proposed:
         """Return what the learner does when nobody helps it."""
         return learner.propose_greedily(base=self.base(situation.forecast))
+
+    def forked(self, seed: np.random.SeedSequence) -> Strategy:
+        """Return a copy that stands at the beginning of an episode.
+
+        What it is asked changes nothing here.
+
+        Args:
+            seed: Seed of its draws, where it draws.
+        """
+        return copy.copy(self)
 
     def base(self, forecast: ActionForecast) -> Values | None:
         """Return `[E]` what belongs to the learner's Q beside its network; None for nothing."""

@@ -12,8 +12,9 @@ from PIL import Image
 from serp.agent import Agent
 from serp.arbiter import Actor
 from serp.errors import SettingsError
-from serp.evaluation import Episode, Policy, Step, play
+from serp.evaluation import Episode, Step, play
 from serp.explanation import why_unsafe
+from serp.policies import Policy
 from serp.quantities import real
 from serp.task import BoundTask
 from serp.watching.camera import Camera, Picture
@@ -37,7 +38,7 @@ class FilmSettings:
     """How a film is made.
 
     Attributes:
-        policy: Which policy; see `serp.evaluation.EvaluationResult`.
+        policy: Which; see `serp.policies.Policy`.
         episodes: How many episodes.
         seed: Seed of the environment; the episodes are those of `evaluate` with this seed.
         speed: How much faster than real time, > 0.

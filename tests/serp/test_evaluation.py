@@ -6,19 +6,30 @@ import dataclasses
 import json
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
+from serp.agent import Agent
+from serp.arbiter import Actor
 from serp.errors import EnvironmentFailure, SettingsError, TaskError
-from serp.evaluation import EvaluationResult, evaluate
+from serp.evaluation import (
+    EPISODES,
+    EvaluationResult,
+    evaluate,
+    meaning_of,
+    other_in_training,
+    play,
+)
+from serp.policies import Policy
 from serp.registry import load_task
 from serp.settings import resolve
+from serp.strategies.settings import STRATEGIES
 from serp.training import Trainer
 from tests.serp.tasks import CableCut, Corridor, corridor
 
-POLICIES = ("serp", "planner", "learner")
+POLICIES = get_args(Policy)
 
 
 def trained(folder: Path, episodes: int = 6) -> Trainer:
@@ -45,7 +56,7 @@ def test_evaluating_leaves_the_agent_as_it_was(tmp_path: Path, policy: Any) -> N
 def test_training_goes_on_as_if_there_had_been_no_evaluation(tmp_path: Path) -> None:
     one, other = trained(tmp_path), trained(tmp_path)
     for policy in POLICIES:
-        evaluate(one.agent, corridor(tmp_path).bind(), policy, episodes=2)  # type: ignore[arg-type]
+        evaluate(one.agent, corridor(tmp_path).bind(), policy, episodes=2)
     for _ in range(4):
         row, again = one.run_episode(), other.run_episode()
         assert row._replace(wall_time=0.0) == again._replace(wall_time=0.0)
@@ -118,11 +129,86 @@ def test_the_result_counts_what_happened(tmp_path: Path) -> None:
     assert as_dict["episodes"] == 7
 
 
-def test_a_single_episode_has_no_spread() -> None:
-    result = EvaluationResult("serp", (3.0,), (5,), 1, 0, 0)
-    assert result.as_dict()["std"] == 0.0
-    assert result.as_dict()["median"] == 3.0
-    assert not any(math.isnan(v) for v in result.as_dict().values() if isinstance(v, float))
+def result_of(*returns: float) -> EvaluationResult:
+    return EvaluationResult("serp", "", returns, (5,) * len(returns), 1, 0, 0)
+
+
+def test_a_single_episode_has_no_spread_and_no_interval() -> None:
+    one = result_of(3.0).as_dict()
+    assert (one["std"], one["median"], one["confidence_interval"]) == (0.0, 3.0, None)
+    assert not any(math.isnan(v) for v in one.values() if isinstance(v, float))
+
+
+@pytest.mark.parametrize("episodes", [3, 30])
+def test_the_interval_holds_the_true_mean_in_95_of_100_evaluations(episodes: int) -> None:
+    rng = np.random.default_rng(0)
+    results = [result_of(*rng.normal(7.0, 3.0, episodes)) for _ in range(1000)]
+    intervals = [result.interval for result in results if result.interval is not None]
+    inside = sum(low <= 7.0 <= high for low, high in intervals)
+    assert len(intervals) == 1000
+    assert 930 <= inside <= 970
+
+
+def test_few_episodes_are_said_to_be_few() -> None:
+    assert "few episodes (19)" in str(result_of(*range(19)).warning)
+    assert result_of(*range(20)).warning is None
+    assert EPISODES == 100
+
+
+def with_rho(folder: Path, rho: float, preset: str = "default") -> Agent:
+    task = corridor(folder)
+    settings = resolve(preset, task.settings).replace(
+        {"arbiter": {"rho": rho, "rho_increment": 0.0, "surety": None, "indifferent": "first"}}
+    )
+    return Trainer(task.bind(), settings, 4).agent
+
+
+@pytest.mark.parametrize(("rho", "same"), [(0.0, "planner"), (1.0, "serp"), (0.5, None)])
+def test_as_in_training_acts_whoever_rho_says(tmp_path: Path, rho: float, same: Any) -> None:
+    agent = with_rho(tmp_path, rho)
+
+    def acted(policy: Any) -> list[tuple[int, str]]:
+        played = play(agent, corridor(tmp_path).bind(), policy, episodes=5)
+        decisions = (step.decision for episode in played for step in episode.steps)
+        return [(decision.action, decision.proposed_by) for decision in decisions]
+
+    found = acted("training")
+    assert found == acted("training")
+    if same is None:
+        assert {actor for _, actor in found} == {Actor.PLANNER, Actor.LEARNER}
+    else:
+        assert found == acted(same)
+
+
+def test_what_is_evaluated_is_named_in_words(tmp_path: Path) -> None:
+    half, whole = with_rho(tmp_path, 0.5, "paper"), with_rho(tmp_path, 1.0)
+    assert meaning_of(half, "planner") == "the planner alone"
+    assert meaning_of(half, "learner") == "the learner's choice alone, no veto"
+    assert meaning_of(half, "serp") == (
+        "the learner's choice, within the vetoes: a refused choice gives way to the planner's"
+    )
+    assert "the learner's best that is not" in meaning_of(whole, "serp")
+    assert "with probability 0.50 the planner's" in meaning_of(half, "training")
+    assert other_in_training(whole) is None
+    assert evaluate(half, half.task, episodes=1).as_dict()["meaning"] == meaning_of(half, "serp")
+
+
+@pytest.mark.parametrize("strategy", sorted(set(STRATEGIES) - {"mixture"}))
+def test_every_strategy_is_evaluated_as_it_trains(tmp_path: Path, strategy: str) -> None:
+    """At the beginning of a training, where planner and learner have their shares."""
+    task = corridor(tmp_path)
+    settings = resolve("default", task.settings).replace({"guide": {"strategy": strategy}})
+    trainer = Trainer(task.bind(), settings, 4)
+    before = state(trainer)
+    words, other = meaning_of(trainer.agent, "training"), other_in_training(trainer.agent)
+    acting, choosing = (
+        evaluate(trainer.agent, corridor(tmp_path).bind(), policy, episodes=4).returns
+        for policy in ("training", "serp")
+    )
+    assert state(trainer) == before
+    assert (other or meaning_of(trainer.agent, "serp").split(",")[0]) in words
+    if other is None:
+        assert acting == choosing
 
 
 def test_the_planner_on_cartpole_stays_up() -> None:
@@ -159,7 +245,7 @@ def test_numpys_numbers_are_as_good_as_pythons(tmp_path: Path) -> None:
 def test_what_goes_wrong_in_the_environment_is_named(tmp_path: Path) -> None:
     agent = trained(tmp_path, 1).agent
     with pytest.raises(EnvironmentFailure, match="cable cut"):
-        evaluate(agent, corridor(tmp_path, lambda: CableCut(Corridor(), 3)).bind())
+        evaluate(agent, corridor(tmp_path, lambda: CableCut(Corridor(), 3)).bind(), episodes=2)
     agent.task.task = dataclasses.replace(agent.task.task, ground=lambda seen: {})
     with pytest.raises(TaskError, match="no value for fluent"):
-        evaluate(agent, corridor(tmp_path).bind())
+        evaluate(agent, corridor(tmp_path).bind(), episodes=2)

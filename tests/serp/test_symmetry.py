@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 import serp
 from serp.agent import Agent
 from serp.errors import TaskError
+from serp.evaluation import play
 from serp.registry import load_task
 from serp.settings import Settings, resolve
 from serp.symmetry import Symmetry, declared_symmetries, symmetry_group
@@ -317,6 +318,24 @@ def test_what_is_observed_refuses_a_wrong_mirror(
     task = hall(symmetries=(replace(BOTH_SIDES, **wrong),))
     with pytest.raises(TaskError, match=f"its grounding has `{fluent}` .* where the mirrored"):
         train(task, settings(), episodes=1)
+
+
+def test_a_run_in_use_is_not_asked_for_its_symmetries(
+    hall: Callable[..., Task], tmp_path: Path
+) -> None:
+    """They are checked in training: a worn sensor must not stop the robot."""
+    chosen = {"learner": {**SMALL["learner"], "symmetry": True}}
+    trained = serp.plan_and_learn(
+        hall(), settings={**SMALL, **chosen}, episodes=2, out=tmp_path / "run", quiet=True
+    )
+    worn = hall(ground=lambda seen: {**ground(seen), "room left": seen[1] + 0.5})
+    with pytest.raises(TaskError, match="the mirrored state has"):
+        train(worn, settings(), episodes=1)
+    run = serp.load_run(trained.path, worn)
+    assert run.decide(np.array([0.2, 3.1, 2.7], np.float32)).action in range(5)
+    assert run.evaluate(episodes=2).lengths
+    with run.environment() as task:
+        assert [step for episode in play(run.agent, task, episodes=1) for step in episode.steps]
 
 
 def test_it_is_part_of_the_public_interface() -> None:

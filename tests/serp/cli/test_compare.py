@@ -83,6 +83,8 @@ def test_the_end_shows_a_table_and_what_to_do_next(run: Run) -> None:
         assert any(line.split()[:1] == [name] for line in result.stdout.splitlines())
         assert f"{name} on cartpole, seed 0" in result.stderr
     assert "my comparison/report.html" in result.stdout
+    assert "Few seeds (1): intervals and verdicts are rough." in result.stdout
+    assert "too few episodes" in result.stdout
     assert "serp compare --out 'my comparison' --seeds 10" in result.stdout
     for name in ("report.html", "report.md", "measures.csv", "comparison.json"):
         assert (Path("my comparison") / name).stat().st_size > 0
@@ -147,13 +149,31 @@ def test_settings_of_one_algorithm_alone(run: Run, monkeypatch: pytest.MonkeyPat
 
 
 def test_model_variants_are_run_beside_the_task(run: Run, folder: Path) -> None:
-    run(*COMPARE, "--algorithms=mrp", "--model-variants=cartpole-reversed", "--out=c", "--quiet")
-    assert {trial[1] for trial in trials("c")} == {"cartpole", "cartpole-reversed"}
+    variants = "--model-variants=cartpole-reversed,cartpole-no-gravity"
+    run(*COMPARE, "--algorithms=mrp", variants, "--out=c", "--quiet")
+    assert {trial[1] for trial in trials("c")} == {
+        "cartpole", "cartpole-reversed", "cartpole-no-gravity",
+    }  # fmt: skip
     assert Path("c/domains/cartpole-reversed.pddl").exists()
     run("compare", "--out=c", "--model-variants=cartpole-cart-only", "--jobs=1", "--quiet")
     assert {trial[1] for trial in trials("c")} == {
-        "cartpole", "cartpole-reversed", "cartpole-cart-only",
+        "cartpole", "cartpole-reversed", "cartpole-no-gravity", "cartpole-cart-only",
     }  # fmt: skip
+
+
+def test_names_may_be_apart_by_commas_or_given_one_by_one(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, Any] = {}
+    monkeypatch.setattr(
+        "serp.comparison.study.compare", lambda *a, **options: asked.update(options) or 1 / 0
+    )
+    Path("a, b.pddl").touch()
+    options = ["--algorithms=serp, dqn", "--algorithms=mrp", "--model-variants=x,y-[ab,c].pddl",
+               "--model-variants=a, b.pddl"]  # fmt: skip
+    CliRunner().invoke(serp, ["compare", "--domain=cartpole", *options])
+    assert asked["algorithms"] == ["serp", "dqn", "mrp"]
+    assert asked["model_variants"] == ["x", "y-[ab,c].pddl", "a, b.pddl"]
 
 
 @pytest.mark.parametrize(
@@ -169,6 +189,8 @@ def test_model_variants_are_run_beside_the_task(run: Run, folder: Path) -> None:
         (["--domain=cartpole", "--algorithms=serp:members=1"], "expected section.name=value"),
         (["--domain=cartpole", "--algorithms=serp:"], "expected section.name=value"),
         (["--domain=cartpole", "--threshold=high"], "not a valid float"),
+        (["--domain=cartpole", "--algorithms=,"], "nothing is named"),
+        (["--domain=cartpole", "--model-variants= ,"], "nothing is named"),
     ],
 )
 def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:

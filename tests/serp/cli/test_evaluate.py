@@ -17,7 +17,7 @@ def measured(run: Run, *arguments: str) -> Any:
     return json.loads(run("evaluate", *arguments, "--json").stdout)
 
 
-@pytest.mark.parametrize("policy", ["serp", "planner", "learner"])
+@pytest.mark.parametrize("policy", ["serp", "planner", "learner", "training"])
 def test_json_is_what_the_evaluation_gives(policy: Any, run: Run, trained: Path) -> None:
     shown = measured(run, str(trained), f"--policy={policy}", "--episodes=2", "--seed=9")
     result = load_run(trained).evaluate(policy, episodes=2, seed=9)
@@ -28,9 +28,13 @@ def test_json_is_what_the_evaluation_gives(policy: Any, run: Run, trained: Path)
 def test_the_text_has_the_same_numbers(run: Run, trained: Path) -> None:
     shown = measured(run, str(trained), "--episodes=3")
     text = run("evaluate", str(trained), "--episodes=3").stdout
-    assert f"{shown['mean']:.4g} ± {shown['std']:.4g} (mean ± std)" in text
-    assert f"{shown['min']:.4g} to {shown['max']:.4g}" in text
+    low, high = shown["confidence_interval"]
+    assert f"Measured: {shown['meaning']}." in text
+    assert f"{shown['mean']:.4g}, 95 % interval {low:.4g} to {high:.4g}" in text
+    assert f"deviation {shown['std']:.4g}, {shown['min']:.4g} to {shown['max']:.4g}" in text
     assert f"{shown['terminated']} of 3 episodes" in text
+    assert shown["warning"] in text
+    assert "--policy training" not in text  # this run's ρ is 1
 
 
 def test_usage_errors(run: Run, trained: Path) -> None:

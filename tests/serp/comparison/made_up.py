@@ -67,7 +67,7 @@ def trial(algorithm, seed, level, *, variant="base", planner=None, spread=5.0, e
     checkpoints = [
         (steps, "learner", own + float(rng.normal(0, 1)))
         for steps in (200, 400, 600)
-        for _ in range(3)
+        for _ in range(7)  # enough for a threshold
         if algorithm != "mrp"
     ]
     if planner is not None:
@@ -105,7 +105,7 @@ def about(found, **more):
         "seeds": sorted({r.trial.seed for r in found}),
         "threshold": 80.0,
         "evaluate_every": 200,
-        "evaluation_episodes": 3,
+        "evaluation_episodes": 7,
         "rewarded_by": "domain",
         "inputs": "observation",
         "command": "serp compare --domain walkway",

@@ -64,6 +64,34 @@ def test_the_learners_picture_shows_the_planner_alone():
     assert lines["planner alone"].get_ydata()[0] == pytest.approx(50, abs=2)
 
 
+def with_seeds(count, level):
+    levels = {"serp": level, "dqn": level - 1, "mrp": level}
+    found = records(seeds=range(count), levels=levels)
+    return [*found, *(trial("serp", s, level, variant="wrong") for s in range(count))]
+
+
+@pytest.mark.parametrize("seeds", [2, 5])
+def test_a_figure_of_few_seeds_says_so(seeds):
+    for picture in pictures(made(with_seeds(seeds, 90.0))):
+        said = picture.figure.get_supxlabel()
+        assert ("Few seeds (2)" in said) == (seeds < 5)
+
+
+@pytest.mark.parametrize(("level", "cut"), [(900.0, True), (-900.0, True), (0.5, False)])
+def test_an_axis_that_does_not_show_0_says_so(level, cut):
+    for picture in pictures(made(with_seeds(2, level), threshold=None)):
+        marked = False
+        for axes in picture.figure.axes:
+            for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+                if "return" not in axis.get_label_text():
+                    continue
+                shows_0 = min(limits) <= 0 <= max(limits)
+                assert ("(axis cut)" in axis.get_label_text()) == (not shows_0)
+                marked |= not shows_0
+        assert ("axis cut" in picture.caption) == marked
+        assert marked == cut or picture.name != "training"
+
+
 def test_a_chart_of_estimates_has_a_point_for_each_known_value():
     chart = estimates_chart(made(records()))
     counts = [len(axes.containers) for axes in chart.axes]

@@ -7,7 +7,12 @@ from hypothesis import strategies as st
 
 from serp.comparison.curves import running_return
 from serp.comparison.definitions import BY_NAME, MEASURES, extra_measures
-from serp.comparison.measures import measure
+from serp.comparison.measures import (
+    LEARNER_THRESHOLD,
+    TRAINING_THRESHOLD,
+    measure,
+    undecided,
+)
 from tests.serp.comparison.made_up import record
 
 BUDGET = 100
@@ -50,19 +55,27 @@ def test_first_and_last_episodes():
     assert measure(record([1.0, 3.0]), 20, None)["first_50"] == 2
 
 
-@given(st.lists(st.floats(0, 9.9), max_size=60))
-def test_a_threshold_that_is_never_reached_is_never(returns):
-    one = record(returns, evaluations=[(10, "learner", 5.0)])
+@given(st.lists(st.floats(0, 9.9), max_size=60), st.integers(1, 40))
+def test_a_threshold_that_is_never_reached_is_never_or_too_few_episodes_tell(returns, evaluated):
+    one = record(returns, evaluations=[(10, "learner", 5.0)] * evaluated)
     found = measure(one, BUDGET, 10.0)
-    assert np.isinf(found["threshold_env_steps"]) and np.isinf(found["threshold_episodes"])
-    assert np.isinf(found["learner_threshold_env_steps"])
+    few = undecided(one, 10.0)
+    trained = (found["threshold_env_steps"], found["threshold_episodes"])
+    if len(returns) < 20:
+        assert np.isnan(trained).all() and set(TRAINING_THRESHOLD) <= {*few}
+    else:
+        assert np.isinf(trained).all() and not {*few} & {*TRAINING_THRESHOLD}
+    alone = found["learner_threshold_env_steps"]
+    assert np.isnan(alone) if evaluated < 20 else np.isinf(alone)
+    assert ("learner_threshold_env_steps" in few) == (evaluated < 20)
     assert np.isnan(found["learner_threshold_held"])
 
 
 def test_times_to_the_threshold():
     levels = [(10, 1.0), (20, 9.0), (30, 2.0), (40, 9.0)]
     one = record(
-        [0.0] * 30 + [10.0] * 30, evaluations=[(at, "learner", level) for at, level in levels]
+        [0.0] * 30 + [10.0] * 30,
+        evaluations=[(at, "learner", level) for at, level in levels for _ in range(5)],
     )
     found = measure(one, 600, 5.0)
     assert found["threshold_episodes"] == 40  # the first 20 in a row with a mean of 5: 21 to 40
@@ -72,7 +85,10 @@ def test_times_to_the_threshold():
 
 
 def test_one_good_episode_is_no_good_policy():
-    assert np.isinf(measure(record([99.0] * 19), 600, 5.0)["threshold_env_steps"])
+    lucky = record([99.0] * 19, evaluations=[(10, "learner", 99.0)] * 19)
+    found = measure(lucky, 600, 5.0)
+    assert np.isnan([found[name] for name in undecided(lucky, 5.0)]).all()
+    assert {*undecided(lucky, 5.0)} == {*TRAINING_THRESHOLD, *LEARNER_THRESHOLD}
     assert measure(record([99.0] * 20), 600, 5.0)["threshold_episodes"] == 20
 
 
@@ -80,6 +96,7 @@ def test_without_a_threshold_nothing_is_measured_of_it():
     found = measure(record([9.0] * 30), BUDGET, None)
     assert np.isnan(found["threshold_env_steps"])
     assert np.isnan(found["learner_threshold_env_steps"])
+    assert undecided(record([9.0]), None) == ()
 
 
 def test_final_values_come_from_the_last_evaluation_of_each_policy():
@@ -112,7 +129,7 @@ def test_counts_outcomes_counters_and_seconds():
 def test_a_trial_without_a_complete_episode_has_holes_and_no_failure():
     found = measure(record([]), BUDGET, 5.0)
     assert found["episodes"] == 0 and np.isnan(found["training_area"])
-    assert np.isinf(found["threshold_env_steps"])
+    assert np.isnan(found["threshold_env_steps"])
 
 
 def test_every_measure_is_taken_and_described():

@@ -59,18 +59,29 @@ def strict(text):
 
 
 def test_json_is_strict_and_says_never():
-    found = [*records(), trial("serp", 0, 5.0, variant="wrong")]
+    found = [*records(), trial("serp", 0, 5.0, variant="wrong"),
+             trial("serp", 0, 5.0, variant="short", episodes=19)]  # fmt: skip
     results = Results(found, about(found))
     content = strict(comparison_json(results, judge(results)))
     by_trial = {(t["algorithm"], t["variant"], t["seed"]): t for t in content["trials"]}
     failed = by_trial["dqn", "base", 0]
     assert failed["measures"]["threshold_env_steps"] is None
     assert "threshold_env_steps" in failed["never"]
+    few = by_trial["serp", "short", 0]
+    assert "threshold_env_steps" in few["too_few_episodes"]
+    assert "threshold_env_steps" not in few["never"]
+    short = content["statistics"]["short"]["serp"]["threshold_env_steps"]
+    assert (short["never"], short["too_few_episodes"]) == (0, 1)
+    assert "Few seeds (1 to 4)" in content["caution"]
     assert content["statistics"]["base"]["dqn"]["threshold_env_steps"]["never"] == 4
     area = content["statistics"]["base"]["serp"]["training_area"]
     assert area["iqm"]["low"] <= area["iqm"]["value"] <= area["iqm"]["high"]
     assert area["mean"] == pytest.approx(90, abs=10)
-    assert [row["variant"] for row in content["model_variants"]["rows"]] == ["base", "wrong"]
+    assert [row["variant"] for row in content["model_variants"]["rows"]] == [
+        "base",
+        "wrong",
+        "short",
+    ]
     assert {claim["verdict"] for claim in content["claims"]} <= {
         "confirmed", "not confirmed", "not measured"
     }  # fmt: skip

@@ -87,6 +87,20 @@ def test_what_is_missing_is_said():
     assert "No trial has finished yet." in text
 
 
+@pytest.mark.parametrize("seeds", [4, 5])
+def test_intervals_and_verdicts_of_few_seeds_carry_a_warning(seeds):
+    found = [*records(seeds=range(seeds)),
+             *(trial("serp", s, 70.0, variant="wrong") for s in range(seeds))]  # fmt: skip
+    text, html = texts(found)
+    asking = re.findall(r"^#+ (.+)\n\n(?:(?!#).*\n)*?\*\*Few seeds \(4\)", text, re.M)
+    shown = [
+        "Comparison: walkway", "Returns", "Differences to serp", "How bad may the model be?",
+        "The paper's claims",
+    ]  # fmt: skip
+    assert asking == (shown if seeds < 5 else [])
+    assert ("Few seeds (4): intervals" in html) == (seeds < 5)
+
+
 @pytest.mark.parametrize("seeds", [[0], [0, 1]])
 def test_few_seeds_make_a_report_without_claims_of_certainty(seeds):
     text, _ = texts(records(seeds=seeds))

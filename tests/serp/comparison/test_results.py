@@ -40,6 +40,16 @@ def test_never_counts_as_the_whole_training_in_intervals_only():
     assert results.known("dqn", "final_learner").tolist() == []
 
 
+def test_few_seeds_are_named_and_enough_are_not():
+    found = [trial("serp", s, 90.0) for s in range(5)] + [trial("dqn", s, 30.0) for s in range(3)]
+    assert "(3 of dqn)" in Results(found, about(found)).caution()
+    found += [trial("dqn", s, 30.0) for s in (3, 4)]
+    enough = Results([*found, trial("serp", 0, 9.0, variant="wrong")], about(found))
+    assert enough.caution() is None
+    assert "(1 of serp)" in enough.caution("base", "wrong")
+    assert Results([], about(found)).caution() is None
+
+
 def test_an_outcome_that_never_came_counts_nothing():
     found = [
         record([1.0], outcomes=["goal"]),
