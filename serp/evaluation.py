@@ -14,6 +14,7 @@ from serp.domain.model import Vector
 from serp.domain.source import did_you_mean
 from serp.errors import SettingsError
 from serp.quantities import seed_of, whole
+from serp.tally import Tally
 from serp.task import BoundTask
 
 Policy = Literal["serp", "planner", "learner"]
@@ -163,18 +164,20 @@ def evaluate(
     """Measure a policy; see `play`, which takes the same arguments and raises the same errors."""
     returns: list[float] = []
     lengths: list[int] = []
-    ended = unsafe = vetoes = 0
+    ended = 0
+    tally = Tally()
     for episode in play(agent, task, policy, episodes=episodes, seed=seed):
         total, length = 0.0, 0
         for step in episode.steps:
             total += step.reward
             length = step.number
-            unsafe += step.decision.unsafe
-            vetoes += step.decision.vetoed
+            tally.count(step.decision)
             ended += step.terminated
         returns.append(total)
         lengths.append(length)
-    return EvaluationResult(policy, tuple(returns), tuple(lengths), ended, unsafe, vetoes)
+    return EvaluationResult(
+        policy, tuple(returns), tuple(lengths), ended, tally.unsafe_executed, tally.vetoes
+    )
 
 
 def _policies(agent: Agent) -> dict[str, _Policy]:

@@ -35,7 +35,7 @@ from serp.runs.durable import (
     write_durably,
 )
 
-FORMAT = 4
+FORMAT = 5
 NEWEST = "checkpoint.safetensors"
 PREVIOUS = "checkpoint-previous.safetensors"
 DAMAGED = "checkpoint-damaged.safetensors"

@@ -178,9 +178,9 @@ def test_a_flipped_bit_anywhere_is_noticed_or_without_effect(tmp_path):
 
 def test_newer_format_is_refused_with_the_reason(tmp_path, monkeypatch):
     with monkeypatch.context() as later:
-        later.setattr(checkpoint, "FORMAT", 5)
+        later.setattr(checkpoint, "FORMAT", 6)
         save(tmp_path / NEWEST, ARRAYS, META)
-    with pytest.raises(RunError, match="has format 5; this serp knows formats up to 4"):
+    with pytest.raises(RunError, match="has format 6; this serp knows formats up to 5"):
         load(tmp_path / NEWEST)
     save(tmp_path / PREVIOUS, ARRAYS, META)
     with pytest.raises(RunError, match="Install a newer serp"):  # not damaged: no way round it
