@@ -17,6 +17,7 @@ from serp.errors import SettingsError
 from serp.policies import Policy
 from serp.quantities import seed_of, whole
 from serp.runs.summary import WINDOW
+from serp.tally import Tally
 from serp.task import BoundTask
 
 EPISODES: Final = 100
@@ -216,20 +217,22 @@ def evaluate(
     """
     returns: list[float] = []
     lengths: list[int] = []
-    ended = unsafe = vetoes = 0
+    ended = 0
+    tally = Tally()
     for episode in play(agent, task, policy, episodes=episodes, seed=seed):
         total, length = 0.0, 0
         for step in episode.steps:
             total += step.reward
             length = step.number
-            unsafe += step.decision.unsafe
-            vetoes += step.decision.vetoed
+            tally.count(step.decision)
             ended += step.terminated
         returns.append(total)
         lengths.append(length)
         on_episode()
-    meaning = meaning_of(agent, policy)
-    return EvaluationResult(policy, meaning, tuple(returns), tuple(lengths), ended, unsafe, vetoes)
+    return EvaluationResult(
+        policy, meaning_of(agent, policy), tuple(returns), tuple(lengths), ended,
+        tally.unsafe_executed, tally.vetoes,
+    )  # fmt: skip
 
 
 def meaning_of(agent: Agent, policy: Policy) -> str:

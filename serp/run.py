@@ -294,8 +294,8 @@ def _stats(trainer: Trainer) -> ProgressStats:
         last_return=recent[-1] if recent else None,
         mean_return=float(np.mean(recent)) if recent else None,
         rho=trainer.agent.arbiter.rho,
-        vetoes=trainer.vetoes,
-        unsafe_executed=trainer.unsafe_executed,
+        vetoes=trainer.tally.vetoes,
+        unsafe_executed=trainer.tally.unsafe_executed,
     )
 
 

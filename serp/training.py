@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from serp.actions import ActionForecast
 from serp.agent import Agent
-from serp.arbiter import Actor, Decision, Reason
+from serp.arbiter import Decision
 from serp.domain.model import StateError, Vector
 from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.learning.dqn import DQN
@@ -22,6 +22,7 @@ from serp.runs.rows import DecisionRow, MetricsRow
 from serp.runs.tables import Table
 from serp.saved import Saved
 from serp.settings import Settings
+from serp.tally import Tally
 from serp.task import BoundTask
 
 _EPISODES = 1  # spawn key of the environment's seeds
@@ -84,46 +85,31 @@ class _Episode:
     length: int = 0
     terminated: bool = False
     truncated: bool = False
-    planner_steps: int = 0
-    learner_steps: int = 0
-    exploration_steps: int = 0
-    fallback_steps: int = 0
-    vetoes: int = 0
-    unsafe_predicted: int = 0
-    unsafe_executed: int = 0
-    no_safe_action: int = 0
+    tally: Tally = field(default_factory=Tally)
     losses: list[float] = field(default_factory=list)
 
     def count(self, decision: Decision, env_reward: float, domain_reward: float) -> None:
         self.length += 1
         self.return_ += env_reward
         self.domain_return += domain_reward
-        vetoed = decision.vetoed
-        self.vetoes += vetoed
-        if decision.executed_by is Actor.LEARNER:
-            self.learner_steps += 1
-        elif vetoed or decision.executed_by is Actor.FALLBACK:
-            self.fallback_steps += 1
-        elif decision.executed_by is Actor.EXPLORATION:
-            self.exploration_steps += 1
-        else:
-            self.planner_steps += 1
-        self.unsafe_predicted += decision.proposal_unsafe
-        self.unsafe_executed += decision.unsafe
-        self.no_safe_action += decision.reason is Reason.NO_SAFE_ACTION
+        self.tally.count(decision)
 
     def row(
         self, episode: int, env_steps: int, rho: float, epsilon: float, wall: float
     ) -> MetricsRow:
-        counted = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "losses"}
         return MetricsRow(
             episode=episode,
             env_steps=env_steps,
+            return_=self.return_,
+            domain_return=self.domain_return,
+            length=self.length,
+            terminated=self.terminated,
+            truncated=self.truncated,
             rho=rho,
             epsilon=epsilon,
             loss=float(np.mean(self.losses)) if self.losses else None,
             wall_time=wall,
-            **counted,
+            **self.tally.numbers(),
         )
 
 
@@ -147,6 +133,7 @@ class Trainer:
         decisions: The same, to be set before the first episode.
         episode, env_steps: How many there were.
         units: How many units of `arbiter.rho_unit` have ended.
+        tally: What is counted of all steps.
         on_step: Called with every env step that was made and learned from, where it is set.
     """
 
@@ -174,8 +161,7 @@ class Trainer:
         self.env_steps = 0
         self.units = 0
         self._under_way = 1  # the env step that is being made
-        self.vetoes = 0
-        self.unsafe_executed = 0
+        self.tally = Tally()
         self.recent: deque[float] = deque(maxlen=20)
         self.decisions = decisions
         self.on_step: Callable[[Transition], None] | None = None
@@ -238,8 +224,7 @@ class Trainer:
             self._observe(decision, unsafe=failed, last=terminated or truncated)
             agent.observe(state, ground, next_state, judged, terminated, truncated)
             self.env_steps += 1
-            self.vetoes += decision.vetoed
-            self.unsafe_executed += decision.unsafe
+            self.tally.count(decision)
             # The next decision is made before learning: its mask belongs to this transition.
             following: Decision | None = None
             ahead: ActionForecast | None = None
@@ -356,7 +341,9 @@ class Trainer:
                 executed=names[decision.action],
                 executed_by=decision.executed_by,
                 reason=decision.reason,
+                vetoed=decision.vetoed,
                 predicted_reward=decision.predicted_reward,
+                proposal_unsafe=decision.proposal_unsafe,
                 unsafe=decision.unsafe,
                 rho=decision.rho,
                 explanation=explanation,
@@ -373,8 +360,7 @@ class Trainer:
             "episode": self.episode,
             "env_steps": self.env_steps,
             "units": self.units,
-            "vetoes": self.vetoes,
-            "unsafe_executed": self.unsafe_executed,
+            "tally": self.tally.state_dict(),
             "recent": list(self.recent),
             "pretrained": self._pretrained,
             "unit_value": self._unit_value,
@@ -391,8 +377,9 @@ class Trainer:
         """
         saved = Saved("training", arrays, meta)
         self.agent.load_state_dict(arrays, saved.part("agent")[1])
-        for name in ("episode", "env_steps", "units", "vetoes", "unsafe_executed"):
+        for name in ("episode", "env_steps", "units"):
             setattr(self, name, saved.whole(name))
+        self.tally = Tally.from_saved(saved.part("tally")[1])
         self.recent.clear()
         self.recent.extend(saved.reals("recent", 20, -np.inf, np.inf, least=0))
         self._pretrained = saved.truth("pretrained")

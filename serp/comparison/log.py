@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.arbiter import Actor
 from serp.comparison.records import EpisodeRow
+from serp.tally import Tally
 from serp.training import Transition
 
 
@@ -49,7 +49,8 @@ class Log:
 
     def _begin_episode(self) -> None:
         self._return = self._learner_return = 0.0
-        self._length = self._unsafe = self._avoidable = self._vetoes = self._planned = 0
+        self._avoidable = 0
+        self._tally = Tally()
 
     @property
     def seconds(self) -> float:
@@ -69,33 +70,30 @@ class Log:
         """Write an env step down."""
         decision = transition.decision
         self.env_steps += 1
-        self._length += 1
         self._return += transition.env_reward
         self._learner_return += transition.reward
-        self._vetoes += decision.vetoed
-        self._planned += decision.executed_by is Actor.PLANNER
+        self._tally.count(decision)
         if decision.unsafe:
-            self._unsafe += 1
             # The same words as the arbiter's guarantee.
             self._avoidable += bool((decision.forecast.safe | self._available).any())
         if transition.terminated or transition.truncated:
             self._end_episode(transition)
 
     def _end_episode(self, transition: Transition) -> None:
-        info = transition.info
+        info, counts = transition.info, self._tally.numbers()
         row = EpisodeRow(
             episode=len(self.rows) + 1,
             env_steps=self.env_steps,
             unit=_number(info.get(self._unit, 0)),
             return_=self._return,
             learner_return=self._learner_return,
-            length=self._length,
+            length=self._tally.steps,
             terminated=transition.terminated,
             outcome=outcome_of(info),
-            unsafe=self._unsafe,
+            unsafe=counts["unsafe_executed"],
             avoidable_unsafe=self._avoidable,
-            vetoes=self._vetoes,
-            planner_steps=self._planned,
+            vetoes=counts["vetoes"],
+            planner_steps=counts["planner_steps"],
             seconds=self.seconds,
         )
         self.rows.append((row, tuple(float(info.get(name, 0)) for name in self._counters)))

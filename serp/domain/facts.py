@@ -131,9 +131,7 @@ class Facts:
         stated = {key[0] for key in itertools.chain(self.true, self.values)}
         declared = domain.declarations.values()
         if self.closed:
-            names = {
-                d.name for d in declared if d.numeric and d.name not in stated | self.changed
-            }
+            names = {d.name for d in declared if d.numeric and d.name not in stated | self.changed}
         else:
             names = set(domain.declarations) - (stated - self.changed)
         self.varying = frozenset(names | {x.REWARD, x.UNSAFE, x.TERMINAL})

@@ -10,10 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from serp.colours import EXPLORATION, LEARNER, PLANNER
+from serp.colours import ACTORS
 from serp.picture import FAINT, INK, STYLE, legend_above
 from serp.picture import render as render
 from serp.runs.summary import WINDOW, Metrics, moving_mean
+from serp.tally import STEPS_BY
 
 _MANY = 5_000  # episodes, above which an SVG holds the light layer as pixels
 _BINS = 200
@@ -64,14 +65,14 @@ def _draw_returns(axes: Axes, steps: np.ndarray[Any, Any], returns: np.ndarray[A
 
 
 def _draw_shares(axes: Axes, steps: np.ndarray[Any, Any], metrics: Metrics) -> None:
-    centres, planner, learner, exploration = _binned_shares(metrics)
+    centres, shares = _binned_shares(metrics)
+    # Most runs have no fallback: no colour is explained that is not there.
+    shown = {actor: share for actor, share in shares.items() if actor != "fallback" or share.any()}
     axes.stackplot(
         centres,
-        planner,
-        learner,
-        exploration,
-        colors=[PLANNER, LEARNER, EXPLORATION],
-        labels=["planner", "learner", "exploration"],
+        *shown.values(),
+        colors=[ACTORS[actor] for actor in shown],
+        labels=list(shown),
         alpha=0.75,
         linewidth=0,
     )
@@ -88,33 +89,35 @@ def _draw_shares(axes: Axes, steps: np.ndarray[Any, Any], metrics: Metrics) -> N
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     axes.yaxis.set_major_locator(MaxNLocator(2))
     axes.grid(False)
-    legend_above(axes, columns=4)
+    legend_above(axes, columns=len(shown) + 1)
 
 
 def _binned_shares(
     metrics: Metrics,
-) -> tuple[np.ndarray[Any, Any], ...]:
-    """Shares of planner, learner and exploration over at most `_BINS` stretches of episodes.
+) -> tuple[np.ndarray[Any, Any], dict[str, np.ndarray[Any, Any]]]:
+    """Whose actions were executed, over at most `_BINS` stretches of episodes.
 
     Returns:
-        Four arrays ``[bins]``: the env step in the middle of each stretch (the outermost ones
-        drawn to the ends of the run), then the shares, which add up to 1.
+        The env step in the middle of each stretch ``[bins]`` (the outermost ones drawn to the
+        ends of the run), and actor → share ``[bins]``; the shares add up to 1.
     """
     lengths = metrics["length"].astype(float)
     if not len(lengths):
-        return (np.zeros(0),) * 4
+        return np.zeros(0), {actor: np.zeros(0) for actor in STEPS_BY}
     ends = metrics["env_steps"].astype(float)
     # Stretches of equal env steps; an episode counts where it ends.
     width = max(ends[-1] / _BINS, 1.0)
     _, first = np.unique(np.floor((ends - 1) / width), return_index=True)
     total = np.add.reduceat(lengths, first)
-    learner = np.add.reduceat(metrics["learner_steps"].astype(float), first) / total
-    exploration = np.add.reduceat(metrics["exploration_steps"].astype(float), first) / total
+    shares = {
+        actor: np.add.reduceat(metrics[name].astype(float), first) / total
+        for actor, name in STEPS_BY.items()
+    }
     last = np.append(first[1:], len(ends)) - 1
     begins = ends[first] - lengths[first]
     centres = (begins + ends[last]) / 2
     centres[0], centres[-1] = begins[0], ends[-1]
     if len(centres) == 1:  # an area needs two corners
         centres = np.array([begins[0], ends[-1]])
-        learner, exploration = np.repeat(learner, 2), np.repeat(exploration, 2)
-    return centres, 1 - learner - exploration, learner, exploration
+        shares = {actor: np.repeat(share, 2) for actor, share in shares.items()}
+    return centres, shares

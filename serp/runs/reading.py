@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import csv
 import os
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, get_type_hints
+from typing import Any, Final, NamedTuple, get_type_hints
 
 import numpy as np
 
 from serp.errors import RunError
 from serp.runs.regular import open_regular
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow
+from serp.tally import Tally
 
 _INT64: Final = range(-(2**63), 2**63)
 
@@ -76,24 +76,36 @@ def read_metrics(path: Path | str) -> dict[str, np.ndarray[Any, Any]]:
     }
 
 
-def count_vetoes(path: Path | str) -> dict[str, int]:
-    """Counts the refused proposals of ``decisions.csv`` by their reason.
+class _Counted(NamedTuple):
+    """What is counted of a row of ``decisions.csv``; the fields are columns."""
 
-    A proposal of learner or exploration was refused where somebody else's action was executed.
+    executed_by: str
+    reason: str
+    vetoed: bool
+    proposal_unsafe: bool
+    unsafe: bool
 
-    Returns:
-        Reason → number of vetoes, the most frequent first, equals by name.
+
+def read_tally(path: Path | str) -> Tally:
+    """Counts the decisions of ``decisions.csv``.
 
     Raises:
-        RunError: see `read_rows`.
+        RunError: see `read_rows`; also for a cell that is no truth value.
     """
-    by, executed_by, reason = map(DECISIONS_COLUMNS.index, ("proposed_by", "executed_by", "reason"))
-    counts = Counter(
-        cells[reason]
-        for _, cells in read_rows(path, DECISIONS_COLUMNS)
-        if cells[by] not in ("planner", cells[executed_by])
-    )
-    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+    tally = Tally()
+    kinds = get_type_hints(_Counted)
+    places = [(name, DECISIONS_COLUMNS.index(name), kinds[name]) for name in _Counted._fields]
+    for number, cells in read_rows(path, DECISIONS_COLUMNS):
+        values: list[Any] = []
+        for name, place, kind in places:
+            try:
+                values.append(cells[place] if kind is str else _parse(kind, cells[place]))
+            except ValueError as error:
+                raise _malformed(
+                    Path(path), number, f"{name} is {cells[place]!r}; {error}"
+                ) from None
+        tally.count(_Counted(*values))
+    return tally
 
 
 def _parse(kind: Any, cell: str) -> float:

@@ -11,7 +11,6 @@ from typing import Any
 def report(
     about: Mapping[str, Any],
     summary: Mapping[str, Any],
-    vetoes: Mapping[str, int],
     picture: str = "learning-curve.png",
 ) -> str:
     """Writes the report of a run as plain Markdown.
@@ -19,7 +18,6 @@ def report(
     Args:
         about: ``config.json``: the keys that `serp.runs.config.config_text` writes.
         summary: what `serp.runs.summary.summarize` returns.
-        vetoes: reason → number of vetoes, in the order in which they are to be listed.
         picture: where the learning curve lies, relative to the report.
 
     Returns:
@@ -31,7 +29,7 @@ def report(
         f"![Learning curve: return per episode, and who decided]({picture})",
         "## Result\n\n" + _results(summary),
         "## Safety\n\n" + _safety(summary),
-        "## Vetoes by reason\n\n" + _vetoes(vetoes),
+        "## Vetoes by reason\n\n" + _vetoes(summary["vetoes_by_reason"]),
     ]
     evaluation = summary.get("evaluation")
     if evaluation:
@@ -80,10 +78,10 @@ def _results(summary: Mapping[str, Any]) -> str:
         ("episodes ended by the environment", f"{summary['terminations']:,}"),
         ("episodes ended by a limit", f"{summary['truncations']:,}"),
         ("environment steps per second", _number(summary["steps_per_second"])),
-        ("decided by the planner", _percent(shares["planner"])),
-        ("… of these in place of a vetoed proposal", _percent(shares["fallback"])),
-        ("decided by the learner", _percent(shares["learner"])),
-        ("decided by exploration", _percent(shares["exploration"])),
+        ("actions of the planner executed", _percent(shares["planner"])),
+        ("actions of the learner executed", _percent(shares["learner"])),
+        ("actions of exploration executed", _percent(shares["exploration"])),
+        ("neither had an action (fallback)", _percent(shares["fallback"])),
         ("learner probability ρ at the end", _number(summary["final_rho"])),
     ]
     return _table(("", "value"), rows)

@@ -8,7 +8,7 @@ from typing import Any
 from serp.runs import plots
 from serp.runs.folder import DECISIONS, METRICS, RunFolder
 from serp.runs.json_files import finite
-from serp.runs.reading import count_vetoes, read_metrics
+from serp.runs.reading import read_metrics, read_tally
 from serp.runs.report import report
 from serp.runs.summary import summarize
 
@@ -28,13 +28,13 @@ def write_results(run: RunFolder, evaluation: Mapping[str, Any] | None = None) -
     """
     run.flush()
     metrics = read_metrics(run.path / METRICS)
-    vetoes = count_vetoes(run.path / DECISIONS)
-    summary: dict[str, Any] = finite(summarize(metrics, run.config, evaluation))
+    vetoes = read_tally(run.path / DECISIONS).vetoes_by_reason()
+    summary: dict[str, Any] = finite(summarize(metrics, run.config, vetoes, evaluation))
     run.write_summary(summary)
     figure = plots.learning_curve(metrics, _title(summary))
     run.write("learning-curve.png", plots.render(figure, "png"))
     run.write("learning-curve.svg", plots.render(figure, "svg"))
-    run.write("report.md", report(run.about, summary, vetoes))
+    run.write("report.md", report(run.about, summary))
     return summary
 
 

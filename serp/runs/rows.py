@@ -18,15 +18,13 @@ class MetricsRow(NamedTuple):
         truncated: whether a limit ended it.
         rho: learner probability at its end; None where there is no learner.
         epsilon: share of random choices at its end; None where there are none.
-        planner_steps: steps in which the planner acted in its turn.
-        learner_steps: steps in which the learner's greedy choice was executed.
+        planner_steps: steps in which the planner's action was executed, in its turn or in the
+            place of a refused proposal.
+        learner_steps: steps in which the learner's greedy choice was executed, or its next best
+            one in the place of a refused proposal.
         exploration_steps: steps in which a random choice was executed.
-        fallback_steps: steps in which another action stood in for a vetoed proposal, or for that
-            of a planner that had none. The four add up to the length.
-        vetoes: proposals refused.
-        unsafe_predicted: proposals that the model predicted unsafe.
-        unsafe_executed: executed actions that the model predicted unsafe.
-        no_safe_action: steps in which the model predicted every action unsafe.
+        fallback_steps: steps in which neither of them had an action. The four add up to the length.
+        vetoes, unsafe_predicted, unsafe_executed, no_safe_action: see `serp.tally.Tally`.
         loss: mean loss of the updates in this episode; None before the first.
         wall_time: seconds of training since the run began, pauses left out.
     """
@@ -64,10 +62,11 @@ class DecisionRow(NamedTuple):
         proposed_by: planner, learner or exploration.
         proposed: the action proposed.
         executed: the action executed.
-        executed_by: whose action that was: of those three, or fallback. Where it is not who
-            proposed, the proposal was refused.
+        executed_by: whose action that was: of those three, or fallback.
         reason: why this action was executed.
+        vetoed: whether the proposal was refused.
         predicted_reward: reward that the model predicts for the executed action.
+        proposal_unsafe: whether the model predicts the proposed action unsafe.
         unsafe: whether the model predicts the executed action unsafe.
         rho: learner probability at this step.
         explanation: why the proposal was refused, in the terms of the domain file.
@@ -80,7 +79,9 @@ class DecisionRow(NamedTuple):
     executed: Any
     executed_by: Any
     reason: Any
+    vetoed: bool
     predicted_reward: float | None
+    proposal_unsafe: bool
     unsafe: bool
     rho: float | None
     explanation: Any

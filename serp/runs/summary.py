@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from serp.tally import STEPS_BY, total
+
 WINDOW = 20  # episodes: the mean that tells whether a policy is good, as in the learning curve
 
 Metrics = Mapping[str, np.ndarray[Any, Any]]
@@ -37,6 +39,7 @@ def moving_mean(
 def summarize(
     metrics: Metrics,
     config: Mapping[str, Any] | None = None,
+    vetoes_by_reason: Mapping[str, int] | None = None,
     evaluation: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Sums up a run; a pure function of its arguments.
@@ -44,15 +47,17 @@ def summarize(
     Args:
         metrics: what `serp.runs.reading.read_metrics` returns.
         config: the resolved configuration; its ``domain``, ``preset`` and ``seed`` are repeated.
+        vetoes_by_reason: reason → proposals refused for it, in the order to be listed.
         evaluation: results of an evaluation after the training, taken over as they are.
 
     Returns:
         JSON values. ``return`` and ``domain_return`` hold the mean of the first 10, of the last 20
         and of the best 20 episodes in a row (of as many as there are, where there are fewer), all
-        null before the first episode. ``shares`` are shares of all steps: the planner's include
-        those in which it stood in for a vetoed proposal, which ``fallback`` counts on their own.
+        null before the first episode. ``shares`` says whose actions were executed, as shares of
+        all steps; they add up to 1. ``vetoes_by_reason`` adds up to ``vetoes``.
     """
     settings = config or {}
+    counts = total(metrics)
     episodes = len(metrics["episode"])
     steps = int(metrics["env_steps"][-1]) if episodes else 0
     seconds = float(metrics["wall_time"][-1]) if episodes else 0.0
@@ -68,11 +73,11 @@ def summarize(
         "domain_return": _means(metrics["domain_return"], metrics["env_steps"]),
         "terminations": int(metrics["terminated"].sum()),
         "truncations": int(metrics["truncated"].sum()),
-        "vetoes": int(metrics["vetoes"].sum()),
-        "unsafe_predicted": int(metrics["unsafe_predicted"].sum()),
-        "unsafe_executed": int(metrics["unsafe_executed"].sum()),
-        "no_safe_action": int(metrics["no_safe_action"].sum()),
-        "shares": _shares(metrics),
+        **{name: count for name, count in counts.items() if name not in STEPS_BY.values()},
+        "vetoes_by_reason": dict(vetoes_by_reason or {}),
+        "shares": {
+            actor: counts[name] / steps if steps else None for actor, name in STEPS_BY.items()
+        },
         "final_rho": _last(metrics["rho"]),
     }
     if evaluation is not None:
@@ -93,20 +98,6 @@ def _means(returns: np.ndarray[Any, Any], env_steps: np.ndarray[Any, Any]) -> di
         "best_20": float(means[best]),
         "best_20_at_env_step": int(env_steps[best]),
     }
-
-
-def _shares(metrics: Metrics) -> dict[str, float | None]:
-    steps = int(metrics["length"].sum())
-    learner = int(metrics["learner_steps"].sum())
-    exploration = int(metrics["exploration_steps"].sum())
-    fallback = int(metrics["fallback_steps"].sum())
-    counts = {
-        "planner": steps - learner - exploration,
-        "learner": learner,
-        "exploration": exploration,
-        "fallback": fallback,
-    }
-    return {who: count / steps if steps else None for who, count in counts.items()}
 
 
 def _last(values: np.ndarray[Any, Any]) -> float | None:

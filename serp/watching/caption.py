@@ -13,12 +13,6 @@ from PIL import Image, ImageDraw, ImageFont
 from serp import colours
 from serp.arbiter import Actor
 
-COLOURS: Final = {
-    Actor.PLANNER: colours.PLANNER,
-    Actor.LEARNER: colours.LEARNER,
-    Actor.EXPLORATION: colours.EXPLORATION,
-    Actor.FALLBACK: colours.FALLBACK,
-}
 BACKGROUND: Final = "#16191F"
 INK: Final = "#F2F4F7"
 FAINT: Final = "#A9B0BB"
@@ -29,7 +23,7 @@ PAIRS: Final = (
     (BACKGROUND, INK),
     (BACKGROUND, FAINT),
     (colours.REFUSED, INK),
-    *((COLOURS[actor], ON[actor]) for actor in Actor),
+    *((colours.ACTORS[actor], ON[actor]) for actor in Actor),
 )
 """Every background with the writing on it."""
 LINES: Final = 2
@@ -120,7 +114,7 @@ class Band:
             word = caption.actor.value.upper()
             end = left + self._bold.getlength(word) + 2 * pad
             draw.rounded_rectangle(
-                (left, pad, end, pad + self._line - 2), pad // 2, fill=COLOURS[caption.actor]
+                (left, pad, end, pad + self._line - 2), pad // 2, fill=colours.ACTORS[caption.actor]
             )
             draw.text(
                 (left + pad, middle), word, fill=ON[caption.actor], font=self._bold, anchor="lm"
@@ -141,7 +135,7 @@ class Band:
         for place, cell in enumerate(strip[-count:] if count else ()):
             left, below = self._pad + place * self._cell, top + self._strip
             right = left + self._cell - 2
-            draw.rectangle((left, top, right, below), fill=COLOURS[cell.actor])
+            draw.rectangle((left, top, right, below), fill=colours.ACTORS[cell.actor])
             if cell.refused:  # not by colour alone: it stands out of the row
                 upper = (left, top - self._pad // 2, right, top + self._strip // 2)
                 draw.rectangle(upper, fill=colours.REFUSED)

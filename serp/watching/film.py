@@ -16,6 +16,7 @@ from serp.evaluation import Episode, Step, play
 from serp.explanation import why_unsafe
 from serp.policies import Policy
 from serp.quantities import real
+from serp.tally import Tally
 from serp.task import BoundTask
 from serp.watching.camera import Camera, Picture
 from serp.watching.caption import Band, Caption, Cell, Mark
@@ -170,7 +171,7 @@ class _Filming:
     def _film(self, episode: Episode) -> Iterator[Frame]:
         self._marked = 0.0
         strip: list[Cell] = []
-        total, vetoes, unsafe = 0.0, 0, 0
+        total, tally = 0.0, Tally()
         start = Caption(None, "start", (f"episode {episode.number}",))
         # All that belongs to the reset is one moment.
         for picture in self._camera.take()[-1:]:
@@ -178,8 +179,7 @@ class _Filming:
         for step in episode.steps:
             decision = step.decision
             total += step.reward
-            vetoes += decision.vetoed
-            unsafe += decision.unsafe
+            tally.count(decision)
             strip.append(Cell(decision.executed_by, decision.vetoed))
             marks = marks_of(self._agent, step)
             if marks:
@@ -202,7 +202,11 @@ class _Filming:
                     picture, period, caption, step, always=end or (bool(marks) and k == 0), end=end
                 )
             if step.last and self._on_episode is not None:
-                self._on_episode(EpisodeResult(episode.number, step.number, total, vetoes, unsafe))
+                self._on_episode(
+                    EpisodeResult(
+                        episode.number, step.number, total, tally.vetoes, tally.unsafe_executed
+                    )
+                )
 
     def _shoot(
         self,

@@ -27,7 +27,9 @@ def metrics_row(episode):
 
 
 def decision_row(step):
-    return DecisionRow(step, 1, "planner", "l", "l", "planner", "turn", 0.1, False, 0.5, "")
+    return DecisionRow(
+        step, 1, "planner", "l", "l", "planner", "turn", False, 0.1, False, False, 0.5, ""
+    )
 
 
 def create(path, **more):

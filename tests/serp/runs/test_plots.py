@@ -32,6 +32,7 @@ def test_shares_fill_the_panel_and_agree_with_the_metrics(make_metrics, episodes
     metrics = make_metrics(episodes)
     metrics["learner_steps"] = metrics["length"] // 4  # the same in every stretch
     metrics["exploration_steps"] = metrics["length"] // 2
+    metrics["planner_steps"] = metrics["length"] - metrics["length"] // 4 - metrics["length"] // 2
     lower = learning_curve(metrics).axes[1]
     planner, learner, exploration = (area.get_paths()[0].vertices for area in lower.collections)
     assert planner[:, 1].min() == 0

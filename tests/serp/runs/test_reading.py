@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from serp.errors import RunError
-from serp.runs.reading import count_vetoes, read_metrics, read_rows
-from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, DecisionRow, MetricsRow
+from serp.runs.reading import read_metrics, read_rows, read_tally
+from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow
 from serp.runs.tables import Table
 
 ROW = MetricsRow(
@@ -46,8 +46,8 @@ def test_columns_are_those_that_the_run_folder_promises():
         "unsafe_executed,no_safe_action,loss,wall_time"
     )
     assert ",".join(DECISIONS_COLUMNS) == (
-        "step,episode,proposed_by,proposed,executed,executed_by,reason,predicted_reward,unsafe,"
-        "rho,explanation"
+        "step,episode,proposed_by,proposed,executed,executed_by,reason,vetoed,predicted_reward,"
+        "proposal_unsafe,unsafe,rho,explanation"
     )
 
 
@@ -125,16 +125,9 @@ def test_rows_saved_with_windows_line_ends_are_read(tmp_path):
     assert [number for number, _ in read_rows(tmp_path / "m", METRICS_COLUMNS)] == [2]
 
 
-def test_vetoes_are_the_proposals_that_somebody_else_stood_in_for(tmp_path):
-    def decision(proposed_by, executed_by, reason):
-        return DecisionRow(0, 1, proposed_by, "a", "b", executed_by, reason, 0.0, False, 0.5, "")
-
+def test_a_decision_that_was_changed_by_hand_is_named(tmp_path):
+    row = dict.fromkeys(DECISIONS_COLUMNS, 0) | {"reason": "proposal accepted", "vetoed": "no"}
     with Table(tmp_path / "d", DECISIONS_COLUMNS) as table:
-        table.append(decision("planner", "planner", "planner's turn"))
-        table.append(decision("planner", "fallback", "no action"))
-        table.append(decision("learner", "learner", "accepted"))
-        table.append(decision("exploration", "exploration", "accepted"))
-        table.append(decision("learner", "planner", "unsafe"))
-        table.append(decision("learner", "fallback", "below R_min, by far"))
-        table.append(decision("exploration", "planner", "unsafe"))
-    assert list(count_vetoes(tmp_path / "d").items()) == [("unsafe", 2), ("below R_min, by far", 1)]
+        table.append(tuple(row.values()))
+    with pytest.raises(RunError, match=r"d:2: vetoed is 'no'; it has to be 0 or 1"):
+        read_tally(tmp_path / "d")

@@ -16,8 +16,12 @@ ABOUT = {
 
 
 def test_the_report_says_what_the_summary_says(make_metrics):
-    summary = summarize(make_metrics(100), {"domain": "cartpole", "preset": "default"})
-    text = report(ABOUT, summary, {"proposal predicted unsafe": 1234, "below R_min | far": 5})
+    summary = summarize(
+        make_metrics(100),
+        {"domain": "cartpole", "preset": "default"},
+        {"proposal predicted unsafe": 1234, "below R_min | far": 5},
+    )
+    text = report(ABOUT, summary)
     assert text.startswith("# Run: cartpole, preset default, seed 3\n\n100 episodes, ")
     assert f"{summary['env_steps']:,} environment steps" in text
     assert "](learning-curve.png)" in text
@@ -31,8 +35,8 @@ def test_the_report_says_what_the_summary_says(make_metrics):
 
 
 def test_every_table_has_as_many_cells_in_each_row(make_metrics):
-    summary = summarize(make_metrics(30), evaluation={"planner": {"mean": 160.0, "all": [1, 2]}})
-    text = report(ABOUT, summary, {"a": 1})
+    summary = summarize(make_metrics(30), {}, {"a": 1}, {"planner": {"mean": 160.0, "all": [1, 2]}})
+    text = report(ABOUT, summary)
     for block in text.split("\n\n"):
         if block.startswith("|"):
             rows = block.strip().splitlines()
@@ -42,7 +46,7 @@ def test_every_table_has_as_many_cells_in_each_row(make_metrics):
 
 
 def test_a_run_that_has_just_begun_has_a_report(make_metrics):
-    text = report({**ABOUT, "command": []}, summarize(make_metrics(0)), {})
+    text = report({**ABOUT, "command": []}, summarize(make_metrics(0)))
     assert "No episode has ended yet." in text and "There were none." in text
     assert "```" not in text and "None" not in text
 

@@ -19,7 +19,19 @@ def test_results_are_made_from_what_the_run_wrote(tmp_path, make_rows):
         for step in range(7):
             run.decisions.append(
                 DecisionRow(
-                    step, 1, "learner", "l", "r", "planner", "unsafe", 0.0, False, 0.5, "falls"
+                    step,
+                    1,
+                    "learner",
+                    "l",
+                    "r",
+                    "planner",
+                    "unsafe",
+                    True,
+                    0.0,
+                    True,
+                    False,
+                    0.5,
+                    "falls",
                 )
             )
         summary = write_results(run, {"mean": 480.0})

@@ -37,16 +37,6 @@ def test_numbers_are_those_of_the_metrics(make_metrics):
     assert summary["final_rho"] == 1.0
 
 
-def test_shares_of_planner_learner_and_exploration_make_a_whole(make_metrics):
-    metrics = make_metrics(40)
-    shares = summarize(metrics)["shares"]
-    assert shares["planner"] + shares["learner"] + shares["exploration"] == pytest.approx(1)
-    steps = metrics["length"].sum()
-    by_planner = metrics["planner_steps"].sum() + metrics["fallback_steps"].sum()
-    assert shares["planner"] == pytest.approx(by_planner / steps)
-    assert shares["fallback"] == pytest.approx(metrics["fallback_steps"].sum() / steps)
-
-
 def test_a_lucky_first_episode_is_not_the_best_mean_of_twenty(make_metrics):
     metrics = make_metrics(30)
     metrics["return"][0] = 1e4

@@ -248,12 +248,12 @@ def test_write_that_fails_half_way_leaves_whole_rows_and_can_be_done_again(tmp_p
 
 def test_a_decision_costs_little_in_the_step_loop(tmp_path):
     table = Table(tmp_path / "t", DECISIONS_COLUMNS)
-    best = math.inf
+    best, who = math.inf, Who.PLANNER
     for _ in range(5):
         begin = time.perf_counter()
         for step in range(500):
             table.append(
-                DecisionRow(step, 3, Who.PLANNER, "l", "r", Who.PLANNER, "no", 0.1, False, 0.5, "")
+                DecisionRow(step, 3, who, "l", "r", who, "no", False, 0.1, False, False, 0.5, "")
             )
         best = min(best, (time.perf_counter() - begin) / 500)
         table.flush()
