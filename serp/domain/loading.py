@@ -61,7 +61,7 @@ class Domain:
         fixed = self.model.ground.static.keys() & set(supplied)
         if not fixed:
             return self
-        return dataclasses.replace(self, supplied=fixed | (self.supplied or frozenset()))
+        return dataclasses.replace(self, supplied=frozenset(fixed) | (self.supplied or frozenset()))
 
     @functools.cached_property
     def model(self) -> TransitionModel:

@@ -190,7 +190,9 @@ class _Reachability:
         """Return the binding under which an atom is a fact; None where there is none."""
         extended = dict(binding)
         for term, name in zip(atom.arguments, fact[1:], strict=True):
-            meant = extended.setdefault(term.name, name) if term.is_variable else term.name
+            meant: str | None = term.name
+            if term.is_variable:
+                meant = extended.setdefault(term.name, name)
             if meant != name:
                 return None
         if len(extended) > len(binding):

@@ -440,11 +440,11 @@ def test_a_broken_state_is_refused_and_changes_nothing() -> None:
     source = learner(GUIDES["both"])
     live(source, np.random.default_rng(1), 20)
     for spoil, message in (
-        (lambda a, m: a["replay.ring.guide_action"].fill(A), "do not exist: ring.guide_action"),
-        (lambda a, m: a["replay.ring.guide_next_action"].fill(-2), "do not exist: ring"),
-        (lambda a, m: a.pop("replay.ring.guide_value"), "incomplete: ring.guide_value"),
-        (lambda a, m: m["replay"]["pending_guide"].pop(), "incomplete: pending_guide"),
-        (lambda a, m: m["replay"].update(pending_guide=[[A, 0.0]] * 2), "exist: pending_guide"),
+        (lambda a, m: a["replay.ring.guide_action"].fill(A), "ring.guide_action has entries"),
+        (lambda a, m: a["replay.ring.guide_next_action"].fill(-2), "ring.guide_next_action has entries"),
+        (lambda a, m: a.pop("replay.ring.guide_value"), "ring.guide_value is missing"),
+        (lambda a, m: m["replay"]["pending_guide"].pop(), "pending_guide"),
+        (lambda a, m: m["replay"].update(pending_guide=[[A, 0.0]] * 2), "pending_guide"),
     ):
         arrays, meta = source.state_dict()
         assert len(meta["replay"]["pending_guide"]) == 2
