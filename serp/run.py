@@ -128,8 +128,9 @@ def _continue(folder: RunFolder, task: BoundTask, budget: Budget, *, quiet: bool
     if not _never_began(folder):
         checkpoint = folder.resume()
         refuse_changes(folder, checkpoint)
-        trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
-        before = Budget.from_dict(Saved("run", {}, checkpoint.meta).part("budget")[1])
+        with _read_from(checkpoint) as saved:
+            trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
+            before = Budget.from_dict(saved.part("budget")[1])
         note = checkpoint.fallback
     if not budget.given:
         budget = before
@@ -156,6 +157,15 @@ def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
                 f"or, in Python, plan_and_learn(task, out={str(folder.path)!r}, resume=True)"
             )
         raise
+
+
+@contextlib.contextmanager
+def _read_from(checkpoint: Checkpoint) -> Iterator[Saved]:
+    """Give what a checkpoint says; an error about it names the file."""
+    try:
+        yield Saved("run", {}, checkpoint.meta)
+    except (RunError, SettingsError) as error:
+        raise RunError(f"{checkpoint.path}: {error}") from error
 
 
 def _never_began(folder: RunFolder) -> bool:
@@ -337,8 +347,8 @@ class Run:
         # What the agent has to know of the environment outlives it.
         with self.task.bind() as bound:
             agent = Agent(bound, made.settings, made.seed)
-        saved = Saved("run", {}, checkpoint.meta)
-        agent.load_state_dict(checkpoint.arrays, saved.part("agent")[1])
+        with _read_from(checkpoint) as saved:
+            agent.load_state_dict(checkpoint.arrays, saved.part("agent")[1])
         return agent
 
     @property
@@ -380,6 +390,6 @@ class Run:
             SerpError: The task cannot be loaded, or does not draw.
         """
         with self.task.bind(render_mode=render_mode) as task:
-            saved = self._checkpoint.meta["environment"]
-            task.restore_environment(saved, statistics_only=True)
+            with _read_from(self._checkpoint) as saved:
+                task.restore_environment(saved.part("environment")[1], statistics_only=True)
             yield task
