@@ -46,8 +46,15 @@ class Budget:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Budget:
-        """Return the budget that `as_dict` wrote."""
-        return cls(**{name: values[name] for name in ("episodes", "env_steps", "units")})
+        """Return the budget that `as_dict` wrote.
+
+        Raises:
+            SettingsError: It is none.
+        """
+        try:
+            return cls(**{name: values[name] for name in ("episodes", "env_steps", "units")})
+        except (KeyError, TypeError):
+            raise SettingsError(f"{values!r} is no budget") from None
 
     def as_dict(self) -> dict[str, int | None]:
         """Return JSON values."""

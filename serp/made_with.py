@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from typing import Literal, NamedTuple
 
 from serp.budget import Budget
 from serp.errors import RunError, SettingsError
 from serp.quantities import real, seed_of
+from serp.runs.checkpoint import Checkpoint
 from serp.runs.config import CONFIG
 from serp.runs.folder import RunFolder
+from serp.runs.regular import read_regular
+from serp.saved import Saved
 from serp.settings import Settings
 
 
@@ -58,3 +63,41 @@ def made_with(folder: RunFolder) -> MadeWith:
         raise RunError(
             f"{folder.path / CONFIG} was changed or damaged: {what}; restore it from a copy"
         ) from error
+
+
+def made_of(folder: RunFolder) -> dict[str, str]:
+    """Return digests of what a run is made of: its domain, its configuration but the budget."""
+    config = {name: value for name, value in folder.config.items() if name != "budget"}
+    made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
+    for file in (folder.domain_file, folder.problem_file):
+        if file is not None:
+            try:
+                made[file.name] = read_regular(file)
+            except OSError as error:
+                raise RunError(f"cannot read {file}: {error.strerror or error}") from error
+    return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
+
+
+def refuse_changes(
+    folder: RunFolder, checkpoint: Checkpoint, *, domain_alone: bool = False
+) -> None:
+    """Refuse to go on with other files than a run began with: it would be neither of two runs.
+
+    Args:
+        folder: The run.
+        checkpoint: What was saved of it.
+        domain_alone: Whether its configuration may be another one.
+
+    Raises:
+        RunError: A file was changed.
+    """
+    _, before = Saved("run", {}, checkpoint.meta).part("made_of")
+    if not isinstance(before, dict):
+        raise RunError(f"{checkpoint.path} does not say what its run was made of")
+    now = made_of(folder)
+    for name in sorted((before.keys() | now.keys()) - ({CONFIG} if domain_alone else set())):
+        if before.get(name) != now.get(name):
+            raise RunError(
+                f"{name} of the run was changed since it began, so that what was learned does not "
+                "belong to it any more; undo the change, or begin a run of its own with it"
+            )

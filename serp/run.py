@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import hashlib
-import json
 import os
 import shlex
 import sys
@@ -25,18 +23,17 @@ from serp.domain.loading import Domain, load_domain
 from serp.domain.model import StateError
 from serp.errors import Interrupted, RunError, SettingsError, TaskError
 from serp.evaluation import EPISODES, EvaluationResult, evaluate
-from serp.made_with import made_with
+from serp.made_with import made_of, made_with, refuse_changes
 from serp.policies import Policy
 from serp.progress import ProgressStats, open_progress
 from serp.quantities import seed_of, whole
 from serp.registry import find_task, load_task
 from serp.runs.checkpoint import NEWEST, PREVIOUS, Checkpoint
-from serp.runs.config import CONFIG
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.placement import default_path
 from serp.runs.reading import read_metrics
-from serp.runs.regular import read_regular
 from serp.runs.tensorboard import EventWriter, require_tensorboard
+from serp.saved import Saved
 from serp.settings import resolve
 from serp.stopping import ANSWER, stop_between_episodes
 from serp.task import BoundTask, Task
@@ -132,38 +129,15 @@ def _continue(folder: RunFolder, task: BoundTask, budget: Budget, *, quiet: bool
     note = None
     if not _never_began(folder):
         checkpoint = folder.resume()
-        _refuse_changes(checkpoint.meta["made_of"], _made_of(folder))
-        trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
-        before = Budget.from_dict(checkpoint.meta["budget"])
+        refuse_changes(folder, checkpoint)
+        with _read_from(checkpoint) as saved:
+            trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
+            before = Budget.from_dict(saved.part("budget")[1])
         note = checkpoint.fallback
     if not budget.given:
         budget = before
     with _advice_to_resume(folder):
         return _train(folder, trainer, budget, quiet=quiet, note=note)
-
-
-def _made_of(folder: RunFolder) -> dict[str, str]:
-    """Return digests of what a run is made of: its domain, its configuration but the budget."""
-    config = {name: value for name, value in folder.config.items() if name != "budget"}
-    made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
-    for file in (folder.domain_file, folder.problem_file):
-        if file is not None:
-            made[file.name] = read_regular(file)
-    return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
-
-
-def _refuse_changes(before: Mapping[str, str], now: Mapping[str, str]) -> None:
-    """Refuse to go on with other files than a run began with: it would be neither of two runs.
-
-    Raises:
-        RunError: A file was changed.
-    """
-    for name in sorted(before.keys() | now.keys()):
-        if before.get(name) != now.get(name):
-            raise RunError(
-                f"{name} of the run was changed since it began, so that what was learned does not "
-                "belong to it any more; undo the change, or begin a run of its own with it"
-            )
 
 
 @contextlib.contextmanager
@@ -185,6 +159,15 @@ def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
                 f"or, in Python, plan_and_learn(task, out={str(folder.path)!r}, resume=True)"
             )
         raise
+
+
+@contextlib.contextmanager
+def _read_from(checkpoint: Checkpoint) -> Iterator[Saved]:
+    """Give what a checkpoint says; an error about it names the file."""
+    try:
+        yield Saved("run", {}, checkpoint.meta)
+    except (RunError, SettingsError) as error:
+        raise RunError(f"{checkpoint.path}: {error}") from error
 
 
 def _never_began(folder: RunFolder) -> bool:
@@ -224,7 +207,7 @@ def _train(
         # A number of units, where the task or the user sets one, stands for the steps.
         units = settings.units
         budget = Budget(units=units) if units else Budget(env_steps=settings.env_steps)
-    made_of = _made_of(folder)
+    digests = made_of(folder)
     progress = open_progress(
         title=f"{trainer.task.name} → {folder.path}",
         budget=budget,
@@ -237,7 +220,7 @@ def _train(
         """Save a checkpoint; return when the next one is due, so that they cost 2 % at most."""
         begun = trainer.wall_time
         arrays, meta = trainer.state_dict()
-        folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict(), "made_of": made_of})
+        folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict(), "made_of": digests})
         if events is not None:
             events.flush()
         cost = trainer.wall_time - begun
@@ -361,12 +344,13 @@ class Run:
         """
         checkpoint = self._checkpoint
         folder = RunFolder.open(self.path)
-        _refuse_changes(checkpoint.meta["made_of"], _made_of(folder))
+        refuse_changes(folder, checkpoint)
         made = made_with(folder)
         # What the agent has to know of the environment outlives it.
         with self.task.bind() as bound:
             agent = Agent(bound, made.settings, made.seed)
-        agent.load_state_dict(checkpoint.arrays, checkpoint.meta["agent"])
+        with _read_from(checkpoint) as saved:
+            agent.load_state_dict(checkpoint.arrays, saved.part("agent")[1])
         return agent
 
     @property
@@ -432,6 +416,6 @@ class Run:
             SerpError: The task cannot be loaded, or does not draw.
         """
         with self.task.bind(render_mode=render_mode) as task:
-            saved = self._checkpoint.meta["environment"]
-            task.restore_environment(saved, statistics_only=True)
+            with _read_from(self._checkpoint) as saved:
+                task.restore_environment(saved.part("environment")[1], statistics_only=True)
             yield task

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +11,8 @@ from serp.correction.monitor import Monitor
 from serp.domain.loading import Domain, load_domain
 from serp.domain.model import TransitionModel
 from serp.errors import RunError
-from serp.made_with import made_with
-from serp.runs.checkpoint import Checkpoint
+from serp.made_with import made_with, refuse_changes
 from serp.runs.folder import RunFolder
-from serp.runs.regular import read_regular
 from serp.saved import Saved
 
 
@@ -51,23 +48,18 @@ def read_recorded(run: Path) -> Recorded:
         run: The run's folder.
 
     Raises:
-        RunError: It is no run, it has no whole checkpoint, its domain was changed since, or it was
-            made before runs recorded their experience.
+        RunError: It is no run, it has no whole checkpoint, or its domain was changed since.
         DomainError: Its copy of the domain is damaged.
     """
     folder = RunFolder.open(run)
     made = made_with(folder)
     checkpoint = folder.load_checkpoint()
-    _refuse_changes(folder, checkpoint)
+    refuse_changes(folder, checkpoint, domain_alone=True)
     domain = load_domain(folder.domain_file, folder.problem_file)
     model = domain.model.replace(dt=made.dt)
     whole = Saved("run", checkpoint.arrays, checkpoint.meta)
-    saved = Saved("correction", *Saved("agent", *whole.part("agent")).part("correction"))
-    if not (saved.has("experience") and saved.has("monitor")):
-        raise RunError(
-            f"{run} recorded nothing of what its actions did: an earlier version of serp made it. "
-            "Train again with this one, or use the version that config.json names"
-        )
+    agent = Saved("agent", checkpoint.arrays, whole.part("agent")[1])
+    saved = Saved("correction", *agent.part("correction"))
     experience, monitor = Experience.of(model), Monitor(model)
     experience.load_state_dict(*saved.part("experience"))
     monitor.load_state_dict(*saved.part("monitor"))
@@ -87,20 +79,3 @@ def read_recorded(run: Path) -> Recorded:
         env_steps=whole.whole("env_steps"),
         notice=None if damage is None else f"{damage} What is said here is as of the one before.",
     )
-
-
-def _refuse_changes(folder: RunFolder, checkpoint: Checkpoint) -> None:
-    """Refuse a domain that is not the one the run was made with: its lines would be others."""
-    digests = checkpoint.meta.get("made_of", {})
-    for file in (folder.domain_file, folder.problem_file):
-        if file is None or file.name not in digests:
-            continue
-        try:
-            content = read_regular(file)
-        except OSError as error:
-            raise RunError(f"cannot read {file}: {error.strerror or error}") from error
-        if hashlib.sha256(content).hexdigest() != digests[file.name]:
-            raise RunError(
-                f"{file.name} of the run was changed since it began, so that what was observed "
-                "does not belong to it any more; undo the change"
-            )

@@ -190,15 +190,13 @@ class _Reachability:
         """Return the binding under which an atom is a fact; None where there is none."""
         extended = dict(binding)
         for term, name in zip(atom.arguments, fact[1:], strict=True):
-            meant: str | None = term.name
-            if term.is_variable:
-                meant = extended.setdefault(term.name, name)
+            meant = extended.setdefault(term.name, name) if term.is_variable else term.name
             if meant != name:
                 return None
         if len(extended) > len(binding):
             for parameter in rule.schema.parameters:
-                name = extended.get(parameter.name)
-                if name is not None and name not in self.facts.members(parameter.types):
+                bound = extended.get(parameter.name)
+                if bound is not None and bound not in self.facts.members(parameter.types):
                     return None
         return extended
 

@@ -39,11 +39,11 @@ class EventWriter:
 
     def __init__(self, folder: Path, purge_step: int | None = None) -> None:
         require_tensorboard()
-        from torch.utils.tensorboard import SummaryWriter
-
         events = folder / "tensorboard"
         if events.is_symlink():
             raise RunError(f"{events} is a link. Put a folder there, or remove it.")
+        from torch.utils.tensorboard import SummaryWriter
+
         self._writer: Any = SummaryWriter(str(events), purge_step=purge_step)
 
     def __enter__(self) -> Self:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from serp.correction.diagnosis import diagnose
-from serp.runs.checkpoint import NEWEST, load, save
 from serp.runs.json_files import finite
 from tests.serp.cli.conftest import QUICK, Run
 
@@ -111,8 +109,3 @@ def test_usage_errors(run: Run, misled: Path) -> None:
 
 def test_what_has_no_experience_is_refused(run: Run, trained: Path) -> None:
     assert "no such folder" in run("diagnose", "nosuch", expect=1).stderr
-    shutil.copytree(trained, "old")
-    arrays, meta = load(Path("old") / NEWEST)
-    del meta["agent"]["correction"]
-    save(Path("old") / NEWEST, arrays, meta)
-    assert "an earlier version of serp" in run("diagnose", "old", expect=1).stderr

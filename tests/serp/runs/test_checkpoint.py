@@ -315,3 +315,20 @@ def test_killed_at_any_moment_a_whole_checkpoint_is_there(tmp_path):
         assert found.fallback is None
         assert (found.arrays["x"] == found.meta["episode"]).all()
         assert load(tmp_path / PREVIOUS)[1]["episode"] <= found.meta["episode"]
+
+
+def test_metadata_of_no_known_form_is_damage(tmp_path):
+    """Whoever forges it can make its digest fit."""
+    deep = "[" * 900 + "]" * 900
+    for text in ('{"a": {"float": "1"}}', '{"a": {"float": {}}}', '{"a": {"float": []}}',
+                 '{"a": {"float": null}}', '[1]', '"text"', f'{{"a": {deep}}}'):  # fmt: skip
+        meta = json.loads(text)
+        entry = {"format": FORMAT, "sha256": checkpoint._digest({}, meta), "meta": meta}
+        data = safetensors.numpy.save({}, {"serp": json.dumps(entry)})
+        (tmp_path / NEWEST).write_bytes(data)
+        try:
+            arrays, found = load(tmp_path / NEWEST)
+        except CheckpointDamaged as error:
+            assert "its metadata cannot be read" in str(error)
+        else:
+            assert (arrays, found) == ({}, meta)

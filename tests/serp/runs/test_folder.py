@@ -36,6 +36,15 @@ def create(path, **more):
     return RunFolder.create(path, CONFIG, [DOMAIN], **more)
 
 
+def about(**other):
+    """A ``config.json`` in which one thing is another."""
+    whole = {
+        "format": 1, "created": "2026-11-21T04:05:06+00:00", "command": ["serp"], "seed": 1,
+        "domain_files": {"domain.pddl": "d.pddl"}, "config": {}, "versions": {}, "machine": {},
+    }  # fmt: skip
+    return json.dumps(whole | other)
+
+
 def snapshot(path):
     return {file.name: file.read_bytes() for file in path.iterdir() if file.is_file()}
 
@@ -117,6 +126,57 @@ def test_a_run_has_a_domain_and_at_most_one_problem(tmp_path, files):
         RunFolder.create(tmp_path / "x", CONFIG, files)
 
 
+_KILL_AT_EACH_FILE = """
+import os, sys
+from serp.runs import durable, folder, lock, tables
+
+for count in range(8):
+    if os.fork():
+        os.wait()
+        continue
+    left = iter(range(count))
+
+    def killed(path, flags, opens=tables.open_regular):
+        opened = opens(path, flags)
+        if next(left, None) is None:
+            os._exit(9)
+        return opened
+
+    for module in (durable, lock, tables):
+        module.open_regular = killed
+    folder.RunFolder.create(f"{sys.argv[1]}/{count}", {}, [("d.pddl", "(define)")])
+    os._exit(0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="the system has no fork")
+def test_a_run_killed_before_it_began_is_begun_anew(tmp_path):
+    """Wherever the process ended: a file has been opened, and none of the later ones is there."""
+    subprocess.run([sys.executable, "-c", _KILL_AT_EACH_FILE, str(tmp_path)], check=True)
+    states = [sorted(os.listdir(tmp_path / str(count))) for count in range(8)]
+    assert states[0] == [".lock"]
+    assert states[1] == [".lock", "domain.pddl.aside"]
+    assert "config.json" not in states[4]
+    assert "config.json" in states[5]  # the tables are opened again, to be written
+    for path in map(tmp_path.joinpath, map(str, range(5))):
+        with pytest.raises(RunError, match=rf"before it began.*--out {path}"):
+            RunFolder.open(path)
+        create(path).close()
+        assert sorted(os.listdir(path)) == states[-1]
+        assert RunFolder.open(path).domain_file.read_text() == DOMAIN[1]
+
+
+@pytest.mark.parametrize("name", ["domain.pddl", "metrics.csv", "thesis.tex"])
+def test_a_file_of_the_users_own_is_never_taken_for_what_a_run_left(tmp_path, name):
+    (tmp_path / name).write_text("years of work")
+    for lock in (False, True):
+        if lock and name == "thesis.tex":
+            (tmp_path / ".lock").touch()
+        with pytest.raises(RunError, match="is not empty"):
+            create(tmp_path)
+        assert (tmp_path / name).read_text() == "years of work"
+
+
 _FILL_THE_DISK = """
 import resource, sys
 from serp.errors import RunError
@@ -176,6 +236,9 @@ def test_a_reader_cannot_write(tmp_path):
         ("{}", "was not written by serp"),
         ('{"format": 1, "config": {}}', "was not written by serp"),
         ('{"format": 99, "config": {}, "domain_files": {}}', "has format 99; .* newer serp"),
+        (about(created=None), "created is missing or no str"),
+        (about(machine=[]), "machine is missing or no dict"),
+        (about(command=["serp", 3]), "command and domain_files are to hold texts"),
     ],
 )
 def test_what_is_no_run_is_refused(tmp_path, content, message):
@@ -256,6 +319,35 @@ def test_a_run_without_a_checkpoint_cannot_be_resumed(tmp_path):
         pytest.raises(RunError, match="there is no checkpoint"),
     ):
         run.resume()
+
+
+def test_a_table_that_was_changed_since_the_checkpoint_is_refused(tmp_path):
+    with create(tmp_path / "x") as run:
+        for step in range(100):
+            run.decisions.append(decision_row(step))
+        run.save_checkpoint({}, {})
+    for name in (DECISIONS, METRICS):
+        file = tmp_path / "x" / name
+        content = file.read_bytes()
+        file.write_bytes(content[:-2] + (b"7" if content[-2:-1] != b"7" else b"8") + content[-1:])
+        with (
+            pytest.raises(RunError, match=rf"{name} .*changed since|{name}:1: has other columns"),
+            RunFolder.open(tmp_path / "x", writing=True) as run,
+        ):
+            run.resume()
+        file.write_bytes(content)
+
+
+def test_without_a_whole_checkpoint_it_is_said_what_to_do(tmp_path):
+    with create(tmp_path / "x") as run:
+        run.save_checkpoint({}, {})
+        run.save_checkpoint({}, {})
+    for name in (NEWEST, PREVIOUS):
+        (tmp_path / "x" / name).write_bytes(b"")
+    with pytest.raises(
+        RunError, match=r"damaged.*The one before it.*damaged.*restore a checkpoint from a copy"
+    ):
+        RunFolder.open(tmp_path / "x").load_checkpoint()
 
 
 def test_the_key_of_the_positions_is_reserved(tmp_path):

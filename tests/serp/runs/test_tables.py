@@ -201,6 +201,15 @@ def test_header_that_was_cut_is_written_anew(tmp_path):
     assert cells(tmp_path / "t") == [["1", "2", "3"]]
 
 
+def test_a_table_that_is_known_under_another_name_is_not_written(tmp_path):
+    """It is written in place: the other name, outside of the run it may be, would see it."""
+    with Table(tmp_path / "t", COLUMNS) as table:
+        table.append((1, 2, 3))
+    (tmp_path / "other").hardlink_to(tmp_path / "t")
+    with pytest.raises(RunError, match="another name elsewhere"):
+        Table(tmp_path / "t", COLUMNS)
+
+
 def test_file_with_other_columns_is_left_alone(tmp_path):
     (tmp_path / "t").write_bytes(b"a,b\n1,2\n")
     with pytest.raises(RunError, match=r"t:1: has other columns"):

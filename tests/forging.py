@@ -1,0 +1,152 @@
+"""Forged checkpoints: what a run resumes from, changed somewhere, with a digest that is right.
+
+Run as a program it forges checkpoints of one run and resumes each; it says on every line what it is
+about to do, so that whoever started it knows what it died of.
+"""
+
+from __future__ import annotations
+
+import copy
+import faulthandler
+import json
+import random
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from serp import plan_and_learn
+from serp.errors import SerpError
+from serp.runs import results
+from serp.runs.checkpoint import NEWEST, PREVIOUS, load, save
+from serp.runs.folder import METRICS
+from serp.runs.reading import read_metrics
+
+Arrays = dict[str, np.ndarray[Any, Any]]
+BEGUN, FURTHER = 600, 40
+"""Env steps of the run, and after it was resumed."""
+SECONDS = 60
+"""Nothing takes so long but what hangs."""
+SETTINGS = {"learner": {"hidden": [16], "members": 2, "n_step": 3}}
+NUMBERS = (0, 1, -1, 2, 3.5, 2**31, 2**45, -(2**45), 2**62, 1e60, 1e308, -1e308, 1e-300,
+           float("nan"), float("inf"), float("-inf"))  # fmt: skip
+VALUES = (*NUMBERS, 2**70, -(2**200), True, False, None, "", "planner", [], [1], [[0, -1, 0]] * 9,
+          {}, {"state": 1})  # fmt: skip
+
+
+def begin(name: str, path: Path) -> None:
+    """Trains for a while, without pictures of it."""
+    results.write_results = lambda folder: {}  # type: ignore[assignment]
+    plan_and_learn(name, settings=SETTINGS, env_steps=BEGUN, out=path, seed=1, quiet=True)
+    (path / PREVIOUS).unlink(missing_ok=True)  # what is refused is not to be found whole elsewhere
+
+
+def resumed(path: Path) -> str:
+    """Goes on with a run; says how that ended. Anything but a `SerpError` is raised."""
+    try:
+        plan_and_learn("", out=path, env_steps=BEGUN + FURTHER, resume=True, quiet=True)
+    except SerpError as error:
+        return f"refused: {error}"
+    metrics = read_metrics(path / METRICS)
+    for column in ("length", "return", "planner_steps", "learner_steps"):
+        assert np.isfinite(metrics[column]).all(), column
+    return "went on"
+
+
+def forged(arrays: Arrays, meta: dict[str, Any], dice: random.Random) -> str:
+    """Changes one thing in a checkpoint, where it is; says what."""
+    leaves = list(_leaves(meta))
+    if dice.random() < len(arrays) / (len(arrays) + len(leaves)):
+        name = dice.choice(sorted(arrays))
+        what, change = dice.choice(_OF_ARRAYS)
+        others = [arrays[other] for other in sorted(arrays)]
+        changed = change(arrays[name].copy(), dice, others)
+        if changed is None:
+            del arrays[name]
+        else:
+            arrays[name] = changed
+        return f"{name}: {what}"
+    path, container, key = dice.choice(leaves)
+    if dice.random() < 0.1:
+        del container[key]
+        return f"{path}: removed"
+    container[key] = copy.deepcopy(dice.choice(VALUES))
+    return f"{path}: {container[key]!r}"[:100]
+
+
+def _leaves(value: Any, path: str = "meta") -> Iterator[tuple[str, Any, Any]]:
+    """Where something can be changed: container and key of everything in a JSON value."""
+    keys = value.keys() if isinstance(value, dict) else range(len(value))
+    for key in list(keys)[:20]:
+        yield f"{path}.{key}", value, key
+        if isinstance(value[key], dict | list):
+            yield from _leaves(value[key], f"{path}.{key}")
+
+
+def _cast(value: float, dtype: np.dtype[Any]) -> Any:
+    with np.errstate(all="ignore"):
+        if dtype.kind == "i" and not abs(value) < 2**63:
+            return np.iinfo(dtype).min
+        return np.array(value).astype(dtype)
+
+
+def _filled(array: Any, dice: random.Random, others: Any) -> Any:
+    array[...] = _cast(dice.choice(NUMBERS), array.dtype)
+    return array
+
+
+def _one(array: Any, dice: random.Random, others: Any) -> Any:
+    if array.size:
+        array.reshape(-1)[dice.randrange(array.size)] = _cast(dice.choice(NUMBERS), array.dtype)
+    return array
+
+
+def _shuffled(array: Any, dice: random.Random, others: Any) -> Any:
+    np.random.default_rng(dice.randrange(2**32)).shuffle(array.reshape(-1))
+    return array
+
+
+_OF_ARRAYS: tuple[tuple[str, Callable[[Any, random.Random, Any], Any]], ...] = (
+    ("filled", _filled),
+    ("one entry", _one),
+    ("one entry again", _one),
+    ("shuffled", _shuffled),
+    ("removed", lambda array, dice, others: None),
+    ("empty", lambda array, dice, others: array[:0] if array.ndim else array.reshape(1)[:0]),
+    ("shorter", lambda array, dice, others: array[:-1] if array.ndim else array.reshape(1)),
+    ("longer", lambda array, dice, others: np.concatenate((np.atleast_1d(array),) * 2)),
+    ("transposed", lambda array, dice, others: array.T),
+    ("flat", lambda array, dice, others: array.ravel()),
+    ("another dtype", lambda array, dice, others: array.astype(
+        dice.choice([np.float32, np.float64, np.int64, np.int8, np.bool_, np.uint64]))),
+    ("another array", lambda array, dice, others: dice.choice(others).copy()),
+)  # fmt: skip
+
+
+def main(folder: Path, first: int, count: int) -> None:
+    """Forges and resumes; prints a JSON line before each, and how it ended after it."""
+    results.write_results = lambda folder: {}  # type: ignore[assignment]
+    arrays, meta = load(folder / NEWEST)
+    run = folder.with_name(f"{folder.name}-forged")
+    for seed in range(first, first + count):
+        dice = random.Random(seed)
+        own, own_meta = dict(arrays), copy.deepcopy(meta)
+        with np.errstate(all="ignore"):
+            what = forged(own, own_meta, dice)
+        shutil.rmtree(run, ignore_errors=True)
+        shutil.copytree(folder, run)
+        save(run / NEWEST, own, own_meta)
+        print(json.dumps([seed, what]), flush=True)
+        faulthandler.dump_traceback_later(SECONDS, exit=True)
+        with np.errstate(all="ignore"):
+            ended = resumed(run)
+        faulthandler.cancel_dump_traceback_later()
+        print(json.dumps([seed, ended]), flush=True)
+
+
+if __name__ == "__main__":
+    if sys.argv[2:]:
+        main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))
