@@ -109,7 +109,7 @@ def test_an_edit_in_the_working_directory_takes_effect(tmp_path: Path) -> None:
 
 def test_a_missing_file_is_an_error(folder: Path) -> None:
     done = serp(folder, "plan-and-learn", "--domain=domains/soccr.pddl", expect=1)
-    assert done.stderr == "Error: domains/soccr.pddl: there is no such domain file\n"
+    assert done.stderr == "Error: domains/soccr.pddl: there is no such file\n"
 
 
 def test_a_misspelt_function_is_pointed_at(tmp_path: Path) -> None:

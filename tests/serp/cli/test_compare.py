@@ -202,7 +202,7 @@ def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
     ("arguments", "message"),
     [
         (["--domain=cartpol"], "did you mean `cartpole`?"),
-        (["--domain=nosuch/file.pddl"], "there is no such domain file"),
+        (["--domain=nosuch/file.pddl"], "there is no such file"),
         (["--domain=cartpole", "--algorithms=srep"], "no algorithm `srep`; did you mean `serp`"),
         (["--domain=cartpole", "--algorithms=srep:learner.members=1"], "did you mean `serp`"),
         (["--domain=cartpole", "--algorithms=serp:lerner.members=1"], "did you mean `learner`"),

@@ -97,7 +97,7 @@ def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
     ("arguments", "message"),
     [
         (["--domain=cartpol"], "did you mean `cartpole`?"),
-        (["--domain=nosuch/file.pddl"], "there is no such domain file"),
+        (["--domain=nosuch/file.pddl"], "there is no such file"),
         (["--domain=cartpole", "--preset=papr"], "did you mean `paper`?"),
         (["--domain=cartpole", "--set=planer.depth=3"], "did you mean `planner`?"),
         (["--domain=cartpole", "--set=planner.dept=3"], "did you mean `depth`?"),

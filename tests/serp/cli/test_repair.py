@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import difflib
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -114,6 +115,9 @@ def racing(run: Run, ignorant: Path) -> Path:
     about = json.loads(Path("racing/config.json").read_text(encoding="utf-8"))
     about["domain_files"]["problem.pddl"] = "race.pddl"
     Path("racing/config.json").write_text(json.dumps(about), encoding="utf-8")
+    arrays, meta = load(Path("racing") / NEWEST)
+    meta["made_of"]["problem.pddl"] = hashlib.sha256(problem.encode()).hexdigest()
+    save(Path("racing") / NEWEST, arrays, meta)
     return Path("racing")
 
 
@@ -168,4 +172,4 @@ def test_what_has_no_experience_is_refused(run: Run, ignorant: Path) -> None:
     arrays, meta = load(Path("old") / NEWEST)
     del meta["agent"]["correction"]
     save(Path("old") / NEWEST, arrays, meta)
-    assert "an earlier version of serp" in run("repair", "old", expect=1).stderr
+    assert "correction is missing" in run("repair", "old", expect=1).stderr

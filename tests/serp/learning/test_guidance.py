@@ -441,7 +441,10 @@ def test_a_broken_state_is_refused_and_changes_nothing() -> None:
     live(source, np.random.default_rng(1), 20)
     for spoil, message in (
         (lambda a, m: a["replay.ring.guide_action"].fill(A), "ring.guide_action has entries"),
-        (lambda a, m: a["replay.ring.guide_next_action"].fill(-2), "ring.guide_next_action has entries"),
+        (
+            lambda a, m: a["replay.ring.guide_next_action"].fill(-2),
+            "ring.guide_next_action has entries",
+        ),
         (lambda a, m: a.pop("replay.ring.guide_value"), "ring.guide_value is missing"),
         (lambda a, m: m["replay"]["pending_guide"].pop(), "pending_guide"),
         (lambda a, m: m["replay"].update(pending_guide=[[A, 0.0]] * 2), "pending_guide"),

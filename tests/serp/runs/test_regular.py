@@ -17,6 +17,7 @@ from serp.runs.json_files import read_json
 from serp.runs.lock import LOCK
 from serp.runs.reading import read_metrics
 from serp.runs.regular import read_regular
+from serp.runs.rows import DECISIONS_COLUMNS
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no such files there")
 
@@ -40,7 +41,7 @@ def use(path):
         run.domain_file.read_text()
         run.resume()
         load_newest(path)
-        run.decisions.append((0,) * 11)
+        run.decisions.append((0,) * len(DECISIONS_COLUMNS))
         run.save_checkpoint({"x": np.arange(3)}, {})
         run.write_summary({"episodes": 1})
         run.write("report.md", "what came of it")
