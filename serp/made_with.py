@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from typing import Literal, NamedTuple
 
 from serp.budget import Budget
+from serp.domain.loading import problem_beside
 from serp.errors import RunError, SettingsError
 from serp.quantities import real, seed_of
 from serp.runs.checkpoint import Checkpoint
@@ -69,8 +71,9 @@ def made_of(folder: RunFolder) -> dict[str, str]:
     """Return digests of what a run is made of: its domain, its configuration but the budget."""
     config = {name: value for name, value in folder.config.items() if name != "budget"}
     made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
-    for file in (folder.domain_file, folder.problem_file):
-        if file is not None:
+    beside = problem_beside(folder.domain_file)  # none of its files, but one that would be loaded
+    for file in (folder.domain_file, folder.problem_file, beside):
+        if file is not None and (file is not beside or os.path.lexists(file)):
             try:
                 made[file.name] = read_regular(file)
             except OSError as error:

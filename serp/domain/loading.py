@@ -80,6 +80,11 @@ class Domain:
         )
 
 
+def problem_beside(domain_file: Path) -> Path:
+    """Return where the problem of a domain file is looked for if nobody says where it is."""
+    return domain_file.with_name(f"{domain_file.stem}-problem.pddl")
+
+
 def load_domain(
     domain_file: str | Path,
     problem_file: str | Path | None = None,
@@ -105,7 +110,7 @@ def load_domain(
     domain_file = Path(domain_file)
     syntax = parse_domain(source)
     if problem_file is None:
-        sibling = domain_file.with_name(f"{domain_file.stem}-problem.pddl")
+        sibling = problem_beside(domain_file)
         problem_file = sibling if sibling.is_file() else None
     problem_source = Source.read(problem_file) if problem_file is not None else None
     problem = parse_problem(problem_source, syntax) if problem_source is not None else None

@@ -730,6 +730,17 @@ def test_a_task_that_is_not_installed_must_be_given(tmp_path: Path) -> None:
         load_run(tmp_path / "run")
 
 
+def test_a_problem_that_was_put_beside_a_runs_domain_is_not_taken_for_its_own(
+    tmp_path: Path,
+) -> None:
+    out = tmp_path / "run"
+    train(corridor(tmp_path), out, episodes=2)
+    problem = "(define (problem p) (:domain corridor))"
+    (out / "domain-problem.pddl").write_text(problem, encoding="utf-8")
+    with pytest.raises(RunError, match=r"domain-problem\.pddl of the run was changed since"):
+        train(corridor(tmp_path), out, resume=True)
+
+
 def test_a_run_whose_own_files_were_changed_is_not_continued(tmp_path: Path) -> None:
     out = tmp_path / "run"
     train(corridor(tmp_path), out, episodes=2)
