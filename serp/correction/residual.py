@@ -320,8 +320,11 @@ class Residual:
     )  # fmt: skip
     _RANGES: Final = {
         "count": (0, MOST), "seen": (0, MOST), "streak": (0, MOST),
+        "origin": (-LARGEST, LARGEST), "drawn_for": (-LARGEST, LARGEST),
         "low": (-np.inf, np.inf), "high": (-np.inf, np.inf),  # before the first sample
     }  # fmt: skip
+    """Where values have to lie. Sums may overflow where observations are wild; who reads them minds
+    that."""
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
@@ -355,7 +358,7 @@ class Residual:
                 own[:] = 0.0
                 continue
             rows = min(self._kept, len(own)) if name in ("x", "y") else len(own)
-            low, high = self._RANGES.get(name, (-LARGEST, LARGEST))
+            low, high = self._RANGES.get(name, (None, LARGEST))
             own[:rows] = saved.array(name, np.float64, (rows, *own.shape[1:]), low, high)
         self._beginning.load_state_dict(part_of(arrays, "beginning"))
 

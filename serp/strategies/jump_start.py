@@ -98,7 +98,7 @@ class JumpStart(Strategy):
         """
         saved = Saved("strategy", {}, meta)
         self._longest, self._stage = saved.whole("longest"), saved.whole("stage", -1, self._stages)
-        self._best = -float("inf") if self._stage < 0 else saved.real("best")
+        self._best = -float("inf") if self._stage < 0 else saved.real("best", -math.inf, math.inf)
         self._recent.clear()
-        self._recent.extend(saved.reals("recent", _WINDOW, least=0))
+        self._recent.extend(saved.reals("recent", _WINDOW, -math.inf, math.inf, least=0))
         self._step = 0

@@ -64,3 +64,11 @@ def test_a_command_may_return_its_status(result: int | None, status: int) -> Non
     with pytest.raises(SystemExit) as end:
         exit_with(lambda: result)
     assert end.value.code == status
+
+
+def test_an_unexpected_end_of_a_file_is_no_wish_to_stop() -> None:
+    """`click` takes any EOFError for Ctrl-D at a prompt; a truncated file raises it, too."""
+    aborted = click.Abort()
+    aborted.__cause__ = EOFError("ran out of input")
+    with pytest.raises(EOFError, match="ran out of input"):
+        exit_with(raising(aborted))
