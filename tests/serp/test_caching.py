@@ -84,6 +84,17 @@ def test_a_folder_that_others_can_write_is_not_used(folder: Path) -> None:
     assert not list(folder.iterdir())
 
 
+@pytest.mark.skipif(
+    sys.platform == "win32" or os.getuid() != 0, reason="only root may give a folder away"
+)
+def test_a_folder_of_another_user_is_not_used(folder: Path) -> None:
+    folder.mkdir(mode=0o755)
+    os.chown(folder, 12_345, 12_345)
+    with pytest.warns(Notice, match="belongs to another user"):
+        compile_native(generate_step(load_texts(HEATER).model.ground))
+    assert not list(folder.iterdir())
+
+
 def test_a_folder_that_cannot_be_made_does_not_stop_anything(folder: Path) -> None:
     folder.write_text("")
     with pytest.warns(Notice, match="cannot be kept"):
