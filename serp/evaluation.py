@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Final, NamedTuple
 
@@ -188,6 +188,12 @@ def episode_seed(seed: int, episode: int) -> int:
     """Return the environment's seed for an episode, from 0, of an evaluation."""
     sequence = np.random.SeedSequence(entropy=seed, spawn_key=(_SEEDS, episode))
     return int(sequence.generate_state(1)[0])
+
+
+def outcome_of(info: Mapping[str, Any]) -> str:
+    """Return what the environment says of how an episode ended; empty where it says nothing."""
+    outcome = info.get("outcome")
+    return outcome if isinstance(outcome, str) else ""
 
 
 def _steps(agent: Agent, task: BoundTask, decide: _Policy, raw: Any) -> Iterator[Step]:

@@ -19,19 +19,23 @@ from __future__ import annotations
 import contextlib
 import csv
 import dataclasses
-import importlib
+import importlib.metadata
 import io
 import itertools
 import math
 import re
 import shlex
-from collections.abc import Callable
+import sys
+import tomllib
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
 import click
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import serp
 from serp.arbiter import Actor, Reason
@@ -128,9 +132,50 @@ def run_commands(block: Block) -> str:
     return output.getvalue()
 
 
+def modules_of(requirements: Iterable[str]) -> set[str]:
+    """What can be imported with some requirements, those of their extras included."""
+    names = set()
+    for text in requirements:
+        asked = Requirement(text)
+        names.add(asked.name)
+        more = [Requirement(each) for each in importlib.metadata.requires(asked.name) or ()]
+        names |= {
+            each.name for each in more for extra in asked.extras
+            if each.marker and each.marker.evaluate({"extra": extra})
+            and not each.marker.evaluate({"extra": ""})
+        }  # fmt: skip
+    known = importlib.metadata.packages_distributions()
+    wanted = {canonicalize_name(name) for name in names}
+    return {
+        module
+        for module, owners in known.items()
+        if wanted & {canonicalize_name(owner) for owner in owners}
+    }
+
+
+def not_installed_by_the_readme() -> set[str]:
+    """What the extras bring along that the README's first line that installs does not name."""
+    line = next(b for b in blocks(ROOT / "README.md") if "pip install" in b.text)
+    named = re.search(r"'?\.(?:\[([\w,]+)\])?'? &&", line.text)
+    assert named, line.text
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    there = [*project["dependencies"], *(r for e in (named[1] or "").split(",") if e
+                                         for r in extras[e])]  # fmt: skip
+    absent = [r for name, requirements in extras.items() if name != "dev" for r in requirements]
+    return modules_of(absent) - modules_of(there)
+
+
+def test_extras_that_the_readme_does_not_install_are_found() -> None:
+    assert "stable_baselines3" in not_installed_by_the_readme()
+
+
 @pytest.mark.parametrize("document", DOCUMENTS, ids=by_name)
 def test_examples_run(document: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    if document.name == "README.md":
+        for module in not_installed_by_the_readme():
+            monkeypatch.setitem(sys.modules, module, None)
     names: dict[str, Any] = {"__name__": "__main__"}
     printed: str | None = None
     for block in blocks(document):
@@ -150,6 +195,18 @@ def test_examples_run(document: Path, tmp_path: Path, monkeypatch: pytest.Monkey
         elif block.language == "text" and printed is not None and block.follows <= 2:
             assert printed == block.text
         printed = None
+    if document.name == "README.md":
+        assert_made_by_the_commands(Path("runs/first/decisions.csv"))
+
+
+def assert_made_by_the_commands(decisions: Path) -> None:
+    """The decision that is shown is the first veto of the run; another machine may round apart."""
+    shown = next(b for b in blocks(ROOT / "README.md") if b.language == "csv")
+    (row,) = csv.DictReader(shown.text.splitlines())
+    with decisions.open(newline="") as file:
+        veto = next(each for each in csv.DictReader(file) if each["explanation"])
+    for column in ("proposed_by", "proposed", "executed_by", "reason", "unsafe", "explanation"):
+        assert veto[column] == row[column]
 
 
 def commands_shown(document: Path) -> list[list[str]]:

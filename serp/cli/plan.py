@@ -37,9 +37,11 @@ if TYPE_CHECKING:
               help="Problem file.  [default: NAME-problem.pddl beside the domain]")  # fmt: skip
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
               help="Values of fluents; may be repeated.")  # fmt: skip
-@click.option("--observe", is_flag=True, help="Take the state from a reset of the environment.")
+@click.option("--observe", is_flag=True,
+              help="Take the state from the environment: the first one in which the actions differ "
+                   "in what they promise; with --state, the one after a reset.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
-              help="Seed of that reset.")  # fmt: skip
+              help="Seed of the reset.")  # fmt: skip
 @click.option("--depth", type=click.IntRange(min=1), metavar="N",
               help="Actions to look ahead.  [default: the task's, else 5]")  # fmt: skip
 @click.option("--discount", type=click.FloatRange(0, 1, min_open=True), metavar="X",
@@ -71,9 +73,10 @@ def command(
 ) -> None:
     """Show what the planner decides in one state, and why.
 
-    The state is what --state says, the rest of it from the problem file or (with --observe) from a
-    reset of the task's environment. With neither, the problem's initial state is taken, or else
-    such a reset.
+    The state is what --state says, the rest of it from the problem file or (with --observe) from
+    the task's environment. With neither, the problem's initial state is taken, or else one that is
+    observed. While all actions promise the same there, the planner's is carried out, and the next
+    state is looked at.
     """
     if svg is not None and svg.suffix.lower() != ".svg":
         raise click.BadParameter("the picture is an SVG; name a file that ends in .svg", ctx,
@@ -81,10 +84,10 @@ def command(
     loaded = _load(domain, problem)
     period = dt or (loaded.task.dt if loaded.task else 1.0)
     model = loaded.domain.model.replace(dt=period)
-    state, origin = _state(loaded, model, assignments, observe=observe, seed=seed)
     planner = _planner(
         loaded, model, depth=depth, discount=discount, repeat=repeat, time_budget=time_budget
     )
+    state, origin = _state(loaded, planner, assignments, observe=observe, seed=seed)
     plan = planner.plan(state)
 
     from serp.cli.decision import describe, print_plan
@@ -126,7 +129,7 @@ def _load(name: str, problem: Path | None) -> _Loaded:
 
 def _state(
     loaded: _Loaded,
-    model: TransitionModel,
+    planner: MonitorReplanner,
     assignments: tuple[str, ...],
     *,
     observe: bool,
@@ -135,11 +138,14 @@ def _state(
     """Return the state to plan from, and a few words on where it comes from."""
     from serp.cli.values import parse_state
 
+    model = planner.model
     names = {fluent.name: fluent.numeric for fluent in model.fluents}
     given = parse_state(assignments, names, model.ground.static)
     missing = [name for name in names if name not in given]
+    # What --state changes is the state after the reset, whatever there is to choose.
+    choosing = None if given else planner
     if observe:
-        base, origin = _observed(loaded, seed), f"observed after a reset with seed {seed}"
+        base, origin = _observed(loaded, choosing, seed)
     elif not missing:
         return model.state(given), "in the given state" if given else "in its only state"
     elif model.initial_state is not None:
@@ -147,7 +153,7 @@ def _state(
     elif given:
         raise SerpError(f"--state leaves out {listed(missing)}; {_how_to_complete(loaded)}")
     elif loaded.task is not None:
-        base, origin = _observed(loaded, seed), f"observed after a reset with seed {seed}"
+        base, origin = _observed(loaded, choosing, seed)
     else:
         raise SerpError(
             f"{loaded.domain.source.name}: which state? Give one with --state, a value for each "
@@ -164,9 +170,13 @@ def _how_to_complete(loaded: _Loaded) -> str:
     return "give these too, or a problem file with an :init"
 
 
-def _observed(loaded: _Loaded, seed: int) -> dict[str, float | bool]:
-    """Return the state after a reset of the task's environment."""
+def _observed(
+    loaded: _Loaded, planner: MonitorReplanner | None, seed: int
+) -> tuple[dict[str, float | bool], str]:
+    """Return a state of the task's environment: after a reset, or where a planner has a choice."""
     import dataclasses
+
+    from serp.cli.observing import observed, observed_choice
 
     if loaded.task is None:
         raise SerpError(
@@ -174,9 +184,11 @@ def _observed(loaded: _Loaded, seed: int) -> dict[str, float | bool]:
             "environment to observe; give the state with --state"
         )
     task = dataclasses.replace(loaded.task, domain=loaded.domain, problem=None)
-    with task.bind() as bound:
-        raw, _ = bound.reset(seed)
-        return bound.model.values(bound.ground(raw))
+    if planner is None:
+        state, origin = observed(task, seed)
+    else:
+        state, origin = observed_choice(task, planner, seed)
+    return loaded.domain.model.values(state), origin
 
 
 def _planner(

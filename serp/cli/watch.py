@@ -98,6 +98,7 @@ def _report(result: EpisodeResult) -> None:
     """Say what came of an episode, while the next one is played."""
     unsafe = f", {plural(result.unsafe, 'unsafe action')} executed" if result.unsafe else ""
     say(
-        f"episode {result.number}: return {number(result.total)} in "
+        f"episode {result.number}: {result.outcome and result.outcome + ', '}"
+        f"return {number(result.total)} in "
         f"{plural(result.steps, 'step')}, {plural(result.vetoes, 'proposal')} refused{unsafe}"
     )

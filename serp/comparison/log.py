@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.comparison.records import EpisodeRow
+from serp.evaluation import outcome_of
 from serp.tally import Tally
 from serp.training import Transition
 
@@ -98,12 +99,6 @@ class Log:
         )
         self.rows.append((row, tuple(float(info.get(name, 0)) for name in self._counters)))
         self._begin_episode()
-
-
-def outcome_of(info: dict[str, Any]) -> str:
-    """Return what the environment says of how an episode ended; empty where it says nothing."""
-    outcome = info.get("outcome")
-    return outcome if isinstance(outcome, str) else ""
 
 
 def _number(value: Any) -> int:

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.agent import Agent
-from serp.comparison.log import outcome_of
 from serp.comparison.records import EvaluationRow
 from serp.domain.model import Vector
-from serp.evaluation import episode_seed
+from serp.evaluation import episode_seed, outcome_of
 from serp.task import BoundTask, Task
 
 Act = Callable[[Sequence[Vector], NDArray[np.float64]], Sequence[tuple[int, bool]]]

@@ -23,6 +23,7 @@ PAIRS: Final = (
     (BACKGROUND, INK),
     (BACKGROUND, FAINT),
     (colours.REFUSED, INK),
+    (INK, DARK),
     *((colours.ACTORS[actor], ON[actor]) for actor in Actor),
 )
 """Every background with the writing on it."""
@@ -66,6 +67,7 @@ class Caption(NamedTuple):
         facts: Episode, step, return; where room is short, the first ones are left out.
         marks: What stands out in red; empty for nothing.
         strip: The decisions so far, the newest last.
+        outcome: How the episode ended; empty while it runs, or where nothing is said of it.
     """
 
     actor: Actor | None
@@ -73,6 +75,7 @@ class Caption(NamedTuple):
     facts: tuple[str, ...]
     marks: tuple[Mark, ...] = ()
     strip: Sequence[Cell] = ()
+    outcome: str = ""
 
 
 class Band:
@@ -111,15 +114,13 @@ class Band:
         middle = pad + self._line // 2
         left, right = pad, width - pad
         if caption.actor is not None:
-            word = caption.actor.value.upper()
-            end = left + self._bold.getlength(word) + 2 * pad
-            draw.rounded_rectangle(
-                (left, pad, end, pad + self._line - 2), pad // 2, fill=colours.ACTORS[caption.actor]
-            )
-            draw.text(
-                (left + pad, middle), word, fill=ON[caption.actor], font=self._bold, anchor="lm"
-            )
-            left = round(end) + pad
+            actor = caption.actor
+            left = self._draw_label(draw, left, actor.value.upper(), colours.ACTORS[actor], ON[actor])
+        if caption.outcome:
+            word = _cut(self._bold, caption.outcome.upper(), width // 3)
+            right -= round(self._bold.getlength(word)) + 2 * pad
+            self._draw_label(draw, right, word, INK, DARK)
+            right -= pad
         # What is done comes before the figures, where there is room for one of them only.
         action = _cut(self._bold, caption.action, right - left)
         draw.text((left, middle), action, fill=INK, font=self._bold, anchor="lm")
@@ -128,6 +129,16 @@ class Band:
         while facts and self._plain.getlength(_GAP.join(facts)) > room:
             del facts[0]
         draw.text((right, middle), _GAP.join(facts), fill=FAINT, font=self._plain, anchor="rm")
+
+    def _draw_label(
+        self, draw: ImageDraw.ImageDraw, left: int, word: str, colour: str, ink: str
+    ) -> int:
+        """Write a word on a plate; return where there is room again."""
+        pad = self._pad
+        end = left + self._bold.getlength(word) + 2 * pad
+        draw.rounded_rectangle((left, pad, end, pad + self._line - 2), pad // 2, fill=colour)
+        draw.text((left + pad, pad + self._line // 2), word, fill=ink, font=self._bold, anchor="lm")
+        return round(end) + pad
 
     def _draw_strip(self, draw: ImageDraw.ImageDraw, strip: Sequence[Cell]) -> None:
         top = self._pad + self._line + self._pad // 2

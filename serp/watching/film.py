@@ -12,7 +12,7 @@ from PIL import Image
 from serp.agent import Agent
 from serp.arbiter import Actor
 from serp.errors import SettingsError
-from serp.evaluation import Episode, Step, play
+from serp.evaluation import Episode, Step, outcome_of, play
 from serp.explanation import why_unsafe
 from serp.policies import Policy
 from serp.quantities import real
@@ -90,6 +90,7 @@ class EpisodeResult(NamedTuple):
         total: The environment's return.
         vetoes: Proposals refused.
         unsafe: Executed actions that the model predicts unsafe.
+        outcome: How the environment says that it ended; may be empty.
     """
 
     number: int
@@ -97,6 +98,7 @@ class EpisodeResult(NamedTuple):
     total: float
     vetoes: int
     unsafe: int
+    outcome: str
 
 
 def film(
@@ -194,18 +196,20 @@ class _Filming:
                 ),
                 strip=tuple(strip[-_STRIP:]),
             )
+            ended = caption._replace(outcome=outcome_of(step.info) if step.last else "")
             pictures = self._camera.take()
             period = self._camera.period(len(pictures))
             for k, picture in enumerate(pictures):
                 end = step.last and k == len(pictures) - 1
                 yield from self._shoot(
-                    picture, period, caption, step, always=end or (bool(marks) and k == 0), end=end
-                )
+                    picture, period, ended if end else caption, step,
+                    always=end or (bool(marks) and k == 0), end=end,
+                )  # fmt: skip
             if step.last and self._on_episode is not None:
+                outcome = outcome_of(step.info)
+                counts = tally.vetoes, tally.unsafe_executed
                 self._on_episode(
-                    EpisodeResult(
-                        episode.number, step.number, total, tally.vetoes, tally.unsafe_executed
-                    )
+                    EpisodeResult(episode.number, step.number, total, *counts, outcome)
                 )
 
     def _shoot(

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from serp.arbiter import Actor, Arbiter, Decision, Reason
-from serp.comparison.log import Log, outcome_of
+from serp.comparison.log import Log
+from serp.evaluation import outcome_of
 from serp.learning.dqn import Proposal
 from serp.settings import resolve
 from serp.training import Trainer, Transition

@@ -17,8 +17,9 @@ def test_captions_of_one_width_have_one_size(width: int) -> None:
     for actor in (None, *Actor):
         for action, marks in (("", ()), (LONG, (Mark(LONG, LONG),) * 2), ("x", (Mark("a", ""),))):
             cells = [Cell(Actor.LEARNER, True)] * 1000
-            caption = Caption(actor, action, (LONG, "step 1"), marks, cells)
-            assert band.draw(caption).size == band.size
+            for outcome in ("", "home", LONG):
+                caption = Caption(actor, action, (LONG, "step 1"), marks, cells, outcome)
+                assert band.draw(caption).size == band.size
 
 
 def test_every_actor_looks_different_and_a_refusal_too() -> None:

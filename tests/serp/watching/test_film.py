@@ -16,7 +16,7 @@ from serp.agent import Agent
 from serp.errors import SettingsError
 from serp.evaluation import Step, evaluate, play
 from serp.watching.film import END, HOLD, EpisodeResult, FilmSettings, Frame, film, marks_of
-from tests.serp.watching.scene import DT, Ticking, Timed, bound, reckless_agent, several
+from tests.serp.watching.scene import DT, Drawn, Ticking, Timed, bound, reckless_agent, several
 
 RED = ImageColor.getrgb(colours.REFUSED)
 
@@ -139,6 +139,26 @@ def test_time_is_real_time(
     for seconds in lasting.values():
         assert len(seconds) == each
         assert sum(seconds) == pytest.approx(step / speed)
+
+
+class Judged(Drawn):
+    """Says how an episode stands."""
+
+    def info(self) -> dict[str, Any]:
+        return {**super().info(), "outcome": "home" if self.x >= 4 else f"at {self.x}"}
+
+
+def test_the_last_picture_says_how_the_episode_ended(agent: Agent, tmp_path: Path) -> None:
+    results: list[EpisodeResult] = []
+    settings = FilmSettings(policy="planner", episodes=4)
+    frames = list(film(agent, bound(tmp_path, Judged), settings, results.append))
+    said = [frame.caption.outcome for frame in frames if frame.step and frame.step.last]
+    assert said == [result.outcome for result in results]
+    assert "home" in said
+    assert not any(
+        frame.caption.outcome for frame in frames if not (frame.step and frame.step.last)
+    )
+    assert not any(frame.caption.outcome for frame in filmed(agent, tmp_path))
 
 
 def test_no_more_frames_a_second_than_asked_for(agent: Agent, tmp_path: Path) -> None:
