@@ -42,6 +42,7 @@ from serp.comparison.tables import (
 from serp.comparison.variants import EARLY_MARGIN, FINAL_MARGIN, subject, variant_rows
 from serp.picture import render
 from serp.runs.durable import cannot_write, write_durably
+from serp.runs.summary import WINDOW
 
 FIGURES: Final = "figures"
 _MOST_NAMED: Final = 40
@@ -272,7 +273,8 @@ def _results(results: Results, figures: dict[str, str]) -> Iterable[str]:
     if results.about.threshold is not None:
         yield (
             "### Time until good\n\nMedians over the seeds; good is a mean return of at least "
-            f"{number(results.about.threshold)}.\n\n{thresholds_table(results)}"
+            f"{number(results.about.threshold)}. It takes at least {WINDOW} episodes to tell.\n\n"
+            + thresholds_table(results)
         )
     yield "### Safety and outcomes\n\nTotals of a trial's training.\n\n" + values_table(
         results, (*SAFETY, *task_measures(results)), medians=True
