@@ -204,8 +204,8 @@ def assert_made_by_the_commands(decisions: Path) -> None:
     shown = next(b for b in blocks(ROOT / "README.md") if b.language == "csv")
     (row,) = csv.DictReader(shown.text.splitlines())
     with decisions.open(newline="") as file:
-        veto = next(each for each in csv.DictReader(file) if each["explanation"])
-    for column in ("proposed_by", "proposed", "executed_by", "reason", "unsafe", "explanation"):
+        veto = next(each for each in csv.DictReader(file) if each["vetoed"] == "1")
+    for column in {*row} - {"step", "episode", "executed", "predicted_reward", "rho"}:
         assert veto[column] == row[column]
 
 

@@ -115,7 +115,9 @@ class Band:
         left, right = pad, width - pad
         if caption.actor is not None:
             actor = caption.actor
-            left = self._draw_label(draw, left, actor.value.upper(), colours.ACTORS[actor], ON[actor])
+            left = self._draw_label(
+                draw, left, actor.value.upper(), colours.ACTORS[actor], ON[actor]
+            )
         if caption.outcome:
             word = _cut(self._bold, caption.outcome.upper(), width // 3)
             right -= round(self._bold.getlength(word)) + 2 * pad
