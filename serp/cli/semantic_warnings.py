@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from serp.domain import ground as g
 from serp.domain.exclusion import Pair, contradiction
 from serp.domain.loading import Domain
-from serp.domain.source import DomainWarning, Place
+from serp.domain.source import DomainError, DomainWarning, Place
 from serp.domain.syntax import Kind
 
 _CANNOT = {
@@ -18,16 +18,17 @@ _CANNOT = {
 }
 
 
-def semantic_warnings(domain: Domain) -> Iterator[DomainWarning]:
+def semantic_warnings(domain: Domain, wide: g.GroundModel) -> Iterator[DomainWarning]:
     """Yield what can never happen in any instance, and which actions are unsafe in all of them.
 
     Args:
         domain: A domain that was loaded, hence free of errors.
+        wide: The same for any states (`anywhere`).
     """
-    ground = domain.model.ground
-    theta = [parameter.value for parameter in ground.parameters]
+    reached = {s.schema for s in _schemas(domain.model.ground)}
+    theta = [parameter.value for parameter in wide.parameters]
     instances: dict[str, list[g.GroundSchema]] = {}
-    for instance in (*ground.actions, *ground.processes, *ground.events):
+    for instance in _schemas(wide):
         instances.setdefault(instance.schema, []).append(instance)
     excluded = functools.partial(contradiction, theta=theta)
     for name, schemas in instances.items():
@@ -36,6 +37,9 @@ def semantic_warnings(domain: Domain) -> Iterator[DomainWarning]:
         if pair := _in_all(excluded(schema.preconditions) for schema in schemas):
             yield DomainWarning(f"{what} {_CANNOT[kind]}: {_exclude(pair)}", _second(pair, place))
             continue
+        if name not in reached:
+            yield DomainWarning(f"{what} {_CANNOT[kind]} from the problem's :init on", place)
+            continue
         if kind is Kind.ACTION and all(_always_unsafe(schema, theta) for schema in schemas):
             yield DomainWarning(
                 f"{what} is unsafe wherever it can be applied: it is executed only where every "
@@ -43,6 +47,21 @@ def semantic_warnings(domain: Domain) -> Iterator[DomainWarning]:
                 place,
             )
         yield from _effects_without_use(what, schemas, theta)
+
+
+def anywhere(domain: Domain) -> g.GroundModel:
+    """Return the domain for states that need not be reached from the problem's `:init`.
+
+    Where that is too large, or needs numbers that nobody stated, it is what can be reached.
+    """
+    try:
+        return domain.observed().model.ground
+    except DomainError:
+        return domain.model.ground
+
+
+def _schemas(ground: g.GroundModel) -> tuple[g.GroundSchema, ...]:
+    return (*ground.actions, *ground.processes, *ground.events)
 
 
 def _in_all(pairs: Iterable[Pair | None]) -> Pair | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from serp.cli.semantic_warnings import semantic_warnings
+from serp.cli.semantic_warnings import anywhere, semantic_warnings
 from serp.domain import syntax as x
 from serp.domain.ground import UNSAFE_TARGET, GroundModel, SetBoolean, writes
 from serp.domain.loading import Domain
@@ -32,12 +32,14 @@ def warnings_of(domain: Domain) -> list[DomainWarning]:
     Args:
         domain: A domain that was loaded, hence free of errors.
     """
+    of_loading = domain.warnings
+    wide = anywhere(domain)
     return [
-        *domain.warnings,
-        *_nothing_said(domain),
+        *of_loading,
+        *_nothing_said(domain, wide),
         *_flags_read_in_actions(domain),
-        *_schemas_without_use(domain),
-        *semantic_warnings(domain),
+        *_schemas_without_use(domain, wide),
+        *semantic_warnings(domain, wide),
         *_unused_names(domain),
         *_unused_variables(domain),
         *_unused_types(domain),
@@ -45,12 +47,12 @@ def warnings_of(domain: Domain) -> list[DomainWarning]:
     ]
 
 
-def _nothing_said(domain: Domain) -> Iterator[DomainWarning]:
+def _nothing_said(domain: Domain, wide: GroundModel) -> Iterator[DomainWarning]:
     model = domain.model
     name = domain.source.name
     if not model.actions:
         yield DomainWarning(f"{name}: no ground action, so there is nothing to plan with")
-    if not _makes_unsafe(model.ground):
+    if not _makes_unsafe(wide):
         yield DomainWarning(
             f"{name}: nothing is ever `(unsafe)`, so nothing will be refused for safety's sake"
         )
@@ -112,10 +114,9 @@ def _atoms(conditions: Iterable[x.Condition]) -> Iterator[x.Atom]:
                 yield from _atoms([body])
 
 
-def _schemas_without_use(domain: Domain) -> Iterator[DomainWarning]:
-    ground = domain.model.ground
+def _schemas_without_use(domain: Domain, wide: GroundModel) -> Iterator[DomainWarning]:
     instances: dict[str, list[bool]] = {schema.name: [] for schema in domain.syntax.schemas}
-    for instance in (*ground.actions, *ground.processes, *ground.events):
+    for instance in (*wide.actions, *wide.processes, *wide.events):
         instances[instance.schema].append(bool(writes(instance)))
     objects = domain.problem_syntax.objects if domain.problem_syntax else domain.syntax.constants
     for schema in domain.syntax.schemas:
@@ -131,7 +132,7 @@ def _schemas_without_use(domain: Domain) -> Iterator[DomainWarning]:
             yield DomainWarning(f"{what} has no instance: {why}", schema.place)
         elif not any(instances[schema.name]) and not (
             # Waiting is an action where the world moves on by itself.
-            schema.kind is x.Kind.ACTION and not schema.effects and ground.processes
+            schema.kind is x.Kind.ACTION and not schema.effects and wide.processes
         ):
             yield DomainWarning(f"{what} changes nothing", schema.place)
 

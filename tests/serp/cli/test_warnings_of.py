@@ -55,8 +55,8 @@ def test_a_whole_domain_has_no_warning(tmp_path: Path) -> None:
         ("(increase (reward) 3)", "(and)", None),
         ("(:action rest", "(:action idle :parameters () :precondition (and) :effect (and))\n"
          "(:action rest", "walk.pddl:12:3: action `idle` changes nothing"),
-        ("(:functions (walked)", "(:functions (walked) (slept)",
-         "function `slept` is declared, but nothing changes or reads it"),
+        ("(mined ?p - place)", "(mined ?p - place) (slept)",
+         "predicate `slept` is declared, but nothing changes or reads it"),
         ("(:action rest", "(:action loop :parameters (?a - place) :precondition (and (road ?a ?a))"
          ":effect (and (at ?a)))(:action rest",
          "action `loop` has no instance: its precondition can never hold"),
