@@ -7,6 +7,7 @@ fluents it gives; the environment is neither reset nor stepped.
 from __future__ import annotations
 
 import copy
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -69,6 +70,9 @@ def grounded(ground: Callable[[Any], Any], space: spaces.Space[Any], count: int)
     """
     for observation in samples(space, count):
         try:
-            yield ground(observation)
+            with warnings.catch_warnings(), np.errstate(all="ignore"):
+                warnings.simplefilter("ignore")
+                given = ground(observation)
         except Exception:
             continue
+        yield given

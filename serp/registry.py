@@ -28,7 +28,8 @@ def load_task(name: str) -> Task:
     entries = task_entries()
     if name not in entries:
         raise TaskError(
-            f"there is no task `{name}`; {did_you_mean(name, entries) or 'none is installed'}"
+            f"there is no task `{name}`; {did_you_mean(name, entries) or 'none is installed'}\n"
+            "  one of your own: --task FILE.py:FUNCTION, or in Python the serp.Task itself"
         )
     entry = entries[name]
     try:
@@ -79,7 +80,8 @@ def find_task(domain: str) -> Task:
         raise TaskError(
             f"{path}: no task is installed for domain `{loaded.name}` "
             f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}); with an "
-            "environment of your own, write a serp.Task and call serp.plan_and_learn"
+            "environment of your own, write a serp.Task and name it: --task FILE.py:FUNCTION, or "
+            "call serp.plan_and_learn"
         )
     return task
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,13 +12,16 @@ import click
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import DONE, MISTAKE, say
 from serp.cli.output import open_console, plural
-from serp.errors import SerpError
+from serp.cli.tasks import asked_own_task, own_task_name, own_task_option
+from serp.errors import SerpError, TaskError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from serp.cli.pairs import Pair
     from serp.domain.loading import Domain
+    from serp.domain.source import DomainWarning
+    from serp.task import Task
 
 _NAMED = 12  # actions, processes and events that one line names
 _WARNINGS = 100  # warnings of one domain that are printed
@@ -32,32 +36,43 @@ _WARNINGS = 100  # warnings of one domain that are printed
         "serp check cartpole",
         "serp check domains/*.pddl",
         "serp check domain.pddl p01.pddl --portable",
+        "serp check --task my_robot.py",
     ],
 )
-@click.argument("domains", metavar="FILE|NAME...", nargs=-1, required=True)
+@click.argument("domains", metavar="FILE|NAME...", nargs=-1)
+@own_task_option
 @click.option("--portable", is_flag=True,
               help="Ask unified-planning as well whether it reads the files.")  # fmt: skip
 @click.option("--portable-seconds", type=click.FloatRange(min=0, min_open=True), default=60.0,
               show_default=True, metavar="S", help="Most seconds to wait for it.")  # fmt: skip
-def command(domains: tuple[str, ...], portable: bool, portable_seconds: float) -> int:
+@click.pass_context
+def command(
+    ctx: click.Context, domains: tuple[str, ...], portable: bool, portable_seconds: float
+) -> int:
     """Check domain and problem files: say what is wrong and where, or what is in them.
 
     A problem file is checked with its domain: the given file of the domain that it names, or else
     `<name>.pddl` beside `<name>-problem.pddl`, or `domain.pddl`.
 
+    Where a file belongs to a task (an installed one, or --task), its environment is made to see
+    whether grounding and actions fit the file. It is neither reset nor stepped.
+
     Every file is checked, even where one before it is wrong. Warnings (what may have been
     forgotten, and what other PDDL tools refuse) leave the exit status 0.
     """
-    from serp.cli.pairs import pairs
+    from serp.cli.pairs import Pair, pairs
 
+    own = asked_own_task()
+    if not domains and own is None:
+        raise click.UsageError("give files, names of installed tasks, or --task", ctx)
     console = open_console()
     wrong = warned = 0
-    checks = pairs(domains)
+    checks = pairs(domains) if domains else [Pair(str(own_task_name()), None, None)]
     for position, check in enumerate(checks):
         if position:
             console.print("")
         try:
-            warned += _report(console, check, portable_seconds if portable else None)
+            warned += _report(console, check, own, portable_seconds if portable else None)
         except SerpError as error:
             wrong += 1
             console.print(f"{check.name}: wrong", style="bold red")
@@ -70,7 +85,7 @@ def command(domains: tuple[str, ...], portable: bool, portable_seconds: float) -
     return MISTAKE if wrong else DONE
 
 
-def _report(console: Console, pair: Pair, portable_seconds: float | None) -> int:
+def _report(console: Console, pair: Pair, own: Task | None, portable_seconds: float | None) -> int:
     """Load a domain and print what is in it; return the number of warnings.
 
     Raises:
@@ -79,13 +94,19 @@ def _report(console: Console, pair: Pair, portable_seconds: float | None) -> int
     from serp.cli.warnings_of import warnings_of
     from serp.portability import outside_portable_subset
 
-    domain = _load(pair)
+    domain, task = _load(pair, own)
     findings = warnings_of(domain)
+    fits = None
+    if task is not None:
+        fits, unfit = _fit(task, asked=own is not None or pair.domain is None)
+        findings += unfit
     sources = [s for s in (domain.source, domain.problem_source) if s is not None]
     findings += [finding for source in sources for finding in outside_portable_subset(source)]
     console.print(f"{pair.name}: right", style="bold green")
     for line in _summary(domain):
         console.print(f"  {line}")
+    if fits is not None:
+        console.print(f"  {fits}")
     for finding in findings[:_WARNINGS]:
         console.print(f"  warning: {finding}", style="yellow")
     if len(findings) > _WARNINGS:
@@ -108,20 +129,53 @@ def _ask_unified_planning(console: Console, domain: Domain, seconds: float | Non
     return 1
 
 
-def _load(pair: Pair) -> Domain:
+def _load(pair: Pair, own: Task | None) -> tuple[Domain, Task | None]:
+    """Return a domain, and the task that it belongs to, with that domain; None for no task."""
+    import dataclasses
+
     from serp.domain.loading import load_domain
-    from serp.registry import load_task
+    from serp.registry import load_task, task_of
 
     if pair.domain is not None:
-        return load_domain(pair.domain, pair.problem)
+        domain = load_domain(pair.domain, pair.problem)
+        if own is None:
+            with contextlib.suppress(TaskError):  # the file may be right all the same
+                return domain, task_of(domain, pair.domain)
+            return domain, None
+        return domain, dataclasses.replace(own, domain=domain, problem=None)
     if pair.problem is not None:
         raise SerpError(
             f"{pair.problem}: a problem file, and its domain file is not known; give both, as in "
             f"`serp check domain.pddl {pair.problem}`"
         )
-    if Path(pair.name).is_dir():
+    if own is None and Path(pair.name).is_dir():
         raise SerpError(f"{pair.name} is a folder; give the files in it, such as `*.pddl`")
-    return load_task(pair.name).load()
+    task = load_task(pair.name) if own is None else own
+    domain = task.load()
+    return domain, dataclasses.replace(task, domain=domain, problem=None)
+
+
+def _fit(task: Task, *, asked: bool) -> tuple[str | None, list[DomainWarning]]:
+    """Return a line that says that a task fits its domain, and what is to be known of that.
+
+    Args:
+        task: The task.
+        asked: Whether it was asked for: that it does not fit is an error then, else a warning.
+
+    Raises:
+        SerpError: It was asked for, and does not fit.
+    """
+    from serp.cli.task_warnings import out_of_range
+    from serp.domain.source import DomainWarning
+
+    try:
+        with task.bind() as bound:
+            findings = list(out_of_range(bound))
+    except SerpError as error:
+        if asked:
+            raise
+        return None, [DomainWarning(str(error))]
+    return f"task {bound.name}: environment, grounding and actions fit together", findings
 
 
 def _summary(domain: Domain) -> Iterator[str]:

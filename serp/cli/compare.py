@@ -11,6 +11,7 @@ import click
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import INTERRUPTED, say
 from serp.cli.output import open_console, print_table
+from serp.cli.tasks import asked_task, own_task_option
 from serp.cli.values import parse_settings
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     ],
 )
 @click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
+@own_task_option
 @click.option("--algorithms", multiple=True, metavar="NAME,...",
               help="What is compared, the first with all others. NAME:SECTION.NAME=VALUE is one "
                    "with a setting changed. May be repeated.  "
@@ -87,8 +89,11 @@ def command(
     if listing:
         _list()
         return None
-    if domain is None and out is None:
-        raise click.UsageError("give --domain (`serp list` names the tasks), or --out DIR", ctx)
+    task = asked_task(domain)
+    if task is None and out is None:
+        raise click.UsageError(
+            "give --domain (`serp list` names the tasks), --task, or --out DIR", ctx
+        )
     names, changed = _algorithms(algorithms)
     settings = parse_settings(assignments)
     chosen = _seeds(ctx, seeds)
@@ -97,7 +102,7 @@ def command(
 
     try:
         comparison = compare(
-            domain, algorithms=names, seeds=chosen, settings=settings,
+            task, algorithms=names, seeds=chosen, settings=settings,
             model_variants=_named(model_variants, "--model-variants"),
             changed=changed, out=out, quiet=quiet, env_steps=env_steps, threshold=threshold,
             evaluate_every=evaluate_every, evaluation_episodes=evaluation_episodes,

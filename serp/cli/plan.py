@@ -10,6 +10,7 @@ import click
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say
 from serp.cli.output import open_console, print_json
+from serp.cli.tasks import asked_own_task, own_task_option
 from serp.domain.source import listed
 from serp.errors import SerpError
 
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
         "serp plan --domain cartpole --svg decision.svg",
     ],
 )
-@click.option("--domain", metavar="NAME|FILE", required=True,
-              help="Installed task, or any domain file.")  # fmt: skip
+@click.option("--domain", metavar="NAME|FILE", help="Installed task, or any domain file.")
+@own_task_option
 @click.option("--problem", type=click.Path(path_type=Path), metavar="FILE",
               help="Problem file.  [default: NAME-problem.pddl beside the domain]")  # fmt: skip
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
@@ -58,7 +59,7 @@ if TYPE_CHECKING:
 @click.pass_context
 def command(
     ctx: click.Context,
-    domain: str,
+    domain: str | None,
     problem: Path | None,
     assignments: tuple[str, ...],
     observe: bool,
@@ -81,7 +82,7 @@ def command(
     if svg is not None and svg.suffix.lower() != ".svg":
         raise click.BadParameter("the picture is an SVG; name a file that ends in .svg", ctx,
                                  param_hint="--svg")  # fmt: skip
-    loaded = _load(domain, problem)
+    loaded = _load(ctx, domain, problem)
     period = dt or (loaded.task.dt if loaded.task else 1.0)
     model = loaded.domain.model.replace(dt=period)
     planner = _planner(
@@ -112,15 +113,19 @@ class _Loaded(NamedTuple):
     task: Task | None
 
 
-def _load(name: str, problem: Path | None) -> _Loaded:
+def _load(ctx: click.Context, name: str | None, problem: Path | None) -> _Loaded:
     from serp.domain.loading import Domain, load_domain
     from serp.registry import find_domain_file, load_task, task_of
 
-    path = find_domain_file(name)
+    task = asked_own_task()
+    if name is None and task is None:
+        raise click.UsageError("give --domain (`serp list` names the tasks), or --task", ctx)
+    path = find_domain_file(name) if name is not None else None
     if path is not None:
         domain = load_domain(path, problem)
-        return _Loaded(domain, task_of(domain, path))
-    task = load_task(name)
+        return _Loaded(domain, task_of(domain, path) if task is None else task)
+    if task is None:
+        task = load_task(str(name))
     if problem is None:
         return _Loaded(task.load(), task)
     file = task.domain.source.name if isinstance(task.domain, Domain) else task.domain

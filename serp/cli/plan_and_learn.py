@@ -12,6 +12,7 @@ from click.core import ParameterSource
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import INTERRUPTED, say
 from serp.cli.output import number, open_console, plural, print_table
+from serp.cli.tasks import asked_task, own_task_name, own_task_option
 from serp.cli.values import parse_settings
 
 if TYPE_CHECKING:
@@ -31,10 +32,12 @@ _FROM_OUT = ""
         "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
         "serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7",
         "serp plan-and-learn --domain cartpole --correct off",
+        "serp plan-and-learn --task my_robot.py",
         "serp plan-and-learn --resume runs/seven --episodes 500",
     ],
 )
 @click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
+@own_task_option
 @click.option("--preset", metavar="default|paper", default="default", show_default=True,
               help="Settings to begin with.")  # fmt: skip
 @click.option("--episodes", type=click.IntRange(min=1), metavar="N",
@@ -84,11 +87,7 @@ def command(
         path = _run_to_resume(ctx, resume or None, out)
         task = _task_of_run(path, domain)
     else:
-        if domain is None:
-            raise click.UsageError(
-                "give --domain (`serp list` names the tasks), or --resume RUN", ctx
-            )
-        path, task = _new_run(domain, out)
+        path, task = _new_run(ctx, domain, out)
     from serp.errors import Interrupted
     from serp.run import plan_and_learn
 
@@ -130,20 +129,23 @@ def _run_to_resume(ctx: click.Context, given: str | None, out: Path | None) -> P
 
 
 def _task_of_run(path: Path, domain: str | None) -> Task:
-    from serp.registry import find_task, load_task
+    from serp.registry import load_task
     from serp.runs.config import read_config
 
-    name = read_config(path)["config"].get("task")
-    return find_task(domain) if domain is not None else load_task(str(name))
+    task = asked_task(domain)
+    return task if task is not None else load_task(str(read_config(path)["config"].get("task")))
 
 
-def _new_run(domain: str, out: Path | None) -> tuple[Path, Task]:
+def _new_run(ctx: click.Context, domain: str | None, out: Path | None) -> tuple[Path, Task]:
     import dataclasses
 
-    from serp.registry import find_task
     from serp.runs.placement import default_path
 
-    task = find_task(domain)
+    task = asked_task(domain)
+    if task is None:
+        raise click.UsageError(
+            "give --domain (`serp list` names the tasks), --task, or --resume RUN", ctx
+        )
     loaded = task.load()
     path = out if out is not None else default_path(task.name or loaded.name)
     return path, dataclasses.replace(task, domain=loaded)
@@ -163,7 +165,13 @@ def _episodes(path: Path) -> int:
 
 
 def _how_to_resume(path: Path) -> str:
-    return f"Continue with:\n  serp plan-and-learn --resume {shlex.quote(str(path))}"
+    return f"Continue with:\n  serp plan-and-learn --resume {shlex.quote(str(path))}{_own_task()}"
+
+
+def _own_task() -> str:
+    """Return `--task` as it was given, for a command that is to be typed next."""
+    name = own_task_name()
+    return f" --task {shlex.quote(name)}" if name is not None else ""
 
 
 def _print_results(run: Run, domain: str | None) -> None:
@@ -206,7 +214,7 @@ def _print_results(run: Run, domain: str | None) -> None:
         console,
         ("", ""),
         [
-            (f"  serp evaluate {quoted}", "how good it is now, without exploration"),
+            (f"  serp evaluate {quoted}{_own_task()}", "how good it is now, without exploration"),
             (f"  serp plan --domain {shown}", "what the planner sees, and why"),
             (f"  {run.path / 'report.md'}", "the whole run on one page, with its learning curve"),
         ],

@@ -103,7 +103,7 @@ def _refuse_another_problem(recorded: Recorded, out: Path) -> None:
 
 def _refuse_the_copies(recorded: Recorded, out: Path) -> None:
     """Refuse the run's own copies, which say what its lines and numbers are about."""
-    if out.resolve() in {(recorded.run / name).resolve() for name in recorded.files}:
+    if os.path.realpath(out) in {os.path.realpath(recorded.run / n) for n in recorded.files}:
         raise SerpError(f"{out} belongs to the run; give a name outside {recorded.run}")
 
 

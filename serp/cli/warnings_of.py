@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from serp.cli.semantic_warnings import anywhere, semantic_warnings
 from serp.domain import syntax as x
 from serp.domain.ground import UNSAFE_TARGET, GroundModel, SetBoolean, writes
 from serp.domain.loading import Domain
-from serp.domain.sexpr import Group, Word, read_group
+from serp.domain.sexpr import Group, Node, Word, read_group
 from serp.domain.source import DomainWarning
 
 _ADL = (":typing", ":negative-preconditions", ":disjunctive-preconditions", ":equality",
@@ -31,22 +32,27 @@ def warnings_of(domain: Domain) -> list[DomainWarning]:
     Args:
         domain: A domain that was loaded, hence free of errors.
     """
+    of_loading = domain.warnings
+    wide = anywhere(domain)
     return [
-        *domain.warnings,
-        *_nothing_said(domain),
+        *of_loading,
+        *_nothing_said(domain, wide),
         *_flags_read_in_actions(domain),
-        *_schemas_without_use(domain),
+        *_schemas_without_use(domain, wide),
+        *semantic_warnings(domain, wide),
         *_unused_names(domain),
+        *_unused_variables(domain),
+        *_unused_types(domain),
         *_missing_requirements(domain),
     ]
 
 
-def _nothing_said(domain: Domain) -> Iterator[DomainWarning]:
+def _nothing_said(domain: Domain, wide: GroundModel) -> Iterator[DomainWarning]:
     model = domain.model
     name = domain.source.name
     if not model.actions:
         yield DomainWarning(f"{name}: no ground action, so there is nothing to plan with")
-    if not _makes_unsafe(model.ground):
+    if not _makes_unsafe(wide):
         yield DomainWarning(
             f"{name}: nothing is ever `(unsafe)`, so nothing will be refused for safety's sake"
         )
@@ -108,10 +114,9 @@ def _atoms(conditions: Iterable[x.Condition]) -> Iterator[x.Atom]:
                 yield from _atoms([body])
 
 
-def _schemas_without_use(domain: Domain) -> Iterator[DomainWarning]:
-    ground = domain.model.ground
+def _schemas_without_use(domain: Domain, wide: GroundModel) -> Iterator[DomainWarning]:
     instances: dict[str, list[bool]] = {schema.name: [] for schema in domain.syntax.schemas}
-    for instance in (*ground.actions, *ground.processes, *ground.events):
+    for instance in (*wide.actions, *wide.processes, *wide.events):
         instances[instance.schema].append(bool(writes(instance)))
     objects = domain.problem_syntax.objects if domain.problem_syntax else domain.syntax.constants
     for schema in domain.syntax.schemas:
@@ -127,7 +132,7 @@ def _schemas_without_use(domain: Domain) -> Iterator[DomainWarning]:
             yield DomainWarning(f"{what} has no instance: {why}", schema.place)
         elif not any(instances[schema.name]) and not (
             # Waiting is an action where the world moves on by itself.
-            schema.kind is x.Kind.ACTION and not schema.effects and ground.processes
+            schema.kind is x.Kind.ACTION and not schema.effects and wide.processes
         ):
             yield DomainWarning(f"{what} changes nothing", schema.place)
 
@@ -154,18 +159,79 @@ def _unused_names(domain: Domain) -> Iterator[DomainWarning]:
             )
 
 
+def _unused_variables(domain: Domain) -> Iterator[DomainWarning]:
+    """Find parameters of actions, processes, events and quantifiers that nothing there reads."""
+    for section in _sections(domain, (":action", ":process", ":event")):
+        listed, rest = _split_parameters(section)
+        what = " ".join(item.text for item in section.items[:2] if isinstance(item, Word))
+        yield from _unread(listed, rest, f"`({what}`")
+        for group in _groups(section):
+            if group.head in ("forall", "exists") and len(group.items) == 3:
+                yield from _unread(group.items[1], group.items[2:], f"`({group.head}`")
+
+
+def _split_parameters(section: Group) -> tuple[Node | None, list[Node]]:
+    """Return the list of parameters of a schema, and all the rest of it."""
+    items = list(section.items)
+    for index, item in enumerate(items[:-1]):
+        if isinstance(item, Word) and item.text == ":parameters":
+            return items[index + 1], items[:index] + items[index + 2 :]
+    return None, items
+
+
+def _unread(listed: Node | None, rest: Iterable[Node], what: str) -> Iterator[DomainWarning]:
+    read = {word.text for node in rest for word in _words(node)}
+    for word in _words(listed) if listed is not None else ():
+        if word.text.startswith("?") and word.text not in read:
+            yield DomainWarning(f"parameter `{word.text}` of {what} is not used", word.place)
+
+
+def _unused_types(domain: Domain) -> Iterator[DomainWarning]:
+    """Find types that no parameter and no object has, nor one of a type below them."""
+    syntax = domain.syntax
+    read = {
+        word.text
+        for source in (domain.source, domain.problem_source)
+        if source is not None
+        for section in read_group(source).items[2:]
+        if isinstance(section, Group) and section.head != ":types"
+        for word in _words(section)
+    }
+    used: set[str] = set()
+    for name in read & syntax.parents.keys():
+        while name in syntax.parents and name not in used:  # what it is a kind of is used as well
+            used.add(name)
+            name = syntax.parents[name]
+    for section in _sections(domain, (":types",)):
+        for word in _words(section):
+            if word.text in syntax.parents and word.text not in used:
+                used.add(word.text)
+                yield DomainWarning(
+                    f"type `{word.text}` is declared, but nothing is of it", word.place
+                )
+
+
+def _words(node: Node) -> Iterator[Word]:
+    if isinstance(node, Word):
+        yield node
+    else:
+        for item in node.items:
+            yield from _words(item)
+
+
+def _groups(group: Group) -> Iterator[Group]:
+    yield group
+    for item in group.items:
+        if isinstance(item, Group):
+            yield from _groups(item)
+
+
 def _words_in_use(domain: Domain) -> Iterator[Word]:
     """Yield the heads of all lists in schemas, goal and metric."""
     for section in _sections(domain, (":action", ":process", ":event", ":goal", ":metric")):
-        yield from _heads(section)
-
-
-def _heads(group: Group) -> Iterator[Word]:
-    if group.items and isinstance(group.items[0], Word):
-        yield group.items[0]
-    for item in group.items:
-        if isinstance(item, Group):
-            yield from _heads(item)
+        for group in _groups(section):
+            if group.items and isinstance(group.items[0], Word):
+                yield group.items[0]
 
 
 def _sections(domain: Domain, heads: tuple[str, ...]) -> Iterator[Group]:
@@ -185,7 +251,10 @@ def _missing_requirements(domain: Domain) -> Iterator[DomainWarning]:
     missing = [need for need in _needs(domain.syntax) if need not in declared]
     if missing:
         place = section.place if section else domain.syntax.place
-        yield DomainWarning(f"used, but not among the :requirements: {' '.join(missing)}", place)
+        why = " (processes and events need it)" if ":time" in missing else ""
+        yield DomainWarning(
+            f"used, but not among the :requirements: {' '.join(missing)}{why}", place
+        )
 
 
 def _needs(syntax: x.DomainSyntax) -> list[str]:

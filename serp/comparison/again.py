@@ -9,18 +9,23 @@ from typing import Any
 
 from serp.comparison.algorithms import Changes
 from serp.comparison.plan import Plan, kept_file
+from serp.registry import task_entries
 
 
 def command(plan: Plan) -> str:
     """Return the command that begins the comparison anew, with the domain files as it keeps them.
 
-    Files are named from within its folder.
+    Files are named from within its folder. Of a task that is not installed, nothing says where it
+    lies: that is left to be filled in.
     """
     conditions = plan.conditions
     base, *others = (
         kept_file(plan.folder, name).relative_to(plan.folder).as_posix() for name in plan.variants
     )
-    words = ["serp", "compare", "--domain", base, "--algorithms", ",".join(plan.algorithms)]
+    words = ["serp", "compare", "--domain", base]
+    if plan.name not in task_entries():
+        words += ["--task", "FILE.py:FUNCTION"]
+    words += ["--algorithms", ",".join(plan.algorithms)]
     words += ["--seeds", _seeds(plan.seeds), "--env-steps", str(conditions.env_steps)]
     words += ["--evaluate-every", str(conditions.evaluate_every)]
     words += ["--evaluation-episodes", str(conditions.evaluation_episodes)]

@@ -19,6 +19,7 @@ _SECTIONS = frozenset(
     )
 )
 _FIELDS = frozenset((":parameters", ":precondition", ":effect"))
+_HEADS = frozenset(("increase", "decrease", "assign", "scale-up", "scale-down", "when"))
 _OPENING = re.compile(r"\([ \t]*(:?)([^\s()]*)(\s+[^\s()]+)?")
 
 
@@ -36,6 +37,7 @@ class Balance:
         self._closing: Place | None = None
         # A form that the layout says should have ended, and the token behind which.
         self._suspect: tuple[Place, Place] | None = None
+        self._bare: Place | None = None  # a word that begins a form, without a `(` before it
 
     def see(self, token: str, place: Place) -> None:
         """Take note of the next token: `(`, `)` or a word.
@@ -54,6 +56,8 @@ class Balance:
         elif token == ")":
             self.open.pop()
             self._closing = place
+        elif token in _HEADS and self._bare is None and self._last[:1] != self.open[-1:]:
+            self._bare = place
         self._last = [place, *self._last[:1]]
 
     def _see_line(self, token: str, place: Place, line: int) -> None:
@@ -81,12 +85,19 @@ class Balance:
             where = f"{shown} begins in line {place.line}"
             raise self._missing(self.open[wanted:depth], before, where)
         if depth == wanted - 1 and self._closing is not None:
-            raise one_too_many(self._closing, f"{shown} in line {place.line} follows")
-        self._suspect = None
+            raise self.too_many(f"{shown} in line {place.line} follows")
+        self._suspect = self._bare = None
 
     def at_end(self) -> DomainError:
         """Return what is wrong where the file ends and a form is open."""
         return self._missing(self.open, self._last[0], "the file ends")
+
+    def too_many(self, why: str) -> DomainError:
+        """Return what is wrong where a form has ended although more of it follows."""
+        if self._bare is not None:
+            word = self._bare.text
+            return DomainError(f"a `(` is missing before `{word}`", self._bare, write=f"({word}")
+        return DomainError(f"this `)` is one too many: {why}", self._closing, write="")
 
     def _missing(self, still: list[Place], before: Place, where: str) -> DomainError:
         form, before = self._suspect or (still[-1], before)
@@ -99,8 +110,3 @@ class Balance:
             before.source.place(before.end, before.end),
             write=")" * count,
         )
-
-
-def one_too_many(closing: Place, why: str) -> DomainError:
-    """Return the error of a `)` that ends a form too early."""
-    return DomainError(f"this `)` is one too many: {why}", closing, write="")

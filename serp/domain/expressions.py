@@ -323,6 +323,8 @@ def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tup
     if not group.items:
         return ()
     head = group.head
+    if slip := slips.in_effect(group, scope.declarations):
+        raise slip
     if head == "and":
         return tuple(
             effect
@@ -341,8 +343,6 @@ def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tup
         if len(group.items) != 2:
             raise DomainError("`not` takes one predicate", group.place)
         return (_set_predicate(group.items[1], scope, value=False, place=group.place),)
-    if slip := slips.in_effect(group, scope.declarations):
-        raise slip
     if head in ("or", "exists", "imply", "oneof", "probabilistic") and (
         head not in scope.declarations
     ):

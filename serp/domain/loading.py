@@ -43,7 +43,7 @@ class Domain:
     def warnings(self) -> tuple[DomainWarning, ...]:
         """What loading the files came upon that is no error: forms that other tools refuse."""
         sources = [s for s in (self.source, self.problem_source) if s is not None]
-        return tuple(warning for source in sources for warning in source.warnings)
+        return tuple(dict.fromkeys(w for source in sources for w in source.warnings))
 
     def observed(self, supplied: Iterable[str] = ()) -> Domain:
         """Return the same domain for states that an environment gives.

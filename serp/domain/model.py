@@ -155,7 +155,8 @@ class TransitionModel:
         """
         if not isinstance(values, Mapping):
             raise StateError(f"a state is given as fluent name → value, not as {values!r}")
-        self.check_names(values)
+        if values.keys() != self._index.keys():
+            self.check_names(values)
         state = np.empty(len(self.fluents))
         for name, value in values.items():
             try:
@@ -172,15 +173,14 @@ class TransitionModel:
         Raises:
             StateError: One is unknown, or fluents are missing; names them.
         """
-        if len(names) == len(self._index) and all(name in self._index for name in names):
-            return
         for name in names:
             if name not in self._index:
                 raise StateError(self._unknown_fluent(str(name)))
         missing = listed(f.name for f in self.fluents if f.name not in names)
-        raise StateError(
-            f"no value for fluent {missing}; given are {listed(map(str, names)) or 'none'}"
-        )
+        if missing:
+            raise StateError(
+                f"no value for fluent {missing}; given are {listed(map(str, names)) or 'none'}"
+            )
 
     def _unknown_fluent(self, name: str) -> str:
         if name in self.ground.static:

@@ -6,7 +6,7 @@ import functools
 import re
 from dataclasses import dataclass
 
-from serp.domain.balance import Balance, one_too_many
+from serp.domain.balance import Balance
 from serp.domain.source import DomainError, Place, Source
 
 _BLANK = re.compile(r"(?:[ \t\r\n\f\v]+|;[^\r\n]*)*")
@@ -72,7 +72,7 @@ def read_group(source: Source) -> Group:
                 write=";",
             )
         if top is not None:
-            raise _after_the_end(top, place)
+            raise _after_the_end(balance, place)
         if not open_groups and token != "(":
             if token == ")":
                 raise DomainError("`)` without a `(` before it", place)
@@ -105,12 +105,9 @@ def read_group(source: Source) -> Group:
     return top
 
 
-def _after_the_end(top: Group, place: Place) -> DomainError:
-    source, end = place.source, top.place.end
-    if keyword := _KEYWORD_AHEAD.match(source.text, place.start):
-        return one_too_many(
-            source.place(end - 1, end), f"`{keyword[0]}` in line {place.line} follows"
-        )
+def _after_the_end(balance: Balance, place: Place) -> DomainError:
+    if keyword := _KEYWORD_AHEAD.match(place.source.text, place.start):
+        return balance.too_many(f"`{keyword[0]}` in line {place.line} follows")
     return DomainError(
         "text after the end of the definition",
         place,

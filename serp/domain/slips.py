@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 from serp.domain.sexpr import Group, Node, Word
 from serp.domain.source import DomainError
@@ -81,6 +82,14 @@ def in_condition(group: Group, declared: Declared) -> DomainError | None:
         return None
     if head in _COMPARISONS and len(group.items) == 3:
         return _comparison(group, declared)
+    if head in _COMPARISONS and len(group.items) > 3:
+        pairs = (_prefix(_COMPARISONS[head], pair, declared) for pair in pairwise(group.items[1:]))
+        return DomainError(
+            f"`{head}` compares two things", group.place, write=f"(and {' '.join(pairs)})"
+        )
+    if head == "when":
+        why = "`when` stands in an effect; in a condition it is called `imply`"
+        return _instead(group, why, "imply", declared)
     if head in _CONNECTIVES:
         return _instead(group, f"`{head}` is no word of PDDL", _CONNECTIVES[head], declared)
     return _missing_and(group, "conditions")
@@ -127,6 +136,12 @@ def in_effect(group: Group, declared: Declared) -> DomainError | None:
             return DomainError("a predicate is an effect by itself", group.place, write=atom)
         why = f"`{head}` is not supported in an effect"
         return _instead(group, why, _CHANGES[head], declared)
+    if len(group.items) == 4 and head in _CHANGES.values():
+        target, between, value = group.items[1:]
+        if isinstance(between, Word) and between.text in ("by", "to", "="):
+            why = f"`{head}` takes a function and a value"
+            text = f"({head} {_operand(target, declared)} {_operand(value, declared)})"
+            return DomainError(why, group.place, write=text)
     if head == "if" and len(group.items) in (3, 4):
         condition, then, *otherwise = (written(node) for node in group.items[1:])
         text = f"(when {condition} {then})"

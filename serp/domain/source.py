@@ -26,13 +26,13 @@ class Source:
     Attributes:
         name: The file's path as the user wrote it; it opens every message.
         text: The whole content.
-        warnings: The keys are what the user should know of the file and is no error, in the order
-            in which reading it came upon them. `Place.warn` adds to them.
+        warnings: What the user should know of the file and is no error, as `Place.warn` added it;
+            `Domain.warnings` has each once.
     """
 
     name: str
     text: str
-    warnings: dict[DomainWarning, None] = field(default_factory=dict, repr=False)
+    warnings: list[DomainWarning] = field(default_factory=list, repr=False)
 
     @classmethod
     def read(cls, path: str | Path) -> Source:
@@ -108,8 +108,8 @@ class Place:
         return self.source.line_text(self.line)
 
     def warn(self, text: str) -> None:
-        """Add a warning about this place to those of its file; the same one is kept once."""
-        self.source.warnings[DomainWarning(text, self)] = None
+        """Add a warning about this place to those of its file."""
+        self.source.warnings.append(DomainWarning(text, self))
 
     def replaced(self, text: str) -> str:
         """Return the lines of the place, in one line, with other text in its stead."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tests.serp.cli.conftest import WALK, WALK_PROBLEM, Run
 
+DOMAINS = Path(__file__).resolve().parents[3] / "domains"
 MISSPELT = WALK.replace("(increase (walked) 1)", "(increase (walkd) 1)")
 
 
@@ -30,6 +31,30 @@ def test_an_installed_task_is_checked_by_name(run: Run) -> None:
     assert "cartpole: right" in shown
     assert "unsafe: event fall" in shown
     assert "warning" not in shown
+
+
+def test_numbers_that_a_task_never_observes_are_warned_of(run: Run, folder: Path) -> None:
+    text = (DOMAINS / "cartpole.pddl").read_text()
+    in_degrees = text.replace("(> (pole-angle) 0.2618)", "(> (pole-angle) 12)")
+    assert in_degrees != text
+    Path("cartpole.pddl").write_text(in_degrees)
+    shown = run("check", "cartpole.pddl").stdout
+    assert "task cartpole: environment, grounding and actions fit together" in shown
+    (line,) = (line for line in shown.splitlines() if "warning" in line)
+    assert "`(> (pole-angle) 12)`: the observations of the task give `pole-angle` values" in line
+    assert "from -0.52" in line and "is 12 in the same unit?" in line
+
+
+def test_a_fluent_that_the_task_does_not_ground_is_named(run: Run, folder: Path) -> None:
+    text = (DOMAINS / "cartpole.pddl").read_text()
+    Path("cartpole.pddl").write_text(text.replace("(pole-angle)      ;", "(wind) (pole-angle) ;"))
+    shown = run("check", "cartpole.pddl").stdout
+    assert "cartpole.pddl: right" in shown  # by itself
+    assert "warning: task cartpole: the grounding does not fit cartpole.pddl: " in shown
+    assert "found 4: there is none for `pole-velocity`" in shown
+    told = run("plan-and-learn", "--domain=cartpole", "--out=runs/new", expect=1).stderr
+    assert "found 4: there is none for `pole-velocity`" in told
+    assert not Path("runs").exists()
 
 
 def test_symmetries_are_told(run: Run) -> None:

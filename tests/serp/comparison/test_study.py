@@ -61,6 +61,8 @@ def test_everything_that_was_asked_for_is_run_and_reported(whole: Path) -> None:
     assert set(trials_in(folder)) == {
         f"{name}/walk/seed-{seed}" for name in ("serp", "dqn") for seed in (0, 1)
     }
+    # The task is not installed, so the command that begins anew leaves a place for it.
+    assert "--task FILE.py:FUNCTION" in (folder / "report.md").read_text()
     for name in ("report.md", "report.html", "measures.csv", "episodes.csv", "comparison.json"):
         assert (folder / name).stat().st_size > 0
     with open(folder / "measures.csv", newline="") as file:

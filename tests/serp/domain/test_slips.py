@@ -51,6 +51,7 @@ SLIPS = [
     # One too many
     ("9.5))\n", "9.5)))\n", "9.5))", "9:43: this `)` is one too many: `:effect` in line 10"),
     ("0.5)))", "0.5))))", "0.5)))", "12:32: this `)` is one too many: `(:action` in line 14"),
+    (EFFECT, "increase (x) 1)", EFFECT, "11:7: a `(` is missing before `increase`"),
     # Comments of other languages
     ("; move", "# move (it) )", "; move", "6:3: `#` begins no comment"),
     ("; move", "//move", ";move", "6:3: `//` begins no comment"),
@@ -58,6 +59,7 @@ SLIPS = [
     (EFFECT, "(= (x) 1)", "(assign (x) 1)", "`=` is not supported in an effect"),
     (EFFECT, "(set (x) 1)", "(assign (x) 1)", "`set` is not supported in an effect"),
     (EFFECT, "(set (held) false)", "(not (held))", "a predicate is an effect by itself"),
+    (EFFECT, "(increase (x) by 1)", EFFECT, "`increase` takes a function and a value"),
     (EFFECT, "(x += 1)", EFFECT, "`+=` stands between"),
     (EFFECT, "(if (near) (held) (unsafe))",
      "(and (when (near) (held)) (when (not (near)) (unsafe)))", "it is called `when`"),
@@ -82,6 +84,8 @@ SLIPS = [
     (CONDITION, "(== (x) 9.5)", "(= (x) 9.5)", "`==` is no word of PDDL"),
     (CONDITION, "(!= (x) 9.5)", "(not (= (x) 9.5))", "`!=` is no word of PDDL"),
     (CONDITION, "(= (held) true)", "(held)", "a predicate is a condition by itself"),
+    (CONDITION, "(< 0 (x) 9.5)", "(and (< 0 (x)) (< (x) 9.5))", "`<` compares two things"),
+    (CONDITION, "(when (near) (held))", "(imply (near) (held))", "it is called `imply`"),
     (BOTH, "(near) (< (x) 9.5)", BOTH, "`:precondition` takes one form, found 2"),
     (BOTH, "((near) (< (x) 9.5))", BOTH, "conditions stand in a list without `and`"),
     (BOTH, "((near))", "(near)", "one pair of parentheses too many"),

@@ -1,0 +1,65 @@
+"""The option `--task`: a task of one's own, wherever `--domain` or a run stands."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from serp.errors import SerpError
+
+if TYPE_CHECKING:
+    from serp.task import Task
+
+_KEY = f"{__name__}.task"
+
+
+def _remember(ctx: click.Context, parameter: click.Parameter, value: str | None) -> None:
+    ctx.meta[_KEY] = value
+
+
+own_task_option = click.option(
+    "--task", metavar="FILE.py|MODULE:FUNCTION", expose_value=False, callback=_remember,
+    help="A task that is not installed: a Python file, FILE.py:FUNCTION or MODULE:FUNCTION that "
+         "gives a serp.Task.")  # fmt: skip
+
+
+def own_task_name() -> str | None:
+    """Return what `--task` says, or None where it is not given."""
+    name: str | None = click.get_current_context().meta.get(_KEY)
+    return name
+
+
+def asked_own_task() -> Task | None:
+    """Return the task that `--task` names, or None where it is not given.
+
+    Raises:
+        TaskError: There is no such task.
+    """
+    name = own_task_name()
+    if name is None:
+        return None
+    from serp.own_tasks import own_task
+
+    return own_task(name)
+
+
+def asked_task(domain: str | None) -> Task | None:
+    """Return the task that `--task` and `--domain` mean together; None where neither is given.
+
+    Beside `--task`, `--domain` is another domain file for it.
+
+    Raises:
+        SerpError: There is no such task or file.
+    """
+    import dataclasses
+
+    from serp.registry import find_domain_file, find_task
+
+    task = asked_own_task()
+    if domain is None or task is None:
+        return find_task(domain) if domain is not None else task
+    file = find_domain_file(domain)
+    if file is None:
+        raise SerpError(f"--domain {domain}: beside --task it is a domain file")
+    return dataclasses.replace(task, domain=file, problem=None)
