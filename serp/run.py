@@ -28,6 +28,7 @@ from serp.policies import Policy
 from serp.progress import ProgressStats, open_progress
 from serp.quantities import seed_of, whole
 from serp.registry import find_task, load_task
+from serp.reward import said_of, source_of
 from serp.runs.checkpoint import NEWEST, PREVIOUS, Checkpoint
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.placement import default_path
@@ -104,6 +105,8 @@ def plan_and_learn(
             "preset": preset,
             "seed": seed,
             "reward": bound.rewarded_by,
+            "learned_from": source_of(bound.rewarded_by, resolved),
+            "file_rewards": bound.model.rewarding,
             "control_period": bound.model.dt,
             "budget": budget.as_dict(),
             "settings": resolved.as_dict(),
@@ -243,7 +246,8 @@ def _train(
     ):
         if settings.tensorboard:
             events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
-        for text in (note, *trainer.agent.notices):
+        learning = said_of(trainer.judge.source, in_file=trainer.task.model.rewarding)
+        for text in (note, f"{learning[0].upper()}{learning[1:]}.", *trainer.agent.notices):
             if text is not None:
                 progress.note(text)
         # Whatever happens in the first episodes, the run can be continued.

@@ -17,7 +17,7 @@ from serp.arbiter import Decision
 from serp.domain.model import StateError, Vector
 from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.learning.dqn import DQN
-from serp.reward import judge
+from serp.reward import Judge
 from serp.runs.rows import DecisionRow, MetricsRow
 from serp.runs.tables import Table
 from serp.saved import Saved
@@ -61,7 +61,7 @@ class Transition(NamedTuple):
 
     Attributes:
         decision: What was done, who did it and why.
-        reward: What is learned from: the domain's reward or the environment's.
+        reward: What is learned from; see `serp.reward`.
         env_reward: The environment's reward.
         terminated: Whether the environment ended the episode here.
         truncated: Whether the episode was cut off here.
@@ -130,6 +130,7 @@ class Trainer:
         agent: Who is trained; by default a new `Agent`.
 
     Attributes:
+        judge: Says what a step was worth.
         decisions: The same, to be set before the first episode.
         episode, env_steps: How many there were.
         units: How many units of `arbiter.rho_unit` have ended.
@@ -148,6 +149,7 @@ class Trainer:
         self.task = task
         self.settings = settings
         self.seed = seed
+        self.judge = Judge(task, settings)
         try:
             self.agent = agent or Agent(task, settings, seed)
         except (MemoryError, RuntimeError) as error:
@@ -216,7 +218,7 @@ class Trainer:
             raw, env_reward, terminated, truncated, info = task.step(decision.action)
             next_state, next_x = self._perceive(raw)
             ground = int(decision.forecast.ground[decision.action])
-            judged = judge(task, state, ground, next_state, env_reward)
+            judged = self.judge(state, ground, next_state, env_reward)
             reward, domain_reward, failed = judged
             episode.count(decision, env_reward, domain_reward)
             limit = self.settings.training.episode_steps

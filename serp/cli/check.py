@@ -76,6 +76,7 @@ def _report(console: Console, pair: Pair, portable_seconds: float | None) -> int
     Raises:
         SerpError: Something is wrong.
     """
+    from serp.cli.rewards import learned_from_by
     from serp.cli.warnings_of import warnings_of
     from serp.portability import outside_portable_subset
 
@@ -86,6 +87,8 @@ def _report(console: Console, pair: Pair, portable_seconds: float | None) -> int
     console.print(f"{pair.name}: right", style="bold green")
     for line in _summary(domain):
         console.print(f"  {line}")
+    if learned := learned_from_by(domain, pair.domain or Path(domain.source.name)):
+        console.print(f"  {learned}")
     for finding in findings[:_WARNINGS]:
         console.print(f"  warning: {finding}", style="yellow")
     if len(findings) > _WARNINGS:

@@ -7,6 +7,8 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from serp.reward import said_of
+
 
 def report(
     about: Mapping[str, Any],
@@ -27,6 +29,7 @@ def report(
         f"# Run: {_plain(_title(about, summary))}",
         _lead(summary),
         f"![Learning curve: return per episode, and who decided]({picture})",
+        *_learned_from(summary),
         "## Result\n\n" + _results(summary),
         "## Safety\n\n" + _safety(summary),
         "## Vetoes by reason\n\n" + _vetoes(summary["vetoes_by_reason"]),
@@ -58,6 +61,12 @@ def _lead(summary: Mapping[str, Any]) -> str:
         f"{_number(returns['first_10'])} (first 10 episodes) to {_number(returns['last_20'])} "
         f"(last 20). Unsafe actions executed: {summary['unsafe_executed']:,}."
     )
+
+
+def _learned_from(summary: Mapping[str, Any]) -> Iterable[str]:
+    if "learned_from" in summary:
+        said = said_of(summary["learned_from"], in_file=bool(summary["file_rewards"]))
+        yield f"{said[0].upper()}{said[1:]}."
 
 
 def _results(summary: Mapping[str, Any]) -> str:

@@ -11,6 +11,7 @@ from serp.tally import STEPS_BY, total
 
 WINDOW = 20  # episodes: the mean that tells whether a policy is good, as in the learning curve
 
+_FROM_CONFIG = ("domain", "preset", "seed", "learned_from", "file_rewards")
 Metrics = Mapping[str, np.ndarray[Any, Any]]
 """Column of ``metrics.csv`` → array ``[episodes]``."""
 
@@ -46,7 +47,8 @@ def summarize(
 
     Args:
         metrics: what `serp.runs.reading.read_metrics` returns.
-        config: the resolved configuration; its ``domain``, ``preset`` and ``seed`` are repeated.
+        config: the resolved configuration; its ``domain``, ``preset``, ``seed``,
+            ``learned_from`` and ``file_rewards`` are repeated.
         vetoes_by_reason: reason → proposals refused for it, in the order to be listed.
         evaluation: results of an evaluation after the training, taken over as they are.
 
@@ -61,9 +63,7 @@ def summarize(
     episodes = len(metrics["episode"])
     steps = int(metrics["env_steps"][-1]) if episodes else 0
     seconds = float(metrics["wall_time"][-1]) if episodes else 0.0
-    summary: dict[str, Any] = {
-        key: settings[key] for key in ("domain", "preset", "seed") if key in settings
-    }
+    summary: dict[str, Any] = {key: settings[key] for key in _FROM_CONFIG if key in settings}
     summary |= {
         "episodes": episodes,
         "env_steps": steps,
