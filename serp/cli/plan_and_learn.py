@@ -80,6 +80,7 @@ def command(
             raise click.UsageError("give --correct or --set correction.mode, not both", ctx)
         settings["correction"]["mode"] = correct
     resuming = resume is not None
+    path: Path | None
     if resuming:
         path = _run_to_resume(ctx, resume or None, out)
         task = _task_of_run(path, domain)
@@ -88,25 +89,27 @@ def command(
             raise click.UsageError(
                 "give --domain (`serp list` names the tasks), or --resume RUN", ctx
             )
-        path, task = _new_run(domain, out)
+        from serp.registry import find_task
+
+        path, task = out, find_task(domain)
     from serp.errors import Interrupted
     from serp.run import plan_and_learn
 
-    episodes_before = _episodes(path) if resuming else 0
+    episodes_before = _episodes(path) if resuming and path is not None else 0
     try:
         run = plan_and_learn(
             task, preset=preset, settings=settings, episodes=episodes, env_steps=env_steps,
             seed=seed, out=path, resume=resuming, quiet=quiet,
         )  # fmt: skip
     except Interrupted as stop:
-        say(f"{stop}.\n{_how_to_resume(path)}")
+        say("\n".join([str(stop), *_notes(stop)]))
         return INTERRUPTED
-    except KeyboardInterrupt:
-        if not _holds_run(path):
+    except KeyboardInterrupt as stop:
+        if not _notes(stop):
             raise
-        say(f"Stopped at once.\n{_how_to_resume(path)}")
+        say("\n".join(["Stopped at once.", *_notes(stop)]))
         return INTERRUPTED
-    if resuming and _episodes(path) == episodes_before:
+    if resuming and _episodes(run.path) == episodes_before:
         say("Nothing was left to do. To train on, give more --episodes or --env-steps in all.")
     if quiet:
         click.echo(run.path)
@@ -137,24 +140,6 @@ def _task_of_run(path: Path, domain: str | None) -> Task:
     return find_task(domain) if domain is not None else load_task(str(name))
 
 
-def _new_run(domain: str, out: Path | None) -> tuple[Path, Task]:
-    import dataclasses
-
-    from serp.registry import find_task
-    from serp.runs.placement import default_path
-
-    task = find_task(domain)
-    loaded = task.load()
-    path = out if out is not None else default_path(task.name or loaded.name)
-    return path, dataclasses.replace(task, domain=loaded)
-
-
-def _holds_run(path: Path) -> bool:
-    from serp.runs.config import CONFIG
-
-    return (path / CONFIG).is_file()
-
-
 def _episodes(path: Path) -> int:
     from serp.runs.folder import METRICS
     from serp.runs.reading import read_metrics
@@ -162,8 +147,9 @@ def _episodes(path: Path) -> int:
     return len(read_metrics(path / METRICS)["episode"])
 
 
-def _how_to_resume(path: Path) -> str:
-    return f"Continue with:\n  serp plan-and-learn --resume {shlex.quote(str(path))}"
+def _notes(error: BaseException) -> list[str]:
+    """Return what was added to an error: how the run goes on."""
+    return getattr(error, "__notes__", [])
 
 
 def _print_results(run: Run, domain: str | None) -> None:

@@ -86,7 +86,8 @@ def _results(summary: Mapping[str, Any]) -> str:
     rows += [
         ("episodes ended by the environment", f"{summary['terminations']:,}"),
         ("episodes ended by a limit", f"{summary['truncations']:,}"),
-        ("environment steps per second", _number(summary["steps_per_second"])),
+        ("environment steps per second of training", _number(summary["steps_per_second"])),
+        ("compilation, once and beside the training", duration(summary["compile_seconds"])),
         ("actions of the planner executed", _percent(shares["planner"])),
         ("actions of the learner executed", _percent(shares["learner"])),
         ("actions of exploration executed", _percent(shares["exploration"])),

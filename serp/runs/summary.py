@@ -42,6 +42,7 @@ def summarize(
     config: Mapping[str, Any] | None = None,
     vetoes_by_reason: Mapping[str, int] | None = None,
     evaluation: Mapping[str, Any] | None = None,
+    compile_seconds: float = 0.0,
 ) -> dict[str, Any]:
     """Sums up a run; a pure function of its arguments.
 
@@ -51,6 +52,7 @@ def summarize(
             ``learned_from`` and ``file_rewards`` are repeated.
         vetoes_by_reason: reason → proposals refused for it, in the order to be listed.
         evaluation: results of an evaluation after the training, taken over as they are.
+        compile_seconds: what compilation took; it is no part of ``wall_time``.
 
     Returns:
         JSON values. ``return`` and ``domain_return`` hold the mean of the first 10, of the last 20
@@ -68,6 +70,7 @@ def summarize(
         "episodes": episodes,
         "env_steps": steps,
         "wall_time": seconds,
+        "compile_seconds": compile_seconds,
         "steps_per_second": steps / seconds if seconds > 0 else None,
         "return": _means(metrics["return"], metrics["env_steps"]),
         "domain_return": _means(metrics["domain_return"], metrics["env_steps"]),
