@@ -17,8 +17,10 @@ from serp.correction.correction import Correction
 from serp.learning.dqn import DQN
 from serp.planning.lookahead import Lookahead
 
-_STEPS: Final = 12
-"""Made-up steps: the correction looks at what it has seen from the tenth on."""
+_OBSERVED: Final = 140
+"""Made-up steps that the correction observes: with more than a hundred all of it is in use."""
+_REMEMBERED: Final = 4
+"""Made-up steps that the learner remembers."""
 _ROOM: Final = 64
 
 
@@ -30,7 +32,7 @@ def rehearse(agent: Agent) -> None:
     """
     random = np.random.default_rng(0)
     fluents = agent.task.model.fluents
-    states = random.normal(size=(_STEPS + 1, len(fluents)))
+    states = random.normal(size=(_OBSERVED + 1, len(fluents)))
     predicates = [k for k, fluent in enumerate(fluents) if not fluent.numeric]
     states[:, predicates] = states[:, predicates] > 0
     if isinstance(agent.arbiter.planner, Lookahead):
@@ -40,7 +42,7 @@ def rehearse(agent: Agent) -> None:
         correction = Correction(agent.task.model, agent.settings.correction, seed)
         actions = max(1, len(agent.task.model.actions))
         for step, (state, following) in enumerate(pairwise(states)):
-            correction.observe(state, step % actions, following, step == _STEPS - 1)
+            correction.observe(state, step % actions, following, step == _OBSERVED - 1)
 
 
 def _rehearse_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
@@ -53,18 +55,18 @@ def _rehearse_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np.f
         protected_failing=min(_ROOM, learner.settings.protected_failing),
         learning_starts=0,
     )
-    double = DQN(
+    stand_in = DQN(
         learner.input_size, learner.action_count, settings, 0, learner.symmetry, learner.guided
     )
-    double.margin_weight = arbiter.strategy.margin_weight
+    stand_in.margin_weight = arbiter.strategy.margin_weight
     x = np.zeros(learner.input_size)
     guidance = arbiter.strategy.guidance(forecast, 0, forecast)
     allowed = arbiter.strategy.allowed(forecast, arbiter.admissible(forecast))
-    for step in range(_STEPS):
-        ended = step == _STEPS - 1
-        double.remember(x, 0, 0.0, x, ended, False, None if ended else allowed, ended, guidance)
-        double.propose_greedily(x)
-    double.member_q(x)
-    double.target_q(x)
+    for step in range(_REMEMBERED):
+        ended = step == _REMEMBERED - 1
+        stand_in.remember(x, 0, 0.0, x, ended, False, None if ended else allowed, ended, guidance)
+        stand_in.propose_greedily(x)
+    stand_in.member_q(x)
+    stand_in.target_q(x)
     if settings.updates_per_step > 0:
-        double.pretrain(1)
+        stand_in.pretrain(1)
