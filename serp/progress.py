@@ -39,6 +39,7 @@ class ProgressStats:
         rho: learner probability; None where there is no learner.
         vetoes: proposals refused so far.
         unsafe_executed: executed actions that were unsafe, so far.
+        wall_time: seconds of training so far, as in the run's metrics.
     """
 
     episode: int
@@ -49,6 +50,12 @@ class ProgressStats:
     vetoes: int = 0
     unsafe_executed: int = 0
     units: int = 0
+    wall_time: float = 0.0
+
+    @property
+    def steps_per_second(self) -> float | None:
+        """Env steps a second since the run began, as in its summary; None before any time."""
+        return self.env_steps / self.wall_time if self.wall_time > 0 else None
 
 
 class Progress:
@@ -226,9 +233,8 @@ class _Lines(Progress):
         if now.rho is not None:
             parts.append(f"{self._rho} {now.rho:.2f}")
         parts += [f"vetoes {now.vetoes:,}", f"unsafe executed {now.unsafe_executed:,}"]
-        steps = self._speeds()["env_steps"]
-        if steps > 0:
-            parts.append(f"{steps:,.0f} steps/s")
+        if now.steps_per_second is not None:
+            parts.append(f"{now.steps_per_second:,.0f} steps/s")
         left = self._seconds_left()
         if left is not None:
             parts.append(f"{duration(left)} left")
@@ -323,7 +329,7 @@ class _Panel(Progress):
     def _numbers(self) -> list[tuple[tuple[str, str], tuple[str, str]]]:
         """Label and value, each with its style, by rows of three."""
         now = self._latest
-        steps = self._speeds()["env_steps"]
+        speed = now.steps_per_second
         left = self._seconds_left()
         safe = "bold green" if now.unsafe_executed == 0 else "bold red"
         rows = [
@@ -333,13 +339,18 @@ class _Panel(Progress):
             ("step", _of(now.env_steps, self._budget.env_steps), ""),
             ("mean of 20", _number(now.mean_return), "bold"),
             ("unsafe executed", f"{now.unsafe_executed:,}", safe),
-            ("steps/s", f"{steps:,.0f}" if steps > 0 else "–", ""),
+            ("steps/s", f"{speed:,.0f}" if speed is not None else "–", ""),
             ("ρ", "–" if now.rho is None else f"{now.rho:.2f}", ""),
             ("time left", "–" if left is None else duration(left), ""),
         ]
         if self._budget.units is not None:  # what is counted by then matters more than the speed
             rows[6] = (self._unit, _of(now.units, self._budget.units), "")
         return [((label, "dim"), (value, style)) for label, value, style in rows]
+
+
+def is_live(stream: TextIO) -> bool:
+    """Whether a stream is a terminal that can draw a line anew."""
+    return stream.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
 
 
 def open_progress(
@@ -369,8 +380,7 @@ def open_progress(
     about: dict[str, Any] = {"budget": budget, "unit": unit, "start": start}
     if quiet or stream is None:
         return _Quiet(stream, **about)
-    terminal = stream.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
-    if terminal and _can_write(stream, "ρ━╭–"):
+    if is_live(stream) and _can_write(stream, "ρ━╭–"):
         return _Panel(stream, title, **about)
     return _Lines(stream, **about)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import datetime
 import functools
 import os
 import shlex
@@ -19,6 +20,7 @@ from serp.agent import Agent
 from serp.arbiter import Decision
 from serp.bar import bar
 from serp.budget import Budget
+from serp.compiling import show_compiling
 from serp.domain.loading import Domain, load_domain
 from serp.domain.model import StateError
 from serp.errors import Interrupted, RunError, SettingsError, TaskError
@@ -28,13 +30,14 @@ from serp.policies import Policy
 from serp.progress import ProgressStats, open_progress
 from serp.quantities import seed_of, whole
 from serp.registry import find_task, load_task
+from serp.reward import said_of, source_of
 from serp.runs.checkpoint import NEWEST, PREVIOUS, Checkpoint
 from serp.runs.folder import METRICS, RunFolder
 from serp.runs.placement import default_path
 from serp.runs.reading import read_metrics
 from serp.runs.tensorboard import EventWriter, require_tensorboard
 from serp.saved import Saved
-from serp.settings import resolve
+from serp.settings import Settings, resolve
 from serp.stopping import ANSWER, stop_between_episodes
 from serp.task import BoundTask, Task
 from serp.threads import one_thread
@@ -76,6 +79,7 @@ def plan_and_learn(
         SerpError: Domain, task, settings or folder are wrong, or the environment failed.
         Interrupted: Ctrl-C; what was done is saved and can be resumed.
     """
+    begun = datetime.datetime.now()
     budget = Budget(episodes, env_steps)
     seed = seed_of(seed)
     if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
@@ -97,23 +101,34 @@ def plan_and_learn(
     if resolved.training.tensorboard:
         require_tensorboard()
     with task.bind() as bound:
-        path = Path(out) if out is not None else default_path(bound.name)
+        path = Path(out) if out is not None else default_path(bound.name, begun)
         config = {
             "task": bound.name,
             "domain": bound.domain.name,
             "preset": preset,
             "seed": seed,
             "reward": bound.rewarded_by,
+            "learned_from": source_of(bound.rewarded_by, resolved),
+            "file_rewards": bound.model.rewarding,
             "control_period": bound.model.dt,
             "budget": budget.as_dict(),
             "settings": resolved.as_dict(),
         }
         sources = [(s.name, s.text) for s in _sources(bound.domain)]
-        trainer = Trainer(bound, resolved, seed)
-        with RunFolder.create(path, config, sources, command=tuple(sys.argv)) as folder:
+        trainer = _trainer(bound, resolved, seed, quiet=quiet)
+        command = tuple(sys.argv)
+        with RunFolder.create(path, config, sources, command=command, now=begun) as folder:
             trainer.decisions = folder.decisions
             with _advice_to_resume(folder):
                 return _train(folder, trainer, budget, quiet=quiet)
+
+
+def _trainer(task: BoundTask, settings: Settings, seed: int, *, quiet: bool) -> Trainer:
+    """Return a trainer that has nothing left to compile."""
+    with show_compiling(quiet=quiet):
+        trainer = Trainer(task, settings, seed)
+        trainer.prepare()
+    return trainer
 
 
 def _sources(domain: Domain) -> list[Any]:
@@ -124,7 +139,8 @@ def _continue(folder: RunFolder, task: BoundTask, budget: Budget, *, quiet: bool
     made = made_with(folder)
     if made.settings.training.tensorboard:
         require_tensorboard()
-    trainer = Trainer(task, made.settings, made.seed, folder.decisions)
+    trainer = _trainer(task, made.settings, made.seed, quiet=quiet)
+    trainer.decisions = folder.decisions
     before = made.budget
     note = None
     if not _never_began(folder):
@@ -149,12 +165,13 @@ def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
     """
     try:
         yield
-    except (SettingsError, StateError, Interrupted):
+    except (SettingsError, StateError):
         raise
     except (Exception, KeyboardInterrupt) as error:
         if any((folder.path / name).exists() for name in (NEWEST, PREVIOUS)):
+            kept = f"What was done up to the last checkpoint is kept in {folder.path}. "
             error.add_note(
-                f"What was done up to the last checkpoint is kept in {folder.path}. Continue with\n"
+                f"{'' if isinstance(error, Interrupted) else kept}Continue with\n"
                 f"  serp plan-and-learn --resume {shlex.quote(str(folder.path))}\n"
                 f"or, in Python, plan_and_learn(task, out={str(folder.path)!r}, resume=True)"
             )
@@ -212,7 +229,7 @@ def _train(
         title=f"{trainer.task.name} → {folder.path}",
         budget=budget,
         unit=trainer.settings.arbiter.rho_unit,
-        start=_stats(trainer),
+        start=_stats(trainer, trainer.wall_time),
         quiet=quiet,
     )
 
@@ -230,7 +247,7 @@ def _train(
         if stopping.answer_due():
             progress.answer(ANSWER)
         if progress.due():
-            progress.update(_stats(trainer))
+            progress.update(_stats(trainer, trainer.wall_time))
 
     trainer.on_step = after_step
     trainer.task.on_notice = progress.note
@@ -243,7 +260,8 @@ def _train(
     ):
         if settings.tensorboard:
             events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
-        for text in (note, *trainer.agent.notices):
+        learning = said_of(trainer.judge.source, in_file=trainer.task.model.rewarding)
+        for text in (note, f"{learning[0].upper()}{learning[1:]}.", *trainer.agent.notices):
             if text is not None:
                 progress.note(text)
         # Whatever happens in the first episodes, the run can be continued.
@@ -253,22 +271,22 @@ def _train(
             folder.metrics.append(row)
             if events is not None:
                 events.append(row)
-            progress.update(_stats(trainer))
+            progress.update(_stats(trainer, row.wall_time))
             if trainer.wall_time >= due:
                 due = save()
         save()
     from serp.runs.results import write_results  # brings matplotlib, which no step needs
 
-    write_results(folder)
+    write_results(folder, compile_seconds=trainer.compile_seconds)
     if stopping.requested and not budget.spent_by(trainer):
         raise Interrupted(
             f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; everything "
-            f"is saved in {folder.path}"
+            f"is saved in {folder.path}."
         )
     return Run(folder.path, trainer.task.task)
 
 
-def _stats(trainer: Trainer) -> ProgressStats:
+def _stats(trainer: Trainer, wall_time: float) -> ProgressStats:
     recent = trainer.recent
     return ProgressStats(
         episode=trainer.episode,
@@ -279,6 +297,7 @@ def _stats(trainer: Trainer) -> ProgressStats:
         rho=trainer.agent.arbiter.rho,
         vetoes=trainer.tally.vetoes,
         unsafe_executed=trainer.tally.unsafe_executed,
+        wall_time=wall_time,
     )
 
 

@@ -25,6 +25,9 @@ class TrainingSettings:
     """Settings of the training loop.
 
     Attributes:
+        reward: What the learner learns from: what the `task` declares (`Task.reward`), the rewards
+            of the `domain` file, the `environment`'s, or the `sum` of both. The planner always
+            goes by the domain file.
         inputs: What the learner sees: the `observation`, the grounded `state`, or `both`.
         random_steps: Size of D_0 in env steps: actions drawn uniformly (what is predicted unsafe
             is refused as ever), on which the learner is pretrained before Algorithm 1 starts.
@@ -38,6 +41,7 @@ class TrainingSettings:
         tensorboard: Whether to write TensorBoard events as well (extra `tensorboard`).
     """
 
+    reward: Literal["task", "domain", "environment", "sum"] = "task"
     inputs: Literal["observation", "state", "both"] = "both"
     random_steps: int = 0
     env_steps: int = 20_000
@@ -47,6 +51,11 @@ class TrainingSettings:
     tensorboard: bool = False
 
     def __post_init__(self) -> None:
+        rewards = ("task", "domain", "environment", "sum")
+        if not isinstance(self.reward, str) or self.reward not in rewards:
+            raise SettingsError(
+                f"training: reward must be task, domain, environment or sum, not {self.reward!r}"
+            )
         if not isinstance(self.inputs, str) or self.inputs not in ("observation", "state", "both"):
             raise SettingsError(
                 f"training: inputs must be observation, state or both, not {self.inputs!r}"

@@ -53,7 +53,7 @@ class Task:
         dt: Control period in the time unit of the domain's rates, seconds by custom.
         reward: Whose reward the learner learns from: the `domain`'s R(s'), read off observed
             transitions, or the `environment`'s. None: the domain's where it says anything about
-            reward.
+            reward. The setting `training.reward` comes before it.
         settings: Preset name → section → setting → value: what this task changes in the presets.
             The key `*` stands for every preset.
         symmetries: Transformations that the task looks the same under (`serp.Symmetry`); the
@@ -101,6 +101,11 @@ class Task:
         return BoundTask(self, render_mode=render_mode)
 
 
+def declared_reward(task: Task, model: TransitionModel) -> Literal["domain", "environment"]:
+    """Return whose reward a task declares to be learned from, by itself or by its domain."""
+    return task.reward or ("domain" if model.rewarding else "environment")
+
+
 class BoundTask:
     """A task with an environment made, its domain loaded and its actions resolved.
 
@@ -112,7 +117,7 @@ class BoundTask:
         env: The environment.
         actions: The map of actions.
         observations: Reads the environment's observations.
-        rewarded_by: `domain` or `environment`.
+        rewarded_by: Whose reward the task declares to be learned from: `domain` or `environment`.
         on_notice: Called with a line that the user should read, where it is set.
 
     As a context manager it closes its environment at the end.
@@ -165,7 +170,7 @@ class BoundTask:
             raise TaskError(f"task {self.name}: {error}") from None
         self.observation_size = self.observations.size
         self._inside = True
-        self.rewarded_by = task.reward or ("domain" if self.model.rewarding else "environment")
+        self.rewarded_by = declared_reward(task, self.model)
         if self.rewarded_by == "domain" and not self.model.rewarding:
             raise TaskError(
                 f"task {self.name}: the domain says nothing about reward; let an action or event "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
@@ -14,10 +13,12 @@ from numpy.typing import NDArray
 from serp.actions import ActionForecast
 from serp.agent import Agent
 from serp.arbiter import Decision
+from serp.compile_time import compile_seconds, working_time
 from serp.domain.model import StateError, Vector
 from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.learning.dqn import DQN
-from serp.reward import judge
+from serp.rehearsal import rehearse
+from serp.reward import Judge
 from serp.runs.rows import DecisionRow, MetricsRow
 from serp.runs.tables import Table
 from serp.saved import Saved
@@ -61,7 +62,7 @@ class Transition(NamedTuple):
 
     Attributes:
         decision: What was done, who did it and why.
-        reward: What is learned from: the domain's reward or the environment's.
+        reward: What is learned from; see `serp.reward`.
         env_reward: The environment's reward.
         terminated: Whether the environment ended the episode here.
         truncated: Whether the episode was cut off here.
@@ -130,6 +131,7 @@ class Trainer:
         agent: Who is trained; by default a new `Agent`.
 
     Attributes:
+        judge: Says what a step was worth.
         decisions: The same, to be set before the first episode.
         episode, env_steps: How many there were.
         units: How many units of `arbiter.rho_unit` have ended.
@@ -148,6 +150,8 @@ class Trainer:
         self.task = task
         self.settings = settings
         self.seed = seed
+        self.judge = Judge(task, settings)
+        self._compiled_before = -compile_seconds()
         try:
             self.agent = agent or Agent(task, settings, seed)
         except (MemoryError, RuntimeError) as error:
@@ -166,16 +170,25 @@ class Trainer:
         self.decisions = decisions
         self.on_step: Callable[[Transition], None] | None = None
         self._pretrained = settings.training.random_steps == 0
-        self._wall_before = 0.0
-        self._clock = time.monotonic()
+        self._wall_before, self._clock = 0.0, working_time()
         self._unit_value: Any = None
         self._unchecked = _MIRRORED
         self._names = [task.actions.name(a) for a in range(task.actions.size)]
 
     @property
     def wall_time(self) -> float:
-        """Seconds of training, pauses between resumptions left out."""
-        return self._wall_before + time.monotonic() - self._clock
+        """Seconds of training, compilation and pauses between resumptions left out."""
+        return self._wall_before + working_time() - self._clock
+
+    @property
+    def compile_seconds(self) -> float:
+        """Seconds of compilation since the run began."""
+        return self._compiled_before + compile_seconds()
+
+    def prepare(self) -> None:
+        """Compile what the training will call; the time of training begins afterwards."""
+        rehearse(self.agent)
+        self._clock = working_time()
 
     def run_episode(self) -> MetricsRow:
         """Train for one episode.
@@ -216,7 +229,7 @@ class Trainer:
             raw, env_reward, terminated, truncated, info = task.step(decision.action)
             next_state, next_x = self._perceive(raw)
             ground = int(decision.forecast.ground[decision.action])
-            judged = judge(task, state, ground, next_state, env_reward)
+            judged = self.judge(state, ground, next_state, env_reward)
             reward, domain_reward, failed = judged
             episode.count(decision, env_reward, domain_reward)
             limit = self.settings.training.episode_steps
@@ -364,7 +377,7 @@ class Trainer:
             "recent": list(self.recent),
             "pretrained": self._pretrained,
             "unit_value": self._unit_value,
-            "wall_time": self.wall_time,
+            "wall_time": {"training": self.wall_time, "compilation": self.compile_seconds},
             "environment": self.task.environment_state(),
         }
         return arrays, meta
@@ -386,5 +399,7 @@ class Trainer:
         self._unit_value = saved.part("unit_value")[1]
         if not isinstance(self._unit_value, str | int | float | None):
             raise saved.wrong("unit_value is neither a number nor a text")
-        self._wall_before, self._clock = saved.real("wall_time", 0.0), time.monotonic()
+        seconds = Saved("times", {}, saved.part("wall_time")[1])
+        self._wall_before, self._clock = seconds.real("training", 0.0), working_time()
+        self._compiled_before += seconds.real("compilation", 0.0)
         self.task.restore_environment(saved.part("environment")[1])

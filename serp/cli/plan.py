@@ -92,11 +92,16 @@ def command(
     plan = planner.plan(state)
 
     from serp.cli.decision import describe, print_plan
+    from serp.cli.rewards import learned_from
 
     if as_json:
         print_json(describe(loaded.domain.name, origin, planner, state, plan))
     else:
         print_plan(open_console(), loaded.domain.name, origin, planner, state, plan)
+        if loaded.task is not None and loaded.domain.model.rewarding:
+            open_console().print(
+                f"task {loaded.task.name}: {learned_from(loaded.domain, loaded.task)}"
+            )
     if svg is not None:
         from serp.drawing import draw_plan, svg_bytes
         from serp.runs.durable import write_durably

@@ -83,29 +83,35 @@ def command(
             raise click.UsageError("give --correct or --set correction.mode, not both", ctx)
         settings["correction"]["mode"] = correct
     resuming = resume is not None
+    path: Path | None
     if resuming:
         path = _run_to_resume(ctx, resume or None, out)
         task = _task_of_run(path, domain)
     else:
-        path, task = _new_run(ctx, domain, out)
+        asked = asked_task(domain)
+        if asked is None:
+            raise click.UsageError(
+                "give --domain (`serp list` names the tasks), --task, or --resume RUN", ctx
+            )
+        path, task = out, asked
     from serp.errors import Interrupted
     from serp.run import plan_and_learn
 
-    episodes_before = _episodes(path) if resuming else 0
+    episodes_before = _episodes(path) if resuming and path is not None else 0
     try:
         run = plan_and_learn(
             task, preset=preset, settings=settings, episodes=episodes, env_steps=env_steps,
             seed=seed, out=path, resume=resuming, quiet=quiet,
         )  # fmt: skip
     except Interrupted as stop:
-        say(f"{stop}.\n{_how_to_resume(path)}")
+        say("\n".join([str(stop), *_notes(stop)]))
         return INTERRUPTED
-    except KeyboardInterrupt:
-        if not _holds_run(path):
+    except KeyboardInterrupt as stop:
+        if not _notes(stop):
             raise
-        say(f"Stopped at once.\n{_how_to_resume(path)}")
+        say("\n".join(["Stopped at once.", *_notes(stop)]))
         return INTERRUPTED
-    if resuming and _episodes(path) == episodes_before:
+    if resuming and _episodes(run.path) == episodes_before:
         say("Nothing was left to do. To train on, give more --episodes or --env-steps in all.")
     if quiet:
         click.echo(run.path)
@@ -136,27 +142,6 @@ def _task_of_run(path: Path, domain: str | None) -> Task:
     return task if task is not None else load_task(str(read_config(path)["config"].get("task")))
 
 
-def _new_run(ctx: click.Context, domain: str | None, out: Path | None) -> tuple[Path, Task]:
-    import dataclasses
-
-    from serp.runs.placement import default_path
-
-    task = asked_task(domain)
-    if task is None:
-        raise click.UsageError(
-            "give --domain (`serp list` names the tasks), --task, or --resume RUN", ctx
-        )
-    loaded = task.load()
-    path = out if out is not None else default_path(task.name or loaded.name)
-    return path, dataclasses.replace(task, domain=loaded)
-
-
-def _holds_run(path: Path) -> bool:
-    from serp.runs.config import CONFIG
-
-    return (path / CONFIG).is_file()
-
-
 def _episodes(path: Path) -> int:
     from serp.runs.folder import METRICS
     from serp.runs.reading import read_metrics
@@ -164,8 +149,12 @@ def _episodes(path: Path) -> int:
     return len(read_metrics(path / METRICS)["episode"])
 
 
-def _how_to_resume(path: Path) -> str:
-    return f"Continue with:\n  serp plan-and-learn --resume {shlex.quote(str(path))}{_own_task()}"
+def _notes(error: BaseException) -> list[str]:
+    """Return what was added to an error: how the run goes on."""
+    notes = list(getattr(error, "__notes__", []))
+    if notes and (own := _own_task()):
+        notes.append(f"and add{own} to the command, for this task is not installed")
+    return notes
 
 
 def _own_task() -> str:

@@ -73,7 +73,7 @@ class ComparisonAbout:
         evaluate_every: Env steps between evaluations of the learner alone.
         evaluation_episodes: Episodes of each of them.
         final_episodes: Episodes of the final evaluations.
-        rewarded_by: Whose reward is learned from: `domain` or `environment`.
+        rewarded_by: Whose reward is learned from: `domain`, `environment` or `sum`.
         inputs: What the learners see, in words.
         command: What to type for the same comparison.
         unit: What a unit of the learning curve is called, such as `game`.

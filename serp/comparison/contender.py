@@ -14,7 +14,7 @@ from serp.arbiter import Arbiter, Decision
 from serp.comparison.algorithms import Algorithm, Guest
 from serp.comparison.alone import Unguarded
 from serp.comparison.guest import Fixed, GuestEnv
-from serp.comparison.terms import terms_of
+from serp.comparison.terms import REWARDS, terms_of
 from serp.domain.flags import UNSAFE
 from serp.domain.model import Vector
 from serp.errors import RunError, SerpError
@@ -77,7 +77,6 @@ class Own:
         self, algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
     ) -> None:
         self.agent = agent = Agent(task, settings, seed)
-        self.terms = terms_of(algorithm, settings)
         self._guarded = agent.arbiter
         if algorithm.kind == "alone":
             guarded = agent.arbiter
@@ -85,6 +84,7 @@ class Own:
                 guarded.planner, task.actions, settings.arbiter, guarded.strategy
             )
         self._trainer = Trainer(task, settings, seed, agent=agent)
+        self.terms = terms_of(algorithm, settings, self._trainer.judge.source)
 
     def train(self, env_steps: int, on_step: OnStep) -> None:
         """Train for at least so many env steps, unless `on_step` raises."""
@@ -120,7 +120,10 @@ class _Visitor:
         self._name = algorithm.name
         with self._blamed():
             self._guest: Guest = algorithm.make_guest(env, task.name, seed)
-        self.terms: Mapping[str, str] = dict(self._guest.terms)
+        self.terms: Mapping[str, str] = {
+            "learned from": REWARDS[env.judge.source],
+            **self._guest.terms,
+        }
 
     def _notice(self, transition: Transition) -> None:
         if self._on_step is not None:

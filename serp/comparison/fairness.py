@@ -12,7 +12,8 @@ from serp.agent import make_planner
 from serp.arbiter import Arbiter
 from serp.comparison.plan import Plan
 from serp.domain.model import StateError, TransitionModel, Vector
-from serp.settings import resolve
+from serp.reward import source_of
+from serp.settings import Settings, resolve
 from serp.task import BoundTask
 
 _STEPS: Final = 500
@@ -22,13 +23,14 @@ _SEED: Final = 0
 def judges_alike(plan: Plan, bound: BoundTask) -> list[str]:
     """Return a sentence for each domain file that judges observed steps unlike the base file.
 
-    Where the reward comes from the domain file, its learners are trained on another reward. Judged
-    are observed steps of random actions.
+    Where rewards of the domain file are learned from, its learners are trained on another reward.
+    Judged are observed steps of random actions.
 
     Args:
         plan: The comparison.
         bound: The task with the base file, in an environment that nobody else uses.
     """
+    settings = resolve("default", bound.task.settings, plan.changes)
     with contextlib.ExitStack() as stack:
         variants = {
             name: stack.enter_context(task.bind())
@@ -38,17 +40,19 @@ def judges_alike(plan: Plan, bound: BoundTask) -> list[str]:
         return [
             f"The domain file `{name}` {what} other steps than `{plan.base}` does: on it the terms "
             "are not equal."
-            for name, what in _different(variants, bound).items()
+            for name, what in _different(variants, bound, settings).items()
         ]
 
 
-def _different(variants: Mapping[str, BoundTask], bound: BoundTask) -> dict[str, str]:
+def _different(
+    variants: Mapping[str, BoundTask], bound: BoundTask, settings: Settings
+) -> dict[str, str]:
     """Return which variants judge unlike the base, and in what."""
     different: dict[str, str] = {}
     if not variants:
         return different
+    by_file = source_of(bound.rewarded_by, settings) != "environment"
     random = np.random.default_rng(_SEED)
-    settings = resolve("default", bound.task.settings)
     arbiter = Arbiter(make_planner(bound.model, settings.planner), bound.actions)
     files = {"": bound, **variants}
     states = _grounded(files, bound.reset(seed=_SEED)[0])
@@ -66,7 +70,7 @@ def _different(variants: Mapping[str, BoundTask], bound: BoundTask) -> dict[str,
         for name, judged in found.items():
             if name in different or expected is None or judged == expected:
                 continue
-            if bound.rewarded_by == "domain" and (judged is None or judged[0] != expected[0]):
+            if by_file and (judged is None or judged[0] != expected[0]):
                 different[name] = "rewards"
             elif judged is None or judged[1] != expected[1]:
                 different[name] = "flags unsafe"

@@ -14,7 +14,7 @@ from serp.agent import Agent
 from serp.arbiter import Decision
 from serp.comparison.alone import Unguarded
 from serp.domain.model import Vector
-from serp.reward import judge
+from serp.reward import Judge
 from serp.task import BoundTask
 from serp.training import Transition, episode_seed
 
@@ -44,6 +44,9 @@ class GuestEnv(gym.Env[NDArray[np.float32], np.int64]):
         agent: Perceives, and forecasts what is predicted unsafe.
         seed: Seed of the training; a seed given to `reset` is ignored.
         on_step: Called with every env step.
+
+    Attributes:
+        judge: Says what a step is worth.
     """
 
     def __init__(
@@ -55,6 +58,7 @@ class GuestEnv(gym.Env[NDArray[np.float32], np.int64]):
     ) -> None:
         self._task = task
         self._agent = agent
+        self.judge = Judge(task, agent.settings)
         self._unguarded = Unguarded(
             agent.arbiter.planner, task.actions, agent.settings.arbiter, agent.arbiter.strategy
         )
@@ -88,7 +92,7 @@ class GuestEnv(gym.Env[NDArray[np.float32], np.int64]):
         raw, env_reward, terminated, truncated, info = self._task.step(decision.action)
         next_state, x = self._agent.perceive(raw)
         ground = int(decision.forecast.ground[decision.action])
-        reward = judge(self._task, state, ground, next_state, env_reward).reward
+        reward = self.judge(state, ground, next_state, env_reward).reward
         self._length += 1
         limit = self._agent.settings.training.episode_steps
         truncated = truncated or (self._length >= limit and not terminated)

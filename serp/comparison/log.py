@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.comparison.records import EpisodeRow
+from serp.compile_time import working_time
 from serp.evaluation import outcome_of
 from serp.tally import Tally
 from serp.training import Transition
@@ -23,7 +23,7 @@ class Log:
         available: `[E]` actions that the model does not know and that may be executed.
         unit: Name of the counter in the environment's info that is written down as `unit`.
         counters: Names of the counters that are written down as `info.<name>`.
-        clock: Seconds, monotonic.
+        clock: Seconds, monotonic; compilation is no part of training.
 
     Attributes:
         env_steps: Env steps so far.
@@ -36,7 +36,7 @@ class Log:
         available: NDArray[np.bool_],
         unit: str,
         counters: Sequence[str],
-        clock: Callable[[], float] = time.perf_counter,
+        clock: Callable[[], float] = working_time,
     ) -> None:
         self._available = available
         self._unit = unit

@@ -45,7 +45,7 @@ class EpisodeRow(NamedTuple):
         avoidable_unsafe: Those of them that were executed while another was not predicted so.
         vetoes: Refused proposals.
         planner_steps: Steps in which the planner's action was executed.
-        seconds: Training so far, in seconds of wall time, evaluations left out.
+        seconds: Training so far, in seconds of wall time, compilation and evaluations left out.
     """
 
     episode: int

@@ -27,6 +27,7 @@ from serp.comparison.trial import unit_of
 from serp.comparison.workers import Job, portable, run_here, run_in_processes
 from serp.errors import Interrupted, RunError, SettingsError
 from serp.quantities import whole
+from serp.reward import source_of
 from serp.runs.placement import default_path
 from serp.settings import resolve
 from serp.stopping import stop_between_episodes
@@ -232,7 +233,7 @@ def _job(plan: Plan, trials: Sequence[Trial]) -> Job:
 
 def _about(plan: Plan, bound: BoundTask, notes: Sequence[str]) -> ComparisonAbout:
     conditions = plan.conditions
-    inputs = resolve("default", bound.task.settings, plan.changes).training.inputs
+    settings = resolve("default", bound.task.settings, plan.changes)
     return ComparisonAbout(
         task=plan.name,
         algorithms=list(plan.algorithms),
@@ -248,8 +249,8 @@ def _about(plan: Plan, bound: BoundTask, notes: Sequence[str]) -> ComparisonAbou
         evaluate_every=conditions.evaluate_every,
         evaluation_episodes=conditions.evaluation_episodes,
         final_episodes=conditions.final_episodes,
-        rewarded_by=bound.rewarded_by,
-        inputs=_INPUTS[inputs],
+        rewarded_by=source_of(bound.rewarded_by, settings),
+        inputs=_INPUTS[settings.training.inputs],
         command=command(plan),
         unit=unit_of(bound.task),
         notes=notes,

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from serp.comparison.algorithms import Algorithm
+from serp.reward import Source
 from serp.settings import Settings
 
 _OF_STRATEGY: Final[Mapping[str, tuple[str, ...]]] = {
@@ -22,12 +23,23 @@ _MIXING: Final = (
     "rho", "rho_increment", "rho_unit", "rho_max", "surety", "imitation", "indifferent",
 )  # fmt: skip
 """Settings of the arbiter that only the mixture reads."""
+REWARDS: Final[Mapping[Source, str]] = {
+    "domain": "rewards of the domain file",
+    "environment": "reward of the environment",
+    "sum": "reward of the environment plus those of the domain file",
+}
 _NOT_OF_TRAINING: Final = ("env_steps", "units", "checkpoint_seconds", "tensorboard")
 """Settings that a comparison does not read."""
 
 
-def terms_of(algorithm: Algorithm, settings: Settings) -> Mapping[str, str]:
-    """Return what an algorithm of ours is like: name → text."""
+def terms_of(algorithm: Algorithm, settings: Settings, source: Source) -> Mapping[str, str]:
+    """Return what an algorithm of ours is like: name → text.
+
+    Args:
+        algorithm: Which.
+        settings: All its settings.
+        source: Whose reward it learns from.
+    """
     planner = settings.planner
     plan = f"lookahead, depth {planner.depth}, {planner.repeat} control periods an edge"
     if settings.correction.mode != "off":
@@ -42,6 +54,7 @@ def terms_of(algorithm: Algorithm, settings: Settings) -> Mapping[str, str]:
     alone = algorithm.kind == "alone"
     return {
         "learner": "none" if algorithm.kind == "planner" else f"DQN, preset {algorithm.preset}",
+        "learned from": "none" if algorithm.kind == "planner" else REWARDS[source],
         "planner": "none" if alone else plan,
         "who acts": _who_acts(algorithm, settings),
         "vetoes": "none" if alone else vetoes,

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Callable, Iterator, Sequence
 
 from serp.comparison.algorithms import Algorithm, Changes
 from serp.comparison.conditions import Conditions
 from serp.comparison.records import Trial
 from serp.comparison.trial import Measured, trial_in_turns
+from serp.compile_time import working_time
 from serp.errors import SerpError
 from serp.learning.dqn import DQN
 from serp.learning.side_by_side import SideBySide
@@ -25,7 +25,7 @@ class Turns:
         clock: Seconds, monotonic.
     """
 
-    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+    def __init__(self, clock: Callable[[], float] = working_time) -> None:
         self._clock = clock
         self._before = 0.0
         self._begin: float | None = None
@@ -151,9 +151,9 @@ def _side_by_side(seats: Sequence[_Seat]) -> SideBySide:
 
 
 def _learn(learning: SideBySide, seats: Sequence[_Seat]) -> None:
-    begin = time.perf_counter()
+    begin = working_time()
     losses = learning.learn([seat.number for seat in seats])
-    share = (time.perf_counter() - begin) / len(seats)
+    share = (working_time() - begin) / len(seats)
     for seat, loss in zip(seats, losses, strict=True):
         seat.loss = loss
         seat.turns.share(share)

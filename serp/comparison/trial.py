@@ -16,6 +16,7 @@ from serp.comparison.contender import Chosen, Contender, Own, flagged, make_cont
 from serp.comparison.log import Log
 from serp.comparison.playing import Arena
 from serp.comparison.records import EvaluationRow, Trial
+from serp.compile_time import working_time
 from serp.domain.model import Vector
 from serp.errors import RunError, SerpError
 from serp.settings import Settings, resolve
@@ -126,7 +127,7 @@ class _Trial:
         bound: BoundTask,
         conditions: Conditions,
         on_progress: Callable[[int], None],
-        clock: Callable[[], float] = time.perf_counter,
+        clock: Callable[[], float] = working_time,
     ) -> None:
         self._algorithm = algorithm
         self._contender = contender

@@ -7,6 +7,8 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from serp.reward import said_of
+
 
 def report(
     about: Mapping[str, Any],
@@ -27,6 +29,7 @@ def report(
         f"# Run: {_plain(_title(about, summary))}",
         _lead(summary),
         f"![Learning curve: return per episode, and who decided]({picture})",
+        *_learned_from(summary),
         "## Result\n\n" + _results(summary),
         "## Safety\n\n" + _safety(summary),
         "## Vetoes by reason\n\n" + _vetoes(summary["vetoes_by_reason"]),
@@ -60,6 +63,12 @@ def _lead(summary: Mapping[str, Any]) -> str:
     )
 
 
+def _learned_from(summary: Mapping[str, Any]) -> Iterable[str]:
+    if "learned_from" in summary:
+        said = said_of(summary["learned_from"], in_file=bool(summary["file_rewards"]))
+        yield f"{said[0].upper()}{said[1:]}."
+
+
 def _results(summary: Mapping[str, Any]) -> str:
     shares = summary["shares"]
     rows: list[tuple[str, str]] = []
@@ -77,7 +86,8 @@ def _results(summary: Mapping[str, Any]) -> str:
     rows += [
         ("episodes ended by the environment", f"{summary['terminations']:,}"),
         ("episodes ended by a limit", f"{summary['truncations']:,}"),
-        ("environment steps per second", _number(summary["steps_per_second"])),
+        ("environment steps per second of training", _number(summary["steps_per_second"])),
+        ("compilation, once and beside the training", duration(summary["compile_seconds"])),
         ("actions of the planner executed", _percent(shares["planner"])),
         ("actions of the learner executed", _percent(shares["learner"])),
         ("actions of exploration executed", _percent(shares["exploration"])),

@@ -13,12 +13,18 @@ from serp.runs.report import report
 from serp.runs.summary import summarize
 
 
-def write_results(run: RunFolder, evaluation: Mapping[str, Any] | None = None) -> dict[str, Any]:
+def write_results(
+    run: RunFolder,
+    evaluation: Mapping[str, Any] | None = None,
+    *,
+    compile_seconds: float = 0.0,
+) -> dict[str, Any]:
     """Writes ``summary.json``, ``learning-curve.png``, ``learning-curve.svg`` and ``report.md``.
 
     Args:
         run: open for writing; its tables are flushed first.
         evaluation: results of an evaluation, taken into the summary and the report.
+        compile_seconds: what compilation took, beside the training.
 
     Returns:
         The summary, as it stands in ``summary.json``.
@@ -29,7 +35,9 @@ def write_results(run: RunFolder, evaluation: Mapping[str, Any] | None = None) -
     run.flush()
     metrics = read_metrics(run.path / METRICS)
     vetoes = read_tally(run.path / DECISIONS).vetoes_by_reason()
-    summary: dict[str, Any] = finite(summarize(metrics, run.config, vetoes, evaluation))
+    summary: dict[str, Any] = finite(
+        summarize(metrics, run.config, vetoes, evaluation, compile_seconds)
+    )
     run.write_summary(summary)
     figure = plots.learning_curve(metrics, _title(summary))
     run.write("learning-curve.png", plots.render(figure, "png"))

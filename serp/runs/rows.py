@@ -26,7 +26,7 @@ class MetricsRow(NamedTuple):
         fallback_steps: steps in which neither of them had an action. The four add up to the length.
         vetoes, unsafe_predicted, unsafe_executed, no_safe_action: see `serp.tally.Tally`.
         loss: mean loss of the updates in this episode; None before the first.
-        wall_time: seconds of training since the run began, pauses left out.
+        wall_time: seconds of training since the run began, compilation and pauses left out.
     """
 
     episode: int

@@ -11,6 +11,7 @@ from serp.tally import STEPS_BY, total
 
 WINDOW = 20  # episodes: the mean that tells whether a policy is good, as in the learning curve
 
+_FROM_CONFIG = ("domain", "preset", "seed", "learned_from", "file_rewards")
 Metrics = Mapping[str, np.ndarray[Any, Any]]
 """Column of ``metrics.csv`` → array ``[episodes]``."""
 
@@ -41,14 +42,17 @@ def summarize(
     config: Mapping[str, Any] | None = None,
     vetoes_by_reason: Mapping[str, int] | None = None,
     evaluation: Mapping[str, Any] | None = None,
+    compile_seconds: float = 0.0,
 ) -> dict[str, Any]:
     """Sums up a run; a pure function of its arguments.
 
     Args:
         metrics: what `serp.runs.reading.read_metrics` returns.
-        config: the resolved configuration; its ``domain``, ``preset`` and ``seed`` are repeated.
+        config: the resolved configuration; its ``domain``, ``preset``, ``seed``,
+            ``learned_from`` and ``file_rewards`` are repeated.
         vetoes_by_reason: reason → proposals refused for it, in the order to be listed.
         evaluation: results of an evaluation after the training, taken over as they are.
+        compile_seconds: what compilation took; it is no part of ``wall_time``.
 
     Returns:
         JSON values. ``return`` and ``domain_return`` hold the mean of the first 10, of the last 20
@@ -61,13 +65,12 @@ def summarize(
     episodes = len(metrics["episode"])
     steps = int(metrics["env_steps"][-1]) if episodes else 0
     seconds = float(metrics["wall_time"][-1]) if episodes else 0.0
-    summary: dict[str, Any] = {
-        key: settings[key] for key in ("domain", "preset", "seed") if key in settings
-    }
+    summary: dict[str, Any] = {key: settings[key] for key in _FROM_CONFIG if key in settings}
     summary |= {
         "episodes": episodes,
         "env_steps": steps,
         "wall_time": seconds,
+        "compile_seconds": compile_seconds,
         "steps_per_second": steps / seconds if seconds > 0 else None,
         "return": _means(metrics["return"], metrics["env_steps"]),
         "domain_return": _means(metrics["domain_return"], metrics["env_steps"]),

@@ -53,7 +53,9 @@ def run(stream, clock, seconds, *, step=0.01, **options):
     with open_progress(stream=stream, **options) as progress:
         for steps in range(1, round(seconds / step) + 1):
             clock.now += step
-            stats = ProgressStats(steps // 50, steps, 23.0, 21.4, 0.12, 3, 0)
+            stats = ProgressStats(
+                steps // 50, steps, 23.0, 21.4, 0.12, 3, 0, wall_time=steps * step
+            )
             if progress.due() or steps % 50 == 0:
                 progress.update(stats)
     return stream.getvalue(), steps
@@ -104,24 +106,25 @@ def test_time_left_counts_down_to_the_budget(clock, budget, left):
     assert last.endswith(left) if left else "left" not in last
 
 
-def test_a_resumed_run_counts_speed_from_where_it_resumed(clock):
+def test_time_left_goes_by_the_speed_since_a_run_was_resumed(clock):
     stream = io.StringIO()
     start = ProgressStats(500, 100_000)
     with open_progress(stream=stream, budget=Budget(env_steps=101_000), start=start) as progress:
         clock.now += 60  # compiling
-        progress.update(ProgressStats(500, 100_010))
+        progress.update(ProgressStats(500, 100_010, wall_time=1000.0))
         clock.now += 10
-        progress.update(ProgressStats(501, 100_210))
-    assert "20 steps/s, 39.5 s left" in stream.getvalue()
+        progress.update(ProgressStats(501, 100_210, wall_time=1010.0))
+    assert "99 steps/s, 39.5 s left" in stream.getvalue()
 
 
-def test_speed_is_that_of_the_last_half_minute(clock):
+def test_time_left_goes_by_the_last_half_minute_and_speed_by_the_whole_training(clock):
     stream = io.StringIO()
-    with open_progress(stream=stream) as progress:
-        for second in range(200):
+    with open_progress(stream=stream, budget=Budget(env_steps=102_000)) as progress:
+        for second in range(1, 201):
             clock.now += 1
-            progress.update(ProgressStats(0, 1000 * min(second, 100) + 10 * max(second - 100, 0)))
-    assert "10 steps/s" in stream.getvalue().splitlines()[-1]
+            steps = 1000 * min(second, 100) + 10 * max(second - 100, 0)
+            progress.update(ProgressStats(0, steps, wall_time=float(second)))
+    assert stream.getvalue().splitlines()[-1].endswith("505 steps/s, 1 min 40 s left")
 
 
 @pytest.mark.parametrize("width", [80, 40])
@@ -132,7 +135,7 @@ def test_a_terminal_gets_a_panel_with_every_number(monkeypatch, clock, width):
     with open_progress(stream=stream, title="[cart] → runs/x", budget=budget) as progress:
         progress.update(dataclasses.replace(TEN, episode=0, env_steps=1))
         clock.now += 9.99
-        progress.update(TEN)
+        progress.update(dataclasses.replace(TEN, wall_time=10.0))
     last = stream.getvalue().split("╭")[-1]
     for text in ("[cart] → runs/x", "10", "1,000/4,000", "23.0", "21.4", "0.12", "100", "30.0 s"):
         assert text in last

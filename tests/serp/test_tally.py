@@ -100,6 +100,8 @@ def test_every_number_of_a_run_is_a_sum_over_its_decisions(
     # The last line of the console.
     last = console.strip().splitlines()[-1]
     assert f"step {len(decisions):,}, " in last
+    assert f", {summary['steps_per_second']:,.0f} steps/s" in last
+    assert summary["steps_per_second"] == len(decisions) / float(metrics[-1]["wall_time"])
     assert f"vetoes {counts['vetoes']:,}, unsafe executed {counts['unsafe_executed']:,}" in last
     # A veto is a proposal of somebody else than the planner that was not accepted.
     for d in decisions:

@@ -247,10 +247,23 @@ class Listening:
         outlook.observe = listen  # type: ignore[method-assign]
 
 
-@pytest.mark.parametrize("reward", ["domain", "environment"])
-def test_values_are_held_against_the_rewards_of_the_file(tmp_path: Path, reward: str) -> None:
-    task = corridor(tmp_path, reward=reward)
-    trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
+@pytest.mark.parametrize(
+    ("declared", "learned"),
+    [
+        ("domain", "task"),
+        ("environment", "task"),
+        ("domain", "environment"),
+        ("environment", "domain"),
+        ("environment", "sum"),
+    ],
+)
+def test_values_are_held_against_the_rewards_of_the_file(
+    tmp_path: Path, declared: str, learned: str
+) -> None:
+    task = corridor(tmp_path, reward=declared)
+    settings = settings_of(task, "default").replace({"training": {"reward": learned}})
+    reward = declared if learned == "task" else learned
+    trainer = Trainer(task.bind(), settings, 5)
     listening, recorder = Listening(trainer), Recorder(trainer)
     rows = [trainer.run_episode() for _ in range(8)]
     for (state, following, judged, *ends), learned in zip(

@@ -8,6 +8,7 @@ import itertools
 import json
 import signal
 from collections.abc import Callable, Iterator
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,8 @@ def test_options_reach_the_run(run: Run) -> None:
 def test_a_run_without_a_name_gets_one(run: Run) -> None:
     out = run(*TRAIN, "--episodes=1", "--quiet").stdout.strip()
     assert Path(out).parent == Path("runs")
-    assert Path(out).name.startswith("cartpole-")
+    begun = datetime.fromisoformat(json.loads((Path(out) / "config.json").read_text())["created"])
+    assert Path(out).name == f"cartpole-{begun:%Y%m%d-%H%M%S}"
     assert config(out)["task"] == "cartpole"
 
 

@@ -61,7 +61,7 @@ def test_one_from_outside_is_held_by_the_same_vetoes(tmp_path: Path, guests: Non
 def test_what_it_is_like_is_said_for_the_table_of_what_differs(tmp_path: Path, name: str) -> None:
     contender, _ = trained(tmp_path, name, env_steps=1)
     terms = contender.terms
-    assert set(terms) == {"learner", "planner", "who acts", "vetoes"}
+    assert set(terms) == {"learner", "learned from", "planner", "who acts", "vetoes"}
     alone = name in ("dqn", "dqn-paper")
     assert (terms["planner"] == "none") == (terms["vetoes"] == "none") == alone
-    assert (terms["learner"] == "none") == (name == "mrp")
+    assert (terms["learner"] == "none") == (terms["learned from"] == "none") == (name == "mrp")

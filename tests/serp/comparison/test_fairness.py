@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -21,13 +23,14 @@ DIFFERENT = {
 }
 
 
-def notes(folder: Path, text: str, **changes: Any) -> list[str]:
+def notes(folder: Path, text: str, learned: str = "task", **changes: Any) -> list[str]:
     other = folder / "other.pddl"
     other.write_text(text)
     task = walk(folder, **changes)
     variants = {"walk": task, "other": walk(folder, **{**changes, "domain": other})}
     with task.bind() as bound:
-        return judges_alike(plan(folder, variants=variants), bound)
+        asked = {"training": {"reward": learned}}
+        return judges_alike(plan(folder, variants=variants, changes=asked), bound)
 
 
 @pytest.mark.parametrize("name", list(DIFFERENT))
@@ -45,6 +48,8 @@ def test_another_reward_is_no_matter_where_the_environments_is_learned_from(
     tmp_path: Path,
 ) -> None:
     assert notes(tmp_path, DIFFERENT["cheap"][0], reward="environment") == []
+    assert notes(tmp_path, DIFFERENT["cheap"][0], "environment") == []
+    assert len(notes(tmp_path, DIFFERENT["cheap"][0], "sum", reward="environment")) == 1
     assert len(notes(tmp_path, DIFFERENT["bold"][0], reward="environment")) == 1
 
 
@@ -92,6 +97,7 @@ def test_the_shipped_variants_are_on_equal_terms() -> None:
 
     class Of:
         base = "cartpole"
+        changes: Mapping[str, Any] = MappingProxyType({})
 
     made: Any = Of()
     made.variants = variants
