@@ -35,7 +35,7 @@ from serp.runs.reading import read_metrics
 from serp.runs.tensorboard import EventWriter, require_tensorboard
 from serp.saved import Saved
 from serp.settings import resolve
-from serp.stopping import ANSWER, stop_between_episodes
+from serp.stopping import stop_between_episodes
 from serp.task import BoundTask, Task
 from serp.threads import one_thread
 from serp.training import Trainer, Transition
@@ -74,7 +74,7 @@ def plan_and_learn(
 
     Raises:
         SerpError: Domain, task, settings or folder are wrong, or the environment failed.
-        Interrupted: Ctrl-C; what was done is saved and can be resumed.
+        Interrupted: Ctrl-C, SIGTERM or SIGHUP; what was done is saved and can be resumed.
     """
     budget = Budget(episodes, env_steps)
     seed = seed_of(seed)
@@ -227,43 +227,41 @@ def _train(
         return trainer.wall_time + min(settings.checkpoint_seconds, 50 * cost)
 
     def after_step(transition: Transition) -> None:
-        if stopping.answer_due():
-            progress.answer(ANSWER)
+        answer = stopping.answer("the episode", "the run then continues from its last checkpoint")
+        if answer is not None:
+            progress.answer(answer)
         if progress.due():
             progress.update(_stats(trainer))
 
     trainer.on_step = after_step
     trainer.task.on_notice = progress.note
     events: EventWriter | None = None
-    with (
-        contextlib.ExitStack() as stack,
-        one_thread(),
-        stop_between_episodes() as stopping,
-        progress,
-    ):
-        if settings.tensorboard:
-            events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
-        for text in (note, *trainer.agent.notices):
-            if text is not None:
-                progress.note(text)
-        # Whatever happens in the first episodes, the run can be continued.
-        due = save()
-        while not budget.spent_by(trainer) and not stopping.requested:
-            row = trainer.run_episode()
-            folder.metrics.append(row)
-            if events is not None:
-                events.append(row)
-            progress.update(_stats(trainer))
-            if trainer.wall_time >= due:
-                due = save()
-        save()
-    from serp.runs.results import write_results  # brings matplotlib, which no step needs
+    with stop_between_episodes() as stopping:
+        with contextlib.ExitStack() as stack, one_thread(), progress:
+            if settings.tensorboard:
+                events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
+            for text in (note, *trainer.agent.notices):
+                if text is not None:
+                    progress.note(text)
+            # Whatever happens in the first episodes, the run can be continued.
+            due = save()
+            while not budget.spent_by(trainer) and not stopping.requested:
+                row = trainer.run_episode()
+                folder.metrics.append(row)
+                if events is not None:
+                    events.append(row)
+                progress.update(_stats(trainer))
+                if trainer.wall_time >= due:
+                    due = save()
+            save()
+        from serp.runs.results import write_results  # brings matplotlib, which no step needs
 
-    write_results(folder)
-    if stopping.requested and not budget.spent_by(trainer):
+        write_results(folder)
+    if stopping.signal is not None and not budget.spent_by(trainer):
         raise Interrupted(
             f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; everything "
-            f"is saved in {folder.path}"
+            f"is saved in {folder.path}",
+            stopping.signal,
         )
     return Run(folder.path, trainer.task.task)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from serp.cli.examples import ExampledCommand
-from serp.cli.failures import INTERRUPTED, say
+from serp.cli.failures import say, stopped_by
 from serp.cli.output import open_console, print_table
 from serp.cli.values import parse_settings
 
@@ -82,7 +82,7 @@ def command(
 
     The report says how fast each learns, what it costs and what is left to chance. With the same
     --out only what is missing is run: more algorithms, seeds or domain files, or the rest of what
-    Ctrl-C stopped (exit status 130).
+    Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
     """
     if listing:
         _list()
@@ -107,7 +107,7 @@ def command(
         say(
             f"{stop}.\nGo on with the same command" + (" and --out of that folder." * (out is None))
         )
-        return INTERRUPTED
+        return stopped_by(stop.signal)
     if quiet:
         click.echo(comparison.path)
     else:
