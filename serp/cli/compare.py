@@ -10,7 +10,7 @@ import click
 
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say, stopped_by
-from serp.cli.output import open_console, print_table
+from serp.cli.output import open_console, print_result, print_table
 from serp.cli.values import parse_settings
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def command(
         )
         return stopped_by(stop.signal)
     if quiet:
-        click.echo(comparison.path)
+        print_result(comparison.path)
     else:
         _print_results(comparison)
     return None

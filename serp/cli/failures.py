@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import os
 import sys
 import warnings
@@ -13,13 +14,13 @@ from typing import Any, NoReturn
 import click
 
 from serp.errors import Notice, SerpError
+from serp.terminal import visible
 
 DONE = 0
 MISTAKE = 1
 USAGE = 2
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 PIPE_CLOSED = 141  # 128 + SIGPIPE
-
 
 _as_ever = warnings.formatwarning
 
@@ -45,7 +46,9 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
         if not status:
             sys.stdout.flush()  # a reader that went away is noticed here, not when Python ends
     except click.ClickException as error:
-        error.show()
+        with io.StringIO() as shown:
+            error.show(shown)
+            say(shown.getvalue().rstrip("\n"))
         status = error.exit_code
     except (click.Abort, KeyboardInterrupt) as stop:
         if isinstance(stop.__cause__, EOFError):  # click takes any for the end of what is typed
@@ -60,22 +63,29 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
             raise
         message = str(error) if isinstance(error, SerpError) else _described(error)
         notes: list[str] = getattr(error, "__notes__", [])
-        say(click.style("Error: ", fg="red", bold=True) + "\n".join([message, *notes]))
+        say("\n".join([message, *notes]), head="Error: ")
         status = MISTAKE
     _settle()
     sys.exit(status or DONE)
 
 
-def say(text: str) -> None:
-    """Write a line to standard error; no matter if nobody can read it."""
+def say(text: str, head: str = "") -> None:
+    """Write a line to standard error; no matter if nobody can read it.
+
+    Args:
+        text: The line, whatever it holds.
+        head: What stands before it, in red on a terminal.
+    """
     with contextlib.suppress(OSError, ValueError):
-        click.echo(text, err=True)
+        click.echo(
+            (click.style(head, fg="red", bold=True) if head else "") + visible(text), err=True
+        )
 
 
 def _one_line(message: Warning | str, category: type[Warning], *rest: Any) -> str:
     """Format a warning: a notice in one line, any other as ever."""
     if issubclass(category, Notice):
-        return f"Note: {message}\n"
+        return f"Note: {visible(str(message))}\n"
     return _as_ever(message, category, *rest)
 
 

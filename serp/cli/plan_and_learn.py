@@ -11,7 +11,7 @@ from click.core import ParameterSource
 
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say, stopped_by
-from serp.cli.output import number, open_console, plural, print_table
+from serp.cli.output import number, open_console, plural, print_result, print_table
 from serp.cli.values import parse_settings
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def command(
     if resuming and _episodes(path) == episodes_before:
         say("Nothing was left to do. To train on, give more --episodes or --env-steps in all.")
     if quiet:
-        click.echo(run.path)
+        print_result(run.path)
     else:
         _print_results(run, domain)
     return None
