@@ -39,6 +39,7 @@ from serp.stopping import stop_between_episodes
 from serp.task import BoundTask, Task
 from serp.threads import one_thread
 from serp.training import Trainer, Transition
+from serp.watchdog import Watchdog
 
 
 def plan_and_learn(
@@ -235,9 +236,12 @@ def _train(
 
     trainer.on_step = after_step
     trainer.task.on_notice = progress.note
+    watchdog = Watchdog(
+        trainer.task, settings.slow_step_seconds, lambda: trainer.under_way, progress.note
+    )
     events: EventWriter | None = None
     with stop_between_episodes() as stopping:
-        with contextlib.ExitStack() as stack, one_thread(), progress:
+        with contextlib.ExitStack() as stack, one_thread(), progress, watchdog:
             if settings.tensorboard:
                 events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
             for text in (note, *trainer.agent.notices):

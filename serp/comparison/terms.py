@@ -22,7 +22,13 @@ _MIXING: Final = (
     "rho", "rho_increment", "rho_unit", "rho_max", "surety", "imitation", "indifferent",
 )  # fmt: skip
 """Settings of the arbiter that only the mixture reads."""
-_NOT_OF_TRAINING: Final = ("env_steps", "units", "checkpoint_seconds", "tensorboard")
+_NOT_OF_TRAINING: Final = (
+    "env_steps",
+    "units",
+    "checkpoint_seconds",
+    "slow_step_seconds",
+    "tensorboard",
+)
 """Settings that a comparison does not read."""
 
 
