@@ -59,7 +59,11 @@ def test_nothing_in_a_configuration_becomes_markdown_or_html(make_metrics):
         "versions": {hostile: hostile}, "machine": {hostile: hostile, "cores": [hostile]},
     }  # fmt: skip
     summary = summarize(make_metrics(3), {"domain": hostile, "preset": hostile, "seed": hostile})
-    html = MarkdownIt("commonmark").enable("table").render(report(about, summary, {hostile: 1}))
+    html = (
+        MarkdownIt("commonmark")
+        .enable("table")
+        .render(report(about, {**summary, "vetoes_by_reason": {hostile: 1}}))
+    )
     assert "<script" not in html and "<a " not in html
     assert html.count("<h1") == 1 and html.count("<pre>") == 1
     assert not set(html) & {"\x1b", "\u202e"}
