@@ -66,6 +66,8 @@ def _number(value: Any, what: str) -> float:
 
 
 def _truth(value: Any, what: str) -> bool:
+    if value is True or value is False:
+        return value
     single = _single(value)
     if isinstance(single, Real) and single in (0, 1):
         return bool(single)
