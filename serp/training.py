@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from serp.actions import ActionForecast
 from serp.agent import Agent
+from serp.answers import single
 from serp.arbiter import Decision
 from serp.domain.model import StateError, Vector
 from serp.errors import LearningFailure, SettingsError, TaskError
@@ -313,10 +314,8 @@ class Trainer:
                 f"arbiter.rho_unit is `{unit}`, but the environment's info has no such entry; "
                 "use " + ", ".join(["step", "episode", *sorted(map(str, info))])
             )
-        value = info[unit]
-        if isinstance(value, np.generic | np.ndarray) and value.size == 1:
-            value = value.item()
-        if not isinstance(value, str | int | float):
+        value = single(info[unit])
+        if not isinstance(value, str | int | float) or value != value:  # NaN changes all the time
             raise SettingsError(
                 f"arbiter.rho_unit: the environment's info has {value!r} under `{unit}`; a number "
                 "or a text is needed"
