@@ -53,11 +53,11 @@ def _owned(raw: Any) -> Any:
 
 
 def _number(value: Any, what: str) -> float:
-    single = _single(value)
-    if not isinstance(single, Real):
+    element = single(value)
+    if not isinstance(element, Real):
         raise ValueError(f"{what} is {_shown(value)}, not one number")
     try:
-        number = float(single)
+        number = float(element)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
@@ -66,9 +66,11 @@ def _number(value: Any, what: str) -> float:
 
 
 def _truth(value: Any, what: str) -> bool:
-    single = _single(value)
-    if isinstance(single, Real) and single in (0, 1):
-        return bool(single)
+    if value is True or value is False:
+        return value
+    element = single(value)
+    if isinstance(element, Real) and element in (0, 1):
+        return bool(element)
     raise ValueError(f"{what} is {_shown(value)}, not True or False")
 
 
@@ -78,7 +80,7 @@ def _info(value: Any) -> dict[str, Any]:
     return dict(value)
 
 
-def _single(value: Any) -> Any:
+def single(value: Any) -> Any:
     """Return the only element of an array, a tensor or a NumPy number; else the value itself."""
     if isinstance(value, bool | int | float) or not hasattr(value, "__array__"):
         return value

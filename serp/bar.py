@@ -6,6 +6,8 @@ import contextlib
 import sys
 from collections.abc import Callable, Iterator
 
+from serp.terminal import open_console
+
 
 @contextlib.contextmanager
 def bar(title: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[], None]]:
@@ -22,17 +24,13 @@ def bar(title: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[],
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda: None
         return
-    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
     from rich.progress import TimeRemainingColumn as Remaining
 
-    class Lasting(Console):
-        def on_broken_pipe(self) -> None:  # rich would end the process
-            raise BrokenPipeError
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Remaining())
+    name = TextColumn("{task.description}", markup=False)
+    columns = (name, BarColumn(), MofNCompleteColumn(), Remaining())
     # No thread of rich's own: it would draw while the policy computes.
-    shown = Progress(*columns, console=Lasting(stderr=True), auto_refresh=False, transient=True)
+    shown = Progress(*columns, console=open_console(sys.stderr), auto_refresh=False, transient=True)
     task = shown.add_task(title, total=total)
 
     def advance() -> None:

@@ -39,7 +39,15 @@ class MissingExtra(SerpError):
 
 
 class Interrupted(SerpError):
-    """The user stopped a training or a comparison; it can be continued."""
+    """A training or a comparison was stopped; it can be continued.
+
+    Attributes:
+        signal: Number of the signal that stopped it.
+    """
+
+    def __init__(self, message: str, signal: int) -> None:
+        super().__init__(message)
+        self.signal = signal
 
 
 class Notice(UserWarning):

@@ -63,8 +63,11 @@ class Observations:
             ValueError: It is no member of the space, not made of real numbers, or not finite; the
                 text says which part of it, what was given and what is wanted.
         """
-        parts = [_flat(leaf, value, path) for path, leaf, value in _leaves(self.space, raw, "")]
-        vector = np.concatenate(parts) if len(parts) != 1 else parts[0]
+        if isinstance(self.space, spaces.Box):
+            vector = _flat(self.space, raw, "")
+        else:
+            parts = [_flat(leaf, value, path) for path, leaf, value in _leaves(self.space, raw, "")]
+            vector = np.concatenate(parts)
         if not np.isfinite(vector).all():
             first = int((~np.isfinite(vector)).argmax())
             raise ValueError(f"{self.name(first)} is {vector[first]}")

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final, Self, TextIO
 
 from serp.budget import Budget
 from serp.runs.report import duration
+from serp.terminal import open_console, visible
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -174,7 +175,7 @@ class _Quiet(Progress):
     def answer(self, text: str) -> None:
         with contextlib.suppress(OSError, ValueError):
             if self._stream is not None and self._stream.isatty():
-                self._stream.write(f"\n{text}\n")
+                self._stream.write(f"\n{visible(text)}\n")
                 self._stream.flush()
 
 
@@ -204,7 +205,7 @@ class _Lines(Progress):
 
     def note(self, text: str) -> None:
         encoding = getattr(self._stream, "encoding", None) or "utf-8"
-        text = text.encode(encoding, "replace").decode(encoding)
+        text = visible(text).encode(encoding, "replace").decode(encoding)
         # A display is not worth a run: a reader that went away ends the display alone.
         try:
             self._stream.write(text + "\n")
@@ -251,18 +252,13 @@ class _Panel(Progress):
         self._live: Live | None = None
 
     def __enter__(self) -> Self:
-        from rich.console import Console
         from rich.live import Live
-
-        class LastingConsole(Console):
-            def on_broken_pipe(self) -> None:  # rich would end the process
-                raise BrokenPipeError
 
         super().__enter__()
         # No thread of rich's own: it would draw while the loop computes. What others print goes
         # above the panel, but never away from a file or a pipe that it was meant for.
         self._live = Live(
-            console=LastingConsole(file=self._stream),
+            console=open_console(self._stream),
             auto_refresh=False,
             redirect_stdout=sys.stdout is not None and sys.stdout.isatty(),
             redirect_stderr=sys.stderr is not None and sys.stderr.isatty(),
@@ -287,7 +283,7 @@ class _Panel(Progress):
     def note(self, text: str) -> None:
         if self._live is not None:
             with contextlib.suppress(OSError, ValueError):
-                self._live.console.print(text, markup=False, highlight=False)
+                self._live.console.print(text)
 
     def _show(self) -> None:
         if self._live is None:
@@ -324,7 +320,7 @@ class _Panel(Progress):
                     ("━" * full, "blue"), ("━" * (_BAR - full), "dim"), f" {100 * done:.0f} %"
                 )
             )
-        return Panel(outer, title=Text(self._title), title_align="left", expand=False)
+        return Panel(outer, title=Text(visible(self._title)), title_align="left", expand=False)
 
     def _numbers(self) -> list[tuple[tuple[str, str], tuple[str, str]]]:
         """Label and value, each with its style, by rows of three."""

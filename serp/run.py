@@ -38,10 +38,11 @@ from serp.runs.reading import read_metrics
 from serp.runs.tensorboard import EventWriter, require_tensorboard
 from serp.saved import Saved
 from serp.settings import Settings, resolve
-from serp.stopping import ANSWER, stop_between_episodes
+from serp.stopping import stop_between_episodes
 from serp.task import BoundTask, Task
 from serp.threads import one_thread
 from serp.training import Trainer, Transition
+from serp.watchdog import Watchdog
 
 
 def plan_and_learn(
@@ -77,7 +78,7 @@ def plan_and_learn(
 
     Raises:
         SerpError: Domain, task, settings or folder are wrong, or the environment failed.
-        Interrupted: Ctrl-C; what was done is saved and can be resumed.
+        Interrupted: Ctrl-C, SIGTERM or SIGHUP; what was done is saved and can be resumed.
     """
     begun = datetime.datetime.now()
     budget = Budget(episodes, env_steps)
@@ -244,44 +245,46 @@ def _train(
         return trainer.wall_time + min(settings.checkpoint_seconds, 50 * cost)
 
     def after_step(transition: Transition) -> None:
-        if stopping.answer_due():
-            progress.answer(ANSWER)
+        answer = stopping.answer("the episode", "the run then continues from its last checkpoint")
+        if answer is not None:
+            progress.answer(answer)
         if progress.due():
             progress.update(_stats(trainer, trainer.wall_time))
 
     trainer.on_step = after_step
     trainer.task.on_notice = progress.note
+    watchdog = Watchdog(
+        trainer.task, settings.slow_step_seconds, lambda: trainer.under_way, progress.note
+    )
     events: EventWriter | None = None
-    with (
-        contextlib.ExitStack() as stack,
-        one_thread(),
-        stop_between_episodes() as stopping,
-        progress,
-    ):
-        if settings.tensorboard:
-            events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
-        learning = said_of(trainer.judge.source, in_file=trainer.task.model.rewarding)
-        for text in (note, f"{learning[0].upper()}{learning[1:]}.", *trainer.agent.notices):
-            if text is not None:
-                progress.note(text)
-        # Whatever happens in the first episodes, the run can be continued.
-        due = save()
-        while not budget.spent_by(trainer) and not stopping.requested:
-            row = trainer.run_episode()
-            folder.metrics.append(row)
-            if events is not None:
-                events.append(row)
-            progress.update(_stats(trainer, row.wall_time))
-            if trainer.wall_time >= due:
-                due = save()
-        save()
-    from serp.runs.results import write_results  # brings matplotlib, which no step needs
+    with stop_between_episodes() as stopping:
+        with contextlib.ExitStack() as stack, one_thread(), progress, watchdog:
+            if settings.tensorboard:
+                events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
+            learning = said_of(trainer.judge.source, in_file=trainer.task.model.rewarding)
+            said = f"{learning[0].upper()}{learning[1:]}."
+            for text in (note, said, *trainer.agent.notices):
+                if text is not None:
+                    progress.note(text)
+            # Whatever happens in the first episodes, the run can be continued.
+            due = save()
+            while not budget.spent_by(trainer) and not stopping.requested:
+                row = trainer.run_episode()
+                folder.metrics.append(row)
+                if events is not None:
+                    events.append(row)
+                progress.update(_stats(trainer, row.wall_time))
+                if trainer.wall_time >= due:
+                    due = save()
+            save()
+        from serp.runs.results import write_results  # brings matplotlib, which no step needs
 
-    write_results(folder, compile_seconds=trainer.compile_seconds)
-    if stopping.requested and not budget.spent_by(trainer):
+        write_results(folder, compile_seconds=trainer.compile_seconds)
+    if stopping.signal is not None and not budget.spent_by(trainer):
         raise Interrupted(
             f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; everything "
-            f"is saved in {folder.path}."
+            f"is saved in {folder.path}.",
+            stopping.signal,
         )
     return Run(folder.path, trainer.task.task)
 

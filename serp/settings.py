@@ -38,6 +38,8 @@ class TrainingSettings:
             steps: runs are saved and stopped between episodes.
         checkpoint_seconds: Most time between two checkpoints, which are made between episodes;
             they are made more often where they are cheap.
+        slow_step_seconds: A step or reset of the environment that takes longer is reported while it
+            hangs, once a run; infinity: none is.
         tensorboard: Whether to write TensorBoard events as well (extra `tensorboard`).
     """
 
@@ -48,6 +50,7 @@ class TrainingSettings:
     units: int | None = None
     episode_steps: int = 10_000
     checkpoint_seconds: float = 15.0
+    slow_step_seconds: float = 30.0
     tensorboard: bool = False
 
     def __post_init__(self) -> None:
@@ -69,6 +72,8 @@ class TrainingSettings:
         self._take(
             "checkpoint_seconds", seconds if seconds is None or seconds >= 0 else None, ">= 0"
         )
+        slow = real(self.slow_step_seconds, infinite=True)
+        self._take("slow_step_seconds", slow if slow is None or slow > 0 else None, "> 0")
 
     def _take(self, name: str, value: Any, allowed: str) -> None:
         """Put Python's own value in the place of a setting; None stands for one out of range."""

@@ -6,11 +6,12 @@ import contextlib
 import inspect
 import json
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self, TypeVar
+from typing import Any, Literal, NamedTuple, Self, TypeVar
 
 import gymnasium as gym
 import numpy as np
@@ -106,6 +107,18 @@ def declared_reward(task: Task, model: TransitionModel) -> Literal["domain", "en
     return task.reward or ("domain" if model.rewarding else "environment")
 
 
+class Call(NamedTuple):
+    """A call of the environment.
+
+    Attributes:
+        what: In words, such as `step with action left`.
+        since: When it began, seconds of the monotonic clock.
+    """
+
+    what: str
+    since: float
+
+
 class BoundTask:
     """A task with an environment made, its domain loaded and its actions resolved.
 
@@ -118,6 +131,7 @@ class BoundTask:
         actions: The map of actions.
         observations: Reads the environment's observations.
         rewarded_by: Whose reward the task declares to be learned from: `domain` or `environment`.
+        call: What the environment was called for and has not returned from; None otherwise.
         on_notice: Called with a line that the user should read, where it is set.
 
     As a context manager it closes its environment at the end.
@@ -137,6 +151,7 @@ class BoundTask:
                 self.env.close()
             raise
         self._watch = layers.Watch(self.env)
+        self.call: Call | None = None
         self.on_notice: Callable[[str], None] | None = None
 
     def _check_fields(self) -> None:
@@ -286,11 +301,14 @@ class BoundTask:
 
     @contextlib.contextmanager
     def _blamed(self, what: str) -> Iterator[None]:
-        """Say that the environment failed, whatever it raised."""
+        """Note that the environment is called; say that it failed, whatever it raised."""
+        self.call = Call(what, time.monotonic())
         try:
             yield
         except Exception as error:
             raise EnvironmentFailure(f"task {self.name}: {what} failed: {_short(error)}") from error
+        finally:
+            self.call = None
 
     def _understood(self, understand: Callable[[Any], _T], answer: Any, what: str) -> _T:
         try:

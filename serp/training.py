@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from serp.actions import ActionForecast
 from serp.agent import Agent
+from serp.answers import single
 from serp.arbiter import Decision
 from serp.compile_time import compile_seconds, working_time
 from serp.domain.model import StateError, Vector
@@ -134,6 +135,7 @@ class Trainer:
         judge: Says what a step was worth.
         decisions: The same, to be set before the first episode.
         episode, env_steps: How many there were.
+        under_way: Number of the env step that is being made, from 1.
         units: How many units of `arbiter.rho_unit` have ended.
         tally: What is counted of all steps.
         on_step: Called with every env step that was made and learned from, where it is set.
@@ -164,7 +166,7 @@ class Trainer:
         self.episode = 0
         self.env_steps = 0
         self.units = 0
-        self._under_way = 1  # the env step that is being made
+        self.under_way = 1
         self.tally = Tally()
         self.recent: deque[float] = deque(maxlen=20)
         self.decisions = decisions
@@ -210,7 +212,7 @@ class Trainer:
             return (yield from self._learning_points())
         except (TaskError, LearningFailure, StateError) as error:
             error.add_note(
-                f"That was in env step {self._under_way} of the training, episode "
+                f"That was in env step {self.under_way} of the training, episode "
                 f"{self.episode + 1}."
             )
             raise
@@ -218,13 +220,14 @@ class Trainer:
     def _learning_points(self) -> LearningPoints[MetricsRow]:
         agent, task, strategy = self.agent, self.task, self.agent.arbiter.strategy
         episode = _Episode()
+        self.under_way = self.env_steps + 1
         raw, info = task.reset(seed=episode_seed(self.seed, self.episode))
         self._notice_unit(info, reset=True)
         state, x = self._perceive(raw)
         random_phase = not self._pretrained
         decision = self._decide(state, x, random_phase=random_phase)
         while True:
-            self._under_way = self.env_steps + 1
+            self.under_way = self.env_steps + 1
             self._log(decision, state)
             raw, env_reward, terminated, truncated, info = task.step(decision.action)
             next_state, next_x = self._perceive(raw)
@@ -324,10 +327,8 @@ class Trainer:
                 f"arbiter.rho_unit is `{unit}`, but the environment's info has no such entry; "
                 "use " + ", ".join(["step", "episode", *sorted(map(str, info))])
             )
-        value = info[unit]
-        if isinstance(value, np.generic | np.ndarray) and value.size == 1:
-            value = value.item()
-        if not isinstance(value, str | int | float):
+        value = single(info[unit])
+        if not isinstance(value, str | int | float) or value != value:  # NaN changes all the time
             raise SettingsError(
                 f"arbiter.rho_unit: the environment's info has {value!r} under `{unit}`; a number "
                 "or a text is needed"

@@ -6,6 +6,8 @@ import contextlib
 import csv
 import json
 import os
+import pty
+import select
 import signal
 import subprocess
 import sys
@@ -134,26 +136,64 @@ def test_an_existing_run_is_not_overwritten(whole: Path) -> None:
     assert {path: path.read_bytes() for path in whole.iterdir()} == before
 
 
-@pytest.mark.skipif(os.name == "nt", reason="no SIGINT can be sent there")
-def test_a_run_stopped_by_ctrl_c_goes_on_as_if_nothing_had_been(whole: Path) -> None:
-    stopped = whole.parent / "stopped"
-    process = subprocess.Popen(
-        [sys.executable, "-m", "serp", "plan-and-learn", *QUICK, "--episodes=9", "--out=stopped"],
-        cwd=whole.parent, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    metrics = stopped / "metrics.csv"
-    deadline = time.monotonic() + 60
-    while not metrics.exists() or metrics.read_text().count("\n") < 3:
-        assert process.poll() is None
+class Terminal:
+    """A terminal that somebody reads, until it is closed."""
+
+    def __init__(self) -> None:
+        self.master, self.slave = pty.openpty()
+
+    def enter(self) -> None:
+        """Make it the terminal of the session that the calling process leads."""
+        os.close(os.open(os.ttyname(self.slave), os.O_RDWR))
+
+    def read(self) -> None:
+        """Read what is there."""
+        while select.select([self.master], [], [], 0)[0]:
+            os.read(self.master, 65536)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no such signals there")
+def test_a_run_that_a_signal_stops_goes_on_as_if_nothing_had_been(whole: Path) -> None:
+    """Ctrl-C, a scheduler's SIGTERM, and a terminal that is closed under it."""
+    folder, terminal = whole.parent, Terminal()
+
+    def begin(name: str, where: int, **options: Any) -> subprocess.Popen[str]:
+        return subprocess.Popen(
+            [sys.executable, "-m", "serp", "plan-and-learn", *QUICK, "--episodes=9",
+             f"--out={name}"], cwd=folder, stdout=where, stderr=where, text=True, **options,
+        )  # fmt: skip
+
+    pressed, scheduled = (begin(name, subprocess.PIPE) for name in ("pressed", "scheduled"))
+    closed = begin("closed", terminal.slave, start_new_session=True, preexec_fn=terminal.enter)
+    os.close(terminal.slave)
+    ends = {
+        "pressed": (pressed, 130, lambda: pressed.send_signal(signal.SIGINT)),
+        "scheduled": (scheduled, 143, lambda: scheduled.send_signal(signal.SIGTERM)),
+        "closed": (closed, 129, lambda: os.close(terminal.master)),
+    }
+    waiting, deadline = set(ends), time.monotonic() + 90
+    while waiting:
         assert time.monotonic() < deadline
+        if "closed" in waiting:
+            terminal.read()
+        for name in sorted(waiting):
+            metrics = folder / name / "metrics.csv"
+            assert ends[name][0].poll() is None
+            if metrics.exists() and metrics.read_text().count("\n") >= 3:
+                ends[name][2]()
+                waiting.remove(name)
         time.sleep(0.005)
-    process.send_signal(signal.SIGINT)
-    _, shown = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "Traceback" not in shown
-    assert "everything is saved in stopped" in shown
-    assert "serp plan-and-learn --resume stopped" in shown
-    assert 2 <= len(rows(stopped, "metrics")) < 9
-    installed(whole.parent, "plan-and-learn", "--resume=stopped")
-    assert rows(stopped, "metrics") == rows(whole, "metrics")
-    assert rows(stopped, "decisions") == rows(whole, "decisions")
+    for name, (process, status, _) in ends.items():
+        _, shown = process.communicate(timeout=60)
+        assert process.returncode == status, shown
+        if name != "closed":
+            assert "Traceback" not in shown
+            assert f"everything is saved in {name}" in shown
+            assert f"serp plan-and-learn --resume {name}" in shown
+        done = rows(folder / name, "metrics")
+        assert 2 <= len(done) < 9
+        assert done == rows(whole, "metrics")[: len(done)]
+        assert (folder / name / "report.md").exists()
+    installed(folder, "plan-and-learn", "--resume=closed")
+    assert rows(folder / "closed", "metrics") == rows(whole, "metrics")
+    assert rows(folder / "closed", "decisions") == rows(whole, "decisions")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from serp.cli.examples import ExampledCommand
-from serp.cli.failures import INTERRUPTED, say
-from serp.cli.output import open_console, print_table
+from serp.cli.failures import say, stopped_by
+from serp.cli.output import open_console, print_result, print_table
 from serp.cli.tasks import asked_task, own_task_option
 from serp.cli.values import parse_settings
 
@@ -84,7 +84,7 @@ def command(
 
     The report says how fast each learns, what it costs and what is left to chance. With the same
     --out only what is missing is run: more algorithms, seeds or domain files, or the rest of what
-    Ctrl-C stopped (exit status 130).
+    Ctrl-C, SIGTERM or SIGHUP stopped (exit status 130, 143, 129).
     """
     if listing:
         _list()
@@ -112,9 +112,9 @@ def command(
         say(
             f"{stop}.\nGo on with the same command" + (" and --out of that folder." * (out is None))
         )
-        return INTERRUPTED
+        return stopped_by(stop.signal)
     if quiet:
-        click.echo(comparison.path)
+        print_result(comparison.path)
     else:
         _print_results(comparison)
     return None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import os
 import sys
 import warnings
@@ -13,6 +14,7 @@ from typing import Any, NoReturn
 import click
 
 from serp.errors import Notice, SerpError
+from serp.terminal import visible
 
 DONE = 0
 MISTAKE = 1
@@ -20,8 +22,13 @@ USAGE = 2
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 PIPE_CLOSED = 141  # 128 + SIGPIPE
 
-
 _as_ever = warnings.formatwarning
+
+
+def stopped_by(signal: int | BaseException) -> int:
+    """Return the status of a command that a signal stopped: its number, or what it raised."""
+    number = signal if isinstance(signal, int) else getattr(signal, "signal", None)
+    return INTERRUPTED if number is None else 128 + number
 
 
 def exit_with(run: Callable[[], Any]) -> NoReturn:
@@ -36,38 +43,49 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
     warnings.formatwarning = _one_line  # type: ignore[assignment]
     try:
         status = run()
-        sys.stdout.flush()  # a reader that went away is noticed here, not when Python ends
+        if not status:
+            sys.stdout.flush()  # a reader that went away is noticed here, not when Python ends
     except click.ClickException as error:
-        error.show()
+        with io.StringIO() as shown:
+            error.show(shown)
+            say(shown.getvalue().rstrip("\n"))
         status = error.exit_code
-    except (click.Abort, KeyboardInterrupt) as error:
-        if isinstance(error.__cause__, EOFError):  # click takes any for the end of what is typed
-            raise error.__cause__ from None
+    except (click.Abort, KeyboardInterrupt) as stop:
+        if isinstance(stop.__cause__, EOFError):  # click takes any for the end of what is typed
+            raise stop.__cause__ from None
         say("Stopped.")
-        status = INTERRUPTED
-    except BrokenPipeError:
-        _drop_output()
-        status = PIPE_CLOSED
+        status = stopped_by(stop)
     except (SerpError, OSError) as error:
+        if _nobody_reads(error):
+            _settle()
+            sys.exit(PIPE_CLOSED)
         if os.environ.get("SERP_DEBUG", "0") not in ("", "0"):
             raise
         message = str(error) if isinstance(error, SerpError) else _described(error)
         notes: list[str] = getattr(error, "__notes__", [])
-        say(click.style("Error: ", fg="red", bold=True) + "\n".join([message, *notes]))
+        say("\n".join([message, *notes]), head="Error: ")
         status = MISTAKE
+    _settle()
     sys.exit(status or DONE)
 
 
-def say(text: str) -> None:
-    """Write a line to standard error; no matter if nobody can read it."""
+def say(text: str, head: str = "") -> None:
+    """Write a line to standard error; no matter if nobody can read it.
+
+    Args:
+        text: The line, whatever it holds.
+        head: What stands before it, in red on a terminal.
+    """
     with contextlib.suppress(OSError, ValueError):
-        click.echo(text, err=True)
+        click.echo(
+            (click.style(head, fg="red", bold=True) if head else "") + visible(text), err=True
+        )
 
 
 def _one_line(message: Warning | str, category: type[Warning], *rest: Any) -> str:
     """Format a warning: a notice in one line, any other as ever."""
     if issubclass(category, Notice):
-        return f"Note: {message}\n"
+        return f"Note: {visible(str(message))}\n"
     return _as_ever(message, category, *rest)
 
 
@@ -85,7 +103,17 @@ def _write_whatever_comes() -> None:
             stream.reconfigure(errors="replace")
 
 
-def _drop_output() -> None:
-    """Send what is still held for standard output nowhere, so that Python's end is quiet."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _nobody_reads(error: Exception) -> bool:
+    """Whether an error says that the pipe or the terminal that was written to is closed."""
+    gone = isinstance(error, OSError) and error.errno == errno.EIO and error.filename is None
+    return gone or isinstance(error, BrokenPipeError)
+
+
+def _settle() -> None:
+    """Send what nobody reads any more nowhere: Python ends quietly, and with our status."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            try:
+                stream.flush()
+            except OSError:
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
+
+from serp import terminal
+from serp.terminal import visible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -16,13 +20,7 @@ _UNLIMITED = 10_000  # columns of a file or pipe: nothing is wrapped or cut
 
 def open_console() -> Console:
     """Return a console on standard output that takes text as it stands."""
-    from rich.console import Console
-
-    class QuietlyBroken(Console):
-        def on_broken_pipe(self) -> None:  # rich would end the process
-            raise BrokenPipeError
-
-    console = QuietlyBroken(markup=False, highlight=False, emoji=False)
+    console = terminal.open_console()
     if not console.is_terminal:
         console.width = _UNLIMITED
     return console
@@ -59,10 +57,15 @@ def print_table(
     )
     for column, title in enumerate(head):
         table.add_column(
-            Text(title), justify="right" if column in to_the_right else "left", overflow="fold"
+            Text(visible(title)),
+            justify="right" if column in to_the_right else "left",
+            overflow="fold",
         )
     for row, cells in enumerate(rows):
-        table.add_row(*map(Text, cells), style=styles[row] if row < len(styles) else None)
+        table.add_row(
+            *(Text(visible(cell)) for cell in cells),
+            style=styles[row] if row < len(styles) else None,
+        )
     if console.is_terminal:
         console.print(table)
         return
@@ -76,7 +79,13 @@ def print_json(value: Any) -> None:
     """Print JSON that every reader takes: NaN and infinities become null."""
     from serp.runs.json_files import finite, json_text
 
-    click.echo(json_text(finite(value)), nl=False)
+    text = json_text(finite(value))
+    click.echo(text if not sys.stdout.isatty() else visible(text), nl=False)
+
+
+def print_result(text: object) -> None:
+    """Print a line for programs to read, such as a path: as it is, but on a terminal visibly."""
+    click.echo(visible(str(text)) if sys.stdout.isatty() else str(text))
 
 
 def number(value: float | None, digits: int = 4) -> str:

@@ -10,8 +10,8 @@ import click
 from click.core import ParameterSource
 
 from serp.cli.examples import ExampledCommand
-from serp.cli.failures import INTERRUPTED, say
-from serp.cli.output import number, open_console, plural, print_table
+from serp.cli.failures import say, stopped_by
+from serp.cli.output import number, open_console, plural, print_result, print_table
 from serp.cli.tasks import asked_task, own_task_name, own_task_option
 from serp.cli.values import parse_settings
 
@@ -74,8 +74,9 @@ def command(
     The planner acts from the first step and the learner takes over; what the domain file flags
     unsafe is refused whenever there is a choice.
 
-    A run that Ctrl-C stops (exit status 130) has lost nothing: the episode is finished first. A
-    second Ctrl-C stops at once, and the run goes on from its last checkpoint.
+    A run that Ctrl-C, SIGTERM or SIGHUP stops (exit status 130, 143, 129) has lost nothing: the
+    episode is finished first. A second one stops at once, and the run goes on from its last
+    checkpoint.
     """
     settings = parse_settings(assignments)
     if correct is not None:
@@ -105,16 +106,16 @@ def command(
         )  # fmt: skip
     except Interrupted as stop:
         say("\n".join([str(stop), *_notes(stop)]))
-        return INTERRUPTED
+        return stopped_by(stop.signal)
     except KeyboardInterrupt as stop:
         if not _notes(stop):
             raise
         say("\n".join(["Stopped at once.", *_notes(stop)]))
-        return INTERRUPTED
+        return stopped_by(stop)
     if resuming and _episodes(run.path) == episodes_before:
         say("Nothing was left to do. To train on, give more --episodes or --env-steps in all.")
     if quiet:
-        click.echo(run.path)
+        print_result(run.path)
     else:
         _print_results(run, domain)
     return None

@@ -30,8 +30,8 @@ COMMANDS = {
         "serp plan --help",
     ),
     epilog="Exit status: 0 done; 1 something in files, names or the environment has to be mended, "
-    "and the message says what; 2 the command line is wrong; 130 stopped by Ctrl-C. With "
-    "SERP_DEBUG=1 an error shows where in the program it arose.",
+    "and the message says what; 2 the command line is wrong; 128 + n stopped by signal n (130: "
+    "Ctrl-C). With SERP_DEBUG=1 an error shows where in the program it arose.",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(__version__, prog_name="serp", message="%(prog)s %(version)s")

@@ -136,6 +136,13 @@ class _Visitor:
     def alone(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
         with self._blamed():
             actions: NDArray[Any] = np.asarray(self._guest.act(inputs.astype(np.float32)))
+            size = self.agent.learner.action_count
+            whole = actions.dtype.kind in "iu" and actions.shape == (len(inputs),)
+            if not whole or (actions < 0).any() or (actions >= size).any():
+                raise ValueError(
+                    f"act returned {actions!r}; {len(inputs)} whole numbers 0 ... {size - 1} are "
+                    "wanted"
+                )
             return actions.astype(np.int64)
 
     @contextlib.contextmanager

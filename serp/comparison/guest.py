@@ -88,6 +88,8 @@ class GuestEnv(gym.Env[NDArray[np.float32], np.int64]):
         state = self._state
         if state is None:
             raise gym.error.ResetNeeded("reset comes before step")
+        if not self.action_space.contains(action):
+            raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
         decision: Decision = self._unguarded.judge_proposal(state, Fixed(int(action)))
         raw, env_reward, terminated, truncated, info = self._task.step(decision.action)
         next_state, x = self._agent.perceive(raw)

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from serp.answers import single
 from serp.comparison.records import EpisodeRow
 from serp.compile_time import working_time
+from serp.errors import TaskError
 from serp.evaluation import outcome_of
+from serp.quantities import real
 from serp.tally import Tally
 from serp.training import Transition
 
@@ -97,11 +100,21 @@ class Log:
             planner_steps=counts["planner_steps"],
             seconds=self.seconds,
         )
-        self.rows.append((row, tuple(float(info.get(name, 0)) for name in self._counters)))
+        self.rows.append((row, tuple(_counted(info, name) for name in self._counters)))
         self._begin_episode()
 
 
+def _counted(info: dict[str, Any], name: str) -> float:
+    found = single(info.get(name, 0))
+    value = real(int(found) if isinstance(found, bool) else found)
+    if value is None:
+        raise TaskError(
+            f"the task counts `{name}`, but the environment's info has {info[name]!r} there; a "
+            "finite number is wanted"
+        )
+    return float(value)
+
+
 def _number(value: Any) -> int:
-    if isinstance(value, np.ndarray) and value.size == 1:
-        value = value.item()
-    return int(value) if isinstance(value, int | float | np.number) else 0
+    """Return the number of a unit; 0 where it is counted by something else."""
+    return int(real(single(value)) or 0)

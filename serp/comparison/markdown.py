@@ -1,41 +1,14 @@
-"""Pieces of Markdown: tables, numbers, and text that is shown as it is, whatever it holds."""
+"""Numbers and estimates as a Markdown report shows them."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from serp.comparison.statistics import Estimate, Times
 
 NOTHING: Final = "–"
-
-
-def plain(text: object) -> str:
-    """Text that Markdown shows as it stands, in one cell of a table too.
-
-    Control characters, which have no picture, become U+FFFD.
-    """
-    line = " ".join(str(text).split())
-    line = re.sub(r"[\x00-\x1f\x7f-\x9f]", "\ufffd", line)
-    line = re.sub(r"([\\`*_\[\]<>|#&~$!])", r"\\\1", line)
-    # What would begin a list or underline a heading.
-    return re.sub(r"^(\d*)([-+.)](?= |$)|[-=]+$)", r"\1\\\2", line)
-
-
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> str:
-    """A table of finished Markdown cells; the first `left` columns are texts, the rest numbers."""
-    marks = ["---"] * left + ["---:"] * (len(head) - left)
-    lines = [head, marks, *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def code(text: str, language: str = "sh") -> str:
-    """A block of text that is shown letter by letter."""
-    longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
-    fence = "`" * max(3, longest + 1)
-    return f"{fence}{language}\n{text}\n{fence}"
 
 
 def number(value: float | None) -> str:

@@ -9,6 +9,8 @@ from typing import Final
 
 from markdown_it import MarkdownIt
 
+from serp.terminal import visible
+
 _CSS: Final = """
 :root { color-scheme: light; }
 body { font: 16px/1.5 system-ui, "DejaVu Sans", sans-serif; color: #222; background: #fff;
@@ -58,6 +60,6 @@ def page(markdown: str, title: str, pictures: Mapping[str, bytes]) -> str:
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n"
+        f"<title>{escape(visible(title))}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n"
         f"{body}</body>\n</html>\n"
     )

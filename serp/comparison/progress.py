@@ -6,14 +6,15 @@ import sys
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from serp.comparison.records import Trial
 from serp.runs.report import duration
+from serp.terminal import open_console
 
 
 class Outlook:
@@ -105,7 +106,7 @@ class Display:
         self._count = count
         self._ended = 0
         self._quiet = quiet
-        self._console = Console(file=sys.stderr, highlight=False)
+        self._console = open_console(sys.stderr)
         self._bar: Progress | None = None
         self._task: TaskID | None = None
 
@@ -129,7 +130,8 @@ class Display:
         traceback: TracebackType | None,
     ) -> None:
         if self._bar is not None:
-            self._bar.stop()
+            with suppress(OSError, ValueError):
+                self._bar.stop()
 
     def notice(self, trial: Trial, env_steps: int) -> None:
         """Show where a trial stands."""
@@ -147,7 +149,8 @@ class Display:
     def say(self, text: str) -> None:
         """Show a line that stays."""
         if not self._quiet:
-            self._console.print(text, markup=False, soft_wrap=True)
+            with suppress(OSError, ValueError):
+                self._console.print(text, soft_wrap=True)
 
     def _show(self) -> None:
         if self._bar is not None and self._task is not None:

@@ -10,16 +10,7 @@ from typing import Final, NamedTuple
 from serp.comparison.about import ComparisonAbout as ComparisonAbout
 from serp.comparison.claims import MARGIN, Claim, judge
 from serp.comparison.figures import Picture, pictures
-from serp.comparison.markdown import (
-    NOTHING,
-    code,
-    estimate_text,
-    number,
-    percent,
-    plain,
-    table,
-    times_text,
-)
+from serp.comparison.markdown import NOTHING, estimate_text, number, percent, times_text
 from serp.comparison.numbers import comparison_json, episodes_csv, evaluations_csv, measures_csv
 from serp.comparison.page import page
 from serp.comparison.records import Record, Trial
@@ -40,6 +31,7 @@ from serp.comparison.tables import (
     variants_table,
 )
 from serp.comparison.variants import EARLY_MARGIN, FINAL_MARGIN, subject, variant_rows
+from serp.markdown import code, plain, table
 from serp.picture import render
 from serp.runs.durable import cannot_write, write_durably
 from serp.runs.summary import WINDOW

@@ -30,7 +30,7 @@ from serp.quantities import whole
 from serp.reward import source_of
 from serp.runs.placement import default_path
 from serp.settings import resolve
-from serp.stopping import stop_between_episodes
+from serp.stopping import Stopping, stop_between_episodes
 from serp.task import BoundTask, Task
 
 
@@ -102,7 +102,7 @@ def compare(
     Raises:
         SerpError: Task, settings or folder are wrong, or a trial failed. Trials that are complete
             are kept, and the report is made of them.
-        Interrupted: Ctrl-C; what is complete is kept.
+        Interrupted: Ctrl-C, SIGTERM or SIGHUP; what is complete is kept.
     """
     if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
         raise SettingsError(f"out must be the name of a folder, not {out!r}")
@@ -134,12 +134,16 @@ def compare(
             plan.write()
             notes = judges_alike(plan, bound)
             about = _about(plan, bound, notes)
-            failed, stopped = _run(plan, bound, missing, count, quiet=quiet)
-            records = tuple(read_trial(folder, t) for t in plan.trials if is_complete(folder, t))
-            results = write_report(folder, records, about).results
-    if stopped:
+            with stop_between_episodes() as stopping:
+                failed = _run(plan, bound, missing, count, stopping, quiet=quiet)
+                done = (trial for trial in plan.trials if is_complete(folder, trial))
+                records = tuple(read_trial(folder, trial) for trial in done)
+                results = write_report(folder, records, about).results
+    if stopping.signal is not None and len(results.records) + len(failed) < len(plan.trials):
         raise Interrupted(
-            f"stopped with {len(results.records)} of {len(plan.trials)} trials complete in {folder}"
+            f"stopped with {len(results.records)} of {len(plan.trials)} trials complete in "
+            f"{folder}",
+            stopping.signal,
         )
     if failed:
         raise RunError(
@@ -162,29 +166,26 @@ def _try_algorithms(plan: Plan, bound: BoundTask) -> None:
             make_contender(algorithm, bound, settings, trial.seed)
 
 
-_ANSWER = (
-    "Ctrl-C: the trials that run are finished, so that nothing is lost. Press it again to stop at "
-    "once; they are run again when the comparison goes on."
-)
-
-
 def _run(
-    plan: Plan, bound: BoundTask, missing: Sequence[Trial], processes: int, *, quiet: bool
-) -> tuple[list[tuple[str, str]], bool]:
-    """Run trials; return what failed, and whether the user stopped it."""
+    plan: Plan,
+    bound: BoundTask,
+    missing: Sequence[Trial],
+    processes: int,
+    stopping: Stopping,
+    *,
+    quiet: bool,
+) -> list[tuple[str, str]]:
+    """Run trials until it is asked to stop; return what failed."""
     failed: list[tuple[str, str]] = []
     if not missing:
-        return failed, False
+        return failed
     processes = min(processes, len(missing))
     here = processes > 1 and not portable([_job(plan, [trial]) for trial in missing])
     groups = grouped(missing, partial(_together, plan, bound), 1 if here else processes)
     jobs = [_job(plan, group) for group in groups]
     processes = 1 if here else min(processes, len(jobs))
     outlook = Outlook(missing, plan.conditions.env_steps, processes, groups=groups)
-    with (
-        stop_between_episodes() as stopping,
-        Display(outlook, len(missing), quiet=quiet) as display,
-    ):
+    with Display(outlook, len(missing), quiet=quiet) as display:
         if here:
             display.say(
                 "The trials run one after another: the task has functions that cannot be imported "
@@ -195,8 +196,11 @@ def _run(
             return stopping.requested
 
         def notice(trial: Trial, env_steps: int) -> None:
-            if stopping.answer_due():
-                display.say(_ANSWER)
+            answer = stopping.answer(
+                "the trials that run", "they are run again when the comparison goes on"
+            )
+            if answer is not None:
+                display.say(answer)
             display.notice(trial, env_steps)
 
         if processes == 1:
@@ -207,7 +211,7 @@ def _run(
             display.end(ended.trial, ended.error)
             if ended.error is not None:
                 failed.append((named_trial(ended.trial), ended.error))
-        return failed, stopping.requested
+        return failed
 
 
 def _together(plan: Plan, bound: BoundTask, trial: Trial) -> bool:

@@ -12,14 +12,13 @@ from serp.comparison.markdown import (
     NOTHING,
     estimate_text,
     number,
-    plain,
     spread_text,
-    table,
     times_text,
 )
 from serp.comparison.results import PLAIN, Results
 from serp.comparison.statistics import interquartile_mean, mean, median, standard_deviation
 from serp.comparison.variants import Check, pooled_final, subject, variant_rows
+from serp.markdown import plain, table
 
 RETURNS: Final = (
     "training_area",

@@ -28,7 +28,13 @@ REWARDS: Final[Mapping[Source, str]] = {
     "environment": "reward of the environment",
     "sum": "reward of the environment plus those of the domain file",
 }
-_NOT_OF_TRAINING: Final = ("env_steps", "units", "checkpoint_seconds", "tensorboard")
+_NOT_OF_TRAINING: Final = (
+    "env_steps",
+    "units",
+    "checkpoint_seconds",
+    "slow_step_seconds",
+    "tensorboard",
+)
 """Settings that a comparison does not read."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -18,11 +19,12 @@ from serp.comparison.playing import Arena
 from serp.comparison.records import EvaluationRow, Trial
 from serp.compile_time import working_time
 from serp.domain.model import Vector
-from serp.errors import RunError, SerpError
+from serp.errors import Notice, RunError, SerpError
 from serp.settings import Settings, resolve
 from serp.task import BoundTask, Task
 from serp.threads import one_thread
 from serp.training import LearningPoints, Transition
+from serp.watchdog import Watchdog
 
 
 class _Spent(Exception):
@@ -138,19 +140,27 @@ class _Trial:
         self._evaluations: list[EvaluationRow] = []
         available = contender.agent.arbiter.available
         self._log = Log(available, unit_of(bound.task), bound.task.counters, clock)
+        self._watchdog = Watchdog(
+            bound,
+            contender.agent.settings.training.slow_step_seconds,
+            lambda: self._log.env_steps + 1,
+            lambda line: warnings.warn(line, Notice, stacklevel=2),
+        )
         most = max(conditions.evaluation_episodes, conditions.final_episodes)
         self._arena = Arena(bound.task, contender.agent, most, conditions.evaluation_seed)
 
     def run(self) -> Measured:
         try:
-            self._train()
+            with self._watchdog:
+                self._train()
         finally:
             self._arena.close()
         return self._measured()
 
     def learning_points(self, own: Own) -> LearningPoints[Measured]:
         try:
-            yield from own.learning_points(self._conditions.env_steps, self._after_step)
+            with self._watchdog:
+                yield from own.learning_points(self._conditions.env_steps, self._after_step)
         except _Spent:
             pass
         finally:

@@ -24,6 +24,7 @@ from serp.comparison.storage import is_complete, write_trial
 from serp.comparison.together import run_together
 from serp.comparison.trial import Measured, run_trial
 from serp.errors import SerpError
+from serp.stopping import SIGNALS
 from serp.task import Task
 
 OnProgress = Callable[[Trial, int], None]
@@ -205,10 +206,14 @@ _said: Any = None
 
 
 def _begin_worker(stop: Any, said: Any) -> None:
-    """Leave Ctrl-C to the parent, and end with it or when it says so."""
+    """Leave signals to the parent, and end with it or when it says so.
+
+    Ctrl-C, a closing terminal and a scheduler send them to every process of the group.
+    """
     global _said
     _said = said
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()

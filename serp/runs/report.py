@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from serp.markdown import code, plain
 from serp.reward import said_of
 
 
@@ -26,7 +26,7 @@ def report(
         Markdown with a line break at its end.
     """
     sections = [
-        f"# Run: {_plain(_title(about, summary))}",
+        f"# Run: {plain(_title(about, summary))}",
         _lead(summary),
         f"![Learning curve: return per episode, and who decided]({picture})",
         *_learned_from(summary),
@@ -113,17 +113,17 @@ def _vetoes(vetoes: Mapping[str, int]) -> str:
     if not vetoes:
         return "There were none."
     return _table(
-        ("reason", "vetoes"), [(_plain(why), f"{count:,}") for why, count in vetoes.items()]
+        ("reason", "vetoes"), [(plain(why), f"{count:,}") for why, count in vetoes.items()]
     )
 
 
 def _origin(about: Mapping[str, Any]) -> str:
     rows = [
-        ("begun", _plain(str(about["created"]))),
-        *((copy, _plain(f"copy of {name}")) for copy, name in about["domain_files"].items()),
-        *((name, _plain(str(value))) for name, value in about["machine"].items()),
+        ("begun", plain(str(about["created"]))),
+        *((plain(copy), plain(f"copy of {name}")) for copy, name in about["domain_files"].items()),
+        *((plain(name), plain(value)) for name, value in about["machine"].items()),
         *(
-            (name, _plain(version))
+            (plain(name), plain(version))
             for name, version in about["versions"].items()
             if version is not None
         ),
@@ -132,7 +132,7 @@ def _origin(about: Mapping[str, Any]) -> str:
     command: Sequence[str] = about["command"]
     if not command:
         return table
-    return f"```sh\n{shlex.join(command)}\n```\n\n{table}"
+    return f"{code(shlex.join(map(str, command)))}\n\n{table}"
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> Iterable[tuple[str, str]]:
@@ -142,9 +142,9 @@ def _flat(values: Mapping[str, Any], before: str = "") -> Iterable[tuple[str, st
         if isinstance(value, Mapping):
             yield from _flat(value, f"{name}, ")
         elif isinstance(value, int | float) and not isinstance(value, bool):
-            yield _plain(name), _number(value)
+            yield plain(name), _number(value)
         elif isinstance(value, str | bool) or value is None:
-            yield _plain(name), _plain("–" if value is None else str(value))
+            yield plain(name), plain("–" if value is None else str(value))
         # Lists (a value an episode) are for programs: they stay in summary.json.
 
 
@@ -174,8 +174,3 @@ def _number(value: float | None) -> str:
 
 def _percent(share: float | None) -> str:
     return "–" if share is None else f"{100 * share:.1f} %"
-
-
-def _plain(text: str) -> str:
-    """Text that Markdown takes as it stands, in one cell of a table."""
-    return re.sub(r"([\\`*_\[\]<>|#])", r"\\\1", " ".join(text.split()))

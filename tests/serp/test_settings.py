@@ -113,6 +113,8 @@ def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
         ({"training": {"inputs": "pixels"}}, "inputs"),
         ({"training": {"checkpoint_seconds": float("nan")}}, "checkpoint_seconds"),
         ({"training": {"checkpoint_seconds": -1.0}}, "checkpoint_seconds"),
+        ({"training": {"slow_step_seconds": 0}}, "slow_step_seconds must be > 0, not 0"),
+        ({"training": {"slow_step_seconds": "30"}}, "slow_step_seconds must be > 0, not '30'"),
     ],
 )
 def test_what_does_not_exist_or_fit_is_refused_by_name(changes: Any, said: str) -> None:

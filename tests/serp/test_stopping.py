@@ -1,45 +1,104 @@
-"""Ctrl-C during a training."""
+"""Ctrl-C, SIGTERM and SIGHUP during a training."""
 
 from __future__ import annotations
 
+import re
 import signal
 import threading
 from collections.abc import Iterator
 
 import pytest
 
-from serp.stopping import stop_between_episodes
+from serp.cli.failures import stopped_by
+from serp.stopping import SIGNALS, StoppedAtOnce, Stopping, stop_between_episodes
 
 
 @pytest.fixture(autouse=True)
 def as_before() -> Iterator[None]:
-    before = signal.getsignal(signal.SIGINT)
+    before = {number: signal.getsignal(number) for number in SIGNALS}
     yield
-    signal.signal(signal.SIGINT, before)
+    for number, handler in before.items():
+        signal.signal(number, handler)
 
 
-def test_the_first_ctrl_c_is_a_request_and_is_answered_once() -> None:
+def answer(stopping: Stopping) -> str | None:
+    return stopping.answer("the episode", "nothing is lost")
+
+
+@pytest.mark.parametrize(
+    ("number", "said"),
+    [
+        (
+            signal.SIGINT,
+            "Ctrl-C: finishing the episode, .* Press it again to stop at once; nothing",
+        ),
+        (signal.SIGTERM, "SIGTERM: finishing the episode, .* Send another signal to stop at once"),
+        (signal.SIGHUP, "SIGHUP: finishing the episode"),
+    ],
+)
+def test_the_first_signal_is_a_request_and_is_answered_once(
+    number: signal.Signals, said: str
+) -> None:
+    before = signal.getsignal(number)
     with stop_between_episodes() as stopping:
-        assert not stopping.requested and not stopping.answer_due()
-        signal.raise_signal(signal.SIGINT)
-        assert stopping.requested
-        assert [stopping.answer_due() for _ in range(3)] == [True, False, False]
+        assert not stopping.requested and answer(stopping) is None
+        signal.raise_signal(number)
+        assert stopping.signal == number and stopping.requested
+        first, *later = (answer(stopping) for _ in range(3))
+        assert first is not None and re.match(said, first) and later == [None, None]
+    assert signal.getsignal(number) is before
 
 
-def test_the_second_ctrl_c_stops_at_once_and_handlers_are_put_back() -> None:
-    before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt), stop_between_episodes():
-        signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGINT)
-    assert signal.getsignal(signal.SIGINT) is before
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (signal.SIGINT, signal.SIGINT),
+        (signal.SIGHUP, signal.SIGTERM),
+        (signal.SIGTERM, signal.SIGINT),
+        (signal.SIGINT, signal.SIGHUP),
+    ],
+)
+def test_the_second_signal_stops_at_once_and_handlers_are_put_back(
+    first: signal.Signals, second: signal.Signals
+) -> None:
+    before = [signal.getsignal(number) for number in SIGNALS]
+    with pytest.raises(KeyboardInterrupt) as stopped, stop_between_episodes():
+        signal.raise_signal(first)
+        signal.raise_signal(second)
+    assert stopped_by(stopped.value) == 128 + second
+    assert [signal.getsignal(number) for number in SIGNALS] == before
 
 
-def test_a_job_that_ignores_ctrl_c_goes_on_ignoring_it() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_sent_to_process_and_group_is_one_request(
+    number: signal.Signals, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [10.0]
+    monkeypatch.setattr("serp.stopping.time.monotonic", lambda: now[0])
+    with pytest.raises(StoppedAtOnce), stop_between_episodes() as stopping:
+        for now[0] in (10.0, 10.01, 10.9):
+            signal.raise_signal(number)
+        assert stopping.signal == number
+        now[0] = 12.0
+        signal.raise_signal(number)
+        pytest.fail("the second request was not heard")
+
+
+@pytest.mark.parametrize("number", SIGNALS)
+def test_a_job_that_ignores_a_signal_goes_on_ignoring_it(number: signal.Signals) -> None:
+    signal.signal(number, signal.SIG_IGN)
     with stop_between_episodes() as stopping:
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)
         assert not stopping.requested
-    assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    assert signal.getsignal(number) is signal.SIG_IGN
+
+
+def test_a_program_that_handles_sigterm_itself_goes_on_doing_so() -> None:
+    heard: list[int] = []
+    signal.signal(signal.SIGTERM, lambda number, frame: heard.append(number))
+    with stop_between_episodes() as stopping:
+        signal.raise_signal(signal.SIGTERM)
+        assert heard == [signal.SIGTERM] and not stopping.requested
 
 
 def test_other_threads_leave_signals_alone() -> None:

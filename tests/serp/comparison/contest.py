@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import multiprocessing
 import os
 from collections.abc import Callable, Mapping
 from importlib.metadata import EntryPoint
@@ -23,6 +24,7 @@ from serp.comparison.storage import trial_folder
 from serp.comparison.study import Comparison, compare
 from serp.comparison.trial import Measured, run_trial
 from serp.errors import RunError
+from serp.stopping import SIGNALS
 from serp.task import Task
 from serp.training import episode_seed
 from tests.serp.tasks import Corridor, corridor
@@ -76,6 +78,16 @@ class Deadly(Walk):
     def reset(self, *, seed: int | None = None, **options: Any) -> Any:
         if seed == BAD_SEED:
             os._exit(9)
+        return super().reset(seed=seed, **options)
+
+
+class Signalled(Walk):
+    """Gets at every reset the signals that a terminal and a scheduler send to all of a group."""
+
+    def reset(self, *, seed: int | None = None, **options: Any) -> Any:
+        if multiprocessing.parent_process() is not None:
+            for number in SIGNALS:
+                os.kill(os.getpid(), number)
         return super().reset(seed=seed, **options)
 
 

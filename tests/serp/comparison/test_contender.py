@@ -5,13 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from serp.comparison.algorithms import find_algorithm
 from serp.comparison.contender import Contender, flagged, make_contender
+from serp.comparison.guest import GuestEnv
 from serp.comparison.trial import trial_settings
-from tests.serp.comparison.contest import OWN, walk
+from serp.errors import RunError
+from tests.serp.comparison.contest import OWN, Drawing, walk
 
 PLACES = [np.array([x, 0.2]) for x in range(-2, 4)]
 
@@ -55,6 +58,24 @@ def test_one_from_outside_is_held_by_the_same_vetoes(tmp_path: Path, guests: Non
         decision = contender.vetoed(state, x)
         assert decision.proposed == 1
         assert not decision.unsafe
+
+
+def test_what_one_from_outside_chooses_is_one_of_the_actions(
+    tmp_path: Path, guests: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A negative number is no last action, and 1.5 no 1."""
+    contender, bound = trained(tmp_path, "drawing")
+    state, x = contender.agent.perceive(PLACES[0])
+    for wrong in ([-1], [4], [1.5], [[1]], [True], [], None):
+        monkeypatch.setattr(Drawing, "act", lambda self, inputs, given=wrong: given)
+        with pytest.raises(RunError, match="`drawing` failed: .*1 whole numbers 0 ... 3 are want"):
+            contender.vetoed(state, x)
+    env = GuestEnv(bound, contender.agent, 0, lambda transition: None)
+    env.reset()
+    for action in (-1, 4, 1.5):
+        with pytest.raises(gym.error.InvalidAction, match="is no action of Discrete"):
+            env.step(action)  # type: ignore[arg-type]
+    env.step(np.int64(3))
 
 
 @pytest.mark.parametrize("name", OWN)

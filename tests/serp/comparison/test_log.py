@@ -10,6 +10,7 @@ import pytest
 
 from serp.arbiter import Actor, Arbiter, Decision, Reason
 from serp.comparison.log import Log
+from serp.errors import TaskError
 from serp.evaluation import outcome_of
 from serp.learning.dqn import Proposal
 from serp.settings import resolve
@@ -56,6 +57,22 @@ def decisions(folder: Path) -> dict[str, Decision]:
     assert found["vetoed"].reason is Reason.UNSAFE
     assert found["vetoed"].executed_by is Actor.PLANNER
     return found
+
+
+@pytest.mark.parametrize("slips", [2, np.float32(2), np.array([2]), True, 2.0])
+def test_counters_may_be_any_numbers(tmp_path: Path, slips: Any) -> None:
+    log, done = Log(np.zeros(4, bool), "game", ("slips",)), decisions(tmp_path)["planner"]
+    for game in (3, float("nan"), "third"):
+        log.step(transition(done, last=True, slips=slips, game=game))
+    assert [row.unit for row, _ in log.rows] == [3, 0, 0]
+    assert {counted for _, counted in log.rows} == {(float(np.sum(slips)),)}
+
+
+@pytest.mark.parametrize("slips", ["2", None, float("nan"), 1j, np.zeros(2)])
+def test_a_counter_that_is_no_number_is_named(tmp_path: Path, slips: Any) -> None:
+    log, done = Log(np.zeros(4, bool), "game", ("slips",)), decisions(tmp_path)["planner"]
+    with pytest.raises(TaskError, match="the task counts `slips`, but .*a finite number is wanted"):
+        log.step(transition(done, last=True, slips=slips))
 
 
 def test_an_episode_is_the_sum_of_its_steps(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from serp.comparison.trial import Measured, unit_of
-from serp.errors import EnvironmentFailure, RunError, SettingsError
+from serp.errors import EnvironmentFailure, Notice, RunError, SettingsError
 from serp.registry import load_task
 from tests.serp.comparison.contest import (
     CONDITIONS,
@@ -47,6 +47,18 @@ Once = Callable[..., Measured]
 def found(measured: Measured) -> Any:
     """What was found, but for the time it took."""
     return episodes_of(measured), measured.evaluations, measured.terms
+
+
+def test_a_step_that_hangs_is_a_notice(tmp_path: Path) -> None:
+    class Slow(Walk):
+        def step(self, action: int) -> Any:
+            if self.made == 4:
+                time.sleep(0.2)
+            return super().step(action)
+
+    changes = {"training": {"slow_step_seconds": 0.05}}
+    with pytest.warns(Notice, match=r"0.05 s: step with action .*, env step 5\. "):
+        measured(tmp_path, "mrp", task=walk(tmp_path, Slow), changes=changes)
 
 
 @pytest.mark.parametrize("algorithm", OWN)

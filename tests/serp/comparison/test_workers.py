@@ -15,7 +15,7 @@ from serp.comparison.records import Trial
 from serp.comparison.storage import is_complete
 from serp.comparison.workers import Ended, Job, portable, run_here, run_in_processes
 from serp.task import Task
-from tests.serp.comparison.contest import CONDITIONS, Deadly, Pothole, everything, walk
+from tests.serp.comparison.contest import CONDITIONS, Deadly, Pothole, Signalled, everything, walk
 
 
 def job(folder: Path, task: Task, algorithm: str, *seeds: int) -> Job:
@@ -37,13 +37,13 @@ def trials_of(todo: Iterable[Job]) -> list[Trial]:
 def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
     tmp_path: Path, guests: None
 ) -> None:
-    """Guests too, trials that take turns, trials that fail, and processes that die."""
+    """Guests too, trials that take turns, trials that fail, processes that die, and signals."""
     good, bad, deadly = walk(tmp_path), walk(tmp_path, Pothole), walk(tmp_path, Deadly)
     todo = [
         job(tmp_path / "there", good, "drawing", 0),
         job(tmp_path / "there", bad, "mrp", 1),
         job(tmp_path / "there", bad, "serp", 0, 1, 2),
-        job(tmp_path / "there", good, "serp", 7),
+        job(tmp_path / "there", walk(tmp_path, Signalled), "serp", 7),
         job(tmp_path / "there", deadly, "dqn", 1, 0),  # the first kills its process
     ]
     assert portable(todo)

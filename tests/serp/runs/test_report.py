@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pytest
+from markdown_it import MarkdownIt
 
 from serp.runs.report import duration, report
 from serp.runs.summary import summarize
@@ -49,6 +50,23 @@ def test_a_run_that_has_just_begun_has_a_report(make_metrics):
     text = report({**ABOUT, "command": []}, summarize(make_metrics(0)))
     assert "No episode has ended yet." in text and "There were none." in text
     assert "```" not in text and "None" not in text
+
+
+def test_nothing_in_a_configuration_becomes_markdown_or_html(make_metrics):
+    hostile = "```\n<script>x</script> | [a](http://b) \x1b[31m\u202e # h"
+    about = {
+        "created": hostile, "command": ["serp", hostile, 3], "domain_files": {hostile: hostile},
+        "versions": {hostile: hostile}, "machine": {hostile: hostile, "cores": [hostile]},
+    }  # fmt: skip
+    summary = summarize(make_metrics(3), {"domain": hostile, "preset": hostile, "seed": hostile})
+    html = (
+        MarkdownIt("commonmark")
+        .enable("table")
+        .render(report(about, {**summary, "vetoes_by_reason": {hostile: 1}}))
+    )
+    assert "<script" not in html and "<a " not in html
+    assert html.count("<h1") == 1 and html.count("<pre>") == 1
+    assert not set(html) & {"\x1b", "\u202e"}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,71 @@
+"""The way to a terminal: text is shown as text, whatever it holds.
+
+Names, comments, paths, reasons and messages come from files, settings and environments of others.
+A control character among them could colour, move, hide or type; a format character could turn the
+order of letters around. Whatever goes to a terminal passes `visible`.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+import unicodedata
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, Final, TextIO
+
+if TYPE_CHECKING:
+    from rich.console import Console, ConsoleOptions, RenderableType
+    from rich.segment import Segment
+    from rich.text import Text
+
+_HIDDEN: Final = ("Cc", "Cf", "Cs", "Zl", "Zp")  # control, format, surrogate, separators of lines
+_ODD: Final = re.compile(r"[^\n\t\x20-\x7e\xa0-\xac\xae-\xff]")
+"""What has to be looked at; all that most texts are made of is not."""
+
+
+def visible(text: str) -> str:
+    r"""Return a text with its control and format characters as escapes, such as `\x1b`, `\u202e`.
+
+    Line feeds and tabs stay. What is escaped already is left as it is.
+    """
+    return _ODD.sub(_shown, text)
+
+
+def _shown(match: re.Match[str]) -> str:
+    character = match.group()
+    if unicodedata.category(character) not in _HIDDEN:
+        return character
+    return character.encode("unicode_escape").decode("ascii")
+
+
+def open_console(stream: TextIO | None = None, **options: Any) -> Console:
+    """Return a rich console that shows text as it stands: no markup, no control characters.
+
+    A pipe that nobody reads any more raises BrokenPipeError.
+
+    Args:
+        stream: Where to; standard output by default.
+        options: Of `rich.console.Console`.
+    """
+    return _console_class()(file=stream, markup=False, highlight=False, emoji=False, **options)
+
+
+@functools.cache
+def _console_class() -> type[Console]:
+    from rich.console import Console
+
+    class VisibleConsole(Console):
+        def render_str(self, text: str, **options: Any) -> Text:
+            return super().render_str(visible(text), **options)
+
+        def render(
+            self, renderable: RenderableType, options: ConsoleOptions | None = None
+        ) -> Iterable[Segment]:
+            for segment in super().render(renderable, options):
+                shown = segment.text if segment.control else visible(segment.text)
+                yield segment._replace(text=shown)
+
+        def on_broken_pipe(self) -> None:  # rich would end the process
+            raise BrokenPipeError
+
+    return VisibleConsole
