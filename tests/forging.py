@@ -39,7 +39,7 @@ VALUES = (*NUMBERS, 2**70, -(2**200), True, False, None, "", "planner", [], [1],
 
 def begin(name: str, path: Path) -> None:
     """Trains for a while, without pictures of it."""
-    results.write_results = lambda folder: {}  # type: ignore[assignment]
+    results.write_results = lambda folder, **options: {}  # type: ignore[assignment]
     plan_and_learn(name, settings=SETTINGS, env_steps=BEGUN, out=path, seed=1, quiet=True)
     (path / PREVIOUS).unlink(missing_ok=True)  # what is refused is not to be found whole elsewhere
 
@@ -128,7 +128,7 @@ _OF_ARRAYS: tuple[tuple[str, Callable[[Any, random.Random, Any], Any]], ...] = (
 
 def main(folder: Path, first: int, count: int) -> None:
     """Forges and resumes; prints a JSON line before each, and how it ended after it."""
-    results.write_results = lambda folder: {}  # type: ignore[assignment]
+    results.write_results = lambda folder, **options: {}  # type: ignore[assignment]
     arrays, meta = load(folder / NEWEST)
     run = folder.with_name(f"{folder.name}-forged")
     for seed in range(first, first + count):

@@ -91,7 +91,7 @@ def _report(console: Console, pair: Pair, own: Task | None, portable_seconds: fl
     Raises:
         SerpError: Something is wrong.
     """
-    from serp.cli.rewards import learned_from_by
+    from serp.cli.rewards import learned_from
     from serp.cli.warnings_of import warnings_of
     from serp.portability import outside_portable_subset
 
@@ -108,8 +108,8 @@ def _report(console: Console, pair: Pair, own: Task | None, portable_seconds: fl
         console.print(f"  {line}")
     if fits is not None:
         console.print(f"  {fits}")
-    if learned := learned_from_by(domain, pair.domain or Path(domain.source.name)):
-        console.print(f"  {learned}")
+    if task is not None and fits is not None:
+        console.print(f"  {learned_from(domain, task)}")
     for finding in findings[:_WARNINGS]:
         console.print(f"  warning: {finding}", style="yellow")
     if len(findings) > _WARNINGS:

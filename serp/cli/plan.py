@@ -99,9 +99,7 @@ def command(
     else:
         print_plan(open_console(), loaded.domain.name, origin, planner, state, plan)
         if loaded.task is not None and loaded.domain.model.rewarding:
-            open_console().print(
-                f"task {loaded.task.name}: {learned_from(loaded.domain, loaded.task)}"
-            )
+            open_console().print(learned_from(loaded.domain, loaded.task))
     if svg is not None:
         from serp.drawing import draw_plan, svg_bytes
         from serp.runs.durable import write_durably

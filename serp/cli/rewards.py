@@ -1,11 +1,8 @@
-"""What the learner of an installed task learns from, as a line to print."""
+"""What the learner of a task learns from, as a line to print."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
-
-from serp.errors import SerpError
 
 if TYPE_CHECKING:
     from serp.domain.loading import Domain
@@ -18,6 +15,9 @@ def learned_from(domain: Domain, task: Task) -> str:
     Args:
         domain: The domain file that is looked at.
         task: The task that it belongs to.
+
+    Raises:
+        SettingsError: The settings of the task are wrong.
     """
     from serp.reward import said_of, source_of
     from serp.settings import resolve
@@ -25,23 +25,4 @@ def learned_from(domain: Domain, task: Task) -> str:
 
     declared = declared_reward(task, domain.model)
     source = source_of(declared, resolve("default", task.settings))
-    return said_of(source, in_file=domain.model.rewarding)
-
-
-def learned_from_by(domain: Domain, file: Path) -> str | None:
-    """Say what the learner of the task learns from that a domain file belongs to.
-
-    Args:
-        domain: The domain.
-        file: Where it was read from.
-
-    Returns:
-        A line; None where no task is installed for it.
-    """
-    from serp.registry import task_of
-
-    try:
-        task = task_of(domain, file)
-        return None if task is None else f"task {task.name}: {learned_from(domain, task)}"
-    except SerpError as error:  # the file may be right all the same
-        return f"task: not loaded: {error}"
+    return f"task {task.name or domain.name}: {said_of(source, in_file=domain.model.rewarding)}"

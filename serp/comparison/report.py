@@ -242,7 +242,7 @@ def _equal_terms(results: Results) -> Iterable[str]:
     same, different = terms_tables(results)
     yield "## Equal terms"
     yield (
-        "Of all algorithms and seeds the same: the task and its reward, the seeds of the "
+        "Of all algorithms and seeds the same: the task, the seeds of the "
         "environment, the budget in env steps, and the evaluations"
         + (", and:\n\n" + same if same else ".")
     )
