@@ -12,6 +12,7 @@ from serp.arbiter import Arbiter, Decision, Forecaster
 from serp.choice import best_of
 from serp.correction.correction import Correction
 from serp.correction.curiosity import Curiosity
+from serp.correction.experience import CUT_OFF, GOES_ON, OVER
 from serp.domain.model import TransitionModel, Vector
 from serp.errors import EnvironmentFailure, TaskError
 from serp.learning.dqn import DQN, Proposal
@@ -217,7 +218,11 @@ class Agent:
 
         Arguments are those of `Correction.observe` and `Outlook.observe`.
         """
-        self.correction.observe(state, action, next_state, terminated or truncated)
+        ending = OVER if terminated else CUT_OFF if truncated else GOES_ON
+        # The file's rewards are compared with the environment's only where they stand for these.
+        by_environment = self.task.rewarded_by == "environment"
+        worth = judged.reward if by_environment else judged.domain_reward
+        self.correction.observe(state, action, next_state, ending, worth)
         if self.outlook is not None:
             self.outlook.observe(state, next_state, judged, terminated, truncated)
 

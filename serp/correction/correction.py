@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.correction.corrected import CorrectedModel
-from serp.correction.experience import Experience
+from serp.correction.experience import GOES_ON, Experience
 from serp.correction.kernels import foresee
 from serp.correction.learners import Learners, Meta
 from serp.correction.monitor import Monitor
@@ -17,7 +17,7 @@ from serp.correction.observing import keep, predict_and_keep, step_and_keep
 from serp.correction.settings import CorrectionSettings
 from serp.correction.skill import Skill
 from serp.correction.views import Key
-from serp.domain.flags import APPLICABLE
+from serp.domain.flags import APPLICABLE, TERMINAL
 from serp.domain.model import TransitionModel, Vector
 from serp.domain.native import address_of
 from serp.nesting import Arrays, nested, part_of
@@ -67,7 +67,7 @@ class Correction:
         self._learners: Learners | None = None
         self._reestimation: Reestimation | None = None
         self._address: np.intp | None = None
-        self._after = np.zeros(width + 1)
+        self._step = np.zeros((3, width + 2))
         if settings.mode != "off" and not written.compiles:
             self.notice = (
                 "the domain has too many ground actions to correct its model; it is used as written"
@@ -87,23 +87,27 @@ class Correction:
                 self._reestimation = Reestimation(written)
         self.model: TransitionModel = self._corrected or written
 
-    def observe(self, state: Vector, action: int, next_state: Vector, ended: bool) -> None:
+    def observe(
+        self, state: Vector, action: int, next_state: Vector, ending: int, reward: float = 0.0
+    ) -> None:
         """Take an env step into account.
 
         Args:
             state: `[F]` before the action.
             action: Ground action; -1 where the model knows none.
             next_state: `[F]` observed after it, before any reset.
-            ended: Whether the episode ended with it.
+            ending: How the step ended: `GOES_ON`, `CUT_OFF` or `OVER` of
+                `serp.correction.experience`.
+            reward: What the step was worth, in the unit of the file's rewards.
         """
-        self._episodes += ended
+        self._episodes += ending != GOES_ON
         if action < 0:
-            self.experience.add(state, action, next_state, ended)
-            self.monitor.observe(state, action, next_state, next_state, next_state)
+            self.experience.add(state, action, next_state, ending, reward)
+            self.monitor.observe(state, action, self._step)
         elif self._corrected is None:
-            self._compare(state, action, next_state, ended)
+            self._compare(state, action, next_state, ending, reward)
         else:
-            self._compare_and_learn(self._corrected, state, action, next_state, ended)
+            self._compare_and_learn(self._corrected, state, action, next_state, ending, reward)
         if self._reestimation is not None and self._reestimation.due(self.experience.seen):
             self._reconsider_literals()
 
@@ -120,7 +124,9 @@ class Correction:
         """Take nothing for known any more: what was predicted to last has not lasted."""
         self.tried[:] = 0
 
-    def _compare(self, state: Vector, action: int, next_state: Vector, ended: bool) -> None:
+    def _compare(
+        self, state: Vector, action: int, next_state: Vector, ending: int, reward: float
+    ) -> None:
         row, skill, model = self.monitor.row_of(action), self.skill, self._written
         head, ring, tables = self.experience.advance(), self.experience.ring, self.monitor.tables
         if self._address is None and model.compiled:
@@ -128,15 +134,16 @@ class Correction:
             self._address = address_of(model.native_step())
         if self._address is not None:
             compared, followed = step_and_keep(
-                self._address, model.data, model.dt, self._after, self.tried, state, action,
-                next_state, ended, head, *ring, row, *tables, skill.steps, skill.means,
+                self._address, model.data, model.dt, self.tried, self._step, state, action,
+                next_state, ending, reward, head, *ring, row, *tables, skill.steps, skill.means,
             )  # fmt: skip
         else:
             self.tried[action] += 1
             out, flags = model.transition(state.tolist(), action)
-            written = np.array(out[:-1]) if flags & APPLICABLE else state
+            ends = bool(flags & TERMINAL)
+            self._step[:] = [*out, ends] if flags & APPLICABLE else [*state, 0.0, 0.0]
             compared, followed = keep(
-                state, action, next_state, ended, written, written, head, *ring, row, *tables,
+                self._step, state, action, next_state, ending, reward, head, *ring, row, *tables,
                 skill.steps, skill.means,
             )  # fmt: skip
         self.monitor.note(row, compared)
@@ -148,13 +155,14 @@ class Correction:
         state: Vector,
         action: int,
         next_state: Vector,
-        ended: bool,
+        ending: int,
+        reward: float,
     ) -> None:
         row, skill = self.monitor.row_of(action), self.skill
         compared, followed, flows = predict_and_keep(
-            corrected.data, corrected.dt, self._rows, self._kinds, self.tried, state, action,
-            next_state, ended, self.experience.advance(), *self.experience.ring, row,
-            *self.monitor.tables, skill.steps, skill.means,
+            corrected.data, corrected.dt, self._rows, self._kinds, self.tried, self._step, state,
+            action, next_state, ending, reward, self.experience.advance(), *self.experience.ring,
+            row, *self.monitor.tables, skill.steps, skill.means,
         )  # fmt: skip
         self.monitor.note(row, compared)
         skill.steps += followed

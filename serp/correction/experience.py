@@ -15,6 +15,10 @@ from serp.saved import Saved
 CAPACITY: Final = 20_000
 """Transitions that are kept where nobody says otherwise."""
 
+GOES_ON, CUT_OFF, OVER = 0, 1, 2
+"""How a step ends: not at all, the episode is cut off (truncated), or the task is over
+(terminated)."""
+
 _NUMBERS: Final = 8_000_000
 """Numbers that the states and next states of one experience hold at most: 64 MB."""
 
@@ -25,7 +29,9 @@ def capacity_for(fluents: int) -> int:
 
 
 @cached_njit(nogil=True)
-def store(state, action, next_state, ended, head, states, actions, next_states, endings):  # type: ignore[no-untyped-def]
+def store(  # type: ignore[no-untyped-def]
+    state, action, next_state, ending, reward, head, states, actions, next_states, endings, rewards
+):
     """Put a transition into `Experience.ring`, where `Experience.advance` said; see its `add`.
 
     Nothing is checked here: states have to be as wide as the ring.
@@ -34,11 +40,12 @@ def store(state, action, next_state, ended, head, states, actions, next_states, 
         states[head, f] = state[f]
         next_states[head, f] = next_state[f]
     actions[head] = action
-    endings[head] = ended
+    endings[head] = ending
+    rewards[head] = reward
 
 
 class Experience:
-    """A ring of the newest transitions (state, ground action, next state, ended).
+    """A ring of the newest transitions: state, ground action, next state, ending and reward.
 
     The next state of a step that ended an episode is the last state of that episode, never the
     first one of the next.
@@ -68,8 +75,9 @@ class Experience:
         self._states: Vector = np.empty((capacity, fluents))
         self._next_states: Vector = np.empty((capacity, fluents))
         self._actions: NDArray[np.int64] = np.empty(capacity, np.int64)
-        self._ended: NDArray[np.bool_] = np.empty(capacity, np.bool_)
-        self.ring = self._states, self._actions, self._next_states, self._ended
+        self._endings: NDArray[np.int8] = np.zeros(capacity, np.int8)
+        self._rewards: Vector = np.zeros(capacity)
+        self.ring = self._states, self._actions, self._next_states, self._endings, self._rewards
 
     @classmethod
     def of(cls, model: TransitionModel) -> Experience:
@@ -77,20 +85,24 @@ class Experience:
         width = len(model.fluents)
         return cls(capacity_for(width), width, len(model.actions))
 
-    def add(self, state: Vector, action: int, next_state: Vector, ended: bool) -> None:
+    def add(
+        self, state: Vector, action: int, next_state: Vector, ending: int, reward: float = 0.0
+    ) -> None:
         """Take one env step.
 
         Args:
             state: `[F]` before the action.
             action: Position of the executed ground action; −1 where the model knows none.
             next_state: `[F]` observed after it.
-            ended: Whether the episode ended with it, by the environment or by a limit.
+            ending: How the step ended: `GOES_ON`, `CUT_OFF` or `OVER`.
+            reward: What the step was worth.
         """
         head = self._head
         self._states[head] = state
         self._actions[head] = action
         self._next_states[head] = next_state
-        self._ended[head] = ended
+        self._endings[head] = ending
+        self._rewards[head] = reward
         self.advance()
 
     def advance(self) -> int:
@@ -120,8 +132,18 @@ class Experience:
 
     @property
     def ended(self) -> NDArray[np.bool_]:
-        """`[N]`, whether the episode ended with the step."""
-        return self._in_order(self._ended)
+        """`[N]`, whether the episode ended with the step, by the environment or by a limit."""
+        return self._in_order(self._endings) != GOES_ON
+
+    @property
+    def over(self) -> NDArray[np.bool_]:
+        """`[N]`, whether the environment ended the task with the step."""
+        return self._in_order(self._endings) == OVER
+
+    @property
+    def rewards(self) -> Vector:
+        """`[N]`, what the steps were worth."""
+        return self._in_order(self._rewards)
 
     def _in_order(self, ring: NDArray[Any]) -> NDArray[Any]:
         """Return a copy of the rows in use, the oldest first."""
@@ -143,7 +165,8 @@ class Experience:
         arrays: dict[str, NDArray[Any]] = {
             "states": states,
             "actions": self.actions,
-            "ended": self.ended,
+            "endings": self._in_order(self._endings),
+            "rewards": self.rewards,
             "breaks": np.flatnonzero(~follows).astype(np.int64),
             "breaks.next_states": next_states[~follows],
         }
@@ -164,7 +187,8 @@ class Experience:
         # States are as they were observed, whatever they are.
         states = saved.array("states", np.float64, (count, fluents), low=None)
         actions = saved.array("actions", np.int64, (count,), -1, self._actions_known - 1)
-        ended = saved.array("ended", np.bool_, (count,))
+        endings = saved.array("endings", np.int8, (count,), GOES_ON, OVER)
+        rewards = saved.array("rewards", np.float64, (count,), low=None)
         breaks = saved.array("breaks", np.int64, (-1,), 0, count - 1)
         at_breaks = saved.array("breaks.next_states", np.float64, (len(breaks), fluents), low=None)
         # Nothing follows the last one.
@@ -178,6 +202,7 @@ class Experience:
         self._states[rows] = states
         self._next_states[rows] = following
         self._actions[rows] = actions
-        self._ended[rows] = ended
+        self._endings[rows] = endings
+        self._rewards[rows] = rewards
         self.seen = seen
         self._head = seen % self.capacity

@@ -29,43 +29,42 @@ _CASES = 10  # CASES times: size of the error; predicted as written and correcte
 _CASE_WIDTH = 4
 _COLUMNS = _CASES + CASES * _CASE_WIDTH
 
-_LOW, _HIGH, _PREDICATE = 0, 1, 2  # rows of the array about the fluents [3, F]
+_LOW, _HIGH, _PREDICATE = 0, 1, 2  # rows of the array about the quantities [3, F + 2]
+
+WRITTEN, CORRECTED, OBSERVED = 0, 1, 2
+"""Rows of a step's record `[3, F + 2]`: what the file predicts, what the model in use does, and what
+was observed. Behind the fluents stand the reward and the end (1, else 0), which were 0 before."""
+
+REWARD: Final = "reward"
+END: Final = "terminal"
 
 
 @cached_njit(error_model="numpy")
-def accumulate(
-    state: Any,
-    written: Any,
-    corrected: Any,
-    observed: Any,
-    row: int,
-    table: Any,
-    states: Any,
-    about: Any,
-) -> bool:
+def accumulate(state: Any, step: Any, row: int, table: Any, states: Any, about: Any) -> bool:
     """Add a step to a row of the table; return False, and add nothing, where it is no number.
 
-    State, both predictions and what was observed are `[F]`; `states` is `[rows, F, CASES, F]`, or
-    has no rows where the states of the worst cases are not kept.
+    `state` is `[F]` before the action and `step` the record `[3, F + 2]`; `states` is
+    `[rows, F + 2, CASES, F]`, or has no rows where the states of the worst cases are not kept.
     """
-    width = state.shape[0]
-    for f in range(width):
+    width, quantities = state.shape[0], step.shape[1]
+    for f in range(quantities):
+        before, after = state[f] if f < width else 0.0, step[OBSERVED, f]
         # One comparison finds NaN, infinities and what would overflow when squared.
         if not (
-            abs(state[f]) < _LARGEST
-            and abs(observed[f]) < _LARGEST
-            and abs(observed[f] - written[f]) < _LARGEST
-            and abs(observed[f] - corrected[f]) < _LARGEST
+            abs(before) < _LARGEST
+            and abs(after) < _LARGEST
+            and abs(after - step[WRITTEN, f]) < _LARGEST
+            and abs(after - step[CORRECTED, f]) < _LARGEST
         ):
             return False
     keep = states.shape[0] > 0
-    for f in range(width):
-        before, after = state[f], observed[f]
+    for f in range(quantities):
+        before, after = state[f] if f < width else 0.0, step[OBSERVED, f]
         about[_LOW, f] = min(about[_LOW, f], before, after)
         about[_HIGH, f] = max(about[_HIGH, f], before, after)
         predicate = about[_PREDICATE, f] != 0.0
         for side in range(2):
-            predicted = written[f] if side == 0 else corrected[f]
+            predicted = step[side, f]
             error = after - predicted
             table[row, f, _ERROR + side] += error
             table[row, f, _SQUARE + side] += error * error
@@ -75,15 +74,15 @@ def accumulate(
                     table[row, f, _PREDICTED + side] += 1.0
                 if before != after:
                     table[row, f, (_HAPPENED if changes else _UNPREDICTED) + side] += 1.0
-        size = abs(after - written[f])
+        size = abs(after - step[WRITTEN, f])
         least = _CASES
         for case in range(_CASES, _COLUMNS, _CASE_WIDTH):
             if table[row, f, case] < table[row, f, least]:
                 least = case
         if size > table[row, f, least]:
             table[row, f, least] = size
-            table[row, f, least + 1] = written[f]
-            table[row, f, least + 2] = corrected[f]
+            table[row, f, least + 1] = step[WRITTEN, f]
+            table[row, f, least + 2] = step[CORRECTED, f]
             table[row, f, least + 3] = after
             if keep:
                 for g in range(width):
@@ -92,15 +91,15 @@ def accumulate(
 
 
 class Side(NamedTuple):
-    """How well one model predicts one fluent after one action.
+    """How well one model predicts one fluent, the reward or the end after one action.
 
     Attributes:
         bias: Mean of observed − predicted.
         rmse: Root mean squared error.
-        predicted: Steps in which it predicted that the predicate changes; 0 for numbers, and so
-            the next two.
-        happened: Of these, the steps in which it did change.
-        unpredicted: Steps in which the predicate changed though it was not predicted to.
+        predicted: Steps in which it predicted that the predicate changes, or that the task ends; 0
+            for numbers, and so the next two.
+        happened: Of these, the steps in which it did.
+        unpredicted: Steps in which it did though it was not predicted to.
     """
 
     bias: float
@@ -129,14 +128,14 @@ class Case(NamedTuple):
 
 
 class MonitorRow(NamedTuple):
-    """What is known of the predictions of one fluent after one ground action.
+    """What is known of the predictions of one fluent, the reward or the end after one action.
 
     Attributes:
         action: Name of the ground action.
-        fluent: Name of the fluent.
-        numeric: False for a predicate.
+        fluent: Name of the fluent; `reward`, or `terminal` for the end.
+        numeric: False for a predicate and for the end.
         samples: Steps.
-        scale: Largest − smallest value of the fluent observed, after whatever action.
+        scale: Largest − smallest value observed, after whatever action.
         written: The file as written.
         corrected: The corrected model; equals `written` where there is none.
         worst: Its worst cases, the worst first; only steps with any error.
@@ -153,7 +152,9 @@ class MonitorRow(NamedTuple):
 
 
 class Monitor:
-    """Compares predicted with observed fluents, for each ground action that was executed.
+    """Compares what was predicted with what was observed, for each ground action executed.
+
+    That is every fluent, the reward and whether the task ends.
 
     Rows are made when an action is first executed, so that a domain of thousands of ground
     actions costs what is used of it.
@@ -169,49 +170,41 @@ class Monitor:
 
     def __init__(self, model: TransitionModel) -> None:
         self._actions = [action.name for action in model.actions]
-        self._fluents = [fluent.name for fluent in model.fluents]
-        self._numeric = [fluent.numeric for fluent in model.fluents]
-        width = len(self._fluents)
+        self._width = width = len(model.fluents)
+        self._quantities = [*(fluent.name for fluent in model.fluents), REWARD, END]
+        self._numeric = [*(fluent.numeric for fluent in model.fluents), True, False]
         self._rows: list[int] = [-1] * len(self._actions)
         self._executed: list[int] = []  # row → action, in the order in which they came
         self._counts: list[int] = []
         self.skipped = 0
         self.unknown = 0
-        self._about: Vector = np.empty((3, width))
+        self._about: Vector = np.empty((3, width + 2))
         self._about[_LOW], self._about[_HIGH] = math.inf, -math.inf
         self._about[_PREDICATE] = [not numeric for numeric in self._numeric]
         # As all actions need, so that it does not depend on which come first.
-        self._keeps_states = len(self._actions) * width * CASES * width <= _STATES
-        self._table: Vector = np.zeros((0, width, _COLUMNS))
-        self._states: Vector = np.zeros((0, width, CASES, width))
+        self._keeps_states = len(self._actions) * (width + 2) * CASES * width <= _STATES
+        self._table: Vector = np.zeros((0, width + 2, _COLUMNS))
+        self._states: Vector = np.zeros((0, width + 2, CASES, width))
 
     @property
     def steps(self) -> int:
         """Steps compared."""
         return sum(self._counts)
 
-    def observe(
-        self,
-        state: Vector,
-        action: int,
-        written: Vector,
-        corrected: Vector,
-        observed: Vector,
-    ) -> None:
+    def observe(self, state: Vector, action: int, step: Vector) -> None:
         """Compare the predictions of one env step with what was observed.
 
         Args:
             state: float64 `[F]` before the action.
             action: Position of the ground action; −1 where the model knows none.
-            written: `[F]` as the file predicts it; the state itself where not applicable.
-            corrected: `[F]` as the corrected model does; the same array where there is none.
-            observed: `[F]` after it.
+            step: `[3, F + 2]`: as the file predicts it (the state itself, no reward and no end
+                where not applicable), as the corrected model does, and as it was observed.
         """
         if action < 0:
             self.unknown += 1
             return
         row = self.row_of(action)
-        self.note(row, accumulate(state, written, corrected, observed, row, *self.tables))
+        self.note(row, accumulate(state, step, row, *self.tables))
 
     def row_of(self, action: int) -> int:
         """Return the row of `tables` that the steps of a ground action are added to."""
@@ -249,14 +242,17 @@ class Monitor:
             self._states = _grown(self._states, grown)
 
     def rows(self) -> list[MonitorRow]:
-        """Return a row for each ground action executed and fluent, in the order of the file."""
+        """Return a row for each ground action executed and quantity, in the order of the file.
+
+        Quantities are the fluents, then the reward, then the end.
+        """
         scale = self._about[_HIGH] - self._about[_LOW]
         found: list[MonitorRow] = []
         for action, row in enumerate(self._rows):
             count = self._counts[row] if row >= 0 else 0
             if not count:
                 continue
-            for f, fluent in enumerate(self._fluents):
+            for f, fluent in enumerate(self._quantities):
                 cells = self._table[row, f].tolist()
                 written, corrected = (_side(cells, side, count) for side in range(2))
                 found.append(
@@ -290,7 +286,7 @@ class Monitor:
         }
         meta = {
             "actions": len(self._actions),
-            "fluents": len(self._fluents),
+            "fluents": self._width,
             "skipped": self.skipped,
             "unknown": self.unknown,
         }
@@ -302,7 +298,7 @@ class Monitor:
         Raises:
             RunError: It belongs to another domain, or is incomplete; this monitor is unchanged.
         """
-        saved, width = Saved("monitor", arrays, meta), len(self._fluents)
+        saved, width = Saved("monitor", arrays, meta), self._width
         for name, here in (("actions", len(self._actions)), ("fluents", width)):
             saved.equal(name, here, "continue with the task it was saved with")
         executed = saved.array("actions", np.int64, (-1,), 0, len(self._actions) - 1).tolist()
@@ -310,15 +306,15 @@ class Monitor:
         if len(set(executed)) != rows:
             raise saved.wrong("actions come twice")
         counts = saved.array("counts", np.int64, (rows,), 0, MOST).tolist()
-        bounds = saved.array("bounds", np.float64, (2, width), -math.inf, math.inf)
-        table = _unpacked("table", saved, (rows, width, _COLUMNS))
+        bounds = saved.array("bounds", np.float64, (2, width + 2), -math.inf, math.inf)
+        table = _unpacked("table", saved, (rows, width + 2, _COLUMNS))
         if (table[:, :, _SQUARE:_PREDICTED] < 0).any():
             raise saved.wrong("table has squares below 0")
         counted = table[:, :, _PREDICTED:_CASES]
         if ((counted < 0) | (counted > MOST)).any():
             raise saved.wrong("table has counts below 0 or beyond all bounds")
         kept = rows if self._keeps_states else 0
-        states = _unpacked("states", saved, (kept, width, CASES, width))
+        states = _unpacked("states", saved, (kept, width + 2, CASES, width))
         skipped, unknown = saved.whole("skipped"), saved.whole("unknown")
         self._executed, self._counts = executed, counts
         self._rows = [-1] * len(self._actions)

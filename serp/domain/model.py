@@ -321,9 +321,7 @@ class TransitionModel:
         out = [*n, 0.0]
         flags = self._program.judge(state.tolist(), action, n, self._theta_list, self.dt, out)
         if not flags & APPLICABLE:
-            site = self._program.trace_judged(state.tolist(), action, n, self._theta_list, self.dt)[
-                -1
-            ]
+            site = self.trace_judged(state, action, next_state)[-1]
             raise StateError(
                 f"an observed transition cannot be judged: {_without_result(site)}; "
                 f"observed state: {self.values(next_state)}"
@@ -338,6 +336,11 @@ class TransitionModel:
         """
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
         return self._program.trace(values, action, self._theta_list, self.dt)
+
+    def trace_judged(self, state: Vector, action: int, next_state: Vector) -> list[Site]:
+        """Return which effects, rates and events take part where a transition is judged."""
+        before, after = state.tolist(), next_state.tolist()
+        return self._program.trace_judged(before, action, after, self._theta_list, self.dt)
 
     @property
     def compiles(self) -> bool:

@@ -26,6 +26,7 @@ MAX_NATIVE_SIZE = 400
 MAX_NATIVE_TEST = 200
 
 _Function = Callable[..., int]
+_Traced = tuple[_Function, tuple[Site, ...]]
 Amendment = Callable[[list[float], int, list[float]], None]
 
 
@@ -43,6 +44,7 @@ class Program:
         self.ground = ground
         self._actions: dict[int, _Function] = {}
         self._judged: dict[int, _Function] = {}
+        self._traced: dict[tuple[Callable[..., Generated], int], _Traced] = {}
 
     def step(
         self,
@@ -103,8 +105,7 @@ class Program:
     ) -> tuple[list[Site], int]:
         """Carry out an action as `step` does; return the sites passed, in order, and the flags."""
         out, sites = [*state, 0.0], _Trace()
-        generated = generate_action(self.ground, self.ground.actions[action], traced=True)
-        flags = sites.run(_load(generated), generated.sites, state, theta, dt, out)
+        flags = sites.run(*self._traced_action(generate_action, action), state, theta, dt, out)
         if flags & APPLICABLE:
             flags = sites.run(*self._traced_drift, state, flags, theta, dt, out)
         if flags & APPLICABLE:
@@ -124,15 +125,19 @@ class Program:
         """Judge an observed transition; return the sites passed, in order."""
         out, sites, flags = [*next_state, 0.0], _Trace(), APPLICABLE
         if action >= 0:
-            generated = generate_judged_action(
-                self.ground, self.ground.actions[action], traced=True
-            )
-            flags = sites.run(_load(generated), generated.sites, state, theta, dt, out)
+            traced = self._traced_action(generate_judged_action, action)
+            flags = sites.run(*traced, state, theta, dt, out)
         if flags & APPLICABLE:
-            generated = generate_judged_aftermath(self.ground, traced=True)
             after = (state, next_state, flags, theta, dt, out)
-            sites.run(_load(generated), generated.sites, *after)
+            sites.run(*self._traced_judged_aftermath, *after)
         return sites.passed
+
+    def _traced_action(self, generate: Callable[..., Generated], action: int) -> _Traced:
+        key = generate, action
+        if key not in self._traced:
+            generated = generate(self.ground, self.ground.actions[action], traced=True)
+            self._traced[key] = _load_traced(generated)
+        return self._traced[key]
 
     @functools.cached_property
     def _drift(self) -> _Function:
@@ -147,14 +152,16 @@ class Program:
         return _load(generate_judged_aftermath(self.ground))
 
     @functools.cached_property
-    def _traced_drift(self) -> tuple[_Function, tuple[Site, ...]]:
-        generated = generate_drift(self.ground, traced=True)
-        return _load(generated), generated.sites
+    def _traced_drift(self) -> _Traced:
+        return _load_traced(generate_drift(self.ground, traced=True))
 
     @functools.cached_property
-    def _traced_settle(self) -> tuple[_Function, tuple[Site, ...]]:
-        generated = generate_settle(self.ground, traced=True)
-        return _load(generated), generated.sites
+    def _traced_settle(self) -> _Traced:
+        return _load_traced(generate_settle(self.ground, traced=True))
+
+    @functools.cached_property
+    def _traced_judged_aftermath(self) -> _Traced:
+        return _load_traced(generate_judged_aftermath(self.ground, traced=True))
 
     @functools.cached_property
     def native(self) -> Any:
@@ -222,6 +229,10 @@ class _Trace:
         result = function(*arguments, passed)
         self.passed += [sites[k] for k in passed]
         return result
+
+
+def _load_traced(generated: Generated) -> _Traced:
+    return _load(generated), generated.sites
 
 
 def _load(generated: Generated) -> _Function:

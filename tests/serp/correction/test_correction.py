@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.correction.correction import Correction
+from serp.correction.experience import CUT_OFF, OVER
 from serp.correction.settings import MODES, CorrectionSettings
 from serp.errors import RunError
 from serp.registry import load_task
@@ -24,7 +25,16 @@ from serp.trust import Trust
 from tests.generated.profile import examples
 from tests.serp.correction import worlds
 from tests.serp.correction.rolls import DOMAINS, from_text
-from tests.serp.correction.worlds import FLEET, ICE, PLANE, any_state, corrected, correction, plus
+from tests.serp.correction.worlds import (
+    EDGE,
+    FLEET,
+    ICE,
+    PLANE,
+    any_state,
+    corrected,
+    correction,
+    plus,
+)
 from tests.serp.tasks import SMALL
 
 PAIR = """(define (domain pair)
@@ -287,6 +297,24 @@ def test_trust_grows_until_ten_episodes_have_ended() -> None:
     assert again.trust is Trust.OPEN
 
 
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("mode", ["off", "residual"])
+def test_rewards_and_ends_are_compared_as_fluents_are(mode: str, compiled: bool) -> None:
+    of = correction(EDGE, mode)
+    if compiled:
+        of.model.native_step()
+    state = of.model.state({"x": -2.0, "y": 1.0, "wet": False})
+    for step in range(10):  # one step further lies the pit
+        of.observe(state, 0, state, OVER if step < 3 else CUT_OFF, -0.5)
+    rows = {row.fluent: row for row in of.monitor.rows()}
+    assert rows["terminal"].written[2:] == (10, 3, 0)
+    assert rows["reward"].written.bias == pytest.approx(-0.5 + 5.1)
+    for name in ("terminal", "reward"):  # the corrected model is told apart from the file
+        assert (rows[name].corrected == rows[name].written) == (mode == "off")
+    assert of.experience.ended.all() and of.experience.over.sum() == 3
+    assert (of.experience.rewards == -0.5).all()
+
+
 def test_skill_and_monitor_are_of_the_model_in_use() -> None:
     on, off = correction(PLANE), correction(PLANE, "off")
     rng = np.random.default_rng(0)
@@ -297,7 +325,7 @@ def test_skill_and_monitor_are_of_the_model_in_use() -> None:
     assert on.skill.reliable and not off.skill.reliable
     for of, gains in ((on, True), (off, False)):
         for row in of.monitor.rows():
-            if row.action == "push":
+            if row.action == "push" and row.fluent in ("p", "v"):
                 assert row.samples == 200
                 assert (row.corrected.rmse < 0.5 * row.written.rmse) == gains
 

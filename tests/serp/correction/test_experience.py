@@ -7,10 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.correction.experience import CAPACITY, Experience, capacity_for
+from serp.correction.experience import (
+    CAPACITY,
+    CUT_OFF,
+    GOES_ON,
+    OVER,
+    Experience,
+    capacity_for,
+)
 from serp.errors import RunError
 
-Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], bool]
+Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], int, float]
 
 
 def steps_of(count: int, fluents: int = 3, seed: int = 0, following: float = 0.8) -> list[Step]:
@@ -22,7 +29,8 @@ def steps_of(count: int, fluents: int = 3, seed: int = 0, following: float = 0.8
         after = rng.normal(size=fluents)
         after[rng.random(fluents) < 0.1] = rng.choice([np.nan, np.inf, -0.0])
         follows = bool(rng.random() < following)
-        steps.append((state, int(rng.integers(-1, 4)), after, not follows))
+        ending = GOES_ON if follows else int(rng.choice([CUT_OFF, OVER]))
+        steps.append((state, int(rng.integers(-1, 4)), after, ending, float(rng.normal())))
         state = after if follows else rng.normal(size=fluents)
     return steps
 
@@ -35,8 +43,9 @@ def filled(steps: list[Step], capacity: int, fluents: int = 3) -> Experience:
 
 
 def bits(experience: Experience) -> tuple[bytes, ...]:
-    parts = experience.states, experience.actions, experience.next_states, experience.ended
-    return tuple(part.tobytes() for part in parts)
+    parts = experience.states, experience.actions, experience.next_states
+    ends = experience.ended, experience.over, experience.rewards
+    return tuple(part.tobytes() for part in (*parts, *ends))
 
 
 @given(count=st.integers(0, 60), capacity=st.integers(1, 25))
@@ -47,12 +56,14 @@ def test_the_newest_transitions_are_kept_in_order_of_time(count: int, capacity: 
     assert len(experience) == len(kept)
     assert experience.seen == count
     assert experience.states.shape == experience.next_states.shape == (len(kept), 3)
-    np.testing.assert_array_equal(experience.states, [s for s, _, _, _ in kept] or np.empty((0, 3)))
-    np.testing.assert_array_equal(experience.actions, [a for _, a, _, _ in kept])
+    np.testing.assert_array_equal(experience.states, [step[0] for step in kept] or np.empty((0, 3)))
+    np.testing.assert_array_equal(experience.actions, [step[1] for step in kept])
     np.testing.assert_array_equal(
-        experience.next_states, [n for _, _, n, _ in kept] or np.empty((0, 3))
+        experience.next_states, [step[2] for step in kept] or np.empty((0, 3))
     )
-    np.testing.assert_array_equal(experience.ended, [e for _, _, _, e in kept])
+    np.testing.assert_array_equal(experience.ended, [step[3] != GOES_ON for step in kept])
+    np.testing.assert_array_equal(experience.over, [step[3] == OVER for step in kept])
+    np.testing.assert_array_equal(experience.rewards, [step[4] for step in kept])
 
 
 @given(

@@ -11,7 +11,16 @@ from hypothesis import strategies as st
 
 from serp import load_domain
 from serp.correction import monitor as module
-from serp.correction.monitor import CASES, Monitor, MonitorRow
+from serp.correction.monitor import (
+    CASES,
+    CORRECTED,
+    END,
+    OBSERVED,
+    REWARD,
+    WRITTEN,
+    Monitor,
+    MonitorRow,
+)
 from serp.domain.model import TransitionModel
 from serp.errors import RunError
 
@@ -32,22 +41,29 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> TransitionModel:
     return load_domain(file).model
 
 
-Seen = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], np.ndarray[Any, Any], Any]
+Array = np.ndarray[Any, Any]
+Seen = tuple[Array, int, Array]  # state, action, [3, F + 2] written, corrected, observed
 
 
-def states_of(rng: np.random.Generator, model: TransitionModel) -> np.ndarray[Any, Any]:
+def states_of(rng: np.random.Generator, model: TransitionModel) -> Array:
     return np.array([rng.normal() if f.numeric else float(rng.integers(2)) for f in model.fluents])
+
+
+def record(written: Array, corrected: Array, observed: Array) -> Array:
+    """The record of a step, without reward or end where only fluents are given."""
+    return np.stack([np.r_[side, np.zeros(5 - len(side))] for side in (written, corrected, observed)])
 
 
 def seen_by(model: TransitionModel, count: int, seed: int = 0) -> list[Seen]:
     rng = np.random.default_rng(seed)
     steps: list[Seen] = []
     for _ in range(count):
-        state, observed = states_of(rng, model), states_of(rng, model)
+        state = states_of(rng, model)
+        observed = np.r_[states_of(rng, model), rng.normal(), rng.integers(2)]
         action = int(rng.integers(len(model.actions)))
-        written = model.step(state, action).state
+        written = np.r_[model.step(state, action).state, rng.normal(), rng.integers(2)]
         corrected = written if rng.random() < 0.3 else (written + observed) / 2
-        steps.append((state, action, written, corrected, observed))
+        steps.append((state, action, record(written, corrected, observed)))
     return steps
 
 
@@ -67,31 +83,34 @@ def same(rows: list[MonitorRow], others: list[MonitorRow]) -> bool:
 def test_rows_are_what_numpy_finds(model: TransitionModel, count: int, seed: int) -> None:
     steps = seen_by(model, count, seed)
     rows = {(row.action, row.fluent): row for row in watched(model, steps).rows()}
-    done = {action for _, action, _, _, _ in steps}
-    assert set(rows) == {(model.actions[a].name, f.name) for a in done for f in model.fluents}
-    seen = np.array([v for s, _, _, _, o in steps for v in (s, o)])
+    names = [*(f.name for f in model.fluents), REWARD, END]
+    numeric = [*(f.numeric for f in model.fluents), True, False]
+    done = {action for _, action, _ in steps}
+    assert set(rows) == {(model.actions[a].name, name) for a in done for name in names}
+    seen = np.array([v for s, _, step in steps for v in (np.r_[s, 0.0, 0.0], step[OBSERVED])])
     for action in done:
         mine = [step for step in steps if step[1] == action]
-        state, observed = (np.array([step[k] for step in mine]) for k in (0, 4))
-        for f in model.fluents:
-            row = rows[model.actions[action].name, f.name]
+        state = np.array([np.r_[s, 0.0, 0.0] for s, _, _ in mine])
+        observed = np.array([step[OBSERVED] for _, _, step in mine])
+        for f, name in enumerate(names):
+            row = rows[model.actions[action].name, name]
             assert row.samples == len(mine)
-            assert row.scale == seen[:, f.index].max() - seen[:, f.index].min()
-            for side, k in ((row.written, 2), (row.corrected, 3)):
-                predicted = np.array([step[k] for step in mine])[:, f.index]
-                error = observed[:, f.index] - predicted
+            assert row.scale == seen[:, f].max() - seen[:, f].min()
+            assert row.numeric == numeric[f]
+            for side, k in ((row.written, WRITTEN), (row.corrected, CORRECTED)):
+                predicted = np.array([step[k] for _, _, step in mine])[:, f]
+                error = observed[:, f] - predicted
                 assert side.bias == pytest.approx(error.mean(), abs=1e-12)
                 assert side.rmse == pytest.approx(np.sqrt((error**2).mean()), abs=1e-12)
-                if not f.numeric:
-                    before = state[:, f.index]
-                    changes = np.abs(predicted - before) > 0.5
-                    changed = observed[:, f.index] != before
+                if not numeric[f]:
+                    changes = np.abs(predicted - state[:, f]) > 0.5
+                    changed = observed[:, f] != state[:, f]
                     assert side.predicted == changes.sum()
                     assert side.happened == (changes & changed).sum()
                     assert side.unpredicted == (~changes & changed).sum()
                 else:
                     assert side.predicted == side.happened == side.unpredicted == 0
-            sizes = np.sort(np.abs(observed - [step[2] for step in mine])[:, f.index])[::-1]
+            sizes = np.sort(np.abs(observed - [step[WRITTEN] for _, _, step in mine])[:, f])[::-1]
             worst = sizes[sizes > 0][:CASES]
             np.testing.assert_array_equal([case.error for case in row.worst], worst)
 
@@ -103,7 +122,7 @@ def test_a_worst_case_is_told_as_it_was(model: TransitionModel) -> None:
         state = np.zeros(3)
         state[heat] = size
         written, corrected = model.step(state, 0).state, np.zeros(3)
-        monitor.observe(state, 0, written, corrected, np.full(3, size + 1.0 + size))
+        monitor.observe(state, 0, record(written, corrected, np.full(3, size + 1.0 + size)))
     row = next(row for row in monitor.rows() if row.numeric)
     worst = row.worst[0]
     assert (worst.error, worst.written, worst.corrected, worst.observed) == (3.0, 4.0, 0.0, 7.0)
@@ -113,18 +132,20 @@ def test_a_worst_case_is_told_as_it_was(model: TransitionModel) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e200])
-@pytest.mark.parametrize("which", [0, 2, 3, 4])
+@pytest.mark.parametrize("which", ["state", WRITTEN, CORRECTED, OBSERVED])
 def test_what_is_no_number_is_skipped_and_poisons_nothing(
-    model: TransitionModel, bad: float, which: int
+    model: TransitionModel, bad: float, which: int | str
 ) -> None:
     steps = seen_by(model, 40)
     monitor, clean = Monitor(model), watched(model, steps)
-    for step in steps:
-        monitor.observe(*step)
-        spoiled: list[Any] = list(step)
-        spoiled[which] = spoiled[which].copy()
-        spoiled[which][1] = bad
-        monitor.observe(*spoiled)
+    for k, (state, action, step) in enumerate(steps):
+        monitor.observe(state, action, step)
+        spoiled, record = state.copy(), step.copy()
+        if isinstance(which, str):
+            spoiled[k % 3] = bad
+        else:
+            record[which, k % 5] = bad
+        monitor.observe(spoiled, action, record)
     assert monitor.skipped == len(steps)
     assert monitor.steps == len(steps)
     assert same(monitor.rows(), clean.rows())
@@ -132,7 +153,7 @@ def test_what_is_no_number_is_skipped_and_poisons_nothing(
 
 def test_actions_that_the_model_does_not_know_are_counted_apart(model: TransitionModel) -> None:
     monitor = Monitor(model)
-    monitor.observe(np.zeros(3), -1, np.zeros(3), np.zeros(3), np.ones(3))
+    monitor.observe(np.zeros(3), -1, record(np.zeros(3), np.zeros(3), np.ones(3)))
     assert (monitor.unknown, monitor.steps, monitor.rows()) == (1, 0, [])
 
 
@@ -160,10 +181,10 @@ def test_what_is_predicted_exactly_takes_no_room(model: TransitionModel) -> None
     state = model.state({"lit": True, "dark": False, "heat": 1.0})
     for _ in range(100):
         after = model.step(state, 0).state
-        monitor.observe(state, 0, after, after, after)
+        monitor.observe(state, 0, record(after, after, after))
     arrays, _ = monitor.state_dict()
     assert arrays["table.values"].size == arrays["states.values"].size == 0
-    assert [row.samples for row in monitor.rows()] == [100] * 3
+    assert [row.samples for row in monitor.rows()] == [100] * 5
     assert all(row.written.rmse == 0.0 and not row.worst for row in monitor.rows())
 
 
