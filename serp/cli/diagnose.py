@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from serp.correction.diagnosis import Diagnosis, FitRow
-    from serp.correction.monitor import MonitorRow
+    from serp.correction.monitor import MonitorRow, Side
 
 _ROWS = 10  # of each table, without --all
 _NAMED = 6  # fluents of a state that is shown
@@ -57,8 +57,9 @@ def command(
 ) -> None:
     """Say what is wrong or missing in the domain file of RUN, a folder of plan-and-learn.
 
-    The effects in the file are compared with what the actions did in the run's newest steps (up to
-    20,000). What costs most comes first. The environment is not needed, and nothing is changed.
+    What the file predicts is compared with what was observed in the run's newest steps (up to
+    20,000): fluents, rewards and ends. What costs most comes first, and what is not explained is
+    listed. The environment is not needed, and nothing is changed.
     """
     for option, file, suffix in (("--csv", table, ".csv"), ("--png", png, ".png"),
                                  ("--svg", svg, ".svg")):  # fmt: skip
@@ -81,17 +82,10 @@ def command(
         write_durably(table, text.getvalue())
         say(f"The numbers are in {table}")
     if png is not None or svg is not None:
-        from serp.correction.applied import predictions_with
         from serp.correction.pictures import draw_diagnosis
-        from serp.correction.sample import predictions
         from serp.picture import render
 
-        model, sample = diagnosis.recorded.model, diagnosis.sample
-        figure = draw_diagnosis(
-            diagnosis,
-            predictions(model, sample.states, sample.actions),
-            predictions_with(model, diagnosis.findings, sample.states, sample.actions),
-        )
+        figure = draw_diagnosis(diagnosis)
         if png is not None:
             write_durably(png, render(figure, "png"))
             say(f"Predicted against observed is drawn in {png}")
@@ -108,23 +102,29 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool 
         diagnosis: What is printed.
         everything: List what hardly matters, too.
     """
+    from serp.correction.verdict import percent
+
     for line in _head(diagnosis):
         console.print(line)
-    told = diagnosis.told if everything else diagnosis.matter
+    told = [*diagnosis.matter, *(diagnosis.others if everything else ())]
     if told:
         console.print("")
-        rows = [(f"{_share(diagnosis.share(remark))}", remark.text) for remark in told]
-        print_table(console, ("of the error", "what the file says, and what was observed"), rows,
+        rows = [(percent(diagnosis.share(remark)), remark.text) for remark in told]
+        print_table(console, ("of its error", "what the file says, and what was observed"), rows,
                     right=[0])  # fmt: skip
-    rest = len(diagnosis.told) - len(told)
-    if rest:
-        console.print(f"{plural(rest, 'finding')} that hardly matter: --all lists them")
+    if diagnosis.others and not everything:
+        rest = plural(len(diagnosis.others), "finding")
+        console.print(f"{rest} that hardly matter: --all lists them")
+    if diagnosis.unexplained:
+        console.print("\nNot explained:")
+        for sentence in diagnosis.unexplained:
+            console.print(f"* {sentence}")
     wrong = [row for row in diagnosis.fits if row.cost > 0.0]
     _table(console, "Predicted one step ahead", _FIT_HEAD, list(_fit_rows(wrong)), everything,
            range(2, 7))  # fmt: skip
-    missed = [row for row in diagnosis.observed if not row.numeric and _missed(row)]
-    _table(console, "Predicates, over the whole run", _PREDICATE_HEAD,
-           list(_predicate_rows(missed)), everything, range(2, 6))  # fmt: skip
+    missed = [row for row in diagnosis.observed if not row.numeric and _missed(row.written)]
+    _table(console, "Predicates and ends, over the whole run", _PREDICATE_HEAD,
+           list(_predicate_rows(missed)), everything, range(2, 7))  # fmt: skip
     _table(console, "Predicted worst, over the whole run", _WORST_HEAD,
            list(_worst_rows(diagnosis)), everything, (2, 3))  # fmt: skip
 
@@ -132,44 +132,16 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool 
 def _head(diagnosis: Diagnosis) -> Iterator[str]:
     recorded, sample = diagnosis.recorded, diagnosis.sample
     file = next(iter(recorded.files.values()), recorded.domain.name)
-    yield f"{recorded.run}: {file} beside the last {plural(len(sample), 'step')} of " + (
-        f"{recorded.env_steps:,}"
-    )
-    if sample.skipped:
-        yield (
-            f"{plural(sample.skipped, 'step')} left out: no number, an action that the file does "
-            "not know, or one that it calls not applicable there"
-        )
-    if diagnosis.motion == 0.0:
-        yield "No fluent changed in these steps: nothing can be said of the file."
-        return
-    error = f"{_share(diagnosis.off)} of the change"
-    if not diagnosis.matter:
-        yield (
-            f"The file predicts well: one step ahead its error is {error}, and nothing is found "
-            "that would make much of a difference."
-        )
-        worst = max(diagnosis.fits, key=lambda row: row.cost, default=None)
-        if worst is not None and worst.cost > 0.0:
-            yield (
-                f"The largest error is that of ({worst.fluent}) after `{worst.action}`: "
-                f"{number(worst.rmse_written, 2)}, where it changes by {number(worst.change, 2)} "
-                f"and ranges over {number(worst.scale, 2)}."
-            )
-        return
     yield (
-        f"One step ahead the error of the file as written is {error}; with what is listed here it "
-        f"is {_share(diagnosis.off_found)}."
+        f"{recorded.run}: {file} beside the last {plural(len(recorded.experience), 'step')} of "
+        + (f"{recorded.env_steps:,}")
     )
-
-
-def _share(share: float) -> str:
-    """Return a share as people read it."""
-    if share != share:
-        return "–"
-    if share >= 0.095 or share == 0.0:
-        return f"{100 * share:,.0f} %"
-    return "< 0.01 %" if share < 0.0001 else f"{100 * share:.2g} %"
+    if sample.left_out:
+        reasons = ", ".join(f"{count:,} {reason}" for reason, count in sample.left_out.items())
+        yield f"{plural(sample.skipped, 'step')} left out because of: {reasons}"
+    if recorded.rewarded_by == "environment":
+        yield "Rewards are compared with those of the environment, from which the learner learns."
+    yield diagnosis.verdict
 
 
 _FIT_HEAD = ("after", "fluent", "steps", "change", "error", "with findings", "range")
@@ -181,21 +153,21 @@ def _fit_rows(fits: Sequence[FitRow]) -> Iterator[tuple[str, ...]]:
         yield row.action, row.fluent, f"{row.steps:,}", *(number(value, 3) for value in numbers)
 
 
-_PREDICATE_HEAD = ("after", "predicate", "steps", "predicted changes", "happened", "unpredicted")
+_PREDICATE_HEAD = ("after", "predicate", "steps", "predicted changes", "happened", "unpredicted",
+                   "wrong if corrected")  # fmt: skip
 
 
-def _missed(row: MonitorRow) -> bool:
-    return row.written.happened != row.written.predicted or row.written.unpredicted > 0
+def _missed(side: Side) -> int:
+    """Return in how many steps a change came or was predicted, but not both."""
+    return side.predicted - side.happened + side.unpredicted
 
 
 def _predicate_rows(rows: Sequence[MonitorRow]) -> Iterator[tuple[str, ...]]:
-    def missed(row: MonitorRow) -> int:
-        return row.written.predicted - row.written.happened + row.written.unpredicted
-
-    for row in sorted(rows, key=lambda row: -missed(row)):
+    for row in sorted(rows, key=lambda row: -_missed(row.written)):
         side = row.written
         counts = row.samples, side.predicted, side.happened, side.unpredicted
-        yield row.action, row.fluent, *(f"{count:,}" for count in counts)
+        numbers = (*counts, _missed(row.corrected))
+        yield row.action, row.fluent, *(f"{count:,}" for count in numbers)
 
 
 _WORST_HEAD = ("after", "fluent", "predicted", "observed", "in the state")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import difflib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,15 +43,17 @@ _STYLES = {"+": "green", "-": "red", "@": "cyan"}
 def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> None:
     """Correct the domain file of RUN, a folder of plan-and-learn, and show what changes.
 
-    Numbers that were observed to be others are changed where they stand, and effects that the file
-    does not mention are added, each with its evidence as a comment; everything else stays as it
-    is. What is rewarded, unsafe or an end is never touched. What chance does is told in comments.
+    What `serp diagnose` lists is written: numbers are changed where they stand, and effects that
+    the file does not mention are added, each with its evidence as a comment; everything else stays
+    as it is. What is rewarded, unsafe or an end is never touched: what came of it, and what chance
+    does, is told in comments. What is not explained is listed, and stands at the head of the file.
     """
     if out is not None and out.suffix.lower() != ".pddl":
         raise click.BadParameter("name a file that ends in .pddl", ctx, param_hint="--out")
     if out is not None and not force:
         _refuse_to_replace(out)
 
+    from serp.correction.diagnosis import make_diagnosis
     from serp.correction.estimation import findings
     from serp.correction.recorded import read_recorded
     from serp.correction.repair import repair
@@ -62,26 +65,38 @@ def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> Non
             _refuse_another_problem(recorded, out)
     if recorded.notice is not None:
         say(recorded.notice)
-    repaired = repair(recorded.domain, findings(recorded.model, recorded.experience))
+    diagnosis = make_diagnosis(recorded, findings(recorded.model, recorded.experience))
+    repaired = repair(recorded.domain, diagnosis.worthwhile, diagnosis.unexplained)
     console = open_console()
     name = recorded.files.get("domain.pddl", "domain.pddl")
-    steps = plural(len(recorded.experience), "step")
+    steps = plural(len(diagnosis.sample), "step")
     if not repaired.repairs:
         console.print(
-            f"{name}: nothing to repair; the file is as good as {steps} can tell"
+            f"{name}: nothing to repair was found in {steps}"
             + ("" if out is None else f", and {out} was not written")
         )
+        console.print(diagnosis.verdict)
+        _print_open(repaired.open)
         return
     _print_difference(
         console, recorded.domain.source.text, repaired.text, Path(name).name,
         "repaired" if out is None else str(out),
     )  # fmt: skip
+    _print_open(repaired.open)
     changes = plural(len(repaired.repairs), "change")
     if out is None:
         say(f"{changes}, from {steps}; -o FILE.pddl writes the repaired file")
         return
     _write(recorded, repaired.text, out)
     say(f"{changes}, from {steps}; the repaired file is {out}")
+
+
+def _print_open(sentences: Sequence[str]) -> None:
+    """Say what is not explained, or not written."""
+    if sentences:
+        say("Not explained, and left as it is:")
+    for sentence in sentences:
+        say(f"  {sentence}")
 
 
 def _refuse_to_replace(file: Path) -> None:

@@ -1,9 +1,9 @@
-"""What a domain file would predict if all findings stood in it."""
+"""What a domain file would predict if findings stood in it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from serp.correction.additions import Addition, with_additions
 from serp.correction.findings import Findings, MissingEffect, Outcome
 from serp.correction.lifting import WORLD, Lifted, Lifting
-from serp.correction.sample import predictions
+from serp.correction.sample import predicted_steps, predictions
 from serp.domain.model import TransitionModel, Vector
 
 _MOST_ACTIONS: Final = 40
@@ -19,12 +19,31 @@ _STATES: Final = 500
 """So many states show what an action usually changes."""
 
 
+class Forecast(NamedTuple):
+    """What is to be expected of steps.
+
+    Attributes:
+        mean: `[N, F + 2]`: the fluents, the reward, the end; NaN in rows that have no next state.
+        variance: `[N, F + 2]` about the mean, as far as it comes from chances that were found.
+    """
+
+    mean: Vector
+    variance: Vector
+
+
 def predictions_with(
     model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
 ) -> Vector:
-    """Return the next states `[N, F]` that the file predicts with all findings taken into account.
+    """Return the next states `[N, F]` to be expected with all findings taken into account."""
+    return forecast_with(model, findings, states, actions).mean[:, :-2]
 
-    Where an action has several outcomes it is their mean. NaN in rows that have no next state.
+
+def forecast_with(
+    model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
+) -> Forecast:
+    """Return what the file predicts with all findings taken into account.
+
+    Where an action has several outcomes it is their mean.
 
     Args:
         model: The model as written.
@@ -34,10 +53,11 @@ def predictions_with(
     """
     lifting = Lifting(model.ground)
     amended = _amended(model, findings, lifting)
-    predicted = predictions(amended, states, actions)
+    mean = predicted_steps(amended, states, actions)
+    forecast = Forecast(mean, np.zeros(mean.shape))
     if findings.outcomes:
-        _average(amended, lifting, findings, states, actions, predicted)
-    return predicted
+        _average(amended, lifting, findings, states, actions, forecast)
+    return forecast
 
 
 def _amended(model: TransitionModel, findings: Findings, lifting: Lifting) -> TransitionModel:
@@ -69,10 +89,11 @@ def _average(
     findings: Findings,
     states: Vector,
     actions: NDArray[np.int64],
-    predicted: Vector,
+    forecast: Forecast,
 ) -> None:
-    """Set the fluents that actions change by chance to the mean of their outcomes, in place."""
+    """Set what actions change by chance to the mean and variance of their outcomes, in place."""
     likely = _usual_changes(model, states) if len(model.actions) <= _MOST_ACTIONS else {}
+    width = states.shape[1]
     for finding in findings.outcomes:
         for action, binding in lifting.schema(finding.schema).bindings.items():
             rows = np.flatnonzero(actions == action)
@@ -83,20 +104,25 @@ def _average(
             changed = sorted({column for _, changes in outcomes for column in changes})
             if not len(rows) or not changed:
                 continue
-            before = states[rows][:, changed]
-            # What is too rare to be told counts as no change.
-            mean = (1.0 - sum(probability for probability, _ in outcomes)) * before
+            columns = np.array([*changed, width, width + 1])
+            # What is too rare to be told counts as no change; reward and end are then as usual.
+            usual = forecast.mean[np.ix_(rows, columns)]
+            usual[:, :-2] = states[rows][:, changed]
+            kinds = [(1.0 - sum(probability for probability, _ in outcomes), usual)]
             for probability, changes in outcomes:
                 # An action that slips does what another is said to do, walls and all.
                 like = likely.get(tuple(sorted(changes.items())))
-                if like is None:
-                    after = before + [changes.get(column, 0.0) for column in changed]
-                else:
+                after = usual.copy()
+                after[:, :-2] += [changes.get(column, 0.0) for column in changed]
+                if like is not None:
                     others = np.full(len(rows), like)
-                    after = predictions(model, states[rows], others)[:, changed]
-                    after = np.where(np.isfinite(after), after, before)
-                mean += probability * after
-            predicted[np.ix_(rows, np.array(changed))] = mean
+                    said = predicted_steps(model, states[rows], others)[:, columns]
+                    after = np.where(np.isfinite(said), said, usual)
+                kinds.append((probability, after))
+            mean = sum(probability * after for probability, after in kinds)
+            spread = sum(probability * (after - mean) ** 2 for probability, after in kinds)
+            forecast.mean[np.ix_(rows, columns)] = mean
+            forecast.variance[np.ix_(rows, columns)] = spread
 
 
 def _usual_changes(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,31 +10,42 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from serp.correction.findings import Findings, FluentFit
-from serp.correction.monitor import MonitorRow, Side
+from serp.correction.accuracy import Quantity, quantities_of
+from serp.correction.applied import forecast_with
+from serp.correction.findings import (
+    Findings,
+    LiteralFinding,
+    MissingEffect,
+    OutcomeFinding,
+    RuleFinding,
+)
+from serp.correction.monitor import END, REWARD, MonitorRow, Side
 from serp.correction.recorded import Recorded, read_recorded
-from serp.correction.sample import Sample, take_sample
+from serp.correction.sample import Sample, predicted_steps, take_sample
+from serp.correction.units import Steps, units_of
+from serp.correction.verdict import unexplained, verdict
 from serp.correction.wording import Finding, Remark, remarks
+from serp.correction.worth import without, worthwhile
+from serp.domain.model import TransitionModel, Vector
 
-_SHARE: Final = 0.005
-"""A finding is worth mentioning from this share of the error on."""
-
-_MOTION: Final = 1e-4
-"""And where it is so much of what changes at all, both squared: 1 % of the change."""
+_KINDS: Final[Mapping[type, str]] = {
+    LiteralFinding: "literal", MissingEffect: "missing", OutcomeFinding: "outcomes",
+    RuleFinding: "rule",
+}  # fmt: skip
 
 
 class FitRow(NamedTuple):
-    """How one fluent was predicted after one ground action, in the unit of the fluent.
+    """How a fluent, the reward or the end was predicted after one ground action, in its own unit.
 
     The columns of `serp diagnose --csv`, without those of the monitor.
 
     Attributes:
-        action, fluent: Their names.
+        action, fluent: Their names; `reward`, and `terminal` for the end.
         steps: Transitions.
-        scale: Observed range of the fluent, after whatever action.
+        scale: Observed range, after whatever action.
         change: Root mean square of the observed change in a step.
         rmse_written: Root mean squared error of the file as written.
-        rmse_found: The same with all findings taken into account.
+        rmse_found: The same with what is worth mentioning taken into account.
         cost: What the error of the file costs, in the unit of `serp.correction.findings`.
     """
 
@@ -55,49 +66,47 @@ class Diagnosis:
     Attributes:
         recorded: What the run recorded.
         sample: The transitions that the file was compared with.
+        steps: What was observed in them.
+        predicted: `[N, F + 2]` what the file predicts of them.
+        expected: The same with what is worth mentioning taken into account.
         findings: What was found.
-        told: Everything found, in words, the most costly first.
-        fits: A row for each ground action and fluent, the most costly first.
+        worthwhile: What of it is worth mentioning, which is what `serp repair` writes.
+        matter: That in words, the most costly first.
+        others: The other findings in words.
+        quantities: How well the fluents, the reward and the end are predicted.
+        fits: A row for each ground action and fluent, reward and end, the most costly first.
         observed: What the monitor counted over the whole run.
-        error: Squared error of the file a step, each fluent in units of its range; `error_found`
-            with all findings taken into account; `motion` the squared change itself.
     """
 
     recorded: Recorded
     sample: Sample
+    steps: Steps
+    predicted: Vector
+    expected: Vector
     findings: Findings
-    told: tuple[Remark, ...]
+    worthwhile: Findings
+    matter: tuple[Remark, ...]
+    others: tuple[Remark, ...]
+    quantities: tuple[Quantity, ...]
     fits: tuple[FitRow, ...]
     observed: tuple[MonitorRow, ...]
-    error: float
-    error_found: float
-    motion: float
 
     @property
-    def off(self) -> float:
-        """Error of the file as a share of the change; NaN where nothing changed.
-
-        0 for a perfect file, 1 for one that says that everything stays as it is.
-        """
-        return math.sqrt(self.error / self.motion) if self.motion > 0 else math.nan
+    def verdict(self) -> str:
+        """What the file's predictions are worth, in words."""
+        if not len(self.sample):
+            return "None of these steps can be compared with the file."
+        return verdict(self.quantities, bool(self.matter))
 
     @property
-    def off_found(self) -> float:
-        """The same with all findings taken into account."""
-        return math.sqrt(self.error_found / self.motion) if self.motion > 0 else math.nan
+    def unexplained(self) -> list[str]:
+        """A sentence for each quantity that nothing found explains, the worst first."""
+        return unexplained(self.quantities)
 
     def share(self, remark: Remark) -> float:
-        """Return what share of the squared error a remark accounts for, 0 to 1."""
-        return min(1.0, max(0.0, remark.cost / self.error)) if self.error > 0 else 0.0
-
-    @property
-    def matter(self) -> tuple[Remark, ...]:
-        """What is worth an expert's time: 0.5 % of the squared error, 1 % of the change."""
-        return tuple(
-            remark
-            for remark in self.told
-            if self.share(remark) >= _SHARE and remark.cost >= _MOTION * self.motion
-        )
+        """Return what share of the squared error of what it is about a remark accounts for."""
+        error = sum(q.squared for q in self.quantities if q.name in remark.symbols)
+        return min(1.0, max(0.0, remark.cost / error)) if error > 0 else 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything as JSON values; NaN where there is no number."""
@@ -107,10 +116,20 @@ class Diagnosis:
             "domain": recorded.domain.name,
             "files": dict(recorded.files),
             "env_steps": recorded.env_steps,
+            "rewarded_by": recorded.rewarded_by,
             "steps": len(self.sample),
-            "skipped": self.sample.skipped,
-            "error_of_change": self.off,
-            "error_of_change_found": self.off_found,
+            "left_out": dict(self.sample.left_out),
+            "verdict": self.verdict,
+            "quantities": [
+                {
+                    **dataclasses.asdict(quantity),
+                    "error_of_change": quantity.off,
+                    "error_of_change_found": quantity.off_left,
+                    "unexplained": quantity.unexplained,
+                }
+                for quantity in self.quantities
+            ],
+            "not_explained": self.unexplained,
             "remarks": [
                 {
                     "text": remark.text,
@@ -118,12 +137,13 @@ class Diagnosis:
                     "line": remark.line,
                     "cost": remark.cost,
                     "share": self.share(remark),
-                    "matters": remark in self.matter,
-                    "findings": [_finding(finding) for finding in remark.findings],
+                    "matters": matters,
+                    "findings": [finding_as_dict(finding) for finding in remark.findings],
                 }
-                for remark in self.told
+                for remarks, matters in ((self.matter, True), (self.others, False))
+                for remark in remarks
             ],
-            "literals": [_finding(finding) for finding in self.findings.literals],
+            "literals": [finding_as_dict(finding) for finding in self.findings.literals],
             "fits": [row._asdict() for row in self.fits],
             "monitor": [self._monitored(row) for row in self.observed],
             "monitor_skipped": recorded.monitor.skipped,
@@ -185,80 +205,80 @@ def diagnose(run: str | Path) -> Diagnosis:
 
 def make_diagnosis(recorded: Recorded, found: Findings) -> Diagnosis:
     """Put findings into words and beside the numbers of the run."""
-    experience = recorded.experience
-    sample = take_sample(
-        recorded.model, experience.states, experience.actions, experience.next_states
-    )
-    fits = _fits(recorded, sample, found.fits)
-    change = (sample.next_states - sample.states) / sample.scale
-    number = max(1, len(sample))
+    model, experience = recorded.model, recorded.experience
+    sample = take_sample(model, experience.states, experience.actions, experience.next_states)
+    steps = Steps.of(experience, sample)
+    predicted = predicted_steps(model, sample.states, sample.actions)
+    units = units_of(model, steps, predicted)
+
+    def accuracy(told: Findings) -> tuple[Vector, tuple[Quantity, ...]]:
+        forecast = forecast_with(model, told, sample.states, sample.actions)
+        return forecast.mean, quantities_of(model, steps, predicted, forecast, units)
+
+    processes = {process.schema for process in model.ground.processes}
+    worthy = worthwhile(found, accuracy(found)[1], processes)
+    expected, quantities = accuracy(worthy)
     return Diagnosis(
         recorded=recorded,
         sample=sample,
+        steps=steps,
+        predicted=predicted,
+        expected=expected,
         findings=found,
-        told=tuple(remarks(found, recorded.model.ground)),
-        fits=tuple(sorted(fits, key=lambda row: -row.cost)),
+        worthwhile=worthy,
+        matter=tuple(remarks(worthy, model.ground)),
+        others=tuple(remarks(without(found, worthy), model.ground)),
+        quantities=quantities,
+        fits=tuple(_fits(model, sample, steps, predicted, expected, units)),
         observed=tuple(recorded.monitor.rows()),
-        error=sum(row.cost for row in fits),
-        error_found=sum(row.steps * (row.rmse_found / row.scale) ** 2 for row in fits) / number,
-        motion=float((change**2).sum()) / number,
     )
 
 
-def _fits(recorded: Recorded, sample: Sample, fits: tuple[FluentFit, ...]) -> list[FitRow]:
-    model = recorded.model
-    actions = {action.name: k for k, action in enumerate(model.actions)}
-    columns = {fluent.name: fluent.index for fluent in model.fluents}
-    number = max(1, len(sample))
-    rows = []
-    for fit in fits:
-        done = sample.actions == actions[fit.action]
-        column = columns[fit.fluent]
-        change = (sample.next_states - sample.states)[done, column]
-        scale = fit.scale if fit.scale > 0 else 1.0
-        rows.append(
-            FitRow(
-                action=fit.action,
-                fluent=fit.fluent,
-                steps=fit.samples,
-                scale=scale,
-                change=float(np.sqrt(np.mean(change**2))) if done.any() else 0.0,
-                rmse_written=fit.rmse_written,
-                rmse_found=fit.rmse_estimated,
-                cost=fit.samples * (fit.rmse_written / scale) ** 2 / number,
-            )
+def _fits(
+    model: TransitionModel,
+    sample: Sample,
+    steps: Steps,
+    predicted: Vector,
+    expected: Vector,
+    units: Vector,
+) -> list[FitRow]:
+    names = [*(fluent.name for fluent in model.fluents), REWARD, END]
+    rows: list[FitRow] = []
+    if not len(sample):
+        return rows
+    scale = np.ptp(np.concatenate((steps.before, steps.after)), axis=0)
+    for position, action in enumerate(model.actions):
+        done = sample.actions == position
+        if not done.any():
+            continue
+        after = steps.after[done]
+        change, off, left = (
+            np.sqrt(np.nanmean((after - other[done]) ** 2, axis=0))
+            for other in (steps.before, predicted, expected)
         )
-    return rows
+        costs = done.sum() * (off / units) ** 2 / len(sample)
+        columns = zip(names, scale, change, off, left, costs, strict=True)
+        rows += [FitRow(action.name, name, int(done.sum()), *map(float, c)) for name, *c in columns]
+    return sorted(rows, key=lambda row: -row.cost)
 
 
-def _finding(finding: Finding) -> Mapping[str, Any]:
+def finding_as_dict(finding: Finding) -> Mapping[str, Any]:
     """Return a finding as JSON values; places become lines."""
-    from serp.correction.findings import LiteralFinding, MissingEffect
-
+    values = {field.name: getattr(finding, field.name) for field in dataclasses.fields(finding)}
+    place = values.pop("place", None)
     if isinstance(finding, LiteralFinding):
-        place = finding.parameter.place
-        return {
-            "kind": "literal", "schema": finding.schema, "fluent": finding.fluent,
-            "file": Path(place.source.name).name, "line": place.line, "column": place.column,
-            "literal": place.text, "written": finding.written, "estimate": finding.estimate,
-            "error": finding.error, "samples": finding.samples, "cost": finding.cost,
-        }  # fmt: skip
+        place = values.pop("parameter").place
+        values["literal"] = place.text
     if isinstance(finding, MissingEffect):
-        return {
-            "kind": "missing", "schema": finding.schema, "fluent": finding.fluent,
-            "line": None if finding.place is None else finding.place.line, "rate": finding.rate,
-            "terms": [
-                {"coefficient": t.coefficient, "error": t.error, "fluents": list(t.fluents)}
-                for t in finding.terms
-            ],
-            "samples": finding.samples, "cost": finding.cost,
-        }  # fmt: skip
-    return {
-        "kind": "outcomes", "schema": finding.schema, "line": finding.place.line,
-        "outcomes": [
-            {"changes": [{"fluent": fluent, "change": change} for fluent, change in o.changes],
-             "probability": o.probability, "error": o.error, "written": o.written}
-            for o in finding.outcomes
-        ],
-        "samples": finding.samples, "cost": finding.cost,
-    }  # fmt: skip
+        values["terms"] = [dataclasses.asdict(term) for term in finding.terms]
+    if isinstance(finding, OutcomeFinding):
+        values["outcomes"] = [
+            {**dataclasses.asdict(outcome),
+             "changes": [{"fluent": name, "change": change} for name, change in outcome.changes]}
+            for outcome in finding.outcomes
+        ]  # fmt: skip
+    where: dict[str, str | int | None] = {"file": None, "line": None, "column": None}
+    if place is not None:
+        name = Path(place.source.name).name
+        where = {"file": name, "line": place.line, "column": place.column}
+    return {"kind": _KINDS[type(finding)], **where, **values}

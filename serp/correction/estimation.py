@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections import Counter
 
 import numpy as np
 
 from serp.correction.additions import Addition
-from serp.correction.applied import predictions_with
 from serp.correction.experience import Experience
 from serp.correction.explaining import Explanation, explain
 from serp.correction.findings import (
     Findings,
-    FluentFit,
     LiteralFinding,
     MissingEffect,
     Term,
@@ -22,7 +19,9 @@ from serp.correction.influence import influences
 from serp.correction.lifting import WORLD, Lifted
 from serp.correction.literals import LiteralEstimator, estimate_literals, whole_symbols
 from serp.correction.outcomes import find_outcomes
-from serp.correction.sample import Sample, predictions, take_sample
+from serp.correction.rules import find_rules
+from serp.correction.sample import Sample, predicted_steps, predictions, take_sample
+from serp.correction.units import Steps, units_of
 from serp.domain.model import TransitionModel, Vector
 
 __all__ = ["estimate_literals", "findings"]
@@ -48,39 +47,47 @@ def findings(model: TransitionModel, experience: Experience) -> Findings:
     objects = max(Counter(f.symbol for f in model.fluents if f.numeric).values(), default=1)
     part = sample.part(max(_FEWEST_ROWS, min(_MOST_ROWS, _MOST_PAIRS // objects)))
     explanation = explain(model, part)
-    costs = _Costs(model, explanation, sample.part(_MOST_COSTED))
+    steps = Steps.of(experience, sample)
+    predicted = predicted_steps(model, sample.states, sample.actions)
+    units = units_of(model, steps, predicted)
+    costs = _Costs(model, explanation, sample.part(_MOST_COSTED), units)
     whole = whole_symbols(LiteralEstimator(model.ground, model.dt), sample)
-    found = Findings(
+    return Findings(
         literals=_literals(model, explanation, costs),
         missing=_missing(model, explanation, costs, part),
-        outcomes=find_outcomes(model, sample, whole),
-        fits=(),
+        outcomes=find_outcomes(model, sample, whole, units),
+        rules=find_rules(model, sample, steps, predicted, units),
         samples=len(sample),
         skipped=sample.skipped,
     )
-    return dataclasses.replace(found, fits=_fits(model, found, sample))
 
 
 class _Costs:
     """What the prediction loses where one thing that was found is forgotten."""
 
-    def __init__(self, model: TransitionModel, explanation: Explanation, sample: Sample) -> None:
+    def __init__(
+        self, model: TransitionModel, explanation: Explanation, sample: Sample, units: Vector
+    ) -> None:
         self._sample = sample
+        self._units = units[:-2]
+        self._symbols = [fluent.symbol for fluent in model.fluents]
         self._theta = explanation.fit.theta
         self._model = TransitionModel(explanation.ground, dt=model.dt)
-        self._least = self._error(self._theta)
+        self._least = self._errors(self._theta)
 
-    def of(self, literals: list[int], values: list[float]) -> float:
-        """Return the cost of giving some literals other values; never negative."""
+    def of(self, literals: list[int], values: list[float], symbol: str) -> float:
+        """Return what giving some literals other values costs a function; never negative."""
         theta = self._theta.copy()
         theta[literals] = values
-        return max(0.0, self._error(theta) - self._least)
+        more = self._errors(theta) - self._least
+        return max(0.0, float(more[[name == symbol for name in self._symbols]].sum()))
 
-    def _error(self, theta: Vector) -> float:
+    def _errors(self, theta: Vector) -> Vector:
         sample = self._sample
         predicted = predictions(self._model.replace(theta=theta), sample.states, sample.actions)
-        off = (sample.next_states - predicted) / sample.scale
-        return float(np.nansum(off**2)) / len(sample)
+        off = (sample.next_states - predicted) / self._units
+        errors: Vector = np.nansum(off**2, axis=0) / len(sample)
+        return errors
 
 
 def _literals(
@@ -101,7 +108,7 @@ def _literals(
                     estimate=float(fit.theta[index]),
                     error=float(fit.errors[index]),
                     samples=int(fit.samples[index]),
-                    cost=costs.of([index], [parameter.value]),
+                    cost=costs.of([index], [parameter.value], influence.symbol),
                 )
             )
     return tuple(sorted(found, key=lambda f: -f.cost))
@@ -135,33 +142,7 @@ def _missing(
                 ),
                 rate=schema == WORLD,
                 samples=int(fit.samples[indices].max()) if schema else len(sample),
-                cost=costs.of(indices, [0.0] * len(indices)),
+                cost=costs.of(indices, [0.0] * len(indices), target.symbol),
             )
         )
     return tuple(sorted(found, key=lambda f: -f.cost))
-
-
-def _fits(model: TransitionModel, found: Findings, sample: Sample) -> tuple[FluentFit, ...]:
-    written = predictions(model, sample.states, sample.actions)
-    estimated = predictions_with(model, found, sample.states, sample.actions)
-    fits = []
-    for position, action in enumerate(model.actions):
-        rows = sample.actions == position
-        if not rows.any():
-            continue
-        observed = sample.next_states[rows]
-        off = np.sqrt(np.nanmean((observed - written[rows]) ** 2, axis=0))
-        left = np.sqrt(np.nanmean((observed - estimated[rows]) ** 2, axis=0))
-        for fluent in model.fluents:
-            k = fluent.index
-            fits.append(
-                FluentFit(
-                    action=action.name,
-                    fluent=fluent.name,
-                    rmse_written=float(off[k]),
-                    rmse_estimated=float(left[k]),
-                    scale=float(sample.scale[k]),
-                    samples=int(rows.sum()),
-                )
-            )
-    return tuple(fits)

@@ -133,12 +133,14 @@ class Experience:
     @property
     def ended(self) -> NDArray[np.bool_]:
         """`[N]`, whether the episode ended with the step, by the environment or by a limit."""
-        return self._in_order(self._endings) != GOES_ON
+        ended: NDArray[np.bool_] = self._in_order(self._endings) != GOES_ON
+        return ended
 
     @property
     def over(self) -> NDArray[np.bool_]:
         """`[N]`, whether the environment ended the task with the step."""
-        return self._in_order(self._endings) == OVER
+        over: NDArray[np.bool_] = self._in_order(self._endings) == OVER
+        return over
 
     @property
     def rewards(self) -> Vector:

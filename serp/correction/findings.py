@@ -1,8 +1,9 @@
 """What the observed transitions say about a domain file: the words of `diagnose` and `repair`.
 
-Everywhere `cost` is how much of the one-step prediction error a finding accounts for: the
-reduction of the summed squared error, each fluent in units of its observed range, per step. Costs
-of all kinds of findings can therefore be compared.
+Everywhere `cost` is how much of the one-step prediction error a finding accounts for: by how much
+it reduces the squared error of what it is about, as a share of the squared change of that. 1 is the
+error of a file that says that everything stays as it is. Costs of all kinds of findings can be
+compared, of fluents that move a lot and of those that hardly do, of rewards and of ends.
 """
 
 from __future__ import annotations
@@ -113,24 +114,37 @@ class OutcomeFinding:
 
 
 @dataclass(frozen=True)
-class FluentFit:
-    """How well one fluent is predicted one step ahead, after one ground action.
+class RuleFinding:
+    """A line of the file that gives reward or ends the task, otherwise than it was observed.
+
+    What is good and what is an end is for people to say, so nothing is estimated here.
 
     Attributes:
-        action: Name of the ground action.
-        fluent: Name of the fluent.
-        rmse_written: Root mean squared error of the file as written.
-        rmse_estimated: The same with all findings taken into account.
-        scale: Observed range of the fluent.
-        samples: Transitions that it rests on.
+        schema: Name of the action, process or event; `goal` or `metric` for these; empty for what
+            no line of the file says.
+        place: Where it is written; None where there is no such place.
+        fluent: `reward` or `terminal`.
+        predicted: Steps in which the line was predicted to apply.
+        came: Of these, the steps that went as predicted.
+        unpredicted: Steps in which it applies to what was observed though it was not predicted to;
+            where no line says it, those in which there was reward or an end all the same.
+        promised: Mean reward predicted in the steps counted by `predicted`; 1 for ends.
+        observed: Mean reward observed in these steps, or share of ends; where no line says it, in
+            those counted by `unpredicted`.
+        samples: Transitions looked at.
+        cost: See the module.
     """
 
-    action: str
+    schema: str
+    place: Place | None
     fluent: str
-    rmse_written: float
-    rmse_estimated: float
-    scale: float
+    predicted: int
+    came: int
+    unpredicted: int
+    promised: float
+    observed: float
     samples: int
+    cost: float
 
 
 @dataclass(frozen=True)
@@ -138,14 +152,14 @@ class Findings:
     """Everything that the transitions say about a domain file.
 
     Attributes:
-        literals, missing, outcomes, fits: The findings by kind.
+        literals, missing, outcomes, rules: The findings by kind.
         samples: Transitions looked at.
-        skipped: Transitions left out: not finite, or not applicable by the file.
+        skipped: Transitions left out; see `serp.correction.sample.Sample.left_out`.
     """
 
     literals: tuple[LiteralFinding, ...]
     missing: tuple[MissingEffect, ...]
     outcomes: tuple[OutcomeFinding, ...]
-    fits: tuple[FluentFit, ...]
+    rules: tuple[RuleFinding, ...]
     samples: int
     skipped: int

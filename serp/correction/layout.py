@@ -40,6 +40,20 @@ class Layout:
         start = line_start(self.text, position)
         return Edit(start, start, comment(text, indent_at(self.text, position), self._newline))
 
+    def head(self, title: str, lines: Sequence[str]) -> list[Edit]:
+        """Return the edits that put a list at the head of the file, in place of an older one.
+
+        Args:
+            title: Its first line; an older list is known by the words of it before a comma.
+            lines: What follows; nothing for no list.
+        """
+        end, mark = 0, f"; {title.partition(',')[0]}"
+        if self.text.startswith(mark):
+            end = self.text.find(self._newline * 2) + 2 * len(self._newline)
+        written = "".join(comment(f"* {line}", "", self._newline) for line in lines)
+        text = f"{comment(title, '', self._newline)}{written}{self._newline}" if lines else ""
+        return [Edit(0, end, text)] if text or end else []
+
     def effects_in(self, schema: Place, effects: Sequence[tuple[str, str]]) -> list[Edit]:
         """Return the edits that give an action further effects.
 

@@ -32,8 +32,8 @@ _COLUMNS = _CASES + CASES * _CASE_WIDTH
 _LOW, _HIGH, _PREDICATE = 0, 1, 2  # rows of the array about the quantities [3, F + 2]
 
 WRITTEN, CORRECTED, OBSERVED = 0, 1, 2
-"""Rows of a step's record `[3, F + 2]`: what the file predicts, what the model in use does, and what
-was observed. Behind the fluents stand the reward and the end (1, else 0), which were 0 before."""
+"""Rows of a step's record `[3, F + 2]`: what the file predicts, what the model in use does, and
+what was observed. Behind the fluents stand the reward and the end (0 or 1); both were 0 before."""
 
 REWARD: Final = "reward"
 END: Final = "terminal"

@@ -37,7 +37,7 @@ Mask = NDArray[np.bool_]
 
 
 def find_outcomes(
-    model: TransitionModel, sample: Sample, whole: Iterable[str]
+    model: TransitionModel, sample: Sample, whole: Iterable[str], units: Vector
 ) -> tuple[OutcomeFinding, ...]:
     """Return the actions of which something else comes than the file says, by schema.
 
@@ -45,6 +45,7 @@ def find_outcomes(
         model: The model as written.
         sample: The transitions.
         whole: Functions whose values are a few whole numbers.
+        units: `[F + 2]` what errors are measured by; see `serp.correction.units`.
     """
     sample = sample.part(_MOST_ROWS)
     columns = _jumping(model.ground, set(whole))
@@ -52,7 +53,7 @@ def find_outcomes(
         return ()
     lifting = Lifting(model.ground)
     names = dict.fromkeys(action.schema for action in model.actions)
-    schemas = [_Schema(model, lifting, sample, columns, name) for name in names]
+    schemas = [_Schema(model, lifting, sample, columns, units[columns], name) for name in names]
     told = [schema for schema in schemas if schema.surprising]
     # Who falls may be seen where the fall ends, or back at the start, as any move would end there.
     strange = any(schema.ends_strangely for schema in told)
@@ -98,6 +99,7 @@ class _Schema:
         lifting: Lifting,
         sample: Sample,
         columns: NDArray[np.int64],
+        units: Vector,
         schema: str,
     ) -> None:
         self.model = model
@@ -110,7 +112,7 @@ class _Schema:
         self.states = sample.states[rows]
         self.before = self.states[:, columns]
         self.observed = sample.next_states[rows][:, columns]
-        self.scale = sample.scale[columns]
+        self.units = units
 
     @functools.cached_property
     def surprising(self) -> bool:
@@ -143,8 +145,8 @@ class _Schema:
             return None
         mean = sum(p * kind.after for p, kind in zip(shares, kinds, strict=True))
         mean = mean + max(0.0, 1.0 - float(shares.sum())) * self.observed
-        off = ((self.observed - written) / self.scale) ** 2
-        left = ((self.observed - mean) / self.scale) ** 2
+        off = ((self.observed - written) / self.units) ** 2
+        left = ((self.observed - mean) / self.units) ** 2
         outcomes = [
             Outcome(kind.changes, float(p), float(e), kind.written)
             for kind, p, e in zip(kinds, shares, errors, strict=True)
@@ -205,7 +207,20 @@ class _Schema:
         missed = ~np.logical_or.reduce([kind.fits for kind in kinds.values()])
         for changes in self._commonest(missed):
             self._add(kinds, changes, self._changed(changes), np.zeros(len(missed), np.bool_))
-        return [k for k in kinds.values() if k.written or k.fits.any()]
+        found = [k for k in kinds.values() if k.written or k.fits.any()]
+        return found if () in kinds else self._with_nothing(found)
+
+    def _with_nothing(self, kinds: list[_Kind]) -> list[_Kind]:
+        """Return the kinds and that nothing changes, where this explains what others do not.
+
+        A lamp that does not light up looks like one that is put out; but one that is lit would go
+        out then.
+        """
+        stays = np.zeros(len(self.before), dtype=np.bool_)
+        nothing = _Kind((), (self.observed == self.before).all(1), self.before, stays, False)
+        shares, errors = likeliest(np.stack([k.fits for k in (*kinds, nothing)], axis=1))
+        frequent = shares[-1] >= max(_RARE, _CERTAIN * errors[-1])
+        return [*kinds, nothing] if frequent else kinds
 
     def _add(
         self, kinds: dict[Changes, _Kind], changes: Changes, after: Vector, ends: Mask

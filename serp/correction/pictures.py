@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from serp.colours import PLANNER
 from serp.correction.diagnosis import Diagnosis, FitRow
+from serp.correction.monitor import END, REWARD
 from serp.domain.model import Vector
 from serp.picture import FAINT, INK, STYLE
 
@@ -31,21 +32,21 @@ _COLUMNS: Final = 4
 _NAME: Final = 30  # characters of a title
 
 
-def draw_diagnosis(diagnosis: Diagnosis, written: Vector, found: Vector) -> Figure:
+def draw_diagnosis(diagnosis: Diagnosis) -> Figure:
     """Draw predicted against observed changes, of at most 12 pairs of action and fluent.
+
+    The reward and the end count as fluents.
 
     Pairs that the file predicts without any error are left out; where there are none such, the
     figure shows the pairs whose fluents move most.
 
     Args:
         diagnosis: What is drawn.
-        written: Next states that the file predicts for its sample, `[N, F]`.
-        found: The same with all findings taken into account.
 
     Returns:
         A figure of its own, known to no global state of matplotlib.
     """
-    columns = {f.name: f.index for f in diagnosis.recorded.model.fluents}
+    names = [*(fluent.name for fluent in diagnosis.recorded.model.fluents), REWARD, END]
     actions = {a.name: k for k, a in enumerate(diagnosis.recorded.model.actions)}
     fits = panels_of(diagnosis)
     wide = min(_COLUMNS, max(1, len(fits)))
@@ -57,11 +58,7 @@ def draw_diagnosis(diagnosis: Diagnosis, written: Vector, found: Vector) -> Figu
         )
         for position, fit in enumerate(fits):
             axes = figure.add_subplot(high, wide, position + 1)
-            kinds.add(
-                _draw(
-                    axes, diagnosis, fit, actions[fit.action], columns[fit.fluent], written, found
-                )
-            )
+            kinds.add(_draw(axes, diagnosis, fit, actions[fit.action], names.index(fit.fluent)))
             if position % wide == 0:
                 axes.set_ylabel("observed change")
             if position + wide >= len(fits):  # none below it
@@ -80,28 +77,22 @@ def draw_diagnosis(diagnosis: Diagnosis, written: Vector, found: Vector) -> Figu
 def panels_of(diagnosis: Diagnosis) -> list[FitRow]:
     """Return which pairs of action and fluent are drawn, in their order."""
     wrong = [fit for fit in diagnosis.fits if fit.cost > 0.0]
-    moving = sorted(diagnosis.fits, key=lambda fit: -fit.change / fit.scale)
+    moving = sorted(diagnosis.fits, key=lambda fit: -fit.change / (fit.scale or 1.0))
     return (wrong or [fit for fit in moving if fit.change > 0.0])[:PANELS]
 
 
-def _draw(
-    axes: Axes,
-    diagnosis: Diagnosis,
-    fit: FitRow,
-    action: int,
-    column: int,
-    written: Vector,
-    found: Vector,
-) -> str:
+def _draw(axes: Axes, diagnosis: Diagnosis, fit: FitRow, action: int, column: int) -> str:
     """Draw one panel; return its kind, `table` or `points`."""
-    sample = diagnosis.sample
-    rows = np.flatnonzero(sample.actions == action)
-    before = sample.states[rows, column]
-    observed = sample.next_states[rows, column] - before
-    by_file, by_found = written[rows, column] - before, found[rows, column] - before
+    steps, rows = diagnosis.steps, np.flatnonzero(diagnosis.sample.actions == action)
+    before = steps.before[rows, column]
+    observed, by_file, by_found = (
+        after[rows, column] - before
+        for after in (steps.after, diagnosis.predicted, diagnosis.expected)
+    )
     whole = np.isfinite(by_file) & np.isfinite(by_found)
     observed, by_file, by_found = observed[whole], by_file[whole], by_found[whole]
-    numeric = diagnosis.recorded.model.fluents[column].numeric
+    fluents = diagnosis.recorded.model.fluents
+    numeric = fluents[column].numeric if column < len(fluents) else fit.fluent == REWARD
     axes.set_title(f"{_short(fit.action)}: {_short(fit.fluent)}", pad=18)
     axes.text(
         0.0, 1.02, f"error {_number(fit.rmse_written)} → {_number(fit.rmse_found)}",

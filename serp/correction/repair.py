@@ -2,13 +2,14 @@
 
 The result is the expert's own file: literals are changed where they stand, effects are added where
 they belong, each with its evidence as a comment; every other byte stays. What is good, unsafe or
-an end is never touched.
+an end is never touched, only commented on. What to write is decided in `serp.correction.worth`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from serp.correction.amending import AmendedEffect
 from serp.correction.edits import Edit, edited
@@ -19,6 +20,7 @@ from serp.correction.writing import (
     decimal,
     effect_of,
     evidence_of_outcomes,
+    evidence_of_rule,
     evidence_of_term,
     measured,
 )
@@ -27,10 +29,9 @@ from serp.domain.loading import Domain
 from serp.domain.parser import parse_domain, parse_problem
 from serp.domain.source import Place, Source
 
-_CERTAIN = 4.0  # standard errors: a file has many numbers, and hardly one is to change by chance
-_SLIGHT = 0.005  # of the literal
-_WORTH = 0.002  # of the squared error that is left of its fluent
+_CERTAIN = 4.0  # standard errors
 _NEARLY_ONE = 0.01
+_HEAD = "Not explained by what serp observed"
 
 
 @dataclass(frozen=True)
@@ -58,33 +59,38 @@ class Repaired:
 
     Attributes:
         text: All of it.
-        repairs: What was changed, in the order of the file; nothing where the file is as good as
-            the data can tell.
+        repairs: What was changed, in the order of the file.
+        open: Sentences about what was not: what nobody can explain, and what is found of the
+            problem file. Where anything was changed they stand at the head of the file.
     """
 
     text: str
     repairs: tuple[Repair, ...]
+    open: tuple[str, ...] = ()
 
 
-def repair(domain: Domain, findings: Findings) -> Repaired:
-    """Return the domain file with the findings written into it.
+def repair(domain: Domain, findings: Findings, unexplained: Sequence[str] = ()) -> Repaired:
+    """Return the domain file with all findings written into it.
 
-    Literals are changed that are off by more than four standard errors, half a percent and a part
-    of the error that matters; missing effects are added as they were found, and chance is told in
+    Literals are changed, missing effects are added, and chance, rewards and ends are told in
     comments. The result was parsed and instantiated.
 
     Args:
-        domain: The domain; findings about its problem file are left out.
-        findings: What a run has found.
+        domain: The domain; its problem file is not touched.
+        findings: What a run has found, and what of it is worth writing.
+        unexplained: Sentences about what it has not.
 
     Raises:
         DomainError: The repaired file with the problem would be wrong.
     """
     work = _Work(domain, findings)
-    text = edited(domain.source.text, work.edits())
-    if work.repairs:
-        _check(domain, text)
-    return Repaired(text, tuple(sorted(work.repairs, key=lambda r: r.line)))
+    edits = work.edits()
+    left = (*unexplained, *work.elsewhere)
+    if not work.repairs:
+        return Repaired(domain.source.text, (), left)
+    text = edited(domain.source.text, [*work.head(left), *edits])
+    _check(domain, text)
+    return Repaired(text, tuple(sorted(work.repairs, key=lambda r: r.line)), left)
 
 
 def _check(domain: Domain, text: str) -> None:
@@ -100,6 +106,7 @@ class _Work:
 
     def __init__(self, domain: Domain, findings: Findings) -> None:
         self.repairs: list[Repair] = []
+        self.elsewhere: list[str] = []
         self._findings = findings
         self._source = domain.source
         self._syntax = domain.syntax
@@ -121,17 +128,32 @@ class _Work:
     def edits(self) -> list[Edit]:
         """Return all edits, and note the repairs."""
         for literal in self._findings.literals:
-            if self._worth_changing(literal):
+            if literal.parameter.place.source is self._source:
                 self._change(literal)
+            else:
+                place, found = literal.parameter.place, measured(literal.estimate, literal.error)
+                where = f"{Path(place.source.name).name}, line {place.line}"
+                self.elsewhere.append(f"{where}: {place.text} as written; observed {found}")
         edits = self._additions()
+        for rule in self._findings.rules:
+            if rule.place is not None and rule.place.source is self._source:
+                edits += self._comment(rule.place, rule.schema, [evidence_of_rule(rule)])
         for outcome in self._findings.outcomes:
-            lines = evidence_of_outcomes(outcome)
-            edits += [self._layout.comment_above(outcome.place.start, line) for line in lines]
-            told = " ".join(line.strip() for line in lines)
-            self.repairs.append(Repair(outcome.place.line, outcome.schema, "", "", told))
+            edits += self._comment(outcome.place, outcome.schema, evidence_of_outcomes(outcome))
         for amended in self._effects:
             edits += amended.edits() + self._told(amended)
         return edits + self._layout.requirements(self._needs)
+
+    def head(self, left: Sequence[str]) -> list[Edit]:
+        """Return the edits that say at the head of the file what is not mended."""
+        steps = f"{self._findings.samples:,} steps"
+        return self._layout.head(f"{_HEAD}, in {steps}:", left)
+
+    def _comment(self, place: Place, schema: str, lines: Sequence[str]) -> list[Edit]:
+        """Return the edits that put comments above a place, and note the repair."""
+        told = " ".join(line.strip() for line in lines)
+        self.repairs.append(Repair(place.line, schema, "", "", told))
+        return [self._layout.comment_above(place.start, line) for line in lines]
 
     # What stands in the file ---------------------------------------------------------------------
 
@@ -144,20 +166,6 @@ class _Work:
             line = amended.effect.place.line
             self.repairs.append(Repair(line, amended.schema.name, before, after, evidence))
         return [self._layout.comment_above(place.start, text) for place, text in told]
-
-    def _worth_changing(self, finding: LiteralFinding) -> bool:
-        gap = abs(finding.estimate - finding.written)
-        if finding.parameter.place.source is not self._source or gap <= _CERTAIN * finding.error:
-            return False
-        if gap <= _SLIGHT * max(abs(finding.written), abs(finding.estimate)):
-            return False
-        steps = max(1, self._findings.samples)
-        left = sum(
-            fit.samples * (fit.rmse_estimated / fit.scale) ** 2 / steps
-            for fit in self._findings.fits
-            if fit.fluent.split(" ")[0] == finding.fluent and fit.scale > 0
-        )
-        return finding.cost > _WORTH * left
 
     def _change(self, finding: LiteralFinding) -> None:
         place = finding.parameter.place
@@ -185,8 +193,7 @@ class _Work:
         into: dict[str, list[tuple[str, str]]] = {}
         order = list(self._syntax.declarations)
         for missing in sorted(self._findings.missing, key=lambda m: order.index(_symbol(m.fluent))):
-            terms = [t for t in missing.terms if abs(t.coefficient) > _CERTAIN * t.error]
-            terms.sort(key=lambda term: (len(term.fluents), term.fluents))
+            terms = sorted(missing.terms, key=lambda term: (len(term.fluents), term.fluents))
             if missing.schema == WORLD:
                 if terms:
                     edits.append(self._process(missing, terms))

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp.domain import ground as g
-from serp.domain.flags import APPLICABLE
+from serp.domain.flags import APPLICABLE, TERMINAL
 from serp.domain.model import TransitionModel, Vector
 from serp.domain.syntax import Change
 
@@ -37,8 +38,8 @@ class Sample:
         next_states: `[N, F]`.
         blocks: `[N]` number of the stretch of neighbouring transitions that a row belongs to.
         scale: `[F]` range of each fluent that was observed, in its unit; 1 where it never varied.
-        skipped: Transitions left out: not finite, or far away from all other values of a fluent;
-            of no action of the model, or of one that the file calls not applicable there.
+        positions: `[N]` where a row stands among the transitions that the sample was taken from.
+        left_out: Reason → how many transitions are left out for it.
     """
 
     states: Vector
@@ -46,7 +47,13 @@ class Sample:
     next_states: Vector
     blocks: NDArray[np.int64]
     scale: Vector
-    skipped: int
+    positions: NDArray[np.intp]
+    left_out: Mapping[str, int]
+
+    @property
+    def skipped(self) -> int:
+        """Transitions left out."""
+        return sum(self.left_out.values())
 
     def __len__(self) -> int:
         return len(self.actions)
@@ -64,6 +71,7 @@ class Sample:
             actions=self.actions[rows],
             next_states=self.next_states[rows],
             blocks=self.blocks[rows],
+            positions=self.positions[rows],
         )
 
 
@@ -80,10 +88,12 @@ def take_sample(
     """
     number = len(actions)
     blocks = np.arange(number) // BLOCK
-    rows = usable_rows(model, states, actions, next_states)
+    rows, left_out = _usable(model, states, actions, next_states)
     if any(action.preconditions for action in model.actions):
         flow = Flow(model.ground, model.dt)
+        plausible = rows
         rows = rows[np.isfinite(flow.predict(states[rows], actions[rows], model.theta)).all(1)]
+        left_out["an action that the file calls not applicable there"] = len(plausible) - len(rows)
     seen = np.concatenate((states[rows], next_states[rows]))
     scale = np.ptp(seen, axis=0) if len(rows) else np.ones(states.shape[1])
     return Sample(
@@ -92,7 +102,8 @@ def take_sample(
         next_states=next_states[rows],
         blocks=blocks[rows],
         scale=np.where(scale > 0, scale, 1.0),
-        skipped=number - len(rows),
+        positions=rows,
+        left_out={reason: count for reason, count in left_out.items() if count},
     )
 
 
@@ -107,10 +118,22 @@ def usable_rows(
         actions: `[N]`.
         next_states: `[N, F]` after them.
     """
-    fine = np.isfinite(states).all(1) & np.isfinite(next_states).all(1)
-    fine &= (actions >= 0) & (actions < len(model.actions))
-    rows = np.flatnonzero(fine)
-    return rows[_plausible(states[rows]) & _plausible(next_states[rows])]
+    return _usable(model, states, actions, next_states)[0]
+
+
+def _usable(
+    model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
+) -> tuple[NDArray[np.intp], dict[str, int]]:
+    """Return the usable rows, and how many others there are by reason."""
+    known = (actions >= 0) & (actions < len(model.actions))
+    finite = np.isfinite(states).all(1) & np.isfinite(next_states).all(1)
+    rows = np.flatnonzero(known & finite)
+    plausible = rows[_plausible(states[rows]) & _plausible(next_states[rows])]
+    return plausible, {
+        "an action that the file does not know": int((~known).sum()),
+        "a value that is no finite number": int((known & ~finite).sum()),
+        "a value far beyond all others of its fluent": len(rows) - len(plausible),
+    }
 
 
 def _plausible(values: Vector) -> NDArray[np.bool_]:
@@ -224,19 +247,27 @@ class Flow:
 
 
 def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """Return the next states `[N, F]` that a model predicts; NaN where none.
+    """Return the next states `[N, F]` that a model predicts; NaN where none."""
+    return predicted_steps(model, states, actions)[:, :-2]
+
+
+def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
+    """Return next states, rewards and ends (0 or 1) as a model predicts them; NaN where none.
 
     By CPython where the model is not compiled yet, with the same results.
+
+    Returns:
+        `[N, F + 2]`: the fluents, the reward, the end.
     """
     if model.compiled:
         predicted, flags = _carried_out(model.native_step(), model, states, actions)
-        return np.where((flags & APPLICABLE != 0)[:, None], predicted[:, :-1], np.nan)
-    width = states.shape[1]
-    rows = []
-    for state, action in zip(states.tolist(), actions.tolist(), strict=True):
-        out, flag = model.transition(state, action)
-        rows.append(out[:width] if flag & APPLICABLE else [np.nan] * width)
-    return np.array(rows, dtype=np.float64).reshape(len(rows), width)
+    else:
+        steps = zip(states.tolist(), actions.tolist(), strict=True)
+        rows = [model.transition(state, action) for state, action in steps]
+        predicted = np.array([out for out, _ in rows]).reshape(len(rows), states.shape[1] + 1)
+        flags = np.array([flag for _, flag in rows], dtype=np.int64)
+    steps_ahead = np.column_stack((predicted, (flags & TERMINAL) != 0))
+    return np.where((flags & APPLICABLE != 0)[:, None], steps_ahead, np.nan)
 
 
 def _flowed(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:

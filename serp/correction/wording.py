@@ -12,15 +12,22 @@ from serp.correction.findings import (
     MissingEffect,
     Outcome,
     OutcomeFinding,
+    RuleFinding,
     Term,
 )
+from serp.correction.monitor import END
+from serp.correction.worth import differs
 from serp.domain.ground import GroundEffect, GroundModel, GroundSchema, Parameter
 from serp.domain.source import Place
 
-Finding = LiteralFinding | MissingEffect | OutcomeFinding
+Finding = LiteralFinding | MissingEffect | OutcomeFinding | RuleFinding
 
-_CERTAIN = 2.0
+_DIFFERS = 2.0
 """A literal differs from its estimate where so many standard errors lie between them."""
+
+
+_DIGITS = 6
+"""Decimals beyond which a standard error is not worth showing."""
 
 
 class Remark(NamedTuple):
@@ -40,6 +47,17 @@ class Remark(NamedTuple):
     text: str
     findings: tuple[Finding, ...]
 
+    @property
+    def symbols(self) -> tuple[str, ...]:
+        """The symbols of the fluents that it is about; `reward`, or `terminal` for the end."""
+        names: list[str] = []
+        for finding in self.findings:
+            if isinstance(finding, OutcomeFinding):
+                names += [name for o in finding.outcomes for name, _ in o.changes]
+            else:
+                names.append(finding.fluent)
+        return tuple(dict.fromkeys(_symbol(name) for name in names))
+
 
 def remarks(findings: Findings, ground: GroundModel) -> list[Remark]:
     """Return what is to be said of a file, the most costly first.
@@ -53,6 +71,7 @@ def remarks(findings: Findings, ground: GroundModel) -> list[Remark]:
     """
     words = _Words(ground)
     told = [words.of_outcome(outcome) for outcome in findings.outcomes]
+    told += [words.of_rule(rule) for rule in findings.rules]
     groups: dict[tuple[str, str], list[LiteralFinding | MissingEffect]] = {}
     changes: list[LiteralFinding | MissingEffect] = [*findings.literals, *findings.missing]
     for finding in changes:
@@ -61,13 +80,6 @@ def remarks(findings: Findings, ground: GroundModel) -> list[Remark]:
     for group in groups.values():
         told += words.of_group(group)
     return sorted(told, key=lambda remark: -remark.cost)
-
-
-def differs(finding: LiteralFinding) -> bool:
-    """Whether a literal is not what was observed, as far as can be told."""
-    gap = abs(finding.estimate - finding.written)
-    rounding = 1e-9 * max(abs(finding.estimate), abs(finding.written))
-    return gap > max(_CERTAIN * finding.error, rounding)
 
 
 class _Words:
@@ -90,7 +102,7 @@ class _Words:
         ranked = sorted(effects.items(), key=lambda item: -sum(f.cost for f in item[1]))
         rates = {self._is_process(finding.schema) for finding in literals}
         for effect, found in ranked:
-            wrong = [finding for finding in found if differs(finding)]
+            wrong = [finding for finding in found if differs(finding, _DIFFERS)]
             # What is missing is told with the first effect that changes the same fluent, in the
             # same unit: a rate beside a rate.
             beside = [m for m in missing if rates == {m.rate}]
@@ -167,6 +179,39 @@ class _Words:
             findings=(finding,),
         )
 
+    def of_rule(self, finding: RuleFinding) -> Remark:
+        """Tell what came of a line on rewards or ends."""
+        ends, steps = finding.fluent == END, _steps(finding.predicted)
+        surprises = _steps(finding.unpredicted)
+        if not finding.schema and ends:
+            text = f"the task ended in {surprises} of which no line says so"
+        elif not finding.schema:
+            text = f"{surprises} for which the file promises no reward were worth "
+            text += f"{number(finding.observed)} on average"
+        elif not finding.predicted:
+            text = f", never predicted; it applies to {surprises} all the same"
+            text += "" if ends else f", worth {number(finding.observed)} on average"
+        else:
+            text = f", predicted in {steps}"
+            if ends:
+                text += f"; the task ended in {finding.came:,} of them"
+            else:
+                text += f", reward {number(finding.promised)} on average; it was "
+                text += f"{number(finding.observed)}, and {finding.came:,} steps were as predicted"
+            text += f"; it applies to {surprises} more" if finding.unpredicted else ""
+        place = finding.place
+        if finding.schema:
+            where = "" if place is None else f", {_line(place)}"
+            effect = "" if place is None else f": `{place.text}`"
+            text = f"`{finding.schema}`{where}{effect}{text}"
+        return Remark(
+            cost=finding.cost,
+            schema=finding.schema,
+            line=None if place is None else place.line,
+            text=text,
+            findings=(finding,),
+        )
+
     def _changed(self, outcome: Outcome) -> str:
         if not outcome.changes:
             return "nothing changes"
@@ -229,6 +274,8 @@ def measured(value: float, error: float) -> str:
     if not math.isfinite(error) or error <= 1e-9 * abs(value):
         return _signed(_plain(value))
     decimals = _decimals(error)
+    if decimals > _DIGITS:
+        return _signed(_plain(value))
     shown = round(error, decimals)
     return f"{_signed(_fixed(value, decimals))} ± {_fixed(shown, decimals)}"
 
@@ -238,6 +285,8 @@ def rounded(value: float, error: float) -> str:
     if not math.isfinite(error) or error <= 1e-9 * abs(value):
         return _plain(value)
     decimals = _decimals(error)
+    if decimals > _DIGITS:
+        return _signed(_plain(value))
     if round(value, decimals) == 0.0:  # all of it is uncertain; a zero would say less
         return f"{value:.1g}"
     return _signed(_fixed(value, decimals))
@@ -251,7 +300,7 @@ def _decimals(error: float) -> int:
 
 
 def _fixed(value: float, decimals: int) -> str:
-    if decimals > 6 or (decimals < 0 and abs(value) >= 1e9):
+    if decimals < 0 and abs(value) >= 1e9:
         return f"{value:.3g}"
     return f"{round(value, decimals) + 0.0:,.{max(0, decimals)}f}"
 
@@ -269,6 +318,15 @@ def _percent(share: float, error: float) -> str:
         return f"{100 * share:.1f} %" if 0 < share < 0.1 else f"{100 * share:.0f} %"
     decimals = 1 if error < 0.005 else 0
     return f"{100 * share:.{decimals}f} ± {100 * error:.{decimals}f} %"
+
+
+def number(value: float) -> str:
+    """Return a number with three digits, as people read it."""
+    return _signed(f"{value + 0.0:.3g}")
+
+
+def _steps(count: int) -> str:
+    return f"{count:,} step{'' if count == 1 else 's'}"
 
 
 def _symbol(fluent: str) -> str:

@@ -6,11 +6,14 @@ import math
 import textwrap
 from collections.abc import Iterable
 
-from serp.correction.findings import OutcomeFinding, Term
+from serp.correction.findings import OutcomeFinding, RuleFinding, Term
+from serp.correction.monitor import END
 
 _DIGITS = 4
 """Significant digits at most: more than anybody needs for a plan a few steps ahead."""
 _WIDTH = 100
+_PLAIN = str.maketrans({"−": "-", "…": "...", "×": "*", "±": "+/-"})
+"""Not every PDDL tool reads more than ASCII."""
 
 
 def decimal(value: float, error: float) -> str:
@@ -95,7 +98,7 @@ def evidence_of_term(term: Term, samples: int, *, rate: bool) -> str:
 
 def evidence_of_outcomes(finding: OutcomeFinding) -> list[str]:
     """Return what comes of an action, for comments above it, a line each."""
-    lines = [f"Observed in {finding.samples:,} steps, which this file cannot say:"]
+    lines = [f"Observed in {finding.samples:,} steps; the effects are as written:"]
     for outcome in finding.outcomes:
         if outcome.probability < 0.005 and not outcome.written:
             continue
@@ -106,8 +109,20 @@ def evidence_of_outcomes(finding: OutcomeFinding) -> list[str]:
     return lines
 
 
+def evidence_of_rule(finding: RuleFinding) -> str:
+    """Return what came of a line on rewards or ends, for a comment above it."""
+    what = f"Observed in {finding.samples:,} steps: predicted in {finding.predicted:,}"
+    if finding.fluent == END:
+        came = f"the task ended in {finding.came:,} of them"
+    else:
+        came = f"reward {finding.promised:.3g} on average, it was {finding.observed:.3g}"
+    more = f"; applies to {finding.unpredicted:,} more" if finding.unpredicted else ""
+    return f"{what}, {came}{more}." if finding.predicted else f"{what}{more}."
+
+
 def comment(text: str, indent: str, newline: str) -> str:
     """Return comment lines, each with the indent and a line break at its end."""
     width = max(40, _WIDTH - len(indent) - 2)
-    lines = textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)
+    plain = text.translate(_PLAIN)
+    lines = textwrap.wrap(plain, width, break_long_words=False, break_on_hyphens=False)
     return "".join(f"{indent}; {line}{newline}" for line in lines)

@@ -55,6 +55,26 @@ def test_a_wrong_number_is_named_with_its_line_and_its_value(run: Run, misled: P
     assert remark["share"] > 0.2
 
 
+def test_the_verdict_and_what_is_not_explained_are_shown(run: Run, misled: Path) -> None:
+    text, shown = run("diagnose", str(misled)).stdout, told(run, str(misled))
+    assert shown["verdict"] in text and "predicts well" not in text
+    for sentence in shown["not_explained"]:
+        assert f"* {sentence}" in text
+
+
+def test_what_is_listed_is_what_is_repaired(run: Run, misled: Path) -> None:
+    shown, repaired = told(run, str(misled)), run("repair", str(misled))
+    listed = [remark for remark in shown["remarks"] if remark["matters"]]
+    numbers = [f for remark in listed for f in remark["findings"] if f["kind"] == "literal"]
+    for number in numbers:
+        assert f"; {number['literal']} as written; observed " in repaired.stdout
+    assert repaired.stdout.count("as written; observed ") == len(numbers)
+    effects = [f["terms"] for r in listed for f in r["findings"] if f["kind"] == "missing"]
+    assert repaired.stdout.count("; found in ") == sum(map(len, effects))
+    for sentence in shown["not_explained"]:
+        assert sentence in repaired.stderr
+
+
 def test_json_is_what_the_diagnosis_gives(run: Run, misled: Path) -> None:
     assert told(run, str(misled)) == json.loads(json.dumps(finite(diagnose(misled).as_dict())))
 
@@ -71,7 +91,7 @@ def test_the_numbers_are_written_as_csv(run: Run, misled: Path) -> None:
     result = run("diagnose", str(misled), "--csv", "numbers.csv")
     assert "numbers.csv" in result.stderr
     head, *rows = csv.reader(Path("numbers.csv").read_text(encoding="utf-8").splitlines())
-    assert len(rows) == 2 * 4
+    assert len(rows) == 2 * (4 + 2)  # fluents, reward and end
     cells = {(row[0], row[1]): dict(zip(head, row, strict=True)) for row in rows}
     wrong = cells["push-left", "cart-velocity"]
     assert float(wrong["rmse_written"]) == pytest.approx(0.195, abs=0.01)

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from pathlib import Path
 
+from serp.correction.diagnosis import make_diagnosis
+from serp.correction.estimation import findings
+from serp.correction.experience import Experience
 from serp.correction.findings import Findings, LiteralFinding
 from serp.correction.influence import influences
-from serp.correction.repair import Repaired
+from serp.correction.monitor import Monitor
+from serp.correction.recorded import Recorded
+from serp.correction.repair import Repaired, repair
 from serp.domain.loading import Domain
 from tests.serp.correction.rolls import from_text
 
@@ -25,6 +31,22 @@ def of(*literals: LiteralFinding, **others: tuple[object, ...]) -> Findings:
     """Findings of some kinds and no others."""
     found = Findings(literals, (), (), (), 412, 0)
     return dataclasses.replace(found, **others)
+
+
+def taken(domain: Domain, experience: Experience, dt: float = 1.0) -> Recorded:
+    """What a run has recorded, but for its monitor."""
+    model = domain.model.replace(dt=dt)
+    return Recorded(
+        run=Path("runs/seven"), domain=domain, files={}, model=model, experience=experience,
+        monitor=Monitor(model), env_steps=len(experience), rewarded_by="domain", notice=None,
+    )  # fmt: skip
+
+
+def repaired_by(domain: Domain, experience: Experience, dt: float) -> Repaired:
+    """The domain repaired by what was observed."""
+    recorded = taken(domain, experience, dt)
+    diagnosis = make_diagnosis(recorded, findings(recorded.model, experience))
+    return repair(domain, diagnosis.worthwhile, diagnosis.unexplained)
 
 
 def written(domain: Domain, repaired: Repaired) -> Domain:

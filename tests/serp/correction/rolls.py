@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 
 import serp_envs
-from serp.correction.experience import Experience
+from serp.correction.experience import CUT_OFF, GOES_ON, OVER, Experience
 from serp.domain.flags import APPLICABLE, TERMINAL
 from serp.domain.loading import Domain, load_domain
 from serp.domain.model import TransitionModel, Vector
@@ -67,7 +67,9 @@ def balance(text: str, seed: int, steps: int, noise: float = 0.0) -> tuple[Exper
         action = int(rng.integers(2)) if random else planner(text).forecast(state).choice
         observation, _, terminated, truncated, _ = env.step(action)
         after = np.asarray(observation, dtype=np.float64)
-        experience.add(state, action, after, terminated or truncated)
+        ending = OVER if terminated else CUT_OFF if truncated else GOES_ON
+        reward = cartpole().model.judge(state, action, after).reward
+        experience.add(state, action, after, ending, reward)
         falls += terminated
         if terminated or truncated:
             observation, _ = env.reset()
@@ -90,5 +92,35 @@ def imagined(
         out, flags = model.transition(state.tolist(), action)
         if flags & APPLICABLE:
             after = np.array(out[: len(state)]) + error
-            experience.add(state, action, after, bool(flags & TERMINAL))
+            ending = OVER if flags & TERMINAL else GOES_ON
+            experience.add(state, action, after, ending, out[-1])
+    return experience
+
+
+def on_ice(domain: Domain, seed: int, *, steps: int = 2_000, teleports: bool = False) -> Experience:
+    """Random steps on the icy cliff, with the rewards of its file.
+
+    Args:
+        domain: The file.
+        seed: Of environment and actions.
+        steps: Env steps.
+        teleports: Whether a fall shows the start, as Gymnasium's environment has it, or its end.
+    """
+    from serp_adapters import cliff
+
+    env = gym.make("CliffWalkingSlippery-v1") if teleports else cliff.make_env()
+    moves = {"up": 0, "right": 1, "down": 2, "left": 3}
+    rng = np.random.default_rng(seed)
+    experience = Experience(steps, 2, len(domain.model.actions))
+    cell, _ = env.reset(seed=seed)
+    for _ in range(steps):
+        action = int(rng.integers(4))
+        after, _, terminated, truncated, _ = env.step(moves[domain.model.actions[action].name])
+        state, next_state = (np.asarray(cliff.ground(c), float) for c in (cell, after))
+        ending = OVER if terminated else CUT_OFF if truncated else GOES_ON
+        reward = domain.model.judge(state, action, next_state).reward
+        experience.add(state, action, next_state, ending, reward)
+        cell = after
+        if terminated or truncated:
+            cell, _ = env.reset()
     return experience

@@ -51,7 +51,9 @@ def states_of(rng: np.random.Generator, model: TransitionModel) -> Array:
 
 def record(written: Array, corrected: Array, observed: Array) -> Array:
     """The record of a step, without reward or end where only fluents are given."""
-    return np.stack([np.r_[side, np.zeros(5 - len(side))] for side in (written, corrected, observed)])
+    return np.stack(
+        [np.r_[side, np.zeros(5 - len(side))] for side in (written, corrected, observed)]
+    )
 
 
 def seen_by(model: TransitionModel, count: int, seed: int = 0) -> list[Seen]:

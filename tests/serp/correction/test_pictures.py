@@ -8,10 +8,11 @@ from serp.correction.diagnosis import Diagnosis, make_diagnosis
 from serp.correction.findings import Findings
 from serp.correction.pictures import PANELS, draw_diagnosis, panels_of
 from serp.correction.sample import predictions
-from serp.domain.model import TransitionModel, Vector
+from serp.domain.model import TransitionModel
 from serp.picture import render
+from tests.serp.correction.repairing import taken
+from tests.serp.correction.rolls import DOMAINS, from_text, on_ice
 from tests.serp.correction.truth import (
-    fitted,
     found,
     literal,
     missing,
@@ -20,14 +21,12 @@ from tests.serp.correction.truth import (
 )
 
 
-def pictured(model: TransitionModel, truth: Findings) -> tuple[Diagnosis, Vector, Vector]:
+def pictured(model: TransitionModel, truth: Findings) -> Diagnosis:
     states, actions = states_of(model, 300)
     after = predictions_with(model, truth, states, actions)
     column = next(f.index for f in model.fluents if f.name == "lit r1")
     after[::7, column] = 1.0 - after[::7, column]  # a predicate that does not always do so
-    findings = fitted(truth, model, states, actions, after, after)
-    diagnosis = make_diagnosis(recorded(model, states, actions, after), findings)
-    return diagnosis, predictions(model, states, actions), after
+    return make_diagnosis(recorded(model, states, actions, after), truth)
 
 
 def all_wrong(model: TransitionModel) -> Findings:
@@ -42,18 +41,18 @@ def all_wrong(model: TransitionModel) -> Findings:
 def test_the_most_costly_pairs_are_drawn_and_no_more_than_can_be_read(
     model: TransitionModel,
 ) -> None:
-    diagnosis, written, after = pictured(model, all_wrong(model))
+    diagnosis = pictured(model, all_wrong(model))
     assert sum(row.cost > 0 for row in diagnosis.fits) > PANELS
     chosen = panels_of(diagnosis)
     assert chosen == list(diagnosis.fits[:PANELS])
-    figure = draw_diagnosis(diagnosis, written, after)
+    figure = draw_diagnosis(diagnosis)
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert titles == [f"{row.action}: {row.fluent}" for row in chosen]
 
 
 def test_numbers_are_points_and_predicates_are_tables(model: TransitionModel) -> None:
-    diagnosis, written, after = pictured(model, found(literal(model, 0, 2.5)))
-    figure = draw_diagnosis(diagnosis, written, after)
+    diagnosis = pictured(model, found(literal(model, 0, 2.5)))
+    figure = draw_diagnosis(diagnosis)
     by_title = {axes.get_title(loc="left"): axes for axes in figure.axes}
     points = by_title["drive r1: place r1"].collections
     assert len(points) == 2
@@ -71,18 +70,23 @@ def test_numbers_are_points_and_predicates_are_tables(model: TransitionModel) ->
 
 def test_equal_diagnoses_give_equal_bytes(model: TransitionModel) -> None:
     drawn = pictured(model, found(literal(model, 0, 2.5)))
-    first, second = (render(draw_diagnosis(*drawn), "svg") for _ in range(2))
+    first, second = (render(draw_diagnosis(drawn), "svg") for _ in range(2))
     assert first == second
 
 
 def test_a_right_file_is_drawn_by_what_moves(model: TransitionModel) -> None:
     states, actions = states_of(model, 100)
     after = predictions(model, states, actions)
-    findings = fitted(found(), model, states, actions, after, after)
-    diagnosis = make_diagnosis(recorded(model, states, actions, after), findings)
+    diagnosis = make_diagnosis(recorded(model, states, actions, after), found())
     assert panels_of(diagnosis)
     assert all(row.change > 0 for row in panels_of(diagnosis))
-    assert len(draw_diagnosis(diagnosis, after, after).axes) == len(panels_of(diagnosis))
-    still = fitted(found(), model, states, actions, states, states)
-    diagnosis = make_diagnosis(recorded(model, states, actions, states), still)
-    assert render(draw_diagnosis(diagnosis, states, states), "png")
+    assert len(draw_diagnosis(diagnosis).axes) == len(panels_of(diagnosis))
+    still = make_diagnosis(recorded(model, states, actions, states), found())
+    assert render(draw_diagnosis(still), "png")
+
+
+def test_rewards_and_ends_have_panels() -> None:
+    domain = from_text((DOMAINS / "cliff.pddl").read_text(encoding="utf-8"))
+    diagnosis = make_diagnosis(taken(domain, on_ice(domain, 0, steps=300)), found())
+    titles = {axes.get_title(loc="left") for axes in draw_diagnosis(diagnosis).axes}
+    assert any("reward" in title for title in titles) and any("terminal" in t for t in titles)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 from collections.abc import Sequence
 
@@ -116,30 +115,6 @@ def test_the_file_stays_and_says_what_was_found(name: str, data: st.DataObject) 
     assert predictions(again, states, actions) == pytest.approx(
         told, rel=1e-3, abs=1e-9, nan_ok=True
     )
-
-
-@settings(max_examples=15, deadline=None)
-@given(data=st.data())
-def test_uncertain_findings_leave_the_file_alone(data: st.DataObject) -> None:
-    name = data.draw(st.sampled_from(["carts", "fleet", "cartpole"]))
-    domain, found = domain_of(name), data.draw(findings_of(name))
-    unsure = dataclasses.replace(
-        found,
-        literals=tuple(
-            dataclasses.replace(f, error=abs(f.estimate - f.written) / 3.0) for f in found.literals
-        ),
-        missing=tuple(
-            dataclasses.replace(
-                m,
-                terms=tuple(
-                    dataclasses.replace(t, error=abs(t.coefficient) / 3.0) for t in m.terms
-                ),
-            )
-            for m in found.missing
-        ),
-    )
-    repaired = repair(domain, unsure)
-    assert repaired.text == domain.source.text and not repaired.repairs
 
 
 @settings(max_examples=15, deadline=None)

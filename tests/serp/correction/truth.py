@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp import load_domain
-from serp.correction.experience import Experience
+from serp.correction.experience import GOES_ON, OVER, Experience
 from serp.correction.findings import (
     Findings,
-    FluentFit,
     LiteralFinding,
     MissingEffect,
     Outcome,
@@ -22,7 +20,8 @@ from serp.correction.findings import (
 )
 from serp.correction.monitor import Monitor
 from serp.correction.recorded import Recorded
-from serp.correction.sample import predictions
+from serp.correction.sample import predicted_steps
+from serp.domain.loading import Domain
 from serp.domain.model import TransitionModel, Vector
 
 ROBOTS = """(define (domain robots)
@@ -68,20 +67,37 @@ def states_of(
 
 
 def recorded(
-    model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
+    model: TransitionModel,
+    states: Vector,
+    actions: NDArray[np.int64],
+    next_states: Vector,
+    rewards: Vector | None = None,
+    over: NDArray[np.bool_] | None = None,
+    domain: Domain | None = None,
 ) -> Recorded:
-    """What a run would have recorded of these steps."""
+    """What a run would have recorded of these steps, by default as the file rewards and ends."""
     experience = Experience(len(states), states.shape[1], len(model.actions))
     monitor = Monitor(model)
-    written = predictions(model, states, actions)
-    for step in zip(states, actions.tolist(), next_states, written, strict=True):
-        experience.add(*step[:3], False)
-        monitor.observe(step[0], step[1], step[3], step[3], step[2])
+    written = predicted_steps(model, states, actions)
+    rewards = written[:, -2] if rewards is None else rewards
+    over = written[:, -1] != 0.0 if over is None else over
+    endings = np.where(over, OVER, GOES_ON)
+    after = np.column_stack((next_states, rewards, over))
+    for k, (action, predicted) in enumerate(zip(actions.tolist(), written, strict=True)):
+        experience.add(states[k], action, next_states[k], int(endings[k]), rewards[k])
+        monitor.observe(states[k], action, np.stack([predicted, predicted, after[k]]))
     file = model.actions[0].place.source.name
     return Recorded(
-        run=Path("runs/seven"), domain=load_domain(file), files={"domain.pddl": file}, model=model,
-        experience=experience, monitor=monitor, env_steps=len(states), notice=None,
-    )  # fmt: skip
+        run=Path("runs/seven"),
+        domain=domain or load_domain(file),
+        files={"domain.pddl": file},
+        model=model,
+        experience=experience,
+        monitor=monitor,
+        env_steps=len(states),
+        rewarded_by="environment",
+        notice=None,
+    )
 
 
 def literal(
@@ -126,37 +142,10 @@ def chances(
 
 
 def found(*kinds: LiteralFinding | MissingEffect | OutcomeFinding) -> Findings:
-    """Findings without fits."""
+    """Findings of these kinds."""
     return Findings(
         literals=tuple(f for f in kinds if isinstance(f, LiteralFinding)),
         missing=tuple(f for f in kinds if isinstance(f, MissingEffect)),
         outcomes=tuple(f for f in kinds if isinstance(f, OutcomeFinding)),
-        fits=(), samples=0, skipped=0,
+        rules=(), samples=0, skipped=0,
     )  # fmt: skip
-
-
-def fitted(
-    findings: Findings,
-    model: TransitionModel,
-    states: Vector,
-    actions: NDArray[np.int64],
-    next_states: Vector,
-    estimated: Vector,
-) -> Findings:
-    """The same findings with the fits that belong to them."""
-    written = predictions(model, states, actions)
-    scale = np.ptp(np.concatenate((states, next_states)), axis=0)
-    fits = [
-        FluentFit(
-            action.name, fluent.name, *(_rmse(p, next_states, actions == k, fluent.index)
-                                        for p in (written, estimated)),
-            scale=float(scale[fluent.index]), samples=int((actions == k).sum()),
-        )
-        for k, action in enumerate(model.actions)
-        for fluent in model.fluents
-    ]  # fmt: skip
-    return dataclasses.replace(findings, fits=tuple(fits), samples=len(states))
-
-
-def _rmse(predicted: Vector, observed: Vector, rows: NDArray[np.bool_], column: int) -> float:
-    return float(np.sqrt(np.mean((observed - predicted)[rows, column] ** 2)))
