@@ -23,7 +23,7 @@ from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.planning.settings import PlannerSettings
 from serp.quantities import FLOAT32_MAX
-from serp.reward import Judged
+from serp.reward import Judged, source_of
 from serp.saved import Saved
 from serp.settings import Settings
 from serp.strategies.making import make_strategy
@@ -139,6 +139,7 @@ class Agent:
     def __init__(self, task: BoundTask, settings: Settings, seed: int) -> None:
         self.task = task
         self.settings = settings
+        self._learns_from = source_of(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(5)
         strategy_seed, learner_seed, random_seed, correction_seed, outlook_seed = seeds
         self.correction = Correction(task.model, settings.correction, correction_seed)
@@ -220,8 +221,7 @@ class Agent:
         """
         ending = OVER if terminated else CUT_OFF if truncated else GOES_ON
         # The file's rewards are compared with the environment's only where they stand for these.
-        by_environment = self.task.rewarded_by == "environment"
-        worth = judged.reward if by_environment else judged.domain_reward
+        worth = judged.reward if self._learns_from == "environment" else judged.domain_reward
         self.correction.observe(state, action, next_state, ending, worth)
         if self.outlook is not None:
             self.outlook.observe(state, next_state, judged, terminated, truncated)

@@ -14,6 +14,7 @@ import numpy as np
 
 from serp.agent import Agent
 from serp.correction.correction import Correction
+from serp.correction.experience import GOES_ON, OVER
 from serp.learning.dqn import DQN
 from serp.planning.lookahead import Lookahead
 
@@ -42,7 +43,8 @@ def rehearse(agent: Agent) -> None:
         correction = Correction(agent.task.model, agent.settings.correction, seed)
         actions = max(1, len(agent.task.model.actions))
         for step, (state, following) in enumerate(pairwise(states)):
-            correction.observe(state, step % actions, following, step == _OBSERVED - 1)
+            ending = OVER if step == _OBSERVED - 1 else GOES_ON
+            correction.observe(state, step % actions, following, ending)
 
 
 def _rehearse_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:

@@ -139,7 +139,7 @@ def _head(diagnosis: Diagnosis) -> Iterator[str]:
     if sample.left_out:
         reasons = ", ".join(f"{count:,} {reason}" for reason, count in sample.left_out.items())
         yield f"{plural(sample.skipped, 'step')} left out because of: {reasons}"
-    if recorded.rewarded_by == "environment":
+    if recorded.learned_from == "environment":
         yield "Rewards are compared with those of the environment, from which the learner learns."
     yield diagnosis.verdict
 

@@ -100,6 +100,7 @@ class Correction:
                 `serp.correction.experience`.
             reward: What the step was worth, in the unit of the file's rewards.
         """
+        ending = int(ending)  # compiled code is made for one type
         self._episodes += ending != GOES_ON
         if action < 0:
             self.experience.add(state, action, next_state, ending, reward)

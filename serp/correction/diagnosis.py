@@ -116,7 +116,7 @@ class Diagnosis:
             "domain": recorded.domain.name,
             "files": dict(recorded.files),
             "env_steps": recorded.env_steps,
-            "rewarded_by": recorded.rewarded_by,
+            "learned_from": recorded.learned_from,
             "steps": len(self.sample),
             "left_out": dict(self.sample.left_out),
             "verdict": self.verdict,

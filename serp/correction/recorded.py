@@ -28,7 +28,7 @@ class Recorded:
         experience: The newest transitions.
         monitor: Predictions beside observations, over the whole run.
         env_steps: Env steps of the run.
-        rewarded_by: Whose reward its learner learned from: `domain`, `environment` or another.
+        learned_from: Whose reward its learner learned from: `domain`, `environment` or `sum`.
         notice: What is to be known of the checkpoint: that the newest is damaged; else None.
     """
 
@@ -39,7 +39,7 @@ class Recorded:
     experience: Experience
     monitor: Monitor
     env_steps: int
-    rewarded_by: str
+    learned_from: str
     notice: str | None
 
 
@@ -79,6 +79,6 @@ def read_recorded(run: Path) -> Recorded:
         experience=experience,
         monitor=monitor,
         env_steps=whole.whole("env_steps"),
-        rewarded_by=str(folder.about["config"].get("reward", "")),
+        learned_from=str(folder.about["config"].get("learned_from", "")),
         notice=None if damage is None else f"{damage} What is said here is as of the one before.",
     )

@@ -38,7 +38,7 @@ def taken(domain: Domain, experience: Experience, dt: float = 1.0) -> Recorded:
     model = domain.model.replace(dt=dt)
     return Recorded(
         run=Path("runs/seven"), domain=domain, files={}, model=model, experience=experience,
-        monitor=Monitor(model), env_steps=len(experience), rewarded_by="domain", notice=None,
+        monitor=Monitor(model), env_steps=len(experience), learned_from="domain", notice=None,
     )  # fmt: skip
 
 

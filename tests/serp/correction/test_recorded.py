@@ -44,6 +44,11 @@ def test_what_a_run_saw_is_read_from_its_folder_alone(made: Path) -> None:
     np.testing.assert_array_equal(states[1:][goes_on], after[:-1][goes_on])
     assert recorded.model.dt == run.config["control_period"]
     assert list(recorded.files) == ["domain.pddl"]
+    assert recorded.learned_from == "domain"  # so what is compared is what the file says
+    rows = [row for row in recorded.monitor.rows() if row.fluent == "reward"]
+    assert sum(row.samples for row in rows) == steps
+    assert recorded.experience.over.sum() == run.metrics["terminated"].sum()
+    assert recorded.experience.rewards.sum() == pytest.approx(run.metrics["domain_return"].sum())
 
 
 def test_a_run_of_a_task_that_is_not_installed_can_be_read(copy: Path) -> None:

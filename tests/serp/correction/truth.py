@@ -95,7 +95,7 @@ def recorded(
         experience=experience,
         monitor=monitor,
         env_steps=len(states),
-        rewarded_by="environment",
+        learned_from="environment",
         notice=None,
     )
 
