@@ -29,6 +29,7 @@ class MadeWith(NamedTuple):
         dt: Control period.
         settings: All settings.
         budget: How long it was to last.
+        observed: Fluents that the environment gives although the problem's `:init` states them.
     """
 
     task: str
@@ -37,6 +38,7 @@ class MadeWith(NamedTuple):
     dt: float
     settings: Settings
     budget: Budget
+    observed: tuple[str, ...]
 
 
 def made_with(folder: RunFolder) -> MadeWith:
@@ -59,6 +61,7 @@ def made_with(folder: RunFolder) -> MadeWith:
             dt=dt,
             settings=Settings.from_dict(config["settings"]),
             budget=Budget.from_dict(config["budget"]),
+            observed=tuple(map(str, config.get("observed", ()))),
         )
     except (KeyError, TypeError, ValueError, AttributeError, SettingsError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)

@@ -7,7 +7,7 @@ column of the state. Every other ground predicate and function is a fluent.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 from serp.domain import ground as g
 from serp.domain import syntax as x
@@ -24,6 +24,7 @@ from serp.domain.facts import (
 )
 from serp.domain.reachable import reachable
 from serp.domain.source import DomainError, Place
+from serp.domain.worth import UNBOUNDED, Worth, worth_of
 
 _FLAGS = {x.UNSAFE: g.UNSAFE_TARGET, x.TERMINAL: g.TERMINAL_TARGET}
 _TRUE = g.Constant(True)
@@ -44,8 +45,8 @@ def instantiate(
         supplied: None where states are those that the problem's `:init` leads to. Else states are
             observed and may be any; what is here names fluents that are observed although `:init`
             states them and no effect changes them.
-        max_ground_schemas: Most ground actions, processes and events together; fluents may be ten
-            times, bindings that are tried 25 times as many.
+        max_ground_schemas: Most ground actions, processes and events together; fluents may be four
+            times, bindings that are tried 20 times as many.
 
     Raises:
         DomainError: There are more instances or fluents than the limits allow, a number is read
@@ -80,6 +81,7 @@ class _Instantiation:
             ground[schema.kind] += [instance for instance in instances if instance is not None]
         goal = self._goal()
         metric = self._metric()
+        worth = self._worth(metric, ground) if goal is not None and metric is not None else None
         return g.GroundModel(
             fluents=self.fluents,
             parameters=tuple(self.parameters),
@@ -87,11 +89,10 @@ class _Instantiation:
             processes=tuple(ground[x.Kind.PROCESS]),
             events=tuple(ground[x.Kind.EVENT]),
             goal=goal,
-            goal_rewarded=goal is not None
-            and metric is None
-            and x.REWARD not in self.domain.declarations,
+            goal_rewarded=goal is not None and x.REWARD not in self.domain.declarations,
+            goal_worth=worth,
             metric=metric,
-            initial=self._initial(),
+            initial=self._initial(goal, metric, [s for kind in x.Kind for s in ground[kind]]),
             static=self._static_values(),
         )
 
@@ -116,7 +117,9 @@ class _Instantiation:
                 )
         return tuple(fluents)
 
-    def _initial(self) -> tuple[float, ...] | None:
+    def _initial(
+        self, goal: g.Test | None, metric: g.GroundMetric | None, schemas: list[g.GroundSchema]
+    ) -> tuple[float, ...] | None:
         """Return the initial state; None where numbers are missing that will be observed."""
         if self.problem is None:
             return None
@@ -134,7 +137,13 @@ class _Instantiation:
                 missing.setdefault(fluent.symbol, []).append(fluent.name)
         if missing and not facts.closed:
             return None
-        for symbol, names in missing.items():
+        used = {t for schema in schemas for t in (*g.reads(schema), *g.writes(schema))}
+        for node in (goal, metric.value if metric else None):
+            used.update(g.fluents_of(node) if node is not None else ())
+        for symbol, keys in missing.items():
+            names = [name for name in keys if self.index[tuple(name.split())] in used]
+            if not names:
+                continue
             shown = ", ".join(f"`{name}`" for name in names[:3])
             self.domain.declarations[symbol].place.warn(
                 f"{shown}{f' and {len(names) - 3} more' if len(names) > 3 else ''} "
@@ -291,6 +300,21 @@ class _Instantiation:
         if goal is None or not any(conjuncts(goal)):  # `()`, `(and)`: a task without a goal
             return None
         return self._test(goal, {})
+
+    def _worth(
+        self, metric: g.GroundMetric, ground: Mapping[x.Kind, list[g.GroundSchema]]
+    ) -> Worth:
+        """Return what the goal is worth beside a metric, and add it to the literals."""
+        worth = worth_of(len(self.parameters), metric, *(ground[kind] for kind in x.Kind))
+        written = [parameter.value for parameter in self.parameters]
+        if not worth.bounded(written, 1.0):
+            metric.place.warn(
+                "the numbers of the files do not bound what this gains in a step, so reaching the "
+                f"goal is worth {UNBOUNDED:,.0f}"
+            )
+        value = worth.value(written, 1.0)
+        self.parameters.append(g.Parameter(worth.parameter, value, "goal", metric.place))
+        return worth
 
     def _metric(self) -> g.GroundMetric | None:
         metric = self.problem.metric if self.problem else None
