@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of
+from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of, risks_of
 from serp.domain.model import StateError, TransitionModel
 from serp.domain.source import did_you_mean
 from serp.errors import TaskError
-from serp.planning.forecast import SAFE, Forecast, all_alike, promise_at, risks_of
+from serp.planning.forecast import SAFE, Forecast, all_alike, promise_at
 from serp.planning.order import free_of_risk
 
 

@@ -1,13 +1,16 @@
 """What a predicted step is like, as bits, and the risk that a learned model sees in it.
 
 The flags of a step are a whole number of 64 bits. Its lower eight are the bits below; the others
-hold the risk in fixed point, in units of 2⁻²⁴. The functions run in CPython and are compiled by
-numba, so that none of them calls another.
+hold the risk in fixed point, in units of 2⁻²⁴. The first three functions run in CPython and are
+compiled by numba, so that none of them calls another.
 """
 
 from __future__ import annotations
 
 from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 APPLICABLE = 1
 """The precondition holds, and there is a next state."""
@@ -44,3 +47,8 @@ def joined(flags: int, further: int) -> int:
         safe = (1.0 - first * RISK_UNIT) * (1.0 - second * RISK_UNIT)
         bits |= int((1.0 - safe) / RISK_UNIT + 0.5) << RISK_SHIFT
     return bits
+
+
+def risks_of(flags: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return `risk_of` each of some flags."""
+    return np.where(flags & UNSAFE, 1.0, (flags >> RISK_SHIFT) * RISK_UNIT)

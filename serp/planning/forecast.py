@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.domain.flags import APPLICABLE, RISK_SHIFT, RISK_UNIT, TERMINAL, UNSAFE
+from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE, risks_of
 from serp.planning.order import Promise, of_best_rank, promise, rank_of
 from serp.planning.settings import Bound
 
@@ -105,8 +105,3 @@ def all_alike(
     if len(chosen) < 2:
         return False
     return all(bool((of[chosen] == of[chosen[0]]).all()) for of in (value, path_risk, safe_steps))
-
-
-def risks_of(flags: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return `serp.domain.flags.risk_of` of each of some flags."""
-    return np.where(flags & UNSAFE, 1.0, (flags >> RISK_SHIFT) * RISK_UNIT)
