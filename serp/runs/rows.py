@@ -66,8 +66,7 @@ class DecisionRow(NamedTuple):
         reason: why this action was executed.
         vetoed: whether the proposal was refused.
         predicted_reward: reward that the model predicts for the executed action.
-        proposal_unsafe: whether the domain file flags the proposed action unsafe, or its risk is not
-            accepted.
+        proposal_unsafe: whether the domain file flags the proposed action, or it is too risky.
         unsafe: whether the domain file flags the executed action unsafe.
         risk: probability of that by the model as it was then, 0 to 1; 1 where the file flags it.
         rho: learner probability at this step.

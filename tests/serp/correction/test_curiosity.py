@@ -34,7 +34,11 @@ def situations(draw: st.DrawFn) -> tuple[Forecast, list[int]]:
     actions = draw(st.integers(1, 5))
     flags = draw(st.lists(st.sampled_from(FLAGS), min_size=actions, max_size=actions))
     steps = [
-        -1 if not f & APPLICABLE else 0 if f & (UNSAFE | RISKY) else draw(st.sampled_from((1, 2, SAFE)))
+        -1
+        if not f & APPLICABLE
+        else 0
+        if f & (UNSAFE | RISKY)
+        else draw(st.sampled_from((1, 2, SAFE)))
         for f in flags
     ]
     best = max(range(actions), key=lambda k: (steps[k], k))
