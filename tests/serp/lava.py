@@ -1,4 +1,8 @@
-"""A slippery grid with lava: what the file says of it is right but for the slipping."""
+"""A slippery grid with lava: what the file says of it is right but for the slipping.
+
+Between two pools of lava every move does damage at times, so that no risk can be avoided there.
+The lava costs nothing, and every step does: what keeps out of it is the flag alone.
+"""
 
 from __future__ import annotations
 
@@ -18,22 +22,9 @@ SIZE = 9
 SLIP = 0.15
 STEPS = 100
 """An episode is cut after so many."""
-START, GOAL = (0, 4), (8, 4)
+GOAL = (8, 8)
 MOVES = {"north": (0, 1), "east": (1, 0), "south": (0, -1), "west": (-1, 0)}
-LAVA = (
-    (2, 3),
-    (2, 4),
-    (2, 5),
-    (4, 1),
-    (4, 2),
-    (4, 6),
-    (4, 7),
-    (6, 3),
-    (6, 4),
-    (6, 5),
-    (3, 8),
-    (5, 0),
-)
+LAVA = tuple((x, y) for x in range(1, SIZE, 2) for y in range(1, SIZE, 2))
 
 
 class LavaGrid(gym.Env[NDArray[np.float64], np.int64]):
@@ -47,13 +38,14 @@ class LavaGrid(gym.Env[NDArray[np.float64], np.int64]):
         self.observation_space = spaces.Box(0.0, SIZE - 1.0, (2,), np.float64)
         self.action_space = spaces.Discrete(len(MOVES))
         self.falls = self.steps = 0
-        self.place = START
+        self.place = (0, 0)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float64], dict[str, Any]]:
         super().reset(seed=seed)
-        self.place, self.steps = START, 0
+        free = [(x, y) for x in range(SIZE) for y in range(SIZE) if (x, y) not in (*LAVA, GOAL)]
+        self.place, self.steps = free[int(self.np_random.integers(len(free)))], 0
         return np.array(self.place, dtype=np.float64), {}
 
     def step(
@@ -68,7 +60,7 @@ class LavaGrid(gym.Env[NDArray[np.float64], np.int64]):
             self.place = x, y
         fell, arrived = self.place in LAVA, self.place == GOAL
         self.falls += fell
-        reward = -0.1 - 10.0 * fell + 10.0 * arrived
+        reward = -0.1 + 10.0 * arrived
         place = np.array(self.place, dtype=np.float64)
         return place, reward, fell or arrived, self.steps >= STEPS, {}
 
@@ -90,7 +82,7 @@ def _text() -> str:
     cells = " ".join(f"(and (= (x) {x}) (= (y) {y}))" for x, y in LAVA)
     lines.append(
         f"  (:event lava :parameters () :precondition (and (or {cells}))\n"
-        "    :effect (and (unsafe) (terminal) (decrease (reward) 10)))"
+        "    :effect (and (unsafe) (terminal)))"
     )
     lines.append(
         f"  (:event goal :parameters () :precondition (and (= (x) {GOAL[0]}) (= (y) {GOAL[1]}))\n"
