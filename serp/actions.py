@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
+from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of, risks_of
 from serp.domain.model import StateError, TransitionModel
 from serp.domain.source import did_you_mean
 from serp.errors import TaskError
-from serp.planning.forecast import SAFE, Forecast, all_alike
+from serp.planning.forecast import SAFE, Forecast, all_alike, promise_at
+from serp.planning.order import free_of_risk
 
 
 class ActionForecast(NamedTuple):
@@ -25,13 +26,14 @@ class ActionForecast(NamedTuple):
             ground actions share an environment action, by what counts for it (see `ActionMap`).
         ground: `[E]` ground action that each environment action would carry out; -1 where the
             model does not know it.
-        value, safe_steps, reward, flags: `[E]` as in `Forecast`. An action that the model does not
-            know has value -inf, safe steps SAFE, reward 0 and flags 0.
+        value, path_risk, safe_steps, reward, flags: `[E]` as in `Forecast`. An action that the
+            model does not know has value -inf, risk 0, safe steps SAFE, reward 0 and flags 0.
     """
 
     choice: int
     ground: NDArray[np.int64]
     value: NDArray[np.float64]
+    path_risk: NDArray[np.float64]
     safe_steps: NDArray[np.int64]
     reward: NDArray[np.float64]
     flags: NDArray[np.int64]
@@ -39,13 +41,23 @@ class ActionForecast(NamedTuple):
     @property
     def indifferent(self) -> bool:
         """Whether the planner has no reason to prefer one action; see `all_alike`."""
-        return all_alike(self.value, self.safe_steps, self.flags)
+        return all_alike(self.value, self.path_risk, self.safe_steps, self.flags)
 
     @property
     def safe(self) -> NDArray[np.bool_]:
-        """`[E]` whether the action is applicable and not predicted unsafe."""
-        safe: NDArray[np.bool_] = (self.flags & (APPLICABLE | UNSAFE)) == APPLICABLE
-        return safe
+        """`[E]` whether the action is applicable, not flagged by the file, its risk accepted."""
+        return free_of_risk(self.flags)
+
+    @property
+    def unflagged(self) -> NDArray[np.bool_]:
+        """`[E]` whether the action is applicable and not flagged by the file."""
+        unflagged: NDArray[np.bool_] = (self.flags & (APPLICABLE | UNSAFE)) == APPLICABLE
+        return unflagged
+
+    @property
+    def risk(self) -> NDArray[np.float64]:
+        """`[E]` predicted probability, in [0, 1], that one control period is unsafe."""
+        return risks_of(self.flags)
 
 
 class ActionMap:
@@ -53,8 +65,9 @@ class ActionMap:
 
     Several ground actions may share an environment action (`move a b` and `move b c` are both "go
     east"): the one whose precondition holds counts. Of several, none of which can be told to be
-    the one, the worst counts: an unsafe one first, then one with an undefined result, else the
-    shortest safe time, the least value and the least reward of them all.
+    the one, the worst counts: one that the file flags first, then one with an undefined result,
+    else the largest risks, the shortest safe time, the least value and the least reward of them
+    all.
 
     Args:
         model: The transition model.
@@ -143,8 +156,8 @@ class ActionMap:
         """Return a forecast over ground actions as one over environment actions."""
         if self._identity:
             return ActionForecast(
-                forecast.choice, self._first, forecast.value, forecast.safe_steps,
-                forecast.reward, forecast.flags,
+                forecast.choice, self._first, forecast.value, forecast.path_risk,
+                forecast.safe_steps, forecast.reward, forecast.flags,
             )  # fmt: skip
         ground = self._first if self._one_to_one else self._choose(forecast)
         unknown = ground < 0
@@ -152,34 +165,36 @@ class ActionMap:
         if not len(self.model.actions):
             count = self.size
             return ActionForecast(
-                -1, ground, np.full(count, -np.inf), np.full(count, SAFE), np.zeros(count),
-                np.zeros(count, dtype=np.int64),
+                -1, ground, np.full(count, -np.inf), np.zeros(count), np.full(count, SAFE),
+                np.zeros(count), np.zeros(count, dtype=np.int64),
             )  # fmt: skip
-        value, steps = forecast.value[ground], forecast.safe_steps[ground]
+        value, risk, steps = (
+            forecast.value[ground], forecast.path_risk[ground], forecast.safe_steps[ground],
+        )  # fmt: skip
         reward, flags = forecast.reward[ground], forecast.flags[ground]
         if unknown.any():
-            value[unknown], steps[unknown] = -np.inf, SAFE
+            value[unknown], risk[unknown], steps[unknown] = -np.inf, 0.0, SAFE
             reward[unknown], flags[unknown] = 0.0, 0
         if not self._one_to_one:
             for action, group in enumerate(self._groups):
                 together = [k for k in group if forecast.flags[k] & APPLICABLE]
                 if len(together) > 1 and flags[action] & APPLICABLE:
                     value[action] = forecast.value[together].min()
+                    risk[action] = forecast.path_risk[together].max()
                     steps[action] = forecast.safe_steps[together].min()
                     reward[action] = forecast.reward[together].min()
-            choice = self._best(value, steps, flags)
-        return ActionForecast(choice, ground, value, steps, reward, flags)
+        found = ActionForecast(choice, ground, value, risk, steps, reward, flags)
+        return found if self._one_to_one else found._replace(choice=self._best(found))
 
-    def _best(
-        self, value: NDArray[np.float64], steps: NDArray[np.int64], flags: NDArray[np.int64]
-    ) -> int:
+    def _best(self, of: ActionForecast) -> int:
         """Return the best environment action, -1 where none is applicable.
 
         Of equals the one whose first ground action comes first in the file.
         """
-        applicable = [a for a in range(self.size) if flags[a] & APPLICABLE]
+        applicable = [a for a in range(self.size) if of.flags[a] & APPLICABLE]
         applicable.sort(key=lambda a: self._groups[a][0])
-        return max(applicable, key=lambda a: (steps[a], value[a]), default=-1)
+        promises = (of.value, of.path_risk, of.safe_steps, of.flags)
+        return max(applicable, key=lambda a: promise_at(*promises, a), default=-1)
 
     def _choose(self, forecast: Forecast) -> NDArray[np.int64]:
         """Return the ground action that counts for every environment action."""
@@ -193,6 +208,8 @@ class ActionMap:
                     key=lambda k: (
                         not flags[k] & UNSAFE,
                         not flags[k] & UNDEFINED,
+                        -risk_of(flags[k]),
+                        -forecast.path_risk[k],
                         forecast.safe_steps[k],
                         forecast.reward[k],
                     ),

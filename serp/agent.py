@@ -45,6 +45,7 @@ class _GraphPlanner:
             discount=settings.discount,
             repeat=settings.repeat,
             max_nodes=settings.max_nodes,
+            accepted_risk=settings.accepted_risk,
         )
 
     def forecast(self, state: Vector) -> Forecast:

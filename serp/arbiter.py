@@ -1,10 +1,12 @@
 """Who acts: planner or learner, and what is refused (paper, Algorithm 1).
 
-Guarantee: no action that the model predicts unsafe is executed while one that it does not is
-available, whoever proposed it. (Available are the applicable actions, and those that the model does
-not know unless they are vetoed.) An action whose result is undefined does not pass for safe: it is
-executed only where nothing is predicted safe. Every decision passes `Arbiter.decide` and leaves one
-`Decision`.
+Guarantee: no action that the file as written flags unsafe is executed while one that it does not is
+available, whoever proposed it and whatever was learned. (Available are the applicable actions, and
+those that the model does not know unless they are vetoed.) Of those that are not flagged, none
+whose predicted risk is larger than accepted is executed while one whose risk is accepted is
+applicable. An action whose result is undefined does not pass for safe: it is executed only where
+all others are flagged or certain to do damage. Every decision passes `Arbiter.decide` and leaves
+one `Decision`.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from numpy.typing import NDArray
 
 from serp.actions import ActionForecast, ActionMap
 from serp.choice import best_of
-from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
+from serp.domain.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE, risk_of
 from serp.domain.model import TransitionModel, Vector
 from serp.errors import SettingsError
 from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
@@ -50,9 +52,11 @@ class Reason(StrEnum):
     NOT_APPLICABLE = "proposal not applicable"
     UNDEFINED = "proposal has no defined result"
     UNSAFE = "proposal predicted unsafe"
+    TOO_RISKY = "proposal predicted too risky"
     UNSAFE_AHEAD = "proposal leads to where all is predicted unsafe"
     LOW_REWARD = "proposal predicted below R_min"
     UNMODELLED = "proposal unknown to the model"
+    LEAST_RISK = "every action is predicted too risky"
     NO_SAFE_ACTION = "every action is predicted unsafe"
     NO_APPLICABLE_ACTION = "no action of the model is applicable"
 
@@ -84,8 +88,8 @@ class ArbiterSettings:
             unless it is indifferent. 0: nothing is imitated.
         r_min: R_min: a proposal with a smaller predicted reward is refused; None refuses none.
         veto_horizon: `step` refuses what the next step predicts; `lookahead` also refuses what
-            leads within the lookahead to where every action is predicted unsafe, while another
-            action does not.
+            leads within the lookahead to where every action is flagged or too risky, while
+            another action does not.
         broken_promises: So often the lookahead's word may be broken (see `serp.promises`) before it
             is believed for the next step only: what it refuses beyond that is then allowed. None:
             it is always believed.
@@ -194,8 +198,10 @@ class Decision(NamedTuple):
         rho: ρ at that moment.
         predicted_reward: Predicted reward of the executed action, one step; NaN where the model
             does not know it or it is not applicable.
-        unsafe: Whether the executed action is predicted unsafe.
-        proposal_unsafe: Whether the proposed action is predicted unsafe.
+        unsafe: Whether the file as written flags the executed action.
+        risk: Predicted probability, in [0, 1], that it is unsafe; 1 where it is flagged, NaN where
+            the model does not know it or it is not applicable.
+        proposal_unsafe: Whether the proposed action is flagged, or its risk not accepted.
         admissible: `[E]` actions that no veto refuses; all False where every one is refused.
         forecast: The planner's view of the state.
     """
@@ -208,6 +214,7 @@ class Decision(NamedTuple):
     rho: float
     predicted_reward: float
     unsafe: bool
+    risk: float
     proposal_unsafe: bool
     admissible: NDArray[np.bool_]
     forecast: ActionForecast
@@ -309,7 +316,7 @@ class Arbiter:
         curious = planned if proposal is not None else self._curiosity(planned)
         if curious is not planned:
             action = self.actions.project(curious).choice
-            if action >= 0 and not situation.forecast.flags[action] & UNSAFE:
+            if action >= 0 and situation.forecast.safe[action]:
                 return self._record(
                     situation, action, Actor.PLANNER, Reason.CURIOUS, action, Actor.PLANNER
                 )
@@ -405,6 +412,8 @@ class Arbiter:
         flags = int(forecast.flags[action])
         if flags & UNSAFE:
             return Reason.UNSAFE
+        if flags & RISKY:
+            return Reason.TOO_RISKY
         if flags & UNDEFINED:
             return Reason.UNDEFINED
         if not flags & APPLICABLE:
@@ -419,18 +428,24 @@ class Arbiter:
     ) -> Decision:
         forecast = situation.forecast
         action, executed_by = forecast.choice, Actor.PLANNER
-        if action < 0 or forecast.flags[action] & UNSAFE:
-            reason = Reason.NO_APPLICABLE_ACTION if action < 0 else Reason.NO_SAFE_ACTION
+        flags = int(forecast.flags[action]) if action >= 0 else 0
+        if flags & UNSAFE:
+            reason = Reason.NO_SAFE_ACTION
+        elif flags & RISKY:
+            reason = Reason.LEAST_RISK
+        elif action < 0:
+            reason = Reason.NO_APPLICABLE_ACTION
+        if action < 0 or risk_of(flags) == 1.0:
             instead = self._least_evil(forecast, proposed, otherwise=action)
             if instead != action:
                 action, executed_by = instead, Actor.FALLBACK
         return self._record(situation, action, executed_by, reason, proposed, proposed_by)
 
     def _least_evil(self, forecast: ActionForecast, proposed: int, otherwise: int) -> int:
-        """Return what is done where no action is safe; `otherwise` is the planner's, or -1.
+        """Return what is done instead of certain damage; `otherwise` is the planner's, or -1.
 
-        What the model does not know comes before what it cannot predict, and that before what it
-        predicts unsafe. What cannot be done comes last; of equals, what was proposed.
+        What the model does not know comes before what it cannot predict, and that before what does
+        damage. What cannot be done comes last; of equals, what was proposed.
         """
         unpredicted = (forecast.flags & (UNDEFINED | UNSAFE)) == UNDEFINED
         kinds = [self._unmodelled_allowed, unpredicted]
@@ -461,7 +476,8 @@ class Arbiter:
             rho=self.rho,
             predicted_reward=float(forecast.reward[action]) if flags & APPLICABLE else np.nan,
             unsafe=bool(flags & UNSAFE),
-            proposal_unsafe=proposed >= 0 and bool(forecast.flags[proposed] & UNSAFE),
+            risk=risk_of(flags) if flags & (APPLICABLE | UNSAFE) else np.nan,
+            proposal_unsafe=proposed >= 0 and bool(forecast.flags[proposed] & (UNSAFE | RISKY)),
             admissible=admissible,
             forecast=forecast,
         )
@@ -482,7 +498,7 @@ class Arbiter:
         flags = int(decision.forecast.flags[shown])
         if not flags & APPLICABLE:
             return why_not_applicable(self.model, state, ground)
-        if flags & UNSAFE:
+        if flags & (UNSAFE | RISKY):
             return why_unsafe(self.model, state, ground)
         name = self.model.actions[ground].name
         if decision.reason is Reason.LOW_REWARD:

@@ -35,6 +35,7 @@ _SCALE = LinearSegmentedColormap.from_list(
     "promise", [(0, _RED), (0.5, _PALE_RED), (0.5, _PALE_BLUE), (1, _BLUE)]
 )
 _UNSAFE_DASHES, _DOOMED_DASHES = (0, (4, 2.2)), (0, (1, 1.8))
+_RISKY_DASHES = (0, (4, 1.6, 1, 1.6))
 _CROSS: Final[dict[str, Any]] = {"marker": "X", "color": _RED, "markersize": 6.5}
 _MARKS: Final[dict[str, dict[str, Any]]] = {
     "ended": {"marker": "s", "color": _INK, "markersize": 4.5},
@@ -167,12 +168,13 @@ def _draw_branches(axes: Axes, layout: Layout, top: float) -> None:
 
 def _looks(branch: Branch) -> dict[str, Any]:
     """Return how the line of a branch is drawn."""
-    risky = branch.unsafe or branch.doomed
     if branch.chosen:
         dashes: Any = (0, (2, 0.8)) if branch.unsafe else "solid"
-        return {"color": _RED if risky else _BLUE, "linewidth": 3.4, "linestyle": dashes}
-    if risky:
-        dashes = _UNSAFE_DASHES if branch.unsafe else _DOOMED_DASHES
+        return {"color": _RED if branch.harmful else _BLUE, "linewidth": 3.4, "linestyle": dashes}
+    if branch.harmful:
+        dashes = (
+            _UNSAFE_DASHES if branch.unsafe else _RISKY_DASHES if branch.risky else _DOOMED_DASHES
+        )
         return {"color": _RED, "linewidth": 1.2, "linestyle": dashes}
     return {"color": _SCALE(branch.promise), "linewidth": 0.8 + 1.2 * branch.promise}
 
@@ -184,17 +186,16 @@ def _mark(branch: Branch) -> dict[str, Any]:
     if branch.end in _MARKS:
         return _MARKS[branch.end]
     if branch.chosen:
-        return {"marker": "o", "color": _RED if branch.doomed else _BLUE, "markersize": 5.0}
+        return {"marker": "o", "color": _RED if branch.harmful else _BLUE, "markersize": 5.0}
     return {"marker": "o", "color": _FAINT, "markersize": 2.4}
 
 
 def _write_label(axes: Axes, branch: Branch, x: float, y: float, size: float) -> None:
-    risky = branch.unsafe or branch.doomed
     axes.text(
         x,
         y,
         branch.label,
-        color=_RED if risky else _BLUE if branch.chosen else _FAINT,
+        color=_RED if branch.harmful else _BLUE if branch.chosen else _FAINT,
         fontweight="bold" if branch.chosen else "normal",
         fontsize=size,
         va="bottom",
@@ -252,7 +253,7 @@ def _foot(
     if plan.indifferent:
         sentences.append("All first actions promise the same: the first in the file is taken.")
     if plan.path and not plan.safe:
-        sentences.append("Every path leads to something unsafe: the longest safe one is taken.")
+        sentences.append("Every path leads to something unsafe: the least risk is taken.")
     left_out = graph.number_of_edges() - len(layout.branches)
     if left_out:
         drawn = f"{len(layout.branches):,} of {graph.number_of_edges():,} edges"
@@ -292,7 +293,7 @@ def _write(axes: Axes, lines: list[str], y: float) -> None:
 def _legend(layout: Layout, plan: Plan) -> list[Line2D]:
     """Return an entry for each look that occurs."""
     branches = layout.branches
-    safe = [branch for branch in branches if not (branch.unsafe or branch.doomed)]
+    safe = [branch for branch in branches if not branch.harmful]
     high = [branch.total for branch in safe if branch.promise >= 0.5]
     low = [branch.total for branch in safe if branch.promise < 0.5]
     entries = []
@@ -304,6 +305,9 @@ def _legend(layout: Layout, plan: Plan) -> list[Line2D]:
         entries.append(_line(f"low: {_span(low)}", color=_SCALE(0.25), linewidth=1.1))
     if any(branch.unsafe for branch in branches):
         entries.append(_line("unsafe", linewidth=1.2, linestyle=_UNSAFE_DASHES, **_CROSS))
+    if any(branch.risky for branch in branches):
+        looks = {"color": _RED, "linewidth": 1.2, "linestyle": _RISKY_DASHES}
+        entries.append(_line("risk not accepted", **looks))
     if any(branch.doomed for branch in branches):
         looks = {"color": _RED, "linewidth": 1.2, "linestyle": _DOOMED_DASHES}
         entries.append(_line("unsafe later, whatever follows", **looks))

@@ -41,7 +41,7 @@ class EvaluationResult:
         returns: The environment's return of each episode.
         lengths: Steps of each episode.
         terminated: Episodes that the environment ended (others met a limit).
-        unsafe_executed: Executed actions that the model predicts unsafe.
+        unsafe_executed: Executed actions that the domain file flags unsafe.
         vetoes: Proposals refused.
     """
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from serp.domain import ground as g
 from serp.domain.emit import Site
+from serp.domain.flags import UNSAFE, risk_of
 from serp.domain.model import TransitionModel, Vector
 
 
@@ -30,20 +33,32 @@ def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> st
 
 
 def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
-    """Say which effect makes `(unsafe)` true one step ahead."""
+    """Say which effect makes `(unsafe)` true one step ahead, and how likely that is.
+
+    Nothing is said of how likely where the file as written flags the action. Where several outcomes
+    do damage, the effect is that of the likeliest of them.
+    """
+    name = model.actions[action].name
+    _, flags = model.transition(np.asarray(state, dtype=np.float64).tolist(), action)
+    likely = "" if flags & UNSAFE else f"{percent(risk_of(flags))} risk of "
     passed, _ = model.trace(state, action)
     for site in passed:
         if isinstance(site.item, g.SetBoolean) and site.item.target == g.UNSAFE_TARGET:
             through = "" if site.schema is model.actions[action] else f" through {_of(site.schema)}"
-            return f"{model.actions[action].name}: {_quote(site)}{through}"
-    return f"{model.actions[action].name} is not predicted unsafe"
+            return f"{name}: {likely}{_quote(site)}{through}"
+    return f"{name} is not predicted unsafe"
+
+
+def percent(share: float) -> str:
+    """Return a share of 1 in words."""
+    return f"{100 * share:.3g} %"
 
 
 def unsafe_ahead(safe_steps: int) -> str:
-    """Say that something unsafe follows a first step that is safe.
+    """Say that something unsafe, or too risky, follows a first step that is safe.
 
     Args:
-        safe_steps: Control periods before the first unsafe one on the best path, at least 1.
+        safe_steps: Control periods before that on the best path, at least 1.
     """
     periods = f"{safe_steps} control period{'' if safe_steps == 1 else 's'}"
     return f"safe for {periods}, then nothing is left that is predicted safe"

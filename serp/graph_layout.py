@@ -14,6 +14,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
+from serp.explanation import percent
+
 if TYPE_CHECKING:
     import networkx as nx
 
@@ -41,10 +43,11 @@ class Branch:
         action: Position of the action.
         label: Text above it; may be empty.
         chosen: Whether it is on the best path.
-        unsafe: Whether it is predicted unsafe.
+        unsafe: Whether the file flags it.
+        risky: Whether its risk is not accepted.
         doomed: Whether something unsafe follows later on, whatever is done.
         total: Discounted sum of rewards of the best path through it, from the root.
-        promise: `total` between low (0) and the best (1); 0 for what is unsafe or doomed.
+        promise: `total` between low (0) and the best (1); 0 for what is `harmful`.
         end: What is at its end: `leaf`, `ended` (the task), `fork` (more branches), `elsewhere`
             (its state is shown elsewhere with what follows) or `collapsed` (what follows is not
             shown).
@@ -60,6 +63,7 @@ class Branch:
     label: str
     chosen: bool
     unsafe: bool
+    risky: bool
     doomed: bool
     total: float
     promise: float = 1.0
@@ -71,9 +75,15 @@ class Branch:
     turned: float = 0.0
 
     @property
-    def rank(self) -> tuple[bool, bool, bool, float, int]:
+    def rank(self) -> tuple[bool, bool, bool, bool, float, int]:
         """Sorts the best first."""
-        return (not self.chosen, self.unsafe, self.doomed, -self.total, self.action)
+        safety = (self.unsafe, self.risky, self.doomed)
+        return (not self.chosen, *safety, -self.total, self.action)
+
+    @property
+    def harmful(self) -> bool:
+        """Whether something unsafe may happen on it, or later on whatever is done."""
+        return self.unsafe or self.risky or self.doomed
 
 
 @dataclass(frozen=True)
@@ -144,10 +154,12 @@ def _leaving(graph: nx.MultiDiGraph, weight: float) -> dict[int, list[Branch]]:
                 target=target,
                 layer=layer,
                 action=action,
-                label=short(data["action"]),
+                label=short(data["action"])
+                + (f" ({percent(data['risk'])} risk)" if data["risky"] else ""),
                 chosen=data["chosen"],
                 unsafe=data["unsafe"],
-                doomed=goal["safe_steps"] is not None and not data["unsafe"],
+                risky=data["risky"],
+                doomed=goal["safe_steps"] is not None and not (data["unsafe"] or data["risky"]),
                 total=so_far + scale * weight * goal["value"],
                 end="ended" if goal["ended"] else "leaf",
             )
@@ -204,14 +216,14 @@ def _select(
 
 
 def _set_promise(branches: Sequence[Branch]) -> None:
-    safe = [b.total for b in branches if not (b.unsafe or b.doomed)]
+    safe = [b.total for b in branches if not b.harmful]
     totals = sorted(filter(math.isfinite, safe)) or [0.0]
     # One disaster among the branches must not make all others look alike.
     high, low = totals[-1], totals[len(totals) // 5]
     if low == high:
         low = totals[0]
     for branch in branches:
-        if branch.unsafe or branch.doomed or math.isnan(branch.total):
+        if branch.harmful or math.isnan(branch.total):
             branch.promise = 0.0
         elif high > low:  # the shares are taken before the difference, which may overflow
             share = min(max(branch.total, low), high)

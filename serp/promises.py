@@ -15,8 +15,8 @@ class Promises:
     """Counts what the lookahead promised and the world did not keep.
 
     Where the executed action leads, within the lookahead, to no place in which everything is
-    predicted unsafe, the lookahead has promised that what is unsafe can be kept away for as long.
-    The promise is broken where something unsafe is observed within that time all the same. A
+    flagged or too risky, the lookahead has promised that what is unsafe can be kept away for as
+    long. The promise is broken where something unsafe is observed within that time all the same. A
     lookahead whose word is broken again and again knows nothing of what endangers the robot, and
     what it refuses beyond the next step is refused for no reason.
 

@@ -29,7 +29,7 @@ class TrainingSettings:
             of the `domain` file, the `environment`'s, or the `sum` of both. The planner always
             goes by the domain file.
         inputs: What the learner sees: the `observation`, the grounded `state`, or `both`.
-        random_steps: Size of D_0 in env steps: actions drawn uniformly (what is predicted unsafe
+        random_steps: Size of D_0 in env steps: actions drawn uniformly (what is unsafe or too risky
             is refused as ever), on which the learner is pretrained before Algorithm 1 starts.
         env_steps: Budget of a training for which none is given.
         units: Budget of such a training in units of `arbiter.rho_unit` (games, say), instead of

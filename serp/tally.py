@@ -33,11 +33,11 @@ class Countable(Protocol):
 
     @property
     def proposal_unsafe(self) -> bool:
-        """Whether the proposed action is predicted unsafe."""
+        """Whether the proposed action is flagged unsafe, or too risky."""
 
     @property
     def unsafe(self) -> bool:
-        """Whether the executed action is predicted unsafe."""
+        """Whether the executed action is flagged unsafe."""
 
 
 STEPS_BY: Final[Mapping[str, str]] = {actor.value: f"{actor.value}_steps" for actor in Actor}
@@ -52,9 +52,9 @@ class Tally:
     Attributes:
         executed: Actor → steps in which its action was executed. They add up to `steps`.
         refused: Reason → proposals refused for it. They add up to `vetoes`.
-        unsafe_predicted: Proposals that were predicted unsafe.
-        unsafe_executed: Executed actions that were predicted unsafe.
-        no_safe_action: Steps in which no action was left that was not predicted unsafe.
+        unsafe_predicted: Proposals that the domain file flags unsafe, or that are too risky.
+        unsafe_executed: Executed actions that the domain file flags unsafe.
+        no_safe_action: Steps in which no action was left that was neither.
     """
 
     def __init__(self) -> None:
@@ -71,7 +71,7 @@ class Tally:
             self.refused[step.reason] += 1
         self.unsafe_predicted += step.proposal_unsafe
         self.unsafe_executed += step.unsafe
-        self.no_safe_action += step.reason == Reason.NO_SAFE_ACTION
+        self.no_safe_action += step.reason in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
 
     @property
     def steps(self) -> int:

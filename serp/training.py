@@ -359,6 +359,7 @@ class Trainer:
                 predicted_reward=decision.predicted_reward,
                 proposal_unsafe=decision.proposal_unsafe,
                 unsafe=decision.unsafe,
+                risk=decision.risk,
                 rho=decision.rho,
                 explanation=explanation,
             )

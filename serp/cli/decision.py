@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from serp.cli.output import number, plural, print_table
-from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE
-from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
-from serp.planning.forecast import SAFE
+from serp.domain.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
+from serp.explanation import percent, unsafe_ahead, why_not_applicable, why_unsafe
+from serp.planning.forecast import SAFE, promise_at
 from serp.planning.settings import Bound
 
 if TYPE_CHECKING:
@@ -39,6 +39,8 @@ def describe(
             "name": action.name,
             "applicable": bool(forecast.applicable[k]),
             "unsafe": bool(forecast.unsafe[k]),
+            "risk": float(forecast.risk[k]),
+            "path_risk": float(forecast.path_risk[k]),
             "terminal": bool(forecast.terminal[k]),
             "reward": float(forecast.reward[k]) if forecast.applicable[k] else None,
             "best_return": float(forecast.value[k]),
@@ -67,6 +69,7 @@ def describe(
                 "action": step.action,
                 "reward": step.reward,
                 "unsafe": step.unsafe,
+                "risk": step.risk,
                 "state": model.values(step.state),
             }
             for step in plan.path
@@ -85,8 +88,13 @@ def remark(planner: MonitorReplanner, state: Vector, plan: Plan, action: int) ->
     remarks = []
     if flags & UNSAFE:
         remarks.append("unsafe: " + why_unsafe(model, state, action).removeprefix(f"{name}: "))
-    elif steps != SAFE:
-        remarks.append(unsafe_ahead(steps))
+    elif flags & RISKY:
+        remarks.append("too risky: " + why_unsafe(model, state, action).removeprefix(f"{name}: "))
+    else:
+        if risk_of(flags):
+            remarks.append(f"risk {percent(risk_of(flags))}, accepted")
+        if steps != SAFE:
+            remarks.append(unsafe_ahead(steps))
     if flags & TERMINAL:
         remarks.append("ends the task")
     return "; ".join(remarks)
@@ -121,17 +129,26 @@ def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
             "lies beyond its depth. The first in the file is taken."
         )
     if not plan.safe and plan.action is not None:
-        lines.append(_why_unsafe_chosen(int(plan.forecast.safe_steps[plan.action])))
+        lines.append(_why_unsafe_chosen(plan, plan.action))
     lines.append(_how_far(planner, plan))
     return lines
 
 
-def _why_unsafe_chosen(safe_steps: int) -> str:
-    if safe_steps == 0:
+def _why_unsafe_chosen(plan: Plan, action: int) -> str:
+    forecast = plan.forecast
+    steps, risk = int(forecast.safe_steps[action]), float(forecast.path_risk[action])
+    if forecast.unsafe[action]:
         return "Every action is predicted unsafe. The one with the best return is taken."
+    least = f", {percent(risk)}," if risk < 1.0 else ""
+    if steps == 0:
+        return f"Every action is too risky. The one with the least risk{least} is taken."
+    if least:
+        return (
+            f"Every path leads to something too risky. The one with the least risk{least} is taken."
+        )
     return (
         "Every path leads to something unsafe. The one that stays safe the longest, for "
-        f"{plural(safe_steps, 'control period')}, is taken."
+        f"{plural(steps, 'control period')}, is taken."
     )
 
 
@@ -179,7 +196,8 @@ def _print_actions(console: Console, planner: MonitorReplanner, state: Vector, p
     # The best first where there are too many to show; else as in the file.
     order = list(range(len(model.actions)))
     if len(order) > _ACTIONS_SHOWN:
-        order.sort(key=lambda k: (-int(forecast.safe_steps[k]), -float(forecast.value[k])))
+        promises = (forecast.value, forecast.path_risk, forecast.safe_steps, forecast.flags)
+        order.sort(key=lambda k: promise_at(*promises, k), reverse=True)
     rows, styles = [], []
     for k in order[:_ACTIONS_SHOWN]:
         applicable = bool(forecast.applicable[k])
@@ -214,7 +232,7 @@ def _print_path(console: Console, planner: MonitorReplanner, state: Vector, plan
     rows: list[list[str]] = []
     for k, step in enumerate(plan.path):
         before, after = states[k], states[k + 1]
-        mark = " (unsafe)" if step.unsafe else ""
+        mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""
         row = [str(k + 1), step.action + mark, number(step.reward)]
         if in_columns:
             row += [_shown(after[f.index], numeric=f.numeric) for f in changing]

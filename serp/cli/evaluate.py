@@ -62,8 +62,8 @@ def command(
                        f"{number(result['min'])} to {number(result['max'])}, "
                        f"median {number(result['median'])}"),
             ("terminated", f"{result['terminated']} of {episodes} episodes"),
-            ("unsafe", f"{plural(result['unsafe_executed'], 'action')} executed that the model "
-                       f"predicted unsafe, in {plural(steps, 'step')}"),
+            ("unsafe", f"{plural(result['unsafe_executed'], 'action')} executed that the domain "
+                       f"file flags unsafe, in {plural(steps, 'step')}"),
             ("vetoes", f"{plural(result['vetoes'], 'proposal')} refused"),
         ],
     )  # fmt: skip

@@ -192,8 +192,8 @@ def _print_results(run: Run, domain: str | None) -> None:
             ("vetoes", f"{plural(summary['vetoes'], 'proposal')} refused"),
             (
                 "unsafe",
-                f"{plural(summary['unsafe_executed'], 'action')} executed that the model "
-                "predicted unsafe",
+                f"{plural(summary['unsafe_executed'], 'action')} executed that the "
+                "domain file flags unsafe",
             ),
         ],
     )

@@ -161,7 +161,7 @@ class _Visitor:
 
 
 def flagged(arbiter: Arbiter, states: Sequence[Vector], actions: NDArray[np.int64]) -> Chosen:
-    """Return each action with whether it is predicted unsafe in its state."""
+    """Return each action with whether the file flags it unsafe in its state."""
     return [
         (int(action), bool(arbiter.forecast(state).flags[action] & UNSAFE))
         for state, action in zip(states, actions, strict=True)

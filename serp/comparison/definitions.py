@@ -135,14 +135,14 @@ MEASURES: Final = (
     Measure(
         "unsafe",
         "unsafe executed",
-        "Actions executed in training that the model predicts unsafe.",
+        "Actions executed in training that the domain file flags unsafe.",
         "steps",
         "lower",
     ),
     Measure(
         "avoidable_unsafe",
         "avoidable unsafe executed",
-        "Those of them that were executed while another action was not predicted unsafe.",
+        "Those of them that were executed while another action was not flagged.",
         "steps",
         "lower",
     ),

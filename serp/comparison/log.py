@@ -79,7 +79,7 @@ class Log:
         self._tally.count(decision)
         if decision.unsafe:
             # The same words as the arbiter's guarantee.
-            self._avoidable += bool((decision.forecast.safe | self._available).any())
+            self._avoidable += bool((decision.forecast.unflagged | self._available).any())
         if transition.terminated or transition.truncated:
             self._end_episode(transition)
 

@@ -41,8 +41,8 @@ class EpisodeRow(NamedTuple):
         length: Env steps.
         terminated: Whether the environment ended it (a fall, a goal; not a time limit).
         outcome: What the environment's info says under `outcome`; empty where it says nothing.
-        unsafe: Executed actions that the model predicts unsafe.
-        avoidable_unsafe: Those of them that were executed while another was not predicted so.
+        unsafe: Executed actions that the domain file flags unsafe.
+        avoidable_unsafe: Those of them that were executed while another was not flagged.
         vetoes: Refused proposals.
         planner_steps: Steps in which the planner's action was executed.
         seconds: Training so far, in seconds of wall time, compilation and evaluations left out.

@@ -25,9 +25,9 @@ WAVES: Final = 100
 
 # Header.
 (
-    STEP, FLOW, SETTLE, WIDTH, ACTIVE, CHANCY, AMENDS, WORST, JUDGED, REVISED, WRITTEN, LITERALS,
-    TABLE, HEADER,
-) = range(14)  # fmt: skip
+    STEP, FLOW, SETTLE, WIDTH, ACTIVE, CHANCY, AMENDS, JUDGED, REVISED, WRITTEN, LITERALS, TABLE,
+    HEADER,
+) = range(13)  # fmt: skip
 # View.
 V_INPUTS, V_TARGETS, V_DEPTH, V_COUNT, V_GROUP, VIEW = range(6)
 # Group: what views of one key share.
@@ -180,7 +180,6 @@ class Block:
         views: Of every ground action, in the order of the model.
         width: F.
         theta: Literals as written.
-        worst: Whether of several outcomes the least reward counts.
         judged: Whether events have a say in what is unsafe.
         addresses: Of the compiled `step`, `flow` and `settle`.
 
@@ -195,7 +194,6 @@ class Block:
         views: Sequence[Sequence[View]],
         width: int,
         theta: Array,
-        worst: bool,
         judged: bool,
         addresses: Iterable[float],
     ) -> None:
@@ -207,7 +205,7 @@ class Block:
         self.array: Array = np.zeros(size)
         array = self.array
         array[[STEP, FLOW, SETTLE]] = list(addresses)
-        array[WIDTH], array[WORST], array[JUDGED], array[AMENDS] = width, worst, judged, True
+        array[WIDTH], array[JUDGED], array[AMENDS] = width, judged, True
         at = HEADER
         array[WRITTEN], array[LITERALS] = at, at + len(theta)
         self._literals = array[at + len(theta) : at + 2 * len(theta)]

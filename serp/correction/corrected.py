@@ -9,10 +9,9 @@ from numpy.typing import ArrayLike
 
 from serp.correction import kernels
 from serp.correction.block import Block
-from serp.correction.chance_kernels import T_KINDS
 from serp.correction.views import View, views_of
 from serp.domain.emit import Site
-from serp.domain.flags import UNSAFE
+from serp.domain.flags import UNSAFE, risk_of
 from serp.domain.ground import UNSAFE_TARGET, GroundModel
 from serp.domain.model import StateError, TransitionModel, Vector
 from serp.domain.native import address_of
@@ -23,13 +22,13 @@ class CorrectedModel(TransitionModel):
 
     Effects and processes are the file's, with its literals or re-estimated ones; a correction is
     added to the fluents; then the file's events look at the result. Of several outcomes that were
-    counted, the likeliest is the next state, the reward is what is expected of all of them, or the
-    least, and the step is unsafe if any of them is that is not rare. Whatever the file as written
-    flags unsafe stays flagged.
+    counted, the likeliest is the next state, and the reward is what is expected of all of them.
+    What the file as written flags unsafe is flagged, and nothing else. The rest is a risk
+    (`serp.domain.flags.risk_of`): the share of the counted outcomes that the file's events flag, or
+    1 where they flag what is predicted without any.
 
     Args:
         written: The model as written.
-        worst: Whether of several outcomes the least reward counts, instead of the expected one.
 
     Attributes:
         written: The same.
@@ -37,7 +36,7 @@ class CorrectedModel(TransitionModel):
         block: What the compiled step reads; whoever writes there changes the model.
     """
 
-    def __init__(self, written: TransitionModel, *, worst: bool = False) -> None:
+    def __init__(self, written: TransitionModel) -> None:
         self.__dict__.update(written.__dict__)
         self.written = written
         self.views: tuple[tuple[View, ...], ...] = tuple(
@@ -49,7 +48,6 @@ class CorrectedModel(TransitionModel):
             self.views,
             len(self.fluents),
             self.theta,
-            worst,
             _judges(self.ground),
             [float(address_of(callback)) for callback in callbacks],
         )
@@ -84,26 +82,24 @@ class CorrectedModel(TransitionModel):
     def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
         """Return which precondition failed, or which effects, rates and events took part.
 
-        Where a step is unsafe by the file as written, or by another outcome than the likeliest,
-        it is what that leads to.
+        Where the file as written flags a step, it is what the file says. Where there is a risk, it
+        is the likeliest of what is unsafe.
         """
-        written, file_flags = self.written.trace(state, action)
-        if not self.block.active:
-            return written, file_flags
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
-        passed, flags = self._trace(values, action, -1, 0)
-        _, known = self.transition(values, action)
-        if not known & UNSAFE or flags & UNSAFE:
-            return passed, flags
-        if file_flags & UNSAFE:
-            return written, file_flags
-        for away, view in enumerate(self.views[action]):
-            table = self.block.groups[view.key].chance
-            for kind in range(0 if table is None else int(table[T_KINDS])):
-                other, flags = self._trace(values, action, away, kind)
-                if flags & UNSAFE:
-                    return other, flags
-        return passed, flags
+        known = self.transition(values, action)[1] if self.block.active else UNSAFE
+        if known & UNSAFE:
+            return self.written.trace(state, action)
+        found = self._trace(values, action, -1, 0)
+        if risk_of(known) == 0.0 or found[1] & UNSAFE:
+            return found
+        most = 0.0
+        for away in range(len(self.views[action])):
+            shares = kernels.shares_row(self.block.array, action, np.array(values), away)
+            for kind in np.flatnonzero(shares > most).tolist():
+                other = self._trace(values, action, away, kind)
+                if other[1] & UNSAFE and shares[kind] > most:
+                    found, most = other, shares[kind]
+        return found
 
     def _trace(
         self, state: list[float], action: int, away: int, kind: int

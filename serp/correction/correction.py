@@ -73,8 +73,7 @@ class Correction:
                 "the domain has too many ground actions to correct its model; it is used as written"
             )
         elif settings.mode != "off" and width:
-            worst = settings.chance == "worst"
-            self._corrected = corrected = CorrectedModel(written, worst=worst)
+            self._corrected = corrected = CorrectedModel(written)
             self._kinds = _kinds(corrected)
             self._rows = np.zeros(4 * (width + 1))
             self._flow, self._settled = self._rows.reshape(4, -1)[1:3, :-1]

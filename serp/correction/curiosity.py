@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
 from serp.planning.forecast import SAFE, Forecast
+from serp.planning.order import free_of_risk
 
 
 class Curiosity:
@@ -29,7 +29,7 @@ class Curiosity:
         """Return a forecast with the choice of the least known action that is safe."""
         if self._tried.min(initial=self._tries) >= self._tries:
             return forecast
-        candidates = (forecast.flags & (APPLICABLE | UNSAFE | UNDEFINED)) == APPLICABLE
+        candidates = free_of_risk(forecast.flags)
         lasting = candidates & (forecast.safe_steps == SAFE)
         if lasting.any():
             candidates = lasting

@@ -16,7 +16,7 @@ from serp.correction import block as b
 from serp.correction.chance_kernels import KINDS as _KINDS
 from serp.correction.chance_kernels import T_KINDS as _T_KINDS
 from serp.correction.chance_kernels import likeliest, put, take_back
-from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
+from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE, with_risk
 from serp.domain.native import (
     STACK,
     STEP_SIGNATURE,
@@ -36,12 +36,12 @@ _G_MODES, _G_BITS, _G_WAVES, _G_CODES = b.G_MODES, b.G_BITS, b.G_WAVES, b.G_CODE
 _G_POSITIONS, _G_KINDS, _G_LINEAR = b.G_POSITIONS, b.G_KINDS, b.G_LINEAR
 _G_CENTRE, _G_SHRINK, _G_FREQUENCY = b.G_CENTRE, b.G_SHRINK, b.G_FREQUENCY
 _G_PHASE, _G_AMPLITUDE, _G_CHANCE = b.G_PHASE, b.G_AMPLITUDE, b.G_CHANCE
-_WORST, _REVISED, _JUDGED = b.WORST, b.REVISED, b.JUDGED
+_REVISED, _JUDGED = b.REVISED, b.JUDGED
 _FILE, _LINEAR, _WAVY, _OWN = b.FILE, b.LINEAR, b.WAVY, b.OWN
 _MODES = b.MODES
 _CHANCY, _AMENDS = b.CHANCY, b.AMENDS
-_RARE = 0.02
-"""Outcomes less likely than that are not reckoned with."""
+
+_with_risk = cached_njit(nogil=True, forceinline=True)(with_risk)
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -183,31 +183,34 @@ def bend(block, action, state, out, away, kind, shares):
 
 
 @cached_njit(nogil=True)
-def weigh(block, action, state, flowed, bent, other, shares, first, flow_flags, dt, out):
-    """Weigh what else may come of a step than the likeliest: by chance, or the worst of it.
+def weigh(
+    block, action, state, flowed, bent, other, shares, first, flow_flags, dt, unsafe, out
+):  # fmt: skip
+    """Weigh what else may come of a step than the likeliest: the reward becomes what is expected.
 
-    The reward becomes what is expected, or the least one; a step is unsafe if any outcome is that
-    is not rare. Views are varied one at a time. `flowed` are the fluents after effects, processes
-    and `amend`, `flow_flags` the flags of these; `bent` is the likeliest outcome, and `out` what
-    events make of it, of which only the reward is changed. `other` is room for an outcome, `shares`
-    for how likely each is. Where one view is all that is counted, `first` is its likeliest outcome
-    and `shares` are its own; otherwise `first` is -1. Returns flags to be added.
+    Views are varied one at a time, and what comes of one is taken to say nothing of the others.
+    `flowed` are the fluents after effects, processes and `amend`, `flow_flags` the flags of these;
+    `bent` is the likeliest outcome, `out` what events make of it, of which only the reward is
+    changed, and `unsafe` whether they flag it. `other` is room for an outcome, `shares` for how
+    likely each is. Where one view is all that is counted, `first` is its likeliest outcome and
+    `shares` are its own; otherwise `first` is -1. Returns the risk of the step, in [0, 1].
     """
     width = int(block[_WIDTH])
     literals = advanced(block, int(block[_LITERALS]))
     table = int(block[_TABLE]) + 2 * action
     view = int(block[table + 1])
     usual = out[width]
-    expected, least, added = usual, usual, 0
+    expected, alike = usual, 1.0
     for _ in range(int(block[table])):
         where = _chance_of(block, view)
         if where != 0:
             chance = advanced(block, where)
             inputs = advanced(block, int(block[view + _V_INPUTS]))
             usually = first if first >= 0 else likeliest(chance, inputs, state, shares)
+            different = 0.0
             for kind in range(int(chance[_T_KINDS])):
                 p = shares[kind]
-                if kind == usually or p < _RARE:
+                if kind == usually or p <= 0.0:
                     continue
                 for i in range(width + 1):
                     other[i] = bent[i]
@@ -215,17 +218,17 @@ def weigh(block, action, state, flowed, bent, other, shares, first, flow_flags, 
                 if kind > 0:
                     put(chance, kind, inputs, state, other)
                 flags = call_step(int(block[_SETTLE]), state, flow_flags, literals, dt, other)
-                reward = other[width]
-                if flags & UNDEFINED or not math.isfinite(reward):
-                    continue
-                expected += p * (reward - usual)
-                least = min(least, reward)
-                added |= flags & UNSAFE
+                undefined = flags & UNDEFINED != 0
+                flagged = flags & UNSAFE != 0
+                if flagged != unsafe and (flagged or not undefined):
+                    different += p
+                if not undefined and math.isfinite(other[width]):
+                    expected += p * (other[width] - usual)
+            alike *= max(0.0, 1.0 - different)
         view += _VIEW
-    chosen = least if block[_WORST] != 0.0 else expected
-    if math.isfinite(chosen):
-        out[width] = chosen
-    return added
+    if math.isfinite(expected):
+        out[width] = expected
+    return alike if unsafe else 1.0 - alike
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -236,10 +239,11 @@ def _corrected_step(state, action, block, dt, out):
             int(block[_STEP]), state, action, advanced(block, int(block[_WRITTEN])), dt, out
         )
     width = int(block[_WIDTH])
+    known = revised or block[_JUDGED] != 0.0
     flagged = 0
-    if revised or block[_JUDGED] != 0.0:
-        # What the file flags stays flagged, whatever a correction says. With its own literals
-        # effects and processes flag the same here as there; only events may not.
+    if known:
+        # What is UNSAFE, the file as written says. With its own literals effects and processes
+        # flag the same here as there; only events may not.
         flagged = UNSAFE & call_step(
             int(block[_STEP]), state, action, advanced(block, int(block[_WRITTEN])), dt, out
         )
@@ -248,6 +252,7 @@ def _corrected_step(state, action, block, dt, out):
         out[width] = 0.0
     literals = advanced(block, int(block[_LITERALS]))
     flags = call_step(int(block[_FLOW]), state, action, literals, dt, out)
+    risk = 0.0
     if flags & APPLICABLE:
         amend(block, action, state, out)
         if not finite(out, width):
@@ -258,11 +263,15 @@ def _corrected_step(state, action, block, dt, out):
             flags = call_step(int(block[_FLOW]), state, action, literals, dt, out)
         if block[_CHANCY] == 0.0:
             flags = call_step(int(block[_SETTLE]), state, flags, literals, dt, out)
+            risk = 1.0 if flags & UNSAFE else 0.0
         elif _room_for(width) <= STACK:
-            flags = _settle_chances(block, action, state, flags, dt, out, stack_room())
+            flags, risk = _settle_chances(block, action, state, flags, dt, out, stack_room())
         else:
-            flags = _settle_many(block, action, state, flags, dt, out)
-    return flags | flagged
+            flags, risk = _settle_many(block, action, state, flags, dt, out)
+    if not known:
+        flagged = flags & UNSAFE
+    flags = flags & ~UNSAFE | flagged
+    return _with_risk(flags, risk) if flags & APPLICABLE and not flagged else flags
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -285,7 +294,11 @@ def _settle_within(block, action, state, flow_flags, dt, out, room):
 
 @cached_njit(nogil=True)
 def _settle_chances(block, action, state, flow_flags, dt, out, room):
-    """Let the likeliest outcomes come about, events settle them, and weigh the others."""
+    """Let the likeliest outcomes come about, events settle them, and weigh the others.
+
+    Returns:
+        Flags of what is likeliest, and the risk of the step.
+    """
     width = int(block[_WIDTH])
     literals = advanced(block, int(block[_LITERALS]))
     flowed, bent = room, advanced(room, width + 1)
@@ -293,15 +306,16 @@ def _settle_chances(block, action, state, flow_flags, dt, out, room):
     for i in range(width + 1):
         flowed[i] = out[i]
     counted, first = bend(block, action, state, out, -1, 0, shares)
-    if counted == 0:
-        return call_step(int(block[_SETTLE]), state, flow_flags, literals, dt, out)
     for i in range(width + 1):
         bent[i] = out[i]
     flags = call_step(int(block[_SETTLE]), state, flow_flags, literals, dt, out)
+    unsafe = flags & UNSAFE != 0
+    if counted == 0 or not flags & APPLICABLE:
+        return flags, 1.0 if unsafe else 0.0
     if counted > 1:
         first = -1
-    return flags | weigh(
-        block, action, state, flowed, bent, other, shares, first, flow_flags, dt, out
+    return flags, weigh(
+        block, action, state, flowed, bent, other, shares, first, flow_flags, dt, unsafe, out
     )
 
 
@@ -326,6 +340,22 @@ def amend_row(block, action, state, out, away, kind):
     if base[_CHANCY] != 0.0:
         shares = np.empty(_KINDS)
         _bend_within(base, action, source, target, away, kind, shares)
+
+
+@cached_njit(nogil=True)
+def shares_row(block, action, state, away):
+    """Return `[KINDS]` how likely each outcome of the view at position `away` is, on arrays."""
+    base, shares = pointer_to(block, 0), np.zeros(_KINDS)
+    view = int(base[int(base[_TABLE]) + 2 * action + 1]) + away * _VIEW
+    where = _chance_of(base, view)
+    if base[_CHANCY] != 0.0 and where != 0:
+        _shares_within(base, where, int(base[view + _V_INPUTS]), pointer_to(state, 0), shares)
+    return shares
+
+
+@cached_njit(nogil=True)
+def _shares_within(block, where, inputs, state, shares):
+    likeliest(advanced(block, where), advanced(block, inputs), state, pointer_to(shares, 0))
 
 
 @cached_njit(nogil=True)

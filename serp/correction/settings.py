@@ -21,9 +21,6 @@ class CorrectionSettings:
             `full`: both.
         nonlinear: Whether a residual may use random Fourier features where a linear one leaves
             something unexplained.
-        chance: What an action is worth that has several outcomes: `expected`: the mean of their
-            rewards; `worst`: the least of them. Either way it is unsafe if any of them is that
-            comes in one of fifty cases or more.
         tries: In its turn, in training, the planner prefers an action that it has seen fewer times
             than that, where it is predicted safe for the whole lookahead, or where nothing is, for
             the next step; 0, or mode `off`: never.
@@ -31,16 +28,11 @@ class CorrectionSettings:
 
     mode: Literal["off", "literals", "residual", "full"] = "off"
     nonlinear: bool = True
-    chance: Literal["expected", "worst"] = "expected"
     tries: int = 0
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise SettingsError(f"correction: mode must be {' or '.join(MODES)}, not {self.mode!r}")
-        if self.chance not in ("expected", "worst"):
-            raise SettingsError(
-                f"correction: chance must be expected or worst, not {self.chance!r}"
-            )
         if not isinstance(self.nonlinear, bool):
             raise SettingsError(
                 f"correction: nonlinear must be true or false, not {self.nonlinear!r}"

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from serp.domain.emit import Site
-from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE
+from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
 from serp.domain.ground import (
     REWARD_TARGET,
     Constant,
@@ -41,10 +41,12 @@ class Outcome(NamedTuple):
     Attributes:
         state: Next state `[F]` (or `[B, F]`); the state itself where not applicable.
         reward: Change of `(reward)` in the step; 0 where not applicable.
-        unsafe: Whether `(unsafe)` became true in the step.
+        unsafe: Whether by the file as written `(unsafe)` became true in the step.
         terminal: Whether `(terminal)` became true or the problem's goal is reached.
         applicable: Whether the precondition holds, every condition that matters is true or false
             and every result is a finite number.
+        risk: Probability, in [0, 1], that the step is unsafe; 1 where `unsafe`, else 0 unless the
+            model has learned otherwise.
     """
 
     state: Vector
@@ -52,6 +54,7 @@ class Outcome(NamedTuple):
     unsafe: Any
     terminal: Any
     applicable: Any
+    risk: Any
 
 
 class Judgement(NamedTuple):
@@ -279,9 +282,12 @@ class TransitionModel:
         values = states.tolist()
         out, flags = self.transition(values, self.action_index(action))
         if not flags & APPLICABLE:
-            return Outcome(states.copy(), 0.0, False, False, False)
+            return Outcome(states.copy(), 0.0, False, False, False, 0.0)
         reward = out.pop()
-        return Outcome(np.array(out), reward, bool(flags & UNSAFE), bool(flags & TERMINAL), True)
+        return Outcome(
+            np.array(out), reward, bool(flags & UNSAFE), bool(flags & TERMINAL), True,
+            risk_of(flags),
+        )  # fmt: skip
 
     def transition(self, state: list[float], action: int) -> tuple[list[float], int]:
         """Predict one step on plain lists, for loops in Python that count microseconds.
@@ -404,6 +410,7 @@ class TransitionModel:
             unsafe=applicable & ((flags & UNSAFE) != 0),
             terminal=(flags & TERMINAL) != 0,
             applicable=applicable,
+            risk=np.where(applicable, risks_of(flags), 0.0),
         )
 
     def _step_rows(self, states: Vector, actions: NDArray[np.int64]) -> Outcome:
@@ -414,6 +421,7 @@ class TransitionModel:
             unsafe=np.array([r.unsafe for r in rows], dtype=np.bool_),
             terminal=np.array([r.terminal for r in rows], dtype=np.bool_),
             applicable=np.array([r.applicable for r in rows], dtype=np.bool_),
+            risk=np.array([r.risk for r in rows], dtype=np.float64),
         )
 
 

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from serp.compilation import cached_njit
-from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE
+from serp.domain.flags import APPLICABLE, TERMINAL, joined
 from serp.domain.native import call_step, pointer_to
+from serp.planning.order import hazard, marked, rank_of
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
+_hazard = cached_njit(nogil=True, forceinline=True)(hazard)
+_marked = cached_njit(nogil=True, forceinline=True)(marked)
+_rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
+_joined = cached_njit(nogil=True, forceinline=True)(joined)
+
 
 @cached_njit(nogil=True, forceinline=True)
-def edge(address, state, action, repeat, gamma, theta, dt, target, scratch, width):
+def edge(address, state, action, repeat, gamma, accepted, theta, dt, target, scratch, width):
     """Follow one edge: `action`, `repeat` times or until it ends.
 
     `state`, `theta`, `target` and `scratch` are pointers: to the state that the edge leaves, the
@@ -18,17 +24,20 @@ def edge(address, state, action, repeat, gamma, theta, dt, target, scratch, widt
 
     Returns:
         Discounted reward, weight of what follows (γ to the number of periods), flags of the whole
-        edge, its periods (those before the first unsafe one, where one is), reward and flags of
-        its first period.
+        edge, `rank_of` its first period, its periods (those before the first with a risk, where one
+        has), the risk of all of them that is not accepted, reward and flags of its first period.
     """
     for i in range(width):
         target[i] = state[i]
     flags = call_step(address, state, action, theta, dt, target)
     reward = target[width]
     first_reward = reward
+    risk = _hazard(flags, accepted)
+    flags = _marked(flags, risk)
     first_flags = flags
+    rank = _rank_of(flags)
     weight = gamma
-    periods = 0 if flags & UNSAFE else 1
+    periods = 0 if risk > 0.0 else 1
     for _ in range(repeat - 1):
         if not flags & APPLICABLE or flags & TERMINAL:
             break
@@ -39,21 +48,23 @@ def edge(address, state, action, repeat, gamma, theta, dt, target, scratch, widt
             for i in range(width):
                 target[i] = scratch[i]
             break
-        flags |= again
-        if not flags & UNSAFE:
+        further = _hazard(again, accepted)
+        flags = _joined(flags, _marked(again, further))
+        risk += (1.0 - risk) * further
+        if risk == 0.0:
             periods += 1
         reward += weight * target[width]
         weight *= gamma
-    return reward, weight, flags, periods, first_reward, first_flags
+    return reward, weight, flags, rank, periods, risk, first_reward, first_flags
 
 
 @cached_njit(nogil=True)
-def expand(address, states, nodes, actions, repeat, gamma, theta, dt, out, reward, weight, flags,
-           periods, first_reward, first_flags):  # fmt: skip
+def expand(address, states, nodes, actions, repeat, gamma, accepted, theta, dt, out, reward, weight,
+           flags, rank, periods, risk, first_reward, first_flags):  # fmt: skip
     """Follow every edge of `nodes` states.
 
     `states` is flat `[nodes * (F + 1)]`; the flat `out`, `[(nodes * A + 1) * (F + 1)]`, receives
-    the states reached; the other six, `[nodes * A]`, what `edge` returns.
+    the states reached; the other eight, `[nodes * A]`, what `edge` returns.
     """
     row = states.shape[0] // nodes
     literals = pointer_to(theta, 0)
@@ -62,7 +73,10 @@ def expand(address, states, nodes, actions, repeat, gamma, theta, dt, out, rewar
         state = pointer_to(states, node * row)
         for action in range(actions):
             e = node * actions + action
-            reward[e], weight[e], flags[e], periods[e], first_reward[e], first_flags[e] = edge(
-                address, state, action, repeat, gamma, literals, dt,
+            (
+                reward[e], weight[e], flags[e], rank[e], periods[e], risk[e], first_reward[e],
+                first_flags[e],
+            ) = edge(
+                address, state, action, repeat, gamma, accepted, literals, dt,
                 pointer_to(out, e * row), scratch, row - 1,
             )  # fmt: skip

@@ -7,8 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
+from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, joined
 from serp.domain.model import TransitionModel
+from serp.planning.order import hazard, marked, rank_of
 from serp.planning.settings import PlannerSettings
 
 State = tuple[float, ...]
@@ -43,7 +44,9 @@ class Edges(NamedTuple):
         reward: Discounted sum of the rewards of its control periods.
         weight: Weight of what follows it.
         flags: Flags of the whole edge.
-        periods: Its control periods, or those before the first unsafe one where one is.
+        rank: `serp.planning.order.rank_of` its first control period.
+        periods: Its control periods, or those before the first with a risk where one has.
+        risk: Probability of something unsafe on it, steps whose risk is accepted left out.
         first_reward, first_flags: Reward and flags of its first period.
     """
 
@@ -52,14 +55,16 @@ class Edges(NamedTuple):
     reward: list[float]
     weight: list[float]
     flags: list[int]
+    rank: list[int]
     periods: list[int]
+    risk: list[float]
     first_reward: list[float]
     first_flags: list[int]
 
     @classmethod
     def none(cls) -> Edges:
         """Return no edges."""
-        return cls([], [], [], [], [], [], [], [])
+        return cls([], [], [], [], [], [], [], [], [], [])
 
     def extend(self, other: Edges) -> None:
         """Append the edges of another."""
@@ -102,12 +107,12 @@ def _follow_native(
     rows = np.zeros((len(nodes), width + 1))
     rows[:, :width] = [states[node] for node in nodes]
     out = np.empty((tried + 1, width + 1))
-    reward, weight, first_reward = np.empty((3, tried))
-    flags, periods, first_flags = np.empty((3, tried), dtype=np.int64)
+    reward, weight, risk, first_reward = np.empty((4, tried))
+    flags, rank, periods, first_flags = np.empty((4, tried), dtype=np.int64)
     expand(
         address_of(model.native_step()), rows.reshape(-1), len(nodes), actions,
-        settings.repeat, settings.discount, model.data, model.dt, out.reshape(-1),
-        reward, weight, flags, periods, first_reward, first_flags,
+        settings.repeat, settings.discount, settings.accepted_risk, model.data, model.dt,
+        out.reshape(-1), reward, weight, flags, rank, periods, risk, first_reward, first_flags,
     )  # fmt: skip
     there = np.flatnonzero(flags & APPLICABLE)
     edges = Edges(
@@ -116,7 +121,9 @@ def _follow_native(
         reward=reward[there].tolist(),
         weight=weight[there].tolist(),
         flags=flags[there].tolist(),
+        rank=rank[there].tolist(),
         periods=periods[there].tolist(),
+        risk=risk[there].tolist(),
         first_reward=first_reward[there].tolist(),
         first_flags=first_flags[there].tolist(),
     )
@@ -137,16 +144,20 @@ def _follow_interpreted(
             undefined = undefined or bool(flags & UNDEFINED)
             continue
         reward = first_reward = target.pop()
-        first_flags, weight = flags, settings.discount
-        periods = 0 if flags & UNSAFE else 1
+        risk = hazard(flags, settings.accepted_risk)
+        flags = first_flags = marked(flags, risk)
+        weight = settings.discount
+        periods = 0 if risk > 0.0 else 1
         for _ in range(settings.repeat - 1):
             if flags & TERMINAL:
                 break
             further, again = model.transition(target, action)
             if not again & APPLICABLE:
                 break
-            flags |= again
-            periods += not flags & UNSAFE
+            more = hazard(again, settings.accepted_risk)
+            flags = joined(flags, marked(again, more))
+            risk += (1.0 - risk) * more
+            periods += risk == 0.0
             reward += weight * further.pop()
             weight *= settings.discount
             target = further
@@ -155,7 +166,9 @@ def _follow_interpreted(
         edges.reward.append(reward)
         edges.weight.append(weight)
         edges.flags.append(flags)
+        edges.rank.append(rank_of(first_flags))
         edges.periods.append(periods)
+        edges.risk.append(risk)
         edges.first_reward.append(first_reward)
         edges.first_flags.append(first_flags)
         reached.append(tuple(target))

@@ -7,28 +7,32 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE
+from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE, risks_of
+from serp.planning.order import Promise, of_best_rank, promise, rank_of
 from serp.planning.settings import Bound
 
 SAFE = 1 << 30
-"""Safe control periods of a path on which nothing is predicted unsafe."""
+"""Safe control periods of a path on which every risk is accepted."""
 
 
 class Forecast(NamedTuple):
     """The planner's view of one state.
 
     Attributes:
-        choice: The first action of the best path; -1 where no action is applicable. Best means:
-            safe for the longest time, then the largest discounted sum of rewards, then first in
-            the file. Both hold at every node, so that what follows an unsafe edge is again the
-            best that is left.
+        choice: The first action of the best path; -1 where no action is applicable. Best means, at
+            every node: not flagged by the file and of a risk that is accepted; else not flagged by
+            the file; among those the least `path_risk`, the largest `safe_steps`, the largest
+            `value`, and then what comes first in the file. What follows a step with a risk is again
+            the best that is left.
         value: `[A]` discounted sum of rewards of the best path that begins with each action, and
             of what its end is worth where that is known (`Lookahead.leaves`); -inf where not
             applicable.
-        safe_steps: `[A]` control periods before the first unsafe one on that path (an edge of the
-            planner's setting `repeat` has several), or before it reaches a state where every
-            action that might be applicable has an undefined result; SAFE where there is none,
-            -1 where not applicable.
+        path_risk: `[A]` probability, in [0, 1], that something unsafe happens on that path; steps
+            whose risk is accepted have none. 1 from a step on that the file flags, or a state where
+            every action that might be applicable has an undefined result; 1 where not applicable.
+        safe_steps: `[A]` control periods on that path before the first step that has a risk (an
+            edge of the planner's setting `repeat` has several), or before such a state; SAFE where
+            there is none, -1 where not applicable.
         reward: `[A]` predicted reward of one control period.
         flags: `[A]` predicted for one control period; see `serp.domain.flags`.
         depth: Layers that were expanded.
@@ -37,6 +41,7 @@ class Forecast(NamedTuple):
 
     choice: int
     value: NDArray[np.float64]
+    path_risk: NDArray[np.float64]
     safe_steps: NDArray[np.int64]
     reward: NDArray[np.float64]
     flags: NDArray[np.int64]
@@ -50,8 +55,13 @@ class Forecast(NamedTuple):
 
     @property
     def unsafe(self) -> NDArray[np.bool_]:
-        """`[A]` whether the action is predicted unsafe."""
+        """`[A]` whether the file flags the action."""
         return (self.flags & UNSAFE).astype(np.bool_)
+
+    @property
+    def risk(self) -> NDArray[np.float64]:
+        """`[A]` predicted probability, in [0, 1], that one control period is unsafe."""
+        return risks_of(self.flags)
 
     @property
     def terminal(self) -> NDArray[np.bool_]:
@@ -60,27 +70,38 @@ class Forecast(NamedTuple):
 
     @property
     def safe(self) -> bool:
-        """Whether nothing on the chosen path is predicted unsafe."""
+        """Whether every risk on the chosen path is accepted."""
         return self.choice >= 0 and int(self.safe_steps[self.choice]) == SAFE
 
     @property
     def indifferent(self) -> bool:
         """Whether the planner has no reason to prefer one action; see `all_alike`."""
-        return all_alike(self.value, self.safe_steps, self.flags)
+        return all_alike(self.value, self.path_risk, self.safe_steps, self.flags)
+
+
+def promise_at(
+    value: NDArray[np.float64],
+    path_risk: NDArray[np.float64],
+    safe_steps: NDArray[np.int64],
+    flags: NDArray[np.int64],
+    action: int,
+) -> Promise:
+    """Return what one action promises."""
+    rank = rank_of(int(flags[action]))
+    return promise(rank, float(path_risk[action]), int(safe_steps[action]), float(value[action]))
 
 
 def all_alike(
-    value: NDArray[np.float64], safe_steps: NDArray[np.int64], flags: NDArray[np.int64]
+    value: NDArray[np.float64],
+    path_risk: NDArray[np.float64],
+    safe_steps: NDArray[np.int64],
+    flags: NDArray[np.int64],
 ) -> bool:
     """Return whether there are two or more actions to choose from and all promise the same.
 
-    Actions that are predicted unsafe are no choice while there is another.
+    Those to choose from are the actions of the best rank, see `serp.planning.order`.
     """
-    safe = (flags & (APPLICABLE | UNSAFE)) == APPLICABLE
-    chosen = np.flatnonzero(safe if safe.any() else flags & APPLICABLE)
+    chosen = np.flatnonzero(of_best_rank(flags))
     if len(chosen) < 2:
         return False
-    first = chosen[0]
-    return bool(
-        (value[chosen] == value[first]).all() and (safe_steps[chosen] == safe_steps[first]).all()
-    )
+    return all(bool((of[chosen] == of[chosen[0]]).all()) for of in (value, path_risk, safe_steps))

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import networkx as nx
 import numpy as np
 
-from serp.domain.flags import TERMINAL, UNSAFE
+from serp.domain.flags import RISKY, TERMINAL, UNSAFE, risk_of
 from serp.domain.model import TransitionModel, Vector
 from serp.planning.expansion import Edges, State, follow
 from serp.planning.forecast import SAFE, Forecast
+from serp.planning.order import Promise, promise
 from serp.planning.settings import Bound, PlannerSettings
+
+_END = promise(0, 0.0, SAFE, 0.0)
+_UNKNOWN = promise(0, 1.0, 0, 0.0)
 
 
 class Edge(NamedTuple):
@@ -54,8 +59,7 @@ class PlanningGraph:
         self._ended: set[int] = set()
         self._unpredictable: set[int] = set()
         self._layers: list[_Layer] = []
-        self._value: list[float] = []
-        self._safe_steps: list[int] = []
+        self._promised: list[Promise] = []
         self._best: list[int] = []
 
     @property
@@ -131,44 +135,47 @@ class PlanningGraph:
         negative sum.
         """
         size = len(self.states)
-        self._value = values = [0.0] * size
-        self._safe_steps = steps = [SAFE] * size
+        self._promised = promised = [_END] * size
         self._best = best = [-1] * size  # position of an edge in its layer
         for node in self._unpredictable:
-            steps[node] = 0
+            promised[node] = _UNKNOWN
         for layer in reversed(self._layers):
-            edges = layer.edges
-            columns = zip(
-                edges.source, layer.target, edges.reward, edges.weight, edges.flags, edges.periods,
-                strict=True,
-            )  # fmt: skip
-            for k, (source, target, reward, weight, flags, periods) in enumerate(columns):
-                total = reward + weight * values[target]
-                safe = _safe_steps(flags, periods, steps[target])
-                if (
-                    best[source] < 0
-                    or safe > steps[source]
-                    or (safe == steps[source] and total > values[source])
-                ):
-                    best[source], values[source], steps[source] = k, total, safe
+            for k, (source, found) in enumerate(
+                zip(layer.edges.source, self._through(layer), strict=True)
+            ):
+                if best[source] < 0 or found > promised[source]:
+                    promised[source], best[source] = found, k
         return self._forecast()
+
+    def _through(self, layer: _Layer) -> Iterator[Promise]:
+        """Yield what the best path promises that begins with each edge."""
+        edges, promised = layer.edges, self._promised
+        for target, rank, reward, weight, risk, safe in zip(
+            layer.target, edges.rank, edges.reward, edges.weight, edges.risk, edges.periods,
+            strict=True,
+        ):  # fmt: skip
+            _, spared, following, value = promised[target]
+            if risk == 0.0:
+                safe = SAFE if following == SAFE else following + safe
+            yield promise(rank, risk - (1.0 - risk) * spared, safe, reward + weight * value)
 
     def _forecast(self) -> Forecast:
         root, count = self._layers[0], len(self.model.actions)
         value = np.full(count, -np.inf)
+        path_risk = np.ones(count)
         steps = np.full(count, -1, dtype=np.int64)
         reward = np.zeros(count)
         flags = np.zeros(count, dtype=np.int64)
         edges = root.edges
-        for k, (action, target) in enumerate(zip(edges.action, root.target, strict=True)):
-            value[action] = edges.reward[k] + edges.weight[k] * self._value[target]
-            steps[action] = _safe_steps(edges.flags[k], edges.periods[k], self._safe_steps[target])
+        for k, (action, found) in enumerate(zip(edges.action, self._through(root), strict=True)):
+            _, spared, steps[action], value[action] = found
+            path_risk[action] = 0.0 - spared
             reward[action], flags[action] = edges.first_reward[k], edges.first_flags[k]
         choice = edges.action[self._best[0]] if self._best[0] >= 0 else -1
         state = list(self.states[0])
         for action in np.flatnonzero(flags == 0).tolist():
             flags[action] = self.model.transition(state, action)[1]
-        return Forecast(choice, value, steps, reward, flags, self.depth, self.bound)
+        return Forecast(choice, value, path_risk, steps, reward, flags, self.depth, self.bound)
 
     def best_path(self) -> list[Edge]:
         """Return the edges of the best path from the root, after `evaluate`."""
@@ -188,9 +195,10 @@ class PlanningGraph:
         """Return the graph as a `networkx.MultiDiGraph`.
 
         Nodes are numbered from the root, 0, with attributes `layer`, `state` (tuple in the order
-        of `graph["fluents"]`), `ended`, `value` and `safe_steps` (None for SAFE); the key of an
-        edge is the position of its action, its attributes are `action` (name), `reward`,
-        `unsafe` and `chosen` (on the best path).
+        of `graph["fluents"]`), `ended`, `value`, `path_risk` and `safe_steps` (None for SAFE);
+        the key of an edge is the position of its action, its attributes are `action` (name),
+        `reward`, `unsafe` (by the file), `risk` in [0, 1], `risky` (it is not accepted) and
+        `chosen` (on the best path).
         """
         graph = nx.MultiDiGraph(fluents=tuple(f.name for f in self.model.fluents))
         names = [action.name for action in self.model.actions]
@@ -205,11 +213,12 @@ class PlanningGraph:
                     "state": state,
                     "ended": node in self._ended,
                     "value": value,
+                    "path_risk": 0.0 - spared,
                     "safe_steps": None if steps == SAFE else steps,
                 },
             )
-            for node, (state, layer, value, steps) in enumerate(
-                zip(self.states, self._layer_of, self._value, self._safe_steps, strict=True)
+            for node, (state, layer, (_, spared, steps, value)) in enumerate(
+                zip(self.states, self._layer_of, self._promised, strict=True)
             )
         )
         successors.update((node, {}) for node in range(len(self.states)))
@@ -223,6 +232,8 @@ class PlanningGraph:
                     "action": names[action],
                     "reward": reward,
                     "unsafe": (flags & UNSAFE) != 0,
+                    "risk": risk_of(flags),
+                    "risky": (flags & RISKY) != 0,
                     "chosen": False,
                 }
                 following = successors[source]
@@ -233,10 +244,3 @@ class PlanningGraph:
         for edge in self.best_path():
             successors[edge.source][edge.target][edge.action]["chosen"] = True
         return graph
-
-
-def _safe_steps(flags: int, periods: int, following: int) -> int:
-    """Return the safe control periods through an edge, and of what follows it."""
-    if flags & UNSAFE:
-        return periods
-    return SAFE if following == SAFE else following + periods

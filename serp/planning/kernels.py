@@ -5,8 +5,8 @@ expanded layer by layer; equal states of a layer merge; the last layer is never 
 pass over the stored layers finds the best path of every first action.
 
 Common arguments: `address` of the transition function; `width` F, `actions` A, `theta` and `dt` of
-the model; `depth`, `repeat`, `gamma` and the budgets `max_nodes` and `max_edges` of the planner's
-settings. Rows of states have F + 1 entries, the last for the reward.
+the model; `depth`, `repeat`, `gamma`, `accepted` (risk) and the budgets `max_nodes` and
+`max_edges` of the planner's settings. Rows of states have F + 1 entries, the last for the reward.
 """
 
 from __future__ import annotations
@@ -15,11 +15,12 @@ import numpy as np
 from numba import get_num_threads, get_thread_id, prange  # type: ignore[attr-defined]
 
 from serp.compilation import cached_njit
-from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
+from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.domain.native import pointer_to
 from serp.planning.edges import edge
 from serp.planning.forecast import SAFE
 from serp.planning.leaf_value import value_at
+from serp.planning.order import promise, rank_of
 from serp.planning.settings import Bound
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -29,6 +30,11 @@ _NODES = int(Bound.NODES)
 _EXHAUSTED = int(Bound.EXHAUSTED)
 _LEFT_OUT, _WANTED = -2, -1
 """Stand for the steps of a node that is not, or not yet, looked at from the back."""
+_BITS, _RANK = 0x1F, 6
+"""Of the flags of an edge its bits are stored, and above them the rank of its first period."""
+
+_promise = cached_njit(nogil=True, forceinline=True)(promise)
+_rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -58,24 +64,31 @@ def _same_slot(states, row, width, table, mask, candidate):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _want_children(edges, actions, flags, periods, child, best_steps):
+def _want_children(edges, actions, flags, periods, risk, child, best_steps):
     """Note which children of a node matter: not those behind an edge that is never its best.
 
-    An unsafe edge is not, where another one is safe for longer, whatever follows on either.
+    That is an edge of a worse rank than another, and one that ends in damage for certain, where
+    another one is without a risk for longer, whatever follows on either.
     """
-    safest = 0
+    first, safest = np.int64(3), 0
     for e in range(edges, edges + actions):
-        if flags[e] & APPLICABLE and not flags[e] & UNSAFE:
-            safest = max(safest, int(periods[e]))
+        if flags[e] & APPLICABLE:
+            rank = np.int64(flags[e] >> _RANK)
+            if rank < first:
+                first, safest = rank, 0
+            if rank == first:
+                safest = max(safest, int(periods[e]))
     for e in range(edges, edges + actions):
-        if child[e] >= 0 and not (flags[e] & UNSAFE and periods[e] < safest):
+        lasting = risk[e] < 1.0 or periods[e] >= safest
+        if child[e] >= 0 and lasting and np.int64(flags[e] >> _RANK) == first:
             best_steps[child[e]] = _WANTED
 
 
 @cached_njit(nogil=True)
-def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-           leaves, always, states, reward, weight, flags, periods, child, best_value, best_steps,
-           table, value, steps, first_reward, first_flags):  # fmt: skip
+def search(address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
+           theta, dt, leaves, always, states, reward, weight, flags, periods, risk, child,
+           best_value, best_risk, best_steps, table, value, path_risk, steps, first_reward,
+           first_flags):  # fmt: skip
     """Expand the planning graph of one state `[F]` and find the best path of every first action.
 
     `leaves` says what the states are worth that the last layer leads to (see
@@ -83,42 +96,48 @@ def search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_
     nothing. The other arguments and the results are those of `_search`.
     """
     found = _search_all(
-        address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-        leaves if always else leaves[:0], states, reward, weight, flags, periods, child,
-        best_value, best_steps, table, value, steps, first_reward, first_flags,
+        address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges, theta,
+        dt, leaves if always else leaves[:0], states, reward, weight, flags, periods, risk, child,
+        best_value, best_risk, best_steps, table, value, path_risk, steps, first_reward,
+        first_flags,
     )  # fmt: skip
-    if not always and leaves.shape[0] > 0 and _alike(value, steps, first_flags):
+    if not always and leaves.shape[0] > 0 and _alike(value, path_risk, steps, first_flags):
         found = _search_all(
-            address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-            leaves, states, reward, weight, flags, periods, child, best_value, best_steps, table,
-            value, steps, first_reward, first_flags,
+            address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
+            theta, dt, leaves, states, reward, weight, flags, periods, risk, child, best_value,
+            best_risk, best_steps, table, value, path_risk, steps, first_reward, first_flags,
         )  # fmt: skip
     return found
 
 
 @cached_njit(nogil=True)
-def _alike(value, steps, flags):
+def _alike(value, path_risk, steps, flags):
     """As `serp.planning.forecast.all_alike`."""
-    wanted = APPLICABLE
+    lowest = 3
     for action in range(value.shape[0]):
-        if flags[action] & (APPLICABLE | UNSAFE) == APPLICABLE:
-            wanted = APPLICABLE | UNSAFE
+        if flags[action] & APPLICABLE:
+            lowest = min(lowest, _rank_of(flags[action]))
     first, count = -1, 0
     for action in range(value.shape[0]):
-        if flags[action] & wanted != APPLICABLE:
+        if not flags[action] & APPLICABLE or _rank_of(flags[action]) != lowest:
             continue
         count += 1
         if first < 0:
             first = action
-        elif value[action] != value[first] or steps[action] != steps[first]:
+        elif (
+            value[action] != value[first]
+            or path_risk[action] != path_risk[first]
+            or steps[action] != steps[first]
+        ):
             return False
     return count > 1
 
 
 @cached_njit(nogil=True)
-def _search_all(address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta,
-                dt, leaves, states, reward, weight, flags, periods, child, best_value, best_steps,
-                table, value, steps, first_reward, first_flags):  # fmt: skip
+def _search_all(address, state, width, actions, depth, repeat, gamma, accepted, max_nodes,
+                max_edges, theta, dt, leaves, states, reward, weight, flags, periods, risk, child,
+                best_value, best_risk, best_steps, table, value, path_risk, steps, first_reward,
+                first_flags):  # fmt: skip
     """As `_search`, without the nodes that cannot matter where the budgets have room for all."""
     nodes, layer = 0, 1
     for _ in range(depth):
@@ -128,32 +147,33 @@ def _search_all(address, state, width, actions, depth, repeat, gamma, max_nodes,
             break
     roomy = nodes <= max_nodes and nodes * actions <= max_edges
     found = _search(
-        address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-        leaves, states, reward, weight, flags, periods, child, best_value, best_steps, table,
-        value, steps, first_reward, first_flags, roomy,
+        address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges, theta,
+        dt, leaves, states, reward, weight, flags, periods, risk, child, best_value, best_risk,
+        best_steps, table, value, path_risk, steps, first_reward, first_flags, roomy,
     )  # fmt: skip
     if roomy and found[2] == _EXHAUSTED:
         # How deep the graph is, only all of it tells.
         found = _search(
-            address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-            leaves, states, reward, weight, flags, periods, child, best_value, best_steps, table,
-            value, steps, first_reward, first_flags, False,
+            address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
+            theta, dt, leaves, states, reward, weight, flags, periods, risk, child, best_value,
+            best_risk, best_steps, table, value, path_risk, steps, first_reward, first_flags, False,
         )  # fmt: skip
     return found
 
 
 @cached_njit(nogil=True)
-def _search(address, state, width, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-            leaves, states, reward, weight, flags, periods, child, best_value, best_steps, table,
-            value, steps, first_reward, first_flags, choosy):  # fmt: skip
+def _search(address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
+            theta, dt, leaves, states, reward, weight, flags, periods, risk, child, best_value,
+            best_risk, best_steps, table, value, path_risk, steps, first_reward, first_flags,
+            choosy):  # fmt: skip
     """Expand and look back; `choosy`: leave out nodes that cannot matter.
 
     Where a budget ends the expansion, `leaves` are worth nothing.
 
     Scratch: flat `states`, `[(max_nodes + 2) * (F + 1)]`; `reward`, `weight`, `flags`, `periods`,
-    `child`, `[max_nodes * A]`; `best_value`, `best_steps`, `[max_nodes]`; `table`, a power of two
-    of at least twice max_nodes. Results, `[A]`: `value`, `steps`, `first_reward`, `first_flags`;
-    see `Forecast`.
+    `risk`, `child`, `[max_nodes * A]`; `best_value`, `best_risk`, `best_steps`, `[max_nodes]`;
+    `table`, a power of two of at least twice max_nodes. Results, `[A]`: `value`, `path_risk`,
+    `steps`, `first_reward`, `first_flags`; see `Forecast`.
 
     Returns:
         Chosen action, layers expanded, bound.
@@ -192,10 +212,11 @@ def _search(address, state, width, actions, depth, repeat, gamma, max_nodes, max
             for action in range(actions):
                 e = node * actions + action
                 slot = min(stored, max_nodes)
-                reward[e], weight[e], flags[e], periods[e], one_reward, one_flags = edge(
-                    address, source, action, repeat, gamma, literals, dt,
+                reward[e], weight[e], bits, rank, periods[e], risk[e], one_reward, one_flags = edge(
+                    address, source, action, repeat, gamma, accepted, literals, dt,
                     pointer_to(states, slot * row), scratch, width,
                 )  # fmt: skip
+                flags[e] = bits & _BITS | rank << _RANK
                 child[e] = -1
                 applied += flags[e] & APPLICABLE
                 if expanded == 0:
@@ -219,7 +240,7 @@ def _search(address, state, width, actions, depth, repeat, gamma, max_nodes, max
                         continue
                 child[e] = table[place]
             if choosy and keep and node > 0:
-                _want_children(node * actions, actions, flags, periods, child, best_steps)
+                _want_children(node * actions, actions, flags, periods, risk, child, best_steps)
             if applied > max_edges and expanded > 0:
                 break
         if applied > max_edges and expanded > 0:
@@ -232,37 +253,41 @@ def _search(address, state, width, actions, depth, repeat, gamma, max_nodes, max
         if choosy and node > 0 and best_steps[node] == _LEFT_OUT:
             continue
         chosen = -1
-        top_value = 0.0
-        top_steps = SAFE
+        top_risk, top_steps, top_value = 0.0, SAFE, 0.0
+        best = _promise(0, top_risk, top_steps, top_value)
         undefined = 0
         for action in range(actions):
             e = node * actions + action
             if not flags[e] & APPLICABLE:
                 if node == 0:
                     value[action] = -np.inf
+                    path_risk[action] = 1.0
                     steps[action] = -1
                     first_reward[action] = 0.0
                 undefined |= flags[e] & UNDEFINED
                 continue
-            total = reward[e]
-            safe = SAFE
+            total, danger, safe = reward[e], risk[e], SAFE
             if 0 <= child[e] < start:
                 total += weight[e] * best_value[child[e]]
+                danger += (1.0 - danger) * best_risk[child[e]]
                 safe = best_steps[child[e]]
                 if safe != SAFE:
                     safe += periods[e]
-            if flags[e] & UNSAFE:
+            if risk[e] > 0.0:
                 safe = int(periods[e])
             if node == 0:
                 value[action] = total
+                path_risk[action] = danger
                 steps[action] = safe
-            if chosen < 0 or safe > top_steps or (safe == top_steps and total > top_value):
-                chosen = action
-                top_value = total
-                top_steps = safe
+            found = _promise(np.int64(flags[e] >> _RANK), danger, safe, total)
+            if chosen < 0 or found > best:
+                chosen, best = action, found
+                top_risk, top_steps, top_value = danger, safe, total
         if chosen < 0 and undefined:
-            top_steps = 0  # what happens there cannot be predicted, so nothing is known to be safe
+            # What happens there cannot be predicted, so nothing is known to be safe.
+            top_risk, top_steps = 1.0, 0
         best_value[node] = top_value
+        best_risk[node] = top_risk
         best_steps[node] = top_steps
         if node == 0:
             return chosen, expanded, bound
@@ -270,10 +295,10 @@ def _search(address, state, width, actions, depth, repeat, gamma, max_nodes, max
 
 
 @cached_njit(nogil=True, parallel=True)
-def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, max_edges, theta, dt,
-                 leaves, always, states, reward, weight, flags, periods, child, best_value,
-                 best_steps, table, choice, value, steps, first_reward, first_flags, expanded,
-                 bound):  # fmt: skip
+def search_batch(address, batch, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
+                 theta, dt, leaves, always, states, reward, weight, flags, periods, risk, child,
+                 best_value, best_risk, best_steps, table, choice, value, path_risk, steps,
+                 first_reward, first_flags, expanded, bound):  # fmt: skip
     """Run `search` on every row of `batch` `[B, F]`, in parallel over the rows.
 
     Scratch arrays have one more leading axis, one entry a thread; results one, an entry a row.
@@ -282,10 +307,10 @@ def search_batch(address, batch, actions, depth, repeat, gamma, max_nodes, max_e
     for k in prange(rows):
         t = get_thread_id()
         choice[k], expanded[k], bound[k] = search(
-            address, batch[k], width, actions, depth, repeat, gamma, max_nodes, max_edges, theta,
-            dt, leaves, always, states[t], reward[t], weight[t], flags[t], periods[t], child[t],
-            best_value[t], best_steps[t], table[t], value[k], steps[k], first_reward[k],
-            first_flags[k],
+            address, batch[k], width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
+            theta, dt, leaves, always, states[t], reward[t], weight[t], flags[t], periods[t],
+            risk[t], child[t], best_value[t], best_risk[t], best_steps[t], table[t], value[k],
+            path_risk[k], steps[k], first_reward[k], first_flags[k],
         )  # fmt: skip
 
 

@@ -24,6 +24,7 @@ class BatchForecast(NamedTuple):
 
     choice: NDArray[np.int64]
     value: NDArray[np.float64]
+    path_risk: NDArray[np.float64]
     safe_steps: NDArray[np.int64]
     reward: NDArray[np.float64]
     flags: NDArray[np.int64]
@@ -87,7 +88,9 @@ class Lookahead:
             np.zeros((threads, edges)),
             np.zeros((threads, edges), dtype=np.uint8),
             np.zeros((threads, edges), dtype=np.int32),
+            np.zeros((threads, edges)),
             np.zeros((threads, edges), dtype=np.int32),
+            np.zeros((threads, nodes)),
             np.zeros((threads, nodes)),
             np.zeros((threads, nodes), dtype=np.int64),
             np.zeros((threads, size), dtype=np.int32),
@@ -108,15 +111,16 @@ class Lookahead:
         state = np.ascontiguousarray(state, dtype=np.float64)
         if state.shape != (self._width,):
             raise StateError(f"a state is {self._width} numbers, found shape {state.shape}")
-        value, reward = np.empty(actions), np.empty(actions)
+        value, risk, reward = np.empty(actions), np.empty(actions), np.empty(actions)
         steps, flags = np.empty(actions, dtype=np.int64), np.empty(actions, dtype=np.int64)
         settings = self.settings
         choice, depth, bound = kernels.search(
             self._address, state, self._width, actions, settings.depth, settings.repeat,
-            settings.discount, self._budget, self._edge_budget, self.model.data, self.model.dt,
-            self._used_leaves(), self._always, *self._scratch, value, steps, reward, flags,
+            settings.discount, settings.accepted_risk, self._budget, self._edge_budget,
+            self.model.data, self.model.dt, self._used_leaves(), self._always, *self._scratch,
+            value, risk, steps, reward, flags,
         )  # fmt: skip
-        return Forecast(choice, value, steps, reward, flags, depth, _BOUNDS[bound])
+        return Forecast(choice, value, risk, steps, reward, flags, depth, _BOUNDS[bound])
 
     def forecast_batch(self, states: ArrayLike) -> BatchForecast:
         """Return the planner's view of every row of `[B, F]`, computed in parallel.
@@ -133,6 +137,7 @@ class Lookahead:
         result = BatchForecast(
             choice=np.empty(rows, dtype=np.int64),
             value=np.empty((rows, actions)),
+            path_risk=np.empty((rows, actions)),
             safe_steps=np.empty((rows, actions), dtype=np.int64),
             reward=np.empty((rows, actions)),
             flags=np.empty((rows, actions), dtype=np.int64),
@@ -143,7 +148,7 @@ class Lookahead:
         with _POOL:
             kernels.search_batch(
                 self._address, batch, actions, settings.depth, settings.repeat, settings.discount,
-                self._budget, self._edge_budget, self.model.data, self.model.dt,
-                self._used_leaves(), self._always, *self._batch_scratch, *result,
+                settings.accepted_risk, self._budget, self._edge_budget, self.model.data,
+                self.model.dt, self._used_leaves(), self._always, *self._batch_scratch, *result,
             )  # fmt: skip
         return result

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import networkx as nx
 from numpy.typing import ArrayLike
 
-from serp.domain.flags import UNSAFE
+from serp.domain.flags import UNSAFE, risk_of
 from serp.domain.model import TransitionModel
 from serp.errors import SettingsError
 from serp.planning.forecast import Forecast
@@ -23,11 +23,12 @@ from serp.quantities import real
 
 
 class PlannedStep(NamedTuple):
-    """One edge of the chosen path: action (name), predicted reward, unsafe flag, state reached."""
+    """One edge of the chosen path: action (name), predicted reward, flag, risk, state reached."""
 
     action: str
     reward: float
     unsafe: bool
+    risk: float
     state: tuple[float, ...]
 
 
@@ -40,7 +41,7 @@ class Plan:
         name: Its name, or None.
         path: The chosen path.
         reward: Discounted sum of rewards along it.
-        safe: Whether nothing on it is predicted unsafe.
+        safe: Whether every risk on it is accepted.
         indifferent: Whether all safe actions promise the same: what is good lies beyond
             the lookahead, and the first action in the file was taken.
         depth: Layers that were expanded.
@@ -77,7 +78,7 @@ class MonitorReplanner:
 
     Args:
         model: The transition model.
-        depth, discount, repeat, max_nodes: See `PlannerSettings`.
+        depth, discount, repeat, max_nodes, accepted_risk: See `PlannerSettings`.
         time_budget: Seconds a decision may take; the deepest layer complete by then decides.
             None for no bound.
 
@@ -93,6 +94,7 @@ class MonitorReplanner:
         discount: float = 0.99,
         repeat: int = 1,
         max_nodes: int = 10_000,
+        accepted_risk: float = 0.02,
         time_budget: float | None = None,
     ) -> None:
         if not isinstance(model, TransitionModel):
@@ -101,8 +103,9 @@ class MonitorReplanner:
             )
         self.model = model
         self.settings = PlannerSettings(
-            depth=depth, discount=discount, repeat=repeat, max_nodes=max_nodes
-        )
+            depth=depth, discount=discount, repeat=repeat, max_nodes=max_nodes,
+            accepted_risk=accepted_risk,
+        )  # fmt: skip
         self.time_budget = None if time_budget is None else real(time_budget, infinite=True)
         if time_budget is not None and not (self.time_budget or 0.0) > 0:
             raise SettingsError(f"planner: time_budget must be positive, not {time_budget!r}")
@@ -121,7 +124,13 @@ class MonitorReplanner:
         forecast = graph.evaluate()
         names = [action.name for action in self.model.actions]
         path = tuple(
-            PlannedStep(names[e.action], e.reward, bool(e.flags & UNSAFE), graph.states[e.target])
+            PlannedStep(
+                names[e.action],
+                e.reward,
+                bool(e.flags & UNSAFE),
+                risk_of(e.flags),
+                graph.states[e.target],
+            )
             for e in graph.best_path()
         )
         chosen = forecast.choice if forecast.choice >= 0 else None

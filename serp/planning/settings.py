@@ -41,6 +41,8 @@ class PlannerSettings:
         max_nodes: Most nodes that are expanded. A layer that would exceed it is not expanded;
             the deepest complete layer counts. The first layer always does. Domains with very many
             actions or fluents meet `node_budget` or `edge_budget` before.
+        accepted_risk: Largest predicted probability of something unsafe, in [0, 1), that an action
+            may have and still pass for safe. A model that does not correct itself predicts none.
         leaf_value: When the states that the last layer leads to are worth what the learner sees in
             them, once that has proven right (see `serp.outlook`); else they are worth nothing.
             `never`; `indifferent`: where all actions promise the same otherwise; `always`. For
@@ -51,6 +53,7 @@ class PlannerSettings:
     discount: float = 0.99
     repeat: int = 1
     max_nodes: int = 10_000
+    accepted_risk: float = 0.02
     leaf_value: Literal["never", "indifferent", "always"] = "never"
 
     def __post_init__(self) -> None:
@@ -68,6 +71,12 @@ class PlannerSettings:
         if discount is None or not 0 < discount <= 1:
             raise SettingsError(f"planner: discount must be in (0, 1], not {self.discount!r}")
         object.__setattr__(self, "discount", float(discount))
+        accepted = real(self.accepted_risk)
+        if accepted is None or not 0 <= accepted < 1:
+            raise SettingsError(
+                f"planner: accepted_risk must be in [0, 1), not {self.accepted_risk!r}"
+            )
+        object.__setattr__(self, "accepted_risk", accepted)
         for name in ("depth", "repeat"):
             if getattr(self, name) > MAX_PERIODS:
                 raise SettingsError(

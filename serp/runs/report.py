@@ -102,8 +102,8 @@ def _safety(summary: Mapping[str, Any]) -> str:
         ("", "steps"),
         [
             ("proposals vetoed", f"{summary['vetoes']:,}"),
-            ("proposals that the model predicted unsafe", f"{summary['unsafe_predicted']:,}"),
-            ("executed actions that the model predicted unsafe", f"{summary['unsafe_executed']:,}"),
+            ("proposals flagged unsafe or too risky", f"{summary['unsafe_predicted']:,}"),
+            ("executed actions flagged unsafe", f"{summary['unsafe_executed']:,}"),
             ("no safe action was left to choose", f"{summary['no_safe_action']:,}"),
         ],
     )

@@ -66,8 +66,9 @@ class DecisionRow(NamedTuple):
         reason: why this action was executed.
         vetoed: whether the proposal was refused.
         predicted_reward: reward that the model predicts for the executed action.
-        proposal_unsafe: whether the model predicts the proposed action unsafe.
-        unsafe: whether the model predicts the executed action unsafe.
+        proposal_unsafe: whether the domain file flags the proposed action, or it is too risky.
+        unsafe: whether the domain file flags the executed action unsafe.
+        risk: probability of that by the model as it was then, 0 to 1; 1 where the file flags it.
         rho: learner probability at this step.
         explanation: why the proposal was refused, in the terms of the domain file.
     """
@@ -83,6 +84,7 @@ class DecisionRow(NamedTuple):
     predicted_reward: float | None
     proposal_unsafe: bool
     unsafe: bool
+    risk: float | None
     rho: float | None
     explanation: Any
 

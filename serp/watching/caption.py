@@ -50,7 +50,7 @@ class Mark(NamedTuple):
     """What stands out in red.
 
     Attributes:
-        what: What was refused, or done though it is unsafe.
+        what: What was refused, or done though it is unsafe or risky.
         why: The reason, in the words of the domain file.
     """
 

@@ -11,6 +11,7 @@ from PIL import Image
 
 from serp.agent import Agent
 from serp.arbiter import Actor
+from serp.domain.flags import RISKY, UNSAFE
 from serp.errors import SettingsError
 from serp.evaluation import Episode, Step, outcome_of, play
 from serp.explanation import why_unsafe
@@ -89,7 +90,7 @@ class EpisodeResult(NamedTuple):
         steps: Its length.
         total: The environment's return.
         vetoes: Proposals refused.
-        unsafe: Executed actions that the model predicts unsafe.
+        unsafe: Executed actions that the domain file flags unsafe.
         outcome: How the environment says that it ended; may be empty.
     """
 
@@ -125,7 +126,7 @@ def film(
 
 
 def marks_of(agent: Agent, step: Step) -> tuple[Mark, ...]:
-    """Return what is to be marked in a step: a veto with its reason, an unsafe action executed."""
+    """Return what is to be marked in a step: a veto with its reason, what is done at a risk."""
     decision, arbiter = step.decision, agent.arbiter
     names = arbiter.actions
     marks = []
@@ -134,11 +135,12 @@ def marks_of(agent: Agent, step: Step) -> tuple[Mark, ...]:
         why = arbiter.explain(decision, step.state)
         whose = _WHOSE[decision.proposed_by]
         marks.append(Mark(f"Refused in step {step.number}: {whose} {name}", _without(name, why)))
-    if decision.unsafe:
+    if int(decision.forecast.flags[decision.action]) & (UNSAFE | RISKY):
         name = names.name(decision.action)
         ground = int(decision.forecast.ground[decision.action])
         why = why_unsafe(arbiter.model, step.state, ground)
-        marks.append(Mark(f"Unsafe, executed in step {step.number}: {name}", _without(name, why)))
+        what = "Unsafe" if decision.unsafe else "Risky"
+        marks.append(Mark(f"{what}, executed in step {step.number}: {name}", _without(name, why)))
     return tuple(marks)
 
 

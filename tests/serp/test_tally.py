@@ -56,7 +56,9 @@ def counted(decisions: list[dict[str, str]]) -> dict[str, int]:
         "vetoes": sum(d["vetoed"] == "1" for d in decisions),
         "unsafe_predicted": sum(d["proposal_unsafe"] == "1" for d in decisions),
         "unsafe_executed": sum(d["unsafe"] == "1" for d in decisions),
-        "no_safe_action": sum(d["reason"] == Reason.NO_SAFE_ACTION.value for d in decisions),
+        "no_safe_action": sum(
+            d["reason"] in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK) for d in decisions
+        ),
     }
 
 
@@ -92,8 +94,8 @@ def test_every_number_of_a_run_is_a_sum_over_its_decisions(
     assert ("There were none." in report) == (not reasons)
     for what, column in (
         ("proposals vetoed", "vetoes"),
-        ("proposals that the model predicted unsafe", "unsafe_predicted"),
-        ("executed actions that the model predicted unsafe", "unsafe_executed"),
+        ("proposals flagged unsafe or too risky", "unsafe_predicted"),
+        ("executed actions flagged unsafe", "unsafe_executed"),
         ("no safe action was left to choose", "no_safe_action"),
     ):
         assert f"| {what} | {counts[column]:,} |" in report

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.correction.curiosity import Curiosity
-from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
+from serp.domain.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE
 from serp.domain.model import TransitionModel
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.lookahead import Lookahead
@@ -15,14 +15,16 @@ from tests.generated.profile import examples
 from tests.serp.correction import worlds
 
 TRIES = 3
-FLAGS = (APPLICABLE, APPLICABLE | TERMINAL, APPLICABLE | UNSAFE, 0, UNDEFINED)
+FLAGS = (
+    APPLICABLE, APPLICABLE | TERMINAL, APPLICABLE | UNSAFE, APPLICABLE | RISKY, 0, UNDEFINED,
+)  # fmt: skip
 
 
 def forecast_of(flags: list[int], steps: list[int], choice: int) -> Forecast:
     actions = len(flags)
     return Forecast(
-        choice, np.arange(actions, dtype=float), np.array(steps), np.zeros(actions),
-        np.array(flags), 3, Bound.DEPTH,
+        choice, np.arange(actions, dtype=float), (np.array(steps) != SAFE).astype(float),
+        np.array(steps), np.zeros(actions), np.array(flags), 3, Bound.DEPTH,
     )  # fmt: skip
 
 
@@ -32,7 +34,11 @@ def situations(draw: st.DrawFn) -> tuple[Forecast, list[int]]:
     actions = draw(st.integers(1, 5))
     flags = draw(st.lists(st.sampled_from(FLAGS), min_size=actions, max_size=actions))
     steps = [
-        -1 if not f & APPLICABLE else 0 if f & UNSAFE else draw(st.sampled_from((1, 2, SAFE)))
+        -1
+        if not f & APPLICABLE
+        else 0
+        if f & (UNSAFE | RISKY)
+        else draw(st.sampled_from((1, 2, SAFE)))
         for f in flags
     ]
     best = max(range(actions), key=lambda k: (steps[k], k))
@@ -54,13 +60,13 @@ def test_what_is_tried_is_the_least_known_that_is_safe(
         return
     chosen = told.choice
     assert tried[chosen] < TRIES
-    assert told.flags[chosen] & (APPLICABLE | UNSAFE | UNDEFINED) == APPLICABLE
+    assert told.flags[chosen] & (APPLICABLE | UNSAFE | RISKY | UNDEFINED) == APPLICABLE
     if planned.safe:
         assert told.safe  # where something is safe for the whole lookahead, so is what is tried
     alike = [
         k
         for k in range(len(tried))
-        if told.flags[k] & (APPLICABLE | UNSAFE | UNDEFINED) == APPLICABLE
+        if told.flags[k] & (APPLICABLE | UNSAFE | RISKY | UNDEFINED) == APPLICABLE
         and (told.safe_steps[k] == SAFE or not (told.safe_steps == SAFE).any())
     ]
     assert tried[chosen] == min(tried[k] for k in alike)

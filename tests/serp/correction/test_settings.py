@@ -18,7 +18,6 @@ from serp.settings import Settings
         {"mode": True},
         {"nonlinear": 1},
         {"nonlinear": "yes"},
-        {"chance": "best"},
         {"tries": -1},
         {"tries": 1.5},
         {"tries": True},

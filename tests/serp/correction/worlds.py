@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from serp.correction import chance_kernels as c
 from serp.correction.block import FILE, LINEAR, OWN, WAVY, GroupMemory
+from serp.correction.chances import _new_table
 from serp.correction.corrected import CorrectedModel
 from serp.correction.correction import Correction
 from serp.correction.settings import CorrectionSettings
@@ -180,6 +182,33 @@ def publish(model: CorrectedModel, rng: np.random.Generator, numbers: tuple[floa
         block.adopt(_weights(block.literals.shape, rng, numbers))
     for group in block.groups.values():
         _publish(group, rng, numbers)
+
+
+def count(model: CorrectedModel, rng: np.random.Generator) -> None:
+    """Put arbitrary counts of outcomes wherever some could be: of one in all, or by context.
+
+    Args:
+        model: What is corrected so.
+        rng: Draws them.
+    """
+    model.block.active = model.block.chancy = True
+    views = {view.key: view for views in model.views for view in views}
+    for key, view in views.items():
+        where = {column: place for place, column in enumerate(view.inputs)}
+        places = np.array(sorted(where[c] for c in {*view.predicates, *view.targets}), np.int64)
+        if not len(places) or rng.random() < 0.3:
+            continue
+        table = _new_table(places, np.zeros(0, np.int64), np.zeros(0, np.int64))
+        kinds = int(rng.integers(2, 5))
+        table[c.T_KINDS] = kinds
+        changes = table[int(table[c.T_CHANGES]) :][: c.KINDS * len(places)].reshape(c.KINDS, -1)
+        numeric = [model.fluents[view.inputs[place]].numeric for place in places]
+        changes[1:kinds] = np.where(numeric, rng.integers(-2, 3, (kinds - 1, len(places))), 0.0)
+        counts = rng.choice((1.0, 3.0, 50.0), kinds)
+        start = int(table[c.T_COUNTS])
+        table[start : start + kinds] = counts
+        table[int(table[c.T_TOTALS])] = counts.sum()
+        model.block.groups[key].chance = table
 
 
 def _publish(group: GroupMemory, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import networkx as nx
 
-from serp.domain.flags import UNDEFINED
+from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.domain.model import TransitionModel, Vector
 from serp.planning.forecast import SAFE
 from serp.planning.settings import Bound, PlannerSettings
@@ -26,24 +26,36 @@ class Arc:
     unsafe: bool
     ended: bool
     steps: int
-    """Control periods before the first unsafe one, or all of them."""
+    """Control periods before the first with a risk that is not accepted, or all of them."""
+    rank: int
+    """Of the first period: 0, 1 with a risk that is not accepted, 2 flagged by the file."""
+    danger: float
+    """Probability of damage in any of them, accepted risks left out."""
+    risk: float
+    """The same, of all, to a multiple of 2⁻²⁴ after each period."""
 
 
 @dataclass(frozen=True)
 class Path:
-    """A path with what it promises; `steps`: control periods before the first unsafe one."""
+    """A path with what it promises; `steps`: control periods before the first with a risk."""
 
     steps: int
     value: float
     arcs: tuple[Arc, ...]
+    danger: float = 0.0
 
     def better_than(self, other: Path) -> bool:
-        """Safe for longer, then more reward; of equals neither is better."""
-        return (self.steps, self.value) > (other.steps, other.value)
+        """Of a better rank, less risk, without risk for longer, more reward: in that order."""
+        return self.promise > other.promise
+
+    @property
+    def promise(self) -> tuple[int, float, int, float]:
+        """What it is ranked by; the larger is better."""
+        return (-self.arcs[0].rank, -self.danger, self.steps, self.value)
 
 
 END = Path(SAFE, 0.0, ())
-UNKNOWN = Path(0, 0.0, ())
+UNKNOWN = Path(0, 0.0, (), 1.0)
 
 
 @dataclass(frozen=True)
@@ -60,22 +72,42 @@ class Reference:
 
     def arc(self, state: State, action: int) -> Arc | None:
         """Follow one action; None where it is not applicable."""
-        reward, weight, unsafe, ended, steps = 0.0, 1.0, False, False, 0
+        reward, weight, ended = 0.0, 1.0, False
+        dangers: list[float] = []
+        unsafe: list[bool] = []
+        risk = 0.0
         for period in range(self.settings.repeat):
-            outcome = self.model.step(state, action)
-            if not outcome.applicable:
+            out, flags = self.model.transition(list(state), action)
+            if not flags & APPLICABLE:
                 if period == 0:
                     return None
                 break
             # The first reward is taken as it is: 0.0 + -0.0 would lose its sign.
-            reward = outcome.reward if period == 0 else reward + weight * outcome.reward
+            reward = out[-1] if period == 0 else reward + weight * out[-1]
             weight *= self.settings.discount
-            unsafe |= outcome.unsafe
-            steps += not unsafe
-            state, ended = tuple(outcome.state.tolist()), outcome.terminal
+            unsafe.append(bool(flags & UNSAFE))
+            own = 1.0 if flags & UNSAFE else (flags >> 8) / 2**24
+            dangers.append(own if own > self.settings.accepted_risk else 0.0)
+            either = 1.0 - (1.0 - risk) * (1.0 - own)
+            risk = own if period == 0 else int(either * 2**24 + 0.5) / 2**24
+            state, ended = tuple(out[:-1]), bool(flags & TERMINAL)
             if ended:
                 break
-        return Arc(action, state, reward, weight, unsafe, ended, steps)
+        danger = dangers[0]
+        for own in dangers[1:]:
+            danger += (1.0 - danger) * own
+        return Arc(
+            action=action,
+            state=state,
+            reward=reward,
+            weight=weight,
+            unsafe=any(unsafe),
+            ended=ended,
+            steps=next((k for k, own in enumerate(dangers) if own), len(dangers)),
+            rank=2 if unsafe[0] else int(dangers[0] > 0),
+            danger=danger,
+            risk=1.0 if any(unsafe) else risk,
+        )
 
     def arcs(self, state: State) -> list[Arc]:
         """Every action that is applicable, in the order of the file."""
@@ -146,6 +178,7 @@ class Reference:
                 state=state,
                 ended=ended,
                 value=path.value,
+                path_risk=path.danger,
                 safe_steps=None if path.steps == SAFE else path.steps,
             )
             return len(graph) - 1
@@ -165,6 +198,8 @@ class Reference:
                         action=self.model.actions[arc.action].name,
                         reward=arc.reward,
                         unsafe=arc.unsafe,
+                        risk=arc.risk,
+                        risky=arc.danger > 0.0 and not arc.unsafe,
                         chosen=False,
                     )
             frontier = [node for (_, ended), node in known.items() if not ended]
@@ -178,8 +213,9 @@ class Reference:
 
 def put_before(arc: Arc, rest: Path) -> Path:
     """The path that begins with an arc."""
-    steps = arc.steps if arc.unsafe else SAFE if rest.steps == SAFE else rest.steps + arc.steps
-    return Path(steps, arc.reward + arc.weight * rest.value, (arc, *rest.arcs))
+    steps = arc.steps if arc.danger else SAFE if rest.steps == SAFE else rest.steps + arc.steps
+    danger = arc.danger + (1.0 - arc.danger) * rest.danger
+    return Path(steps, arc.reward + arc.weight * rest.value, (arc, *rest.arcs), danger)
 
 
 def as_state(state: Vector) -> State:

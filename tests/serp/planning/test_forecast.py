@@ -14,6 +14,7 @@ def forecast(
     return Forecast(
         choice=choice,
         value=np.array(values),
+        path_risk=np.array([float(s != SAFE) for s in steps]),
         safe_steps=np.array(steps, dtype=np.int64),
         reward=np.zeros(len(values)),
         flags=np.array(flags or [int(s >= 0) for s in steps], dtype=np.int64),

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
+from serp.domain.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE, with_risk
 from serp.domain.model import StateError, TransitionModel, Vector
 from serp.planning import kernels
 from serp.planning.forecast import SAFE, Forecast, all_alike
@@ -43,6 +43,7 @@ def graph_forecast(model: TransitionModel, settings: PlannerSettings, state: Vec
         discount=settings.discount,
         repeat=settings.repeat,
         max_nodes=settings.max_nodes,
+        accepted_risk=settings.accepted_risk,
     )
     return planner.plan(state).forecast
 
@@ -451,6 +452,8 @@ FLAGS = st.sampled_from(
         APPLICABLE | UNSAFE,
         APPLICABLE | TERMINAL,
         APPLICABLE | UNSAFE | TERMINAL,
+        APPLICABLE | RISKY,
+        with_risk(APPLICABLE, 0.01),
         0,
         UNDEFINED,
         UNDEFINED | UNSAFE,
@@ -461,14 +464,18 @@ FLAGS = st.sampled_from(
 @examples(200)
 @given(
     st.lists(
-        st.tuples(st.sampled_from((0.0, -0.0, 1.0, np.nan)), st.sampled_from((1, SAFE)), FLAGS),
+        st.tuples(
+            st.sampled_from((0.0, -0.0, 1.0, np.nan)),
+            st.sampled_from((0.0, 0.5)),
+            st.sampled_from((1, SAFE)),
+            FLAGS,
+        ),
         max_size=5,
     )
 )
 def test_the_compiled_notion_of_indifference_is_that_of_forecasts(
-    actions: list[tuple[float, int, int]],
+    actions: list[tuple[float, float, int, int]],
 ) -> None:
-    value = np.array([v for v, _, _ in actions], dtype=np.float64)
-    steps = np.array([s for _, s, _ in actions], dtype=np.int64)
-    flags = np.array([f for _, _, f in actions], dtype=np.int64)
-    assert bool(kernels._alike(value, steps, flags)) is all_alike(value, steps, flags)
+    value, risk = (np.array([a[k] for a in actions], dtype=np.float64) for k in (0, 1))
+    steps, flags = (np.array([a[k] for a in actions], dtype=np.int64) for k in (2, 3))
+    assert bool(kernels._alike(value, risk, steps, flags)) is all_alike(value, risk, steps, flags)

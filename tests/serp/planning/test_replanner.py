@@ -60,9 +60,11 @@ def test_the_plan_is_the_one_that_plain_recursion_finds(
         path = reference.along(arc, layers - 1)
         assert found.forecast.value[action] == path.value
         assert found.forecast.safe_steps[action] == path.steps
+        # A model that does not correct itself knows no risk but what the file flags.
+        assert found.forecast.path_risk[action] == path.danger == float(path.steps != SAFE)
         outcome = model.step(state, action)
         assert found.forecast.reward[action] == outcome.reward
-        assert found.forecast.unsafe[action] == outcome.unsafe
+        assert found.forecast.unsafe[action] == outcome.unsafe == found.forecast.risk[action]
         assert found.forecast.terminal[action] == outcome.terminal
 
 

@@ -28,7 +28,7 @@ def metrics_row(episode):
 
 def decision_row(step):
     return DecisionRow(
-        step, 1, "planner", "l", "l", "planner", "turn", False, 0.1, False, False, 0.5, ""
+        step, 1, "planner", "l", "l", "planner", "turn", False, 0.1, False, False, 0.0, 0.5, ""
     )
 
 

@@ -47,7 +47,7 @@ def test_columns_are_those_that_the_run_folder_promises():
     )
     assert ",".join(DECISIONS_COLUMNS) == (
         "step,episode,proposed_by,proposed,executed,executed_by,reason,vetoed,predicted_reward,"
-        "proposal_unsafe,unsafe,rho,explanation"
+        "proposal_unsafe,unsafe,risk,rho,explanation"
     )
 
 

@@ -30,6 +30,7 @@ def test_results_are_made_from_what_the_run_wrote(tmp_path, make_rows):
                     0.0,
                     True,
                     False,
+                    0.0,
                     0.5,
                     "falls",
                 )

@@ -262,7 +262,9 @@ def test_a_decision_costs_little_in_the_step_loop(tmp_path):
         begin = time.perf_counter()
         for step in range(500):
             table.append(
-                DecisionRow(step, 3, who, "l", "r", who, "no", False, 0.1, False, False, 0.5, "")
+                DecisionRow(
+                    step, 3, who, "l", "r", who, "no", False, 0.1, False, False, 0.0, 0.5, ""
+                )
             )
         best = min(best, (time.perf_counter() - begin) / 500)
         table.flush()

@@ -22,6 +22,7 @@ def forecast(values: Sequence[float]) -> ActionForecast:
         choice=int(value.argmax()),
         ground=np.arange(count),
         value=value,
+        path_risk=np.zeros(count),
         safe_steps=np.full(count, SAFE),
         reward=np.zeros(count),
         flags=np.full(count, APPLICABLE),

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from serp.agent import Agent
-from serp.arbiter import Actor, Decision
-from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE
+from serp.arbiter import Actor, Decision, Reason
+from serp.correction.corrected import CorrectedModel
+from serp.domain.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of
 from serp.domain.model import TransitionModel
 from serp.settings import Settings, resolve
 from serp.strategies.settings import STRATEGIES
 from serp.training import Trainer
+from tests.serp.correction import worlds as corrections
 from tests.serp.planning.worlds import WORLDS
 from tests.serp.strategies.imagined import imagined
 
@@ -46,24 +48,33 @@ def settings_of(strategy: str, random: Random, seed: int) -> Settings:
                 "restrict_slack": random.choice((0.0, 0.2)),
                 "imitation_steps": 40,
             },
+            "planner": {"accepted_risk": random.choice((0.0, 0.02, 0.1))},
+            "correction": {"mode": random.choice(("off", "full", "full", "residual"))},
             "training": {"random_steps": random.choice((0, 20))},
         },
     )
 
 
-def kinds(model: TransitionModel, state: Any, size: int) -> list[str]:
-    """What a model predicts of every environment action, read off the model itself."""
+def kinds(model: TransitionModel, state: Any, size: int, accepted: float) -> list[str]:
+    """What a model predicts of every environment action, read off the model itself.
+
+    What is flagged, the file as written says, whatever the model has learned.
+    """
     found = []
+    written = getattr(model, "written", model)
     for action in range(size):
         if action >= len(model.actions):
             found.append("unknown")
             continue
         flags = model.transition(state.tolist(), action)[1]
+        by_file = written.transition(state.tolist(), action)[1]
         found.append(
-            "unsafe" if flags & UNSAFE
+            "unsafe" if by_file & UNSAFE
             else "undefined" if flags & UNDEFINED
-            else "safe" if flags & APPLICABLE
-            else "not applicable"
+            else "not applicable" if not flags & APPLICABLE
+            else "safe" if risk_of(flags) <= accepted
+            else "risky" if risk_of(flags) < 1.0
+            else "certain"
         )  # fmt: skip
     return found
 
@@ -71,17 +82,24 @@ def kinds(model: TransitionModel, state: Any, size: int) -> list[str]:
 def check(decision: Decision, expected: list[str], settings: Settings, met: Counter[str]) -> None:
     """Check one decision."""
     executed = expected[decision.action]
-    alternative = "safe" in expected or (
-        "unknown" in expected and settings.arbiter.unmodelled == "allow"
-    )
+    unknown = "unknown" in expected and settings.arbiter.unmodelled == "allow"
+    alternative = "safe" in expected or unknown
     if alternative:
-        assert executed in ("safe", "unknown")
-        if executed == "unknown":
-            assert settings.arbiter.unmodelled == "allow"
+        assert executed in ("safe", "unknown", "risky")
+    if "safe" in expected:
+        assert executed != "risky"
+    if not {"safe", "risky", "undefined", "certain"}.isdisjoint(expected):
+        assert executed != "unsafe"
+    if executed == "unknown":
+        assert settings.arbiter.unmodelled == "allow" or set(expected) == {"unknown"}
     assert decision.unsafe == (executed == "unsafe")
+    if executed == "risky" and not decision.forecast.safe.any():
+        assert decision.reason is Reason.LEAST_RISK or decision.executed_by is Actor.FALLBACK
     met[f"{executed}, {'with' if alternative else 'without'} alternative"] += 1
     met[decision.executed_by] += 1
-    met["refused as unsafe"] += decision.proposal_unsafe and decision.vetoed
+    refused = decision.vetoed and decision.proposal_unsafe
+    met["refused as unsafe"] += refused
+    met["refused as too risky"] += refused and decision.reason is Reason.TOO_RISKY
 
 
 def watch(agent: Agent, size: int, settings: Settings, met: Counter[str]) -> None:
@@ -90,9 +108,10 @@ def watch(agent: Agent, size: int, settings: Settings, met: Counter[str]) -> Non
     The model corrects itself while it is trained: what counts is that of the moment.
     """
     decide, decide_randomly = agent.decide, agent.decide_randomly
+    model, accepted = agent.correction.model, settings.planner.accepted_risk
 
     def checked(decision: Decision, state: Any) -> Decision:
-        check(decision, kinds(agent.correction.model, state, size), settings, met)
+        check(decision, kinds(model, state, size, accepted), settings, met)
         return decision
 
     def deciding(state: Any, x: Any) -> Decision:
@@ -101,6 +120,16 @@ def watch(agent: Agent, size: int, settings: Settings, met: Counter[str]) -> Non
 
     agent.decide = deciding  # type: ignore[method-assign]
     agent.decide_randomly = lambda state: checked(decide_randomly(state), state)  # type: ignore[method-assign]
+
+
+def learn_anything(agent: Agent, seed: int) -> None:
+    """Let the model be corrected by anything that could ever be learned, and by nothing else."""
+    model, rng = agent.correction.model, np.random.default_rng(seed)
+    assert isinstance(model, CorrectedModel)
+    if seed % 2:
+        corrections.publish(model, rng, corrections.WILD)
+    corrections.count(model, rng)
+    agent.correction._learners = agent.correction._reestimation = None
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -112,6 +141,8 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative(strategy: str)
         settings = settings_of(strategy, Random(seed), seed)
         trainer = Trainer(task, settings, seed)
         size, agent = task.actions.size, trainer.agent
+        if isinstance(agent.correction.model, CorrectedModel) and seed % 3:
+            learn_anything(agent, seed)
         watch(agent, size, settings, met)
         while trainer.env_steps < STEPS:
             trainer.run_episode()
@@ -120,6 +151,9 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative(strategy: str)
     assert met["unsafe, without alternative"] > 50
     assert met["safe, with alternative"] > 500
     assert met["refused as unsafe"] > 50
+    # Nor of risks that nobody but the corrected model sees.
+    assert met["risky, without alternative"] > 20
+    assert met["refused as too risky"] > 0
     for actor in (Actor.PLANNER, Actor.LEARNER, Actor.EXPLORATION):
         assert met[actor] > 50, actor
 
