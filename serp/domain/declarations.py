@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from serp.domain.sexpr import Group, Node, Word
 from serp.domain.source import DomainError, Place, did_you_mean
 from serp.domain.syntax import OBJECT, Declaration, ObjectDeclaration, Parameter
 
+TOTAL_TIME = "total-time"
 _NAME = re.compile(r"[a-z][a-z0-9_\-]*\Z")
 _VARIABLE = re.compile(r"\?[a-z][a-z0-9_\-]*\Z")
+
+
+def is_name(word: Word) -> bool:
+    """Whether a word is a plain PDDL name."""
+    return _NAME.match(word.text) is not None
 
 
 def expect_name(node: Node, what: str) -> Word:
@@ -21,7 +27,7 @@ def expect_name(node: Node, what: str) -> Word:
     """
     if not isinstance(node, Word):
         raise DomainError(f"expected {what}, found a list", node.place)
-    if not _NAME.match(node.text):
+    if not is_name(node):
         raise DomainError(
             f"`{node.text}` is not a name for {what}",
             node.place,
@@ -52,22 +58,23 @@ def typed_list(
         variables: Whether the names must be variables (`?x`).
 
     Raises:
-        DomainError: A name is malformed, or a `-` has no name before or no type after it.
+        DomainError: A name is malformed, a `-` has no type after it, or no variable before it.
     """
     pairs: list[tuple[Word, tuple[Word, ...]]] = []
     waiting: list[Word] = []
     index = 0
     while index < len(nodes):
         node = nodes[index]
-        if isinstance(node, Word) and node.text == "-":
+        if isinstance(node, Word) and node.text.startswith("-"):
+            type_node, index = after_dash(nodes, index, "a type")
+            types = _type_names(type_node)
             if not waiting:
-                raise DomainError(f"`-` without {what} before it", node.place)
-            if index + 1 == len(nodes):
-                raise DomainError("`-` without a type after it", node.place)
-            types = _type_names(nodes[index + 1])
+                problem = f"`- {type_node.place.text}` without {what} before it"
+                if variables:
+                    raise DomainError(problem, node.place)
+                node.place.warn(problem)
             pairs += [(word, types) for word in waiting]
             waiting = []
-            index += 2
             continue
         if variables:
             if not isinstance(node, Word) or not _VARIABLE.match(node.text):
@@ -84,6 +91,22 @@ def typed_list(
     return pairs + [(word, ()) for word in waiting]
 
 
+def after_dash(nodes: Sequence[Node], index: int, what: str) -> tuple[Node, int]:
+    """Return what follows a `-`, and the index behind it; `-type` without a blank is warned of.
+
+    Raises:
+        DomainError: Nothing follows.
+    """
+    dash = nodes[index]
+    if isinstance(dash, Word) and dash.text != "-":
+        place = dash.place
+        place.warn(f"`{place.text}` is read as `- {dash.text[1:]}`, which other tools may not do")
+        return Word(dash.text[1:], place.source.place(place.start + 1, place.end)), index + 1
+    if index + 1 == len(nodes):
+        raise DomainError(f"`-` without {what} after it", dash.place)
+    return nodes[index + 1], index + 2
+
+
 def _type_names(node: Node) -> tuple[Word, ...]:
     if isinstance(node, Word):
         return (expect_name(node, "a type"),)
@@ -92,24 +115,26 @@ def _type_names(node: Node) -> tuple[Word, ...]:
     return tuple(expect_name(item, "a type") for item in node.items[1:])
 
 
-def unique(word: Word, known: Iterable[str], what: str) -> str:
-    """Return the word's text.
+def declared_again(word: Word, what: str, *, same: bool) -> None:
+    """Warn of a second declaration that says the same as the first.
 
     Raises:
-        DomainError: It is declared already.
+        DomainError: It says something else.
     """
-    if word.text in known:
-        raise DomainError(f"{what} `{word.text}` is declared twice", word.place)
-    return word.text
+    problem = f"{what} `{word.text}` is declared twice"
+    if not same:
+        raise DomainError(problem, word.place, "the two differ; leave one of them out")
+    word.place.warn(problem)
 
 
 def parse_types(group: Group) -> dict[str, str]:
     """Parse `(:types ...)` into type → parent.
 
-    A parent that is not declared itself is a child of `object`, as other PDDL tools have it.
+    A parent that is not declared itself is a child of `object`, as other PDDL tools have it. A type
+    that is declared both below `object` and below another type is below the other.
 
     Raises:
-        DomainError: A type is declared twice, is its own ancestor, or has several parents.
+        DomainError: A type is its own ancestor, or has several parents.
     """
     parents: dict[str, str] = {}
     places: dict[str, Place] = {}
@@ -122,7 +147,10 @@ def parse_types(group: Group) -> dict[str, str]:
             if types:
                 raise DomainError("`object` is the root of all types", word.place)
             continue
-        parents[unique(word, parents, "type")] = parent
+        if (known := parents.get(word.text)) is not None:
+            declared_again(word, "type", same=known == parent or OBJECT in (known, parent))
+            parent = known if parent == OBJECT else parent
+        parents[word.text] = parent
         places[word.text] = word.place
         mentioned.append(parent)
     for parent in mentioned:
@@ -152,16 +180,29 @@ def check_type(word: Word, parents: dict[str, str]) -> str:
     return word.text
 
 
-def parse_parameters(nodes: Sequence[Node], parents: dict[str, str]) -> tuple[Parameter, ...]:
+def parse_parameters(
+    nodes: Sequence[Node], parents: dict[str, str], *, positional: bool = False
+) -> tuple[Parameter, ...]:
     """Parse a typed list of variables.
 
+    Args:
+        nodes: The items of the list.
+        parents: Type → parent.
+        positional: Whether each variable stands for a place in a list of arguments, as in the
+            declaration of a predicate, so that a repeated one is another place.
+
     Raises:
-        DomainError: A variable is malformed or repeated, or its type is unknown.
+        DomainError: A variable is malformed or repeated with another type, or a type is unknown.
     """
     parameters: dict[str, Parameter] = {}
     for word, types in typed_list(nodes, "a parameter", variables=True):
         names = tuple(check_type(t, parents) for t in types) or (OBJECT,)
-        parameters[unique(word, parameters, "parameter")] = Parameter(word.text, names, word.place)
+        name = word.text
+        if name in parameters:
+            declared_again(word, "parameter", same=positional or parameters[name].types == names)
+            if positional:
+                name = f"{name}-{len(parameters) + 1}"
+        parameters[name] = Parameter(name, names, word.place)
     return tuple(parameters.values())
 
 
@@ -169,16 +210,16 @@ def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, ObjectDecl
     """Parse `(:constants ...)` or `(:objects ...)`.
 
     Raises:
-        DomainError: A name is repeated, or its type is unknown or more than one.
+        DomainError: A name is repeated with another type, or its type is unknown or more than one.
     """
     objects: dict[str, ObjectDeclaration] = {}
     for word, types in typed_list(group.items[1:], "an object", variables=False):
         if len(types) > 1:
             raise DomainError("an object has one type", word.place)
         type_name = check_type(types[0], parents) if types else OBJECT
-        objects[unique(word, objects, "object")] = ObjectDeclaration(
-            word.text, type_name, word.place
-        )
+        if word.text in objects:
+            declared_again(word, "object", same=objects[word.text].type == type_name)
+        objects[word.text] = ObjectDeclaration(word.text, type_name, word.place)
     return objects
 
 
@@ -188,47 +229,62 @@ def parse_declarations(
     """Parse `(:predicates ...)` or `(:functions ...)`.
 
     Raises:
-        DomainError: A declaration is malformed or repeated, or a function is not numeric.
+        DomainError: A declaration is malformed or repeated with other parameters, or a function
+            is not numeric.
     """
     what = "function" if numeric else "predicate"
     declared: dict[str, Declaration] = {}
     index = 1
     while index < len(group.items):
         node = group.items[index]
-        if numeric and isinstance(node, Word) and node.text == "-":
-            _check_number_type(group, index)
-            index += 2
+        if numeric and isinstance(node, Word) and node.text.startswith("-"):
+            index = _after_number_type(group, index)
             continue
+        index += 1
+        if numeric and isinstance(node, Word):
+            node = without_parentheses(expect_name(node, "a function"))
         item = expect_group(node, f"a {what}")
         if not item.items:
             raise DomainError(f"empty declaration of a {what}", item.place)
         word = expect_name(item.items[0], f"a {what}")
+        if numeric and word.text == TOTAL_TIME and len(item.items) == 1:
+            item.place.warn("`(total-time)` is there without being declared")
+            continue
         if word.text in RESERVED_WORDS:
             raise DomainError(f"`{word.text}` is a word of PDDL and cannot be a {what}", word.place)
-        declared[unique(word, declared, what)] = Declaration(
-            word.text, parse_parameters(item.items[1:], parents), numeric, item.place
-        )
-        index += 1
+        parameters = parse_parameters(item.items[1:], parents, positional=True)
+        if word.text in declared:
+            known = declared[word.text].parameters
+            same = [p.types for p in known] == [p.types for p in parameters]
+            declared_again(word, what, same=same)
+        declared[word.text] = Declaration(word.text, parameters, numeric, item.place)
     return declared
 
 
-def _check_number_type(group: Group, index: int) -> None:
+def without_parentheses(word: Word) -> Group:
+    """Return the function that a bare name means, with a warning."""
+    word.place.warn(f"`{word.text}` is read as `({word.text})`, which other tools may not do")
+    return Group((word,), word.place)
+
+
+def _after_number_type(group: Group, index: int) -> int:
     dash = group.items[index]
-    if index == 1 or index + 1 == len(group.items):
+    if index == 1:
         raise DomainError("`-` needs functions before it and `number` after it", dash.place)
-    following = group.items[index + 1]
+    following, index = after_dash(group.items, index, "`number`")
     if not isinstance(following, Word) or following.text != "number":
         raise DomainError(
             "functions with values other than numbers are not supported",
             following.place,
             "write `- number`, or a predicate with one more parameter",
         )
+    return index
 
 
 RESERVED_WORDS = frozenset(
     (
         *("and", "or", "not", "imply", "forall", "exists", "when", "either", "preference"),
         *("assign", "increase", "decrease", "scale-up", "scale-down"),
-        *("define", "domain", "problem", "number", "object", "total-time"),
+        *("define", "domain", "problem", "number", "object", TOTAL_TIME),
     )
 )

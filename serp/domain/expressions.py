@@ -7,7 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from serp.domain import slips
-from serp.domain.declarations import expect_group, parse_parameters
+from serp.domain.declarations import (
+    TOTAL_TIME,
+    expect_group,
+    parse_parameters,
+    without_parentheses,
+)
 from serp.domain.sexpr import Group, Node, Word
 from serp.domain.source import DomainError, Place, did_you_mean
 from serp.domain.syntax import (
@@ -40,9 +45,25 @@ from serp.domain.syntax import (
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?\Z", re.ASCII)
 _MAX_CHAIN = 100
+_MAX_POWER = 8
 _COMPARATORS = ("<", "<=", "=", ">=", ">")
 _OPERATORS = ("+", "-", "*", "/")
 _CHANGES = {change.value: change for change in Change}
+INSTEAD = {
+    **dict.fromkeys(
+        (":durative-action", "at", "over"),
+        "write an action, and a process for what goes on meanwhile",
+    ),
+    **dict.fromkeys(
+        (":derived", ":axiom"),
+        "write the condition itself where it is used, or an event that sets the predicate",
+    ),
+    ":constraints": "write an event that sets `(unsafe)` where a constraint is broken",
+    "preference": "write `(increase (reward) ...)` under a `when`, or as an event",
+    "timed": "write a function as a clock, which a process increases, and an event",
+    **dict.fromkeys((":method", ":task"), "write actions only; the planner chooses among them"),
+}
+"""What to write in the stead of PDDL that is not supported."""
 
 
 @dataclass(frozen=True)
@@ -176,12 +197,26 @@ def parse_number(node: Node) -> Number:
     return Number(value, node.place)
 
 
+def as_function(node: Node, scope: Scope) -> Node:
+    """Return a node, with parentheses where it is the bare name of a function without arguments."""
+    if not isinstance(node, Word) or node.text in scope.objects:
+        return node
+    declaration = scope.declarations.get(node.text)
+    known = (
+        node.text == TOTAL_TIME
+        if declaration is None
+        else (declaration.numeric and not declaration.parameters)
+    )
+    return without_parentheses(node) if known else node
+
+
 def parse_expression(node: Node, scope: Scope) -> Expression:
     """Parse a numeric expression.
 
     Raises:
         DomainError: It is malformed or uses something unknown.
     """
+    node = as_function(node, scope)
     if isinstance(node, Word):
         if is_number(node):
             return parse_number(node)
@@ -193,11 +228,12 @@ def parse_expression(node: Node, scope: Scope) -> Expression:
             )
         if slip := slips.decimal_comma(node):
             raise slip
-        advice = f"write `({node.text})`" if node.text in scope.declarations else ""
-        raise DomainError(f"expected a number or `(...)`, found `{node.text}`", node.place, advice)
+        raise DomainError(f"expected a number or `(...)`, found `{node.text}`", node.place)
     if node.head in _OPERATORS:
         return _arithmetic(node, scope)
-    if node.head == "total-time":
+    if node.head == "^" and "^" not in scope.declarations:
+        return _power(node, scope)
+    if node.head == TOTAL_TIME:
         if not scope.in_metric or len(node.items) != 1:
             raise DomainError("`(total-time)` may stand only in a metric", node.place)
         return TotalTime(node.place)
@@ -209,6 +245,22 @@ def parse_expression(node: Node, scope: Scope) -> Expression:
             "`(reward)` cannot be read; it is only ever increased or decreased", node.place
         )
     return FunctionTerm(declaration.name, _arguments(node, declaration, scope), node.place)
+
+
+def _power(group: Group, scope: Scope) -> Expression:
+    """Read `(^ x 2)` as `(* x x)`."""
+    advice = f"the exponent is a whole number from 1 to {_MAX_POWER}: a product of so many factors"
+    if len(group.items) != 3 or not is_number(group.items[2]):
+        raise DomainError("`^` takes a number and a constant exponent", group.place, advice)
+    exponent = parse_number(group.items[2])
+    if exponent.value not in range(1, _MAX_POWER + 1):
+        raise DomainError(f"`^` to the power of {exponent.value:g}", exponent.place, advice)
+    base = group.items[1]
+    group.place.warn(f"`{group.place.text}` is read as a product, which other tools may not do")
+    if exponent.value == 1:
+        return parse_expression(base, scope)
+    factors = (base,) * int(exponent.value)
+    return _arithmetic(Group((Word("*", group.place), *factors), group.place), scope)
 
 
 def _arithmetic(group: Group, scope: Scope) -> Arithmetic:
@@ -265,9 +317,11 @@ def parse_condition(node: Node, scope: Scope) -> Condition | None:
     if head in _COMPARATORS:
         return _comparison(group, scope)
     if head == "preference":
-        raise DomainError("preferences are not supported", group.place)
+        raise DomainError("preferences are not supported", group.place, INSTEAD["preference"])
     if head in ("at", "over") and head not in scope.declarations:
-        raise DomainError("timed conditions (durative actions) are not supported", group.place)
+        raise DomainError(
+            "timed conditions (durative actions) are not supported", group.place, INSTEAD[head]
+        )
     declaration = _declared(group, scope, numeric=False)
     return Atom(declaration.name, _arguments(group, declaration, scope), group.place)
 
@@ -302,7 +356,7 @@ def _quantifier(group: Group, scope: Scope) -> tuple[tuple[Parameter, ...], Node
 def _comparison(group: Group, scope: Scope) -> Condition:
     if len(group.items) != 3:
         raise DomainError(f"`{group.head}` compares two things", group.place)
-    left, right = group.items[1:]
+    left, right = (as_function(node, scope) for node in group.items[1:])
     if group.head == "=" and not any(isinstance(n, Group) or is_number(n) for n in (left, right)):
         return SameObject(parse_term(left, scope), parse_term(right, scope), group.place)
     return Comparison(
@@ -399,7 +453,7 @@ def _change(group: Group, scope: Scope) -> ChangeFunction:
     if len(group.items) != 3:
         raise DomainError(f"`{group.head}` takes a function and a value", group.place)
     change = _CHANGES[group.head]
-    target = expect_group(group.items[1], "a function")
+    target = expect_group(as_function(group.items[1], scope), "a function")
     declaration = _declared(target, scope, numeric=True)
     function = FunctionTerm(declaration.name, _arguments(target, declaration, scope), target.place)
     additive = change in (Change.INCREASE, Change.DECREASE)

@@ -58,7 +58,7 @@ class Domain:
         problem = self.problem_syntax
         if self.supplied is None and problem is not None and problem.has_init:
             return dataclasses.replace(self, supplied=frozenset()).observed(supplied)
-        fixed = self.model.ground.static.keys() & set(supplied)
+        fixed = frozenset(self.model.ground.static.keys() & set(supplied))
         if not fixed:
             return self
         return dataclasses.replace(self, supplied=frozenset(fixed) | (self.supplied or frozenset()))

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import difflib
 import itertools
+import re
 from collections.abc import Sequence
 
 from serp.domain.contradictions import refuse_contradictions
 from serp.domain.declarations import (
     expect_group,
     expect_name,
+    is_name,
     parse_declarations,
     parse_objects,
     parse_parameters,
     parse_types,
 )
 from serp.domain.expressions import (
+    INSTEAD,
     Scope,
+    as_function,
     parse_condition,
     parse_effects,
     parse_expression,
@@ -31,6 +35,7 @@ from serp.domain.syntax import (
     UNSAFE,
     Atom,
     Condition,
+    Connective,
     Declaration,
     DomainSyntax,
     FunctionTerm,
@@ -39,6 +44,8 @@ from serp.domain.syntax import (
     Number,
     ProblemSyntax,
     Schema,
+    SetPredicate,
+    TotalTime,
 )
 
 _SUPPORTED = frozenset(
@@ -70,6 +77,8 @@ _UNSUPPORTED = {
 _DOMAIN_ORDER = (":requirements", ":types", ":constants", ":predicates", ":functions")
 _FIELDS = (":parameters", ":precondition", ":effect")
 _KINDS = {":action": Kind.ACTION, ":process": Kind.PROCESS, ":event": Kind.EVENT}
+_CONSTRAINT = ":constraint"
+_FILE_NAME = re.compile(r"[a-z0-9][a-z0-9_.\-]*\Z")
 _PROBLEM_SECTIONS = (":domain", ":requirements", ":objects", ":init", ":goal", ":metric")
 
 
@@ -79,12 +88,32 @@ def _definition(source: Source, what: str) -> tuple[str, Group, tuple[Group, ...
     if top.head != "define":
         raise DomainError("a PDDL file begins with `(define`", top.place)
     title = expect_group(top.items[1], f"`({what} name)`") if len(top.items) > 1 else top
-    if title is top or len(title.items) != 2 or title.head not in ("domain", "problem"):
+    if title is top or title.head not in ("domain", "problem"):
         raise DomainError(f"expected `({what} name)` after `define`", title.place)
     if title.head != what:
         raise DomainError(f"this is a {title.head} file, a {what} file is needed", title.place)
-    name = expect_name(title.items[1], f"the {what}").text
+    name = _name(title, what)
     return name, top, tuple(expect_group(item, "a section") for item in top.items[2:])
+
+
+def _name(title: Group, what: str) -> str:
+    """Return the name in `(what name)`, with a warning where it is an unusual one.
+
+    A domain's name becomes the name of files; that of a problem is read by nobody.
+    """
+    words = [node.text for node in title.items[1:] if isinstance(node, Word)]
+    if what == "problem" and len(words) == len(title.items) - 1 and len(words) != 1:
+        title.place.warn(f"`{title.place.text}`: other tools take one name")
+        return " ".join(words)
+    if len(title.items) != 2:
+        raise DomainError(f"expected `({what} name)` after `define`", title.place)
+    node = title.items[1]
+    if isinstance(node, Word) and (what == "problem" or _FILE_NAME.match(node.text)):
+        if not is_name(node):
+            node.place.warn(f"`{node.text}`: for other tools a name begins with a letter and goes "
+                            "on with letters, digits, `-` and `_`")  # fmt: skip
+        return node.text
+    return expect_name(node, f"the {what}").text
 
 
 def _check_requirements(group: Group) -> None:
@@ -92,13 +121,13 @@ def _check_requirements(group: Group) -> None:
         if not isinstance(node, Word):
             raise DomainError("expected a requirement such as `:typing`", node.place)
         if node.text in _UNSUPPORTED:
-            raise DomainError(f"{_UNSUPPORTED[node.text]} are not supported", node.place)
-        if node.text not in _SUPPORTED:
-            raise DomainError(
-                f"unknown requirement `{node.text}`",
-                node.place,
-                did_you_mean(node.text, [*_SUPPORTED, *_UNSUPPORTED]),
+            what = _UNSUPPORTED[node.text]
+            node.place.warn(
+                f"`{node.text}` is not needed: {what} are not supported, and none is used"
             )
+        elif node.text not in _SUPPORTED:
+            advice = did_you_mean(node.text, [*_SUPPORTED, *_UNSUPPORTED])
+            node.place.warn(f"unknown requirement `{node.text}`; {advice}")
 
 
 def parse_domain(source: Source) -> DomainSyntax:
@@ -112,16 +141,14 @@ def parse_domain(source: Source) -> DomainSyntax:
     schema_groups: list[Group] = []
     for section in sections:
         head = section.head
-        if head in _KINDS:
+        if head in _KINDS or head == _CONSTRAINT:
             schema_groups.append(section)
         elif head in _DOMAIN_ORDER:
             if head in single:
                 raise DomainError(f"a second `{head}`", section.place, "merge the two")
             single[head] = section
         else:
-            advice = did_you_mean(head, [*_DOMAIN_ORDER, *_KINDS])
-            if head in (":durative-action", ":derived", ":axiom", ":constraints", ":method"):
-                advice = "it is not part of the supported PDDL 2.1 / PDDL+ subset"
+            advice = INSTEAD.get(head) or did_you_mean(head, [*_DOMAIN_ORDER, *_KINDS])
             raise DomainError(
                 f"`{head or '()'}` is not supported in a domain", section.place, advice
             )
@@ -165,6 +192,8 @@ def _all_declarations(single: dict[str, Group], parents: dict[str, str]) -> dict
 
 
 def _schema(group: Group, scope: Scope) -> Schema:
+    if group.head == _CONSTRAINT:
+        return _constraint(group, scope)
     kind = _KINDS[group.head]
     if len(group.items) < 2:
         raise DomainError(f"`{group.head}` without a name", group.place)
@@ -191,6 +220,36 @@ def _schema(group: Group, scope: Scope) -> Schema:
     effects = parse_effects(fields[":effect"], inner) if ":effect" in fields else ()
     refuse_contradictions(effects)
     return Schema(kind, name, parameters, precondition, effects, group.place)
+
+
+def _constraint(group: Group, scope: Scope) -> Schema:
+    """Read `(:constraint NAME :parameters (...) :condition C)` as an event.
+
+    It is how ENHSP writes what must hold in every state: a state where it does not is unsafe.
+    """
+    items = [item for item in group.items if not _is_word(item, ":parameters")]
+    listed = items.pop(2) if len(items) == 5 and isinstance(items[2], Group) else None
+    if len(items) != 4 or not _is_word(items[2], ":condition"):
+        raise DomainError(
+            "expected `(:constraint NAME :parameters (...) :condition CONDITION)`", group.place
+        )
+    name = expect_name(items[1], "the constraint").text
+    parameters = (
+        parse_parameters(listed.items, dict(scope.parents)) if isinstance(listed, Group) else ()
+    )
+    condition = parse_condition(items[3], scope.bind(parameters))
+    group.place.warn(
+        f"constraint `{name}` is read as an event that is `(unsafe)` where it is broken"
+    )
+    if condition is None:
+        raise DomainError("a constraint without a condition", group.place)
+    broken = Connective("not", (condition,), group.place)
+    unsafe = SetPredicate(Atom(UNSAFE, (), group.place), True, group.place)
+    return Schema(Kind.EVENT, name, parameters, broken, (unsafe,), group.place)
+
+
+def _is_word(node: Node, text: str) -> bool:
+    return isinstance(node, Word) and node.text == text
 
 
 def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: str) -> DomainError:
@@ -225,7 +284,7 @@ def parse_problem(source: Source, domain: DomainSyntax) -> ProblemSyntax:
             raise DomainError(
                 f"`{section.head or '()'}` is not supported in a problem",
                 section.place,
-                did_you_mean(section.head, _PROBLEM_SECTIONS),
+                INSTEAD.get(section.head) or did_you_mean(section.head, _PROBLEM_SECTIONS),
             )
         if section.head in single:
             raise DomainError(f"a second `{section.head}`", section.place, "merge the two")
@@ -255,11 +314,11 @@ def parse_problem(source: Source, domain: DomainSyntax) -> ProblemSyntax:
 def _check_domain_name(group: Group, domain: DomainSyntax) -> None:
     if len(group.items) != 2:
         raise DomainError("expected `(:domain name)`", group.place)
-    word = expect_name(group.items[1], "the domain")
+    word = group.items[1]
+    if not isinstance(word, Word):
+        raise DomainError("expected the name of the domain, found a list", word.place)
     if word.text != domain.name:
-        raise DomainError(
-            f"this problem belongs to domain `{word.text}`, not `{domain.name}`", word.place
-        )
+        word.place.warn(f"this problem names domain `{word.text}`, not `{domain.name}`")
 
 
 def _initial(
@@ -275,7 +334,11 @@ def _initial(
         if item.head == "=":
             if len(item.items) != 3:
                 raise DomainError("expected `(= (function) number)`", item.place)
-            function = parse_expression(expect_group(item.items[1], "a function"), readable)
+            target = expect_group(as_function(item.items[1], scope), "a function")
+            function = parse_expression(target, readable)
+            if isinstance(function, TotalTime) and parse_number(item.items[2]).value == 0.0:
+                item.place.warn("`(total-time)` starts at 0 without being told so")
+                continue
             if not isinstance(function, FunctionTerm):
                 raise DomainError("expected a function of the domain", function.place)
             key = _key(function)
@@ -292,7 +355,9 @@ def _initial(
             denied[_key(fact)] = item.place  # false anyway, unless it is stated too
             continue
         if item.head == "at" and len(item.items) == 3 and isinstance(item.items[2], Group):
-            raise DomainError("timed initial literals are not supported", item.place)
+            raise DomainError(
+                "timed initial literals are not supported", item.place, INSTEAD["timed"]
+            )
         fact = parse_condition(item, scope)
         if not isinstance(fact, Atom):
             raise DomainError(
@@ -328,6 +393,4 @@ def _metric(group: Group, scope: Scope) -> Metric:
         raise DomainError(f"expected maximize or minimize, found `{sense.text}`", sense.place)
     inner = Scope(scope.parents, scope.objects, scope.declarations, {}, in_metric=True)
     node = group.items[2]
-    if isinstance(node, Word) and node.text == "total-time":  # written so in older benchmarks
-        node = Group((node,), node.place)
     return Metric(sense.text == "maximize", parse_expression(node, inner), group.place)

@@ -195,8 +195,8 @@ class _Reachability:
                 return None
         if len(extended) > len(binding):
             for parameter in rule.schema.parameters:
-                bound = extended.get(parameter.name)
-                if bound is not None and bound not in self.facts.members(parameter.types):
+                chosen = extended.get(parameter.name)
+                if chosen is not None and chosen not in self.facts.members(parameter.types):
                     return None
         return extended
 
