@@ -196,7 +196,7 @@ def _summary(domain: Domain) -> Iterator[str]:
             plural(len(ground.actions), "ground action"),
             plural(len(ground.processes), "process", "processes"),
             plural(len(ground.events), "event"),
-            plural(len(model.parameters), "literal"),
+            plural(sum(p.role != "goal" for p in model.parameters), "literal"),
             plural(len(objects), "object"),
         )
     )
@@ -212,8 +212,13 @@ def _summary(domain: Domain) -> Iterator[str]:
         return (", ".join([*names][:_NAMED]) or "nothing") + more
 
     rewarded = changing(REWARD_TARGET)
+    good = []
+    if ground.goal_rewarded:
+        worth = ground.goal_worth
+        good.append(f"the goal, worth {1.0 if worth is None else model.theta[worth.parameter]:g}")
     if ground.metric is not None:
-        rewarded = f"the problem's metric, {ground.metric.place.text}"
+        good.append(f"the problem's metric, {ground.metric.place.text}")
+    rewarded = "; ".join(good) or rewarded
     yield f"unsafe: {changing(UNSAFE_TARGET)}"
     yield f"reward: {rewarded}"
     ends = changing(TERMINAL_TARGET)

@@ -60,13 +60,6 @@ def _nothing_said(domain: Domain, wide: GroundModel) -> Iterator[DomainWarning]:
         yield DomainWarning(
             f"{name}: nothing changes `(reward)`, so the planner has no reason to prefer anything"
         )
-    if model.ground.metric is not None and model.ground.goal is not None:
-        assert domain.problem_syntax is not None
-        yield DomainWarning(
-            "the metric is all that the planner looks at; reaching the goal ends the task, but is "
-            "worth nothing by itself",
-            domain.problem_syntax.place,
-        )
 
 
 def _makes_unsafe(ground: GroundModel) -> bool:

@@ -217,7 +217,12 @@ class _Generator(Emitter):
         if self.model.goal is not None:
             reached = [assign("terminal", constant(True))]
             if self.model.goal_rewarded:
-                reached.append(assign("reward", constant(1.0)))
+                worth = self.model.goal_worth
+                gained: ast.expr = constant(1.0)
+                if worth is not None:
+                    value = self.value(g.Literal(worth.parameter), result)
+                    gained = ast.BinOp(variable("reward"), ast.Add(), value)
+                reached.append(assign("reward", gained))
             self.under(self.truth(self.model.goal, result, None), reached)
         self.require_finite(variable("reward"), Site("undefined", None, None))
         self._end()

@@ -8,9 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from serp.domain.source import Place
 from serp.domain.syntax import Change, Kind
+
+if TYPE_CHECKING:
+    from serp.domain.worth import Worth
 
 REWARD_TARGET = -1
 UNSAFE_TARGET = -2
@@ -43,8 +47,9 @@ class Parameter:
     Attributes:
         index: Position in θ.
         value: What is written in the file.
-        role: `effect`, `rate`, `condition`, `initial` (a static value of the problem) or `metric`.
-        place: Where it is written.
+        role: `effect`, `rate`, `condition`, `initial` (a static value of the problem), `metric`, or
+            `goal`: what reaching the goal is worth, which follows from the others.
+        place: Where it is written; that of the metric for the worth of the goal.
     """
 
     index: int
@@ -217,7 +222,9 @@ class GroundModel:
     events: tuple[GroundSchema, ...]
     goal: Test | None
     goal_rewarded: bool
-    """Whether reaching the goal is worth 1: the files know no `(reward)` and no metric."""
+    """Whether reaching the goal is a reward: the files know no `(reward)`."""
+    goal_worth: Worth | None
+    """How large that reward is; None: it is 1."""
     metric: GroundMetric | None
     initial: tuple[float, ...] | None
     """Value of every fluent, or None where the problem leaves a number open."""

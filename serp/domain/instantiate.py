@@ -7,7 +7,7 @@ column of the state. Every other ground predicate and function is a fluent.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 from serp.domain import ground as g
 from serp.domain import syntax as x
@@ -24,6 +24,7 @@ from serp.domain.facts import (
 )
 from serp.domain.reachable import reachable
 from serp.domain.source import DomainError, Place
+from serp.domain.worth import UNBOUNDED, Worth, worth_of
 
 _FLAGS = {x.UNSAFE: g.UNSAFE_TARGET, x.TERMINAL: g.TERMINAL_TARGET}
 _TRUE = g.Constant(True)
@@ -80,6 +81,7 @@ class _Instantiation:
             ground[schema.kind] += [instance for instance in instances if instance is not None]
         goal = self._goal()
         metric = self._metric()
+        worth = self._worth(metric, ground) if goal is not None and metric is not None else None
         return g.GroundModel(
             fluents=self.fluents,
             parameters=tuple(self.parameters),
@@ -87,9 +89,8 @@ class _Instantiation:
             processes=tuple(ground[x.Kind.PROCESS]),
             events=tuple(ground[x.Kind.EVENT]),
             goal=goal,
-            goal_rewarded=goal is not None
-            and metric is None
-            and x.REWARD not in self.domain.declarations,
+            goal_rewarded=goal is not None and x.REWARD not in self.domain.declarations,
+            goal_worth=worth,
             metric=metric,
             initial=self._initial(),
             static=self._static_values(),
@@ -291,6 +292,21 @@ class _Instantiation:
         if goal is None or not any(conjuncts(goal)):  # `()`, `(and)`: a task without a goal
             return None
         return self._test(goal, {})
+
+    def _worth(
+        self, metric: g.GroundMetric, ground: Mapping[x.Kind, list[g.GroundSchema]]
+    ) -> Worth:
+        """Return what the goal is worth beside a metric, and add it to the literals."""
+        worth = worth_of(len(self.parameters), metric, *(ground[kind] for kind in x.Kind))
+        written = [parameter.value for parameter in self.parameters]
+        if not worth.bounded(written, 1.0):
+            metric.place.warn(
+                "the numbers of the files do not bound what this gains in a step, so reaching the "
+                f"goal is worth {UNBOUNDED:,.0f}"
+            )
+        value = worth.value(written, 1.0)
+        self.parameters.append(g.Parameter(worth.parameter, value, "goal", metric.place))
+        return worth
 
     def _metric(self) -> g.GroundMetric | None:
         metric = self.problem.metric if self.problem else None

@@ -74,7 +74,7 @@ class TransitionModel:
         fluents: The columns of a state.
         actions: The ground actions, in file order.
         parameters: The literals of the files, with role and place; θ holds their values.
-        theta: θ, float64 `[P]`.
+        theta: θ, float64 `[P]`; what reaching the goal is worth follows from the others.
         dt: Control period Δt in the time unit of the domain's rates (seconds by custom).
         initial_state: `[F]` where the problem gives a value to every fluent, else None.
     """
@@ -100,6 +100,9 @@ class TransitionModel:
             raise StateError(f"theta must be {len(self.ground.parameters)} finite numbers")
         if isinstance(dt, bool) or not isinstance(dt, Real) or not 0.0 < float(dt) < math.inf:
             raise StateError(f"the control period must be a positive number, not {dt!r}")
+        worth = self.ground.goal_worth
+        if worth is not None:
+            vector[worth.parameter] = worth.value(vector.tolist(), float(dt))
         vector.flags.writeable = False
         self.theta: Vector = vector
         self.dt: float = float(dt)

@@ -51,7 +51,12 @@ class Generated:
     @cached_property
     def oracle(self) -> Oracle:
         """The same domain, read by the book."""
-        return Oracle(self.domain.syntax, self.domain.problem_syntax)
+        worth, theta = self.model.ground.goal_worth, self.model.theta.tolist()
+        return Oracle(
+            self.domain.syntax,
+            self.domain.problem_syntax,
+            lambda dt: 1.0 if worth is None else worth.value(theta, dt),
+        )
 
     def spelled(self, state: Vector) -> State:
         """A state of the model as the oracle has it, with what is static besides."""

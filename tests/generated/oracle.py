@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from serp.domain import syntax as x
@@ -38,9 +38,16 @@ class NotApplicable(Exception):
 class Oracle:
     """One domain and problem, stepped by the book."""
 
-    def __init__(self, domain: x.DomainSyntax, problem: x.ProblemSyntax | None = None) -> None:
+    def __init__(
+        self,
+        domain: x.DomainSyntax,
+        problem: x.ProblemSyntax | None = None,
+        goal_worth: Callable[[float], float] = lambda dt: 1.0,
+    ) -> None:
+        """Take the files as written, and what the goal is worth for a control period."""
         self.domain = domain
         self.problem = problem
+        self.goal_worth = goal_worth
         self.objects = problem.objects if problem else domain.constants
 
     # What there is -----------------------------------------------------------------------------
@@ -117,8 +124,8 @@ class Oracle:
         goal = self.problem.goal if self.problem else None
         reached = goal is not None and not is_empty(goal) and self.holds(goal, state, {})
         reward = self._reward(before, state, dt)
-        if reached and not self.says_reward:
-            reward = 1.0
+        if reached and x.REWARD not in self.domain.declarations:
+            reward += self.goal_worth(dt)
         if not math.isfinite(reward):
             raise NotApplicable
         after = {key: value for key, value in state.items() if key not in fresh}
@@ -145,12 +152,6 @@ class Oracle:
         late = self.value(metric.expression, after, {}, total_time=dt)
         early = self.value(metric.expression, before, {}, total_time=0.0)
         return late - early if metric.maximize else early - late
-
-    @property
-    def says_reward(self) -> bool:
-        """Whether the files say what is good."""
-        metric = self.problem.metric if self.problem else None
-        return metric is not None or x.REWARD in self.domain.declarations
 
     def enabled(self, schema: x.Schema, state: State, binding: Binding) -> bool:
         """Whether the precondition holds."""

@@ -169,7 +169,7 @@ def test_parameters_carry_their_roles() -> None:
     ).model
     assert {p.value: p.role for p in model.parameters} == {
         **{1: "condition", 2: "condition", 3: "effect", 4: "rate", 5: "condition", 6: "effect"},
-        **{7: "condition", 9: "metric"},
+        **{7: "condition", 9: "metric", 1e6: "goal"},
     }
 
 

