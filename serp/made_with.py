@@ -27,6 +27,7 @@ class MadeWith(NamedTuple):
         seed: Seed of everything random.
         reward: Whose reward the learner learns from.
         dt: Control period.
+        observed: Fluents that the environment gives although the problem's `:init` states them.
         settings: All settings.
         budget: How long it was to last.
     """
@@ -35,6 +36,7 @@ class MadeWith(NamedTuple):
     seed: int
     reward: Literal["domain", "environment"]
     dt: float
+    observed: tuple[str, ...]
     settings: Settings
     budget: Budget
 
@@ -57,6 +59,7 @@ def made_with(folder: RunFolder) -> MadeWith:
             seed=seed_of(config["seed"]),
             reward=config["reward"],
             dt=dt,
+            observed=tuple(map(str, config.get("observed", ()))),
             settings=Settings.from_dict(config["settings"]),
             budget=Budget.from_dict(config["budget"]),
         )

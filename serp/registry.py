@@ -74,7 +74,7 @@ def find_task(domain: str) -> Task:
     path = find_domain_file(domain)
     if path is None:
         return load_task(domain)
-    loaded = load_domain(path)
+    loaded = load_domain(path, observed=True)
     task = task_of(loaded, path)
     if task is None:
         raise TaskError(

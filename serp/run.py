@@ -106,6 +106,7 @@ def plan_and_learn(
         config = {
             "task": bound.name,
             "domain": bound.domain.name,
+            "observed": sorted(bound.domain.supplied or ()),
             "preset": preset,
             "seed": seed,
             "reward": bound.rewarded_by,
@@ -206,7 +207,7 @@ def _task_of(folder: RunFolder, task: Task) -> Task:
     made = made_with(folder)
     if task.name not in (None, made.task):
         raise RunError(f"{folder.path} is a run of task {made.task}, not of {task.name}")
-    domain = load_domain(folder.domain_file, folder.problem_file)
+    domain = load_domain(folder.domain_file, folder.problem_file, observed=True)
     return dataclasses.replace(
         task, domain=domain, problem=None, name=made.task, reward=made.reward, dt=made.dt
     )

@@ -46,7 +46,9 @@ class Task:
             `render_mode=...` where a picture is wanted.
         domain: The domain file, or a loaded domain.
         ground: Observation → the value of every fluent, as a mapping (fluent name → number or
-            truth value) or as an array in the order of `domain.model.fluents`.
+            truth value) or as an array in the order of `domain.observed().model.fluents`. What a
+            mapping names is a fluent, though the problem's `:init` may state it and no effect
+            change it.
         name: Name of the task; the domain's by default.
         problem: The problem file; by default `<name>-problem.pddl` beside the domain file.
         actions: Name of a ground action (or of a schema, for all its instances) → environment
@@ -84,13 +86,13 @@ class Task:
             TaskError: They are no names of files.
         """
         if isinstance(self.domain, Domain):
-            return self.domain
+            return self.domain.observed()
         for what, file in (("domain", self.domain), ("problem", self.problem)):
             if not isinstance(file, str | os.PathLike | None) or (
                 what == "domain" and file is None
             ):
                 raise TaskError(f"task: {what} must be a file or a loaded domain, not {file!r}")
-        return load_domain(self.domain, self.problem)
+        return load_domain(self.domain, self.problem, observed=True)
 
     def bind(self, *, render_mode: str | None = None) -> BoundTask:
         """Make an environment and check that everything fits together.
@@ -178,6 +180,10 @@ class BoundTask:
                 "offer a few (macro-)actions through a wrapper"
             )
         self._first_action = int(space.start)
+        given = next(grounded(task.ground, self.env.observation_space, _SAMPLES), None)
+        if isinstance(given, Mapping):  # what is observed is not fixed, though :init may state it
+            self.domain = self.domain.observed(map(str, given))
+            self.model = self.domain.model.replace(dt=self.model.dt)
         self.actions = ActionMap(self.model, int(space.n), task.actions)
         try:
             self.observations = Observations(getattr(self.env, "observation_space", None))
@@ -191,11 +197,10 @@ class BoundTask:
                 f"task {self.name}: the domain says nothing about reward; let an action or event "
                 "`(increase (reward) ...)`, or set reward='environment'"
             )
-        self._check_grounding()
+        self._check_grounding(given)
 
-    def _check_grounding(self) -> None:
-        """Check which fluents the grounding gives, before anything is done in the environment."""
-        given = next(grounded(self.task.ground, self.env.observation_space, _SAMPLES), None)
+    def _check_grounding(self, given: Any) -> None:
+        """Check which fluents a first answer of the grounding gives; None where there is none."""
         try:
             if isinstance(given, Mapping):
                 self.model.check_names(given)

@@ -45,9 +45,15 @@ _WARNINGS = 100  # warnings of one domain that are printed
               help="Ask unified-planning as well whether it reads the files.")  # fmt: skip
 @click.option("--portable-seconds", type=click.FloatRange(min=0, min_open=True), default=60.0,
               show_default=True, metavar="S", help="Most seconds to wait for it.")  # fmt: skip
+@click.option("--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
+              help="Most ground actions, processes and events.  [default: 20000]")  # fmt: skip
 @click.pass_context
 def command(
-    ctx: click.Context, domains: tuple[str, ...], portable: bool, portable_seconds: float
+    ctx: click.Context,
+    domains: tuple[str, ...],
+    portable: bool,
+    portable_seconds: float,
+    max_ground_schemas: int | None,
 ) -> int:
     """Check domain and problem files: say what is wrong and where, or what is in them.
 
@@ -72,7 +78,9 @@ def command(
         if position:
             console.print("")
         try:
-            warned += _report(console, check, own, portable_seconds if portable else None)
+            warned += _report(
+                console, check, own, portable_seconds if portable else None, max_ground_schemas
+            )
         except SerpError as error:
             wrong += 1
             console.print(f"{check.name}: wrong", style="bold red")
@@ -85,7 +93,13 @@ def command(
     return MISTAKE if wrong else DONE
 
 
-def _report(console: Console, pair: Pair, own: Task | None, portable_seconds: float | None) -> int:
+def _report(
+    console: Console,
+    pair: Pair,
+    own: Task | None,
+    portable_seconds: float | None,
+    max_ground_schemas: int | None,
+) -> int:
     """Load a domain and print what is in it; return the number of warnings.
 
     Raises:
@@ -95,7 +109,7 @@ def _report(console: Console, pair: Pair, own: Task | None, portable_seconds: fl
     from serp.cli.warnings_of import warnings_of
     from serp.portability import outside_portable_subset
 
-    domain, task = _load(pair, own)
+    domain, task = _load(pair, own, max_ground_schemas)
     findings = warnings_of(domain)
     fits = None
     if task is not None:
@@ -132,20 +146,24 @@ def _ask_unified_planning(console: Console, domain: Domain, seconds: float | Non
     return 1
 
 
-def _load(pair: Pair, own: Task | None) -> tuple[Domain, Task | None]:
+def _load(
+    pair: Pair, own: Task | None, max_ground_schemas: int | None
+) -> tuple[Domain, Task | None]:
     """Return a domain, and the task that it belongs to, with that domain; None for no task."""
     import dataclasses
 
+    from serp.domain.facts import MAX_GROUND_SCHEMAS
     from serp.domain.loading import load_domain
     from serp.registry import load_task, task_of
 
     if pair.domain is not None:
-        domain = load_domain(pair.domain, pair.problem)
+        limit = max_ground_schemas or MAX_GROUND_SCHEMAS
+        domain = load_domain(pair.domain, pair.problem, max_ground_schemas=limit)
+        task = None if own is None else dataclasses.replace(own, domain=domain, problem=None)
         if own is None:
             with contextlib.suppress(TaskError):  # the file may be right all the same
-                return domain, task_of(domain, pair.domain)
-            return domain, None
-        return domain, dataclasses.replace(own, domain=domain, problem=None)
+                task = task_of(domain, pair.domain)
+        return domain if task is None else task.load(), task
     if pair.problem is not None:
         raise SerpError(
             f"{pair.problem}: a problem file, and its domain file is not known; give both, as in "

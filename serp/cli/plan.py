@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 @own_task_option
 @click.option("--problem", type=click.Path(path_type=Path), metavar="FILE",
               help="Problem file.  [default: NAME-problem.pddl beside the domain]")  # fmt: skip
+@click.option("--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
+              help="Most ground actions, processes and events.  [default: 20000]")  # fmt: skip
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
               help="Values of fluents; may be repeated.")  # fmt: skip
 @click.option("--observe", is_flag=True,
@@ -61,6 +64,7 @@ def command(
     ctx: click.Context,
     domain: str | None,
     problem: Path | None,
+    max_ground_schemas: int | None,
     assignments: tuple[str, ...],
     observe: bool,
     seed: int,
@@ -82,13 +86,21 @@ def command(
     if svg is not None and svg.suffix.lower() != ".svg":
         raise click.BadParameter("the picture is an SVG; name a file that ends in .svg", ctx,
                                  param_hint="--svg")  # fmt: skip
-    loaded = _load(ctx, domain, problem)
+    loaded = _load(ctx, domain, problem, max_ground_schemas)
     period = dt or (loaded.task.dt if loaded.task else 1.0)
-    model = loaded.domain.model.replace(dt=period)
-    planner = _planner(
-        loaded, model, depth=depth, discount=discount, repeat=repeat, time_budget=time_budget
-    )
-    state, origin = _state(loaded, planner, assignments, observe=observe, seed=seed)
+
+    def planner_of(domain: Domain) -> MonitorReplanner:
+        return _planner(
+            loaded,
+            domain.model.replace(dt=period),
+            depth=depth,
+            discount=discount,
+            repeat=repeat,
+            time_budget=time_budget,
+        )
+
+    loaded, state, origin = _state(loaded, planner_of, assignments, observe=observe, seed=seed)
+    planner = planner_of(loaded.domain)
     plan = planner.plan(state)
 
     from serp.cli.decision import describe, print_plan
@@ -116,60 +128,109 @@ class _Loaded(NamedTuple):
     task: Task | None
 
 
-def _load(ctx: click.Context, name: str | None, problem: Path | None) -> _Loaded:
+def _load(
+    ctx: click.Context, name: str | None, problem: Path | None, max_ground_schemas: int | None
+) -> _Loaded:
+    import dataclasses
+
+    from serp.domain.facts import MAX_GROUND_SCHEMAS
     from serp.domain.loading import Domain, load_domain
     from serp.registry import find_domain_file, load_task, task_of
 
     task = asked_own_task()
     if name is None and task is None:
         raise click.UsageError("give --domain (`serp list` names the tasks), or --task", ctx)
+    limit = max_ground_schemas or MAX_GROUND_SCHEMAS
     path = find_domain_file(name) if name is not None else None
     if path is not None:
-        domain = load_domain(path, problem)
-        return _Loaded(domain, task_of(domain, path) if task is None else task)
+        domain = load_domain(path, problem, max_ground_schemas=limit)
+        if task is None:
+            task = task_of(domain, path)
+        else:
+            task = dataclasses.replace(task, domain=domain, problem=None)
+        return _Loaded(domain if task is None else task.load(), task)
     if task is None:
         task = load_task(str(name))
-    if problem is None:
+    if problem is None and max_ground_schemas is None:
         return _Loaded(task.load(), task)
     file = task.domain.source.name if isinstance(task.domain, Domain) else task.domain
-    return _Loaded(load_domain(file, problem), task)
+    problem = problem or (Path(task.problem) if task.problem is not None else None)
+    return _Loaded(load_domain(file, problem, observed=True, max_ground_schemas=limit), task)
+
+
+class _GroundNames(Mapping[str, bool]):
+    """Every ground predicate and function of a domain → whether it is numeric.
+
+    Those that are listed are the ones that its model names.
+    """
+
+    def __init__(self, domain: Domain) -> None:
+        self._domain = domain
+
+    def __getitem__(self, name: str) -> bool:
+        declaration = self._domain.declared(name)
+        if declaration is None:
+            raise KeyError(name)
+        return declaration.numeric
+
+    def __iter__(self) -> Iterator[str]:
+        model = self._domain.model
+        yield from (fluent.name for fluent in model.fluents)
+        yield from model.ground.static
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self)
 
 
 def _state(
     loaded: _Loaded,
-    planner: MonitorReplanner,
+    planner_of: Callable[[Domain], MonitorReplanner],
     assignments: tuple[str, ...],
     *,
     observe: bool,
     seed: int,
-) -> tuple[Vector, str]:
-    """Return the state to plan from, and a few words on where it comes from."""
+) -> tuple[_Loaded, Vector, str]:
+    """Return the state to plan from, a few words on where it comes from, and its domain."""
     from serp.cli.values import parse_state
 
-    model = planner.model
-    names = {fluent.name: fluent.numeric for fluent in model.fluents}
-    given = parse_state(assignments, names, model.ground.static)
-    missing = [name for name in names if name not in given]
-    # What --state changes is the state after the reset, whatever there is to choose.
-    choosing = None if given else planner
+    domain, given = loaded.domain, parse_state(assignments, _GroundNames(loaded.domain))
+    complete = all(fluent.name in given for fluent in domain.model.fluents)
+    problem = domain.problem_syntax
     if observe:
-        base, origin = _observed(loaded, choosing, seed)
-    elif not missing:
-        return model.state(given), "in the given state" if given else "in its only state"
+        pass
+    elif loaded.task is None and problem is not None and problem.has_init:
+        # What can be reached is reached from the given state.
+        domain = domain.starting(given) if given else domain
+    elif loaded.task is not None:
+        domain = domain.observed(given)
+    model = domain.model
+    missing = [fluent.name for fluent in model.fluents if fluent.name not in given]
+    # What --state changes is the state after the reset, whatever there is to choose.
+    choosing = None if given else planner_of
+    if observe:
+        domain, base, origin = _observed(loaded, choosing, seed)
+    elif complete:
+        base = {} if model.initial_state is None else model.values(model.initial_state)
+        origin = "in the given state" if given else "in its only state"
     elif model.initial_state is not None:
         base, origin = model.values(model.initial_state), "in the initial state of its problem"
     elif given:
         raise SerpError(f"--state leaves out {listed(missing)}; {_how_to_complete(loaded)}")
     elif loaded.task is not None:
-        base, origin = _observed(loaded, choosing, seed)
+        domain, base, origin = _observed(loaded, choosing, seed)
     else:
         raise SerpError(
-            f"{loaded.domain.source.name}: which state? Give one with --state, a value for each "
-            f"of {listed(missing)}; or give a problem file with an :init"
+            f"{domain.source.name}: which state? Give one with --state, a value for each of "
+            f"{listed(missing)}; or give a problem file with an :init"
         )
-    if given:
+    if given and not complete:
         origin += ", changed by --state"
-    return model.state({**base, **given}), origin
+    fluents = {fluent.name for fluent in domain.model.fluents}
+    for name in given.keys() - fluents:  # in a closed world it is part of the :init by now
+        if domain.supplied is not None or observe:
+            raise SerpError(f"--state: `{name}` is fixed by the problem file; change it there")
+        del given[name]
+    return loaded._replace(domain=domain), domain.model.state({**base, **given}), origin
 
 
 def _how_to_complete(loaded: _Loaded) -> str:
@@ -179,9 +240,9 @@ def _how_to_complete(loaded: _Loaded) -> str:
 
 
 def _observed(
-    loaded: _Loaded, planner: MonitorReplanner | None, seed: int
-) -> tuple[dict[str, float | bool], str]:
-    """Return a state of the task's environment: after a reset, or where a planner has a choice."""
+    loaded: _Loaded, planner_of: Callable[[Domain], MonitorReplanner] | None, seed: int
+) -> tuple[Domain, dict[str, float | bool], str]:
+    """Return the task's domain and a state: after a reset, or where a planner has a choice."""
     import dataclasses
 
     from serp.cli.observing import observed, observed_choice
@@ -192,11 +253,15 @@ def _observed(
             "environment to observe; give the state with --state"
         )
     task = dataclasses.replace(loaded.task, domain=loaded.domain, problem=None)
-    if planner is None:
+    domain = loaded.domain
+    if domain.problem_syntax is not None:  # what of its :init is observed, the grounding tells
+        with task.bind() as bound:
+            domain = bound.domain
+    if planner_of is None:
         state, origin = observed(task, seed)
     else:
-        state, origin = observed_choice(task, planner, seed)
-    return loaded.domain.model.values(state), origin
+        state, origin = observed_choice(task, planner_of(domain), seed)
+    return domain, domain.model.values(state), origin
 
 
 def _planner(

@@ -92,7 +92,7 @@ class _Instantiation:
             goal_rewarded=goal is not None and x.REWARD not in self.domain.declarations,
             goal_worth=worth,
             metric=metric,
-            initial=self._initial(),
+            initial=self._initial(goal, metric, [s for kind in x.Kind for s in ground[kind]]),
             static=self._static_values(),
         )
 
@@ -117,7 +117,9 @@ class _Instantiation:
                 )
         return tuple(fluents)
 
-    def _initial(self) -> tuple[float, ...] | None:
+    def _initial(
+        self, goal: g.Test | None, metric: g.GroundMetric | None, schemas: list[g.GroundSchema]
+    ) -> tuple[float, ...] | None:
         """Return the initial state; None where numbers are missing that will be observed."""
         if self.problem is None:
             return None
@@ -135,7 +137,13 @@ class _Instantiation:
                 missing.setdefault(fluent.symbol, []).append(fluent.name)
         if missing and not facts.closed:
             return None
-        for symbol, names in missing.items():
+        used = {t for schema in schemas for t in (*g.reads(schema), *g.writes(schema))}
+        for node in (goal, metric.value if metric else None):
+            used.update(g.fluents_of(node) if node is not None else ())
+        for symbol, keys in missing.items():
+            names = [name for name in keys if self.index[tuple(name.split())] in used]
+            if not names:
+                continue
             shown = ", ".join(f"`{name}`" for name in names[:3])
             self.domain.declarations[symbol].place.warn(
                 f"{shown}{f' and {len(names) - 3} more' if len(names) > 3 else ''} "

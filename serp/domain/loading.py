@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,8 +12,19 @@ from serp.domain.facts import MAX_GROUND_SCHEMAS
 from serp.domain.instantiate import instantiate
 from serp.domain.model import TransitionModel
 from serp.domain.parser import parse_domain, parse_problem
-from serp.domain.source import DomainWarning, Source
-from serp.domain.syntax import DomainSyntax, ProblemSyntax
+from serp.domain.source import DomainError, DomainWarning, Source
+from serp.domain.syntax import (
+    REWARD,
+    TERMINAL,
+    UNSAFE,
+    Atom,
+    Declaration,
+    DomainSyntax,
+    FunctionTerm,
+    Number,
+    ProblemSyntax,
+    Term,
+)
 
 
 @dataclass(frozen=True)
@@ -55,13 +66,73 @@ class Domain:
             supplied: Names of fluents that are observed. Where `:init` states one that no effect
                 changes, its value there is the initial one, and not fixed.
         """
-        problem = self.problem_syntax
+        problem, names = self.problem_syntax, set(supplied)
         if self.supplied is None and problem is not None and problem.has_init:
-            return dataclasses.replace(self, supplied=frozenset()).observed(supplied)
-        fixed = frozenset(self.model.ground.static.keys() & set(supplied))
+            return dataclasses.replace(self, supplied=frozenset()).observed(names)
+        if not names:
+            return self
+        varying = {fluent.name for fluent in self.model.fluents}
+        fixed = frozenset(n for n in names if n not in varying and self.declared(n) is not None)
         if not fixed:
             return self
         return dataclasses.replace(self, supplied=frozenset(fixed) | (self.supplied or frozenset()))
+
+    def declared(self, name: str) -> Declaration | None:
+        """Return what declares a ground predicate or function; None where there is no such.
+
+        Args:
+            name: Name and objects, such as `door-open hall`.
+        """
+        symbol, *arguments = name.split() or [""]
+        declaration = self.syntax.declarations.get(symbol)
+        reserved = symbol in (REWARD, UNSAFE, TERMINAL)
+        if declaration is None or reserved or len(arguments) != len(declaration.parameters):
+            return None
+        problem = self.problem_syntax
+        objects = problem.objects if problem is not None else self.syntax.constants
+        for argument, parameter in zip(arguments, declaration.parameters, strict=True):
+            known = objects.get(argument)
+            if known is None or not any(self.syntax.is_a(known.type, t) for t in parameter.types):
+                return None
+        return declaration
+
+    def starting(self, values: Mapping[str, float | bool]) -> Domain:
+        """Return the same domain with other values in the problem's `:init`.
+
+        Args:
+            values: Name of a ground predicate or function → its value at the start.
+
+        Raises:
+            DomainError: There is no such name, or no problem; or the domain instantiates to too
+                many actions or fluents.
+        """
+        problem = self.problem_syntax
+        if problem is None:
+            raise DomainError(f"{self.source.name}: there is no problem file, hence no :init")
+        atoms = {(a.name, *(t.name for t in a.arguments)): a for a in problem.true_atoms}
+        numbers = {(f.name, *(t.name for t in f.arguments)): (f, n) for f, n in problem.values}
+        for name, value in values.items():
+            declaration = self.declared(name)
+            if declaration is None:
+                raise DomainError(f"{self.source.name}: there is no `{name}`")
+            given = Source("a given value", f"(= ({name}) {value:g})")
+            place = given.place(0, len(given.text))
+            symbol, *arguments = name.split()
+            key, terms = (symbol, *arguments), tuple(Term(a, place) for a in arguments)
+            if declaration.numeric:
+                number = Number(float(value), place)
+                numbers[key] = (FunctionTerm(symbol, terms, place), number)
+            elif value:
+                atoms[key] = Atom(symbol, terms, place)
+            else:
+                atoms.pop(key, None)
+        started = dataclasses.replace(
+            problem,
+            true_atoms=tuple(atoms.values()),
+            values=tuple(numbers.values()),
+            has_init=True,
+        )
+        return dataclasses.replace(self, problem_syntax=started)
 
     @functools.cached_property
     def model(self) -> TransitionModel:

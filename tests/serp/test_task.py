@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -41,7 +42,39 @@ def odd(folder: Path, **attributes: Any) -> BoundTask:
 
 SEEN = np.array([0.0, 0.0])
 
+DOORS = """(define (domain doors)
+  (:types door) (:constants west east - door)
+  (:predicates (open ?d - door) (locked ?d - door) (unsafe))
+  (:functions (x) (limit))
+  (:action left :effect (decrease (x) 1))
+  (:action right :effect (increase (x) 1))
+  (:action wait)
+  (:event stuck :parameters (?d - door)
+    :precondition (and (open ?d) (locked ?d) (< (x) (limit))) :effect (unsafe)))"""
+DOORS_PROBLEM = """(define (problem p) (:domain doors)
+  (:init (locked west) (= (limit) 9) {}))"""
+
 # A task that fits --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stated", ["", "(open west)", "(open west) (= (x) 0)"])
+def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
+    tmp_path: Path, stated: str
+) -> None:
+    file = tmp_path / "doors.pddl"
+    file.write_text(DOORS)
+    (tmp_path / "doors-problem.pddl").write_text(DOORS_PROBLEM.format(stated))
+    ground = {"x": 0.0, "open west": False, "open east": False}
+    for domain in (file, load_domain(file)):
+        task = dataclasses.replace(
+            corridor(tmp_path), domain=domain, ground=lambda seen: ground, actions={"left": 0, "right": 1, "wait": 2}, name="doors",
+            reward="environment",
+        )  # fmt: skip
+        bound = task.bind()
+        assert [f.name for f in bound.model.fluents] == ["open west", "open east", "x"]
+        assert bound.model.ground.static == {"locked west": 1.0, "limit": 9.0}
+        shut, opened = (bound.model.state(ground | {"open west": seen}) for seen in (False, True))
+        assert [bound.model.step(state, "wait").unsafe for state in (shut, opened)] == [False, True]
 
 
 def test_everything_is_at_hand_once_bound(tmp_path: Path) -> None:

@@ -33,6 +33,25 @@ def test_the_problem_gives_the_state(run: Run, walk: Path) -> None:
     assert "true: at home" in shown
 
 
+def test_a_given_state_adds_to_the_initial_one(run: Run, tmp_path: Path) -> None:
+    Path("tank.pddl").write_text(
+        "(define (domain tank) (:predicates (open) (on)) (:functions (level) (size))"
+        " (:action fill :precondition (and (on) (< (level) (size)))"
+        "  :effect (increase (level) 1))"
+        " (:action start :precondition (open) :effect (on)))"
+    )
+    Path("tank-problem.pddl").write_text(
+        "(define (problem p) (:domain tank) (:init (= (size) 4)) (:goal (>= (level) 2)))"
+    )
+    shown = planned(run, "--domain", "tank.pddl")
+    assert (shown["state"], shown["actions"]) == ({"level": 0.0}, [])  # nothing can be reached
+    shown = planned(run, "--domain", "tank.pddl", "--state", "open=1,level=1,size=2")
+    assert shown["state"] == {"on": False, "level": 1.0}
+    assert [step["action"] for step in shown["path"]] == ["start", "fill"]
+    with pytest.raises(AssertionError, match="unknown fluent `opn`"):
+        planned(run, "--domain", "tank.pddl", "--state", "opn=1")
+
+
 def test_every_action_says_why_it_is_not_taken(run: Run, walk: Path) -> None:
     lines = run("plan", "--domain", "walk.pddl", "--depth", "2").stdout.splitlines()
     (unsafe,) = (line for line in lines if "go home field" in line)

@@ -114,12 +114,12 @@ def test_a_metric_is_a_reward(tmp_path: Path) -> None:
     assert warned(tmp_path, text, problem) == []
 
 
-def test_a_goal_that_is_worth_nothing_is_warned_of(tmp_path: Path) -> None:
+def test_a_goal_beside_a_metric_that_nothing_bounds_is_warned_of(tmp_path: Path) -> None:
     text = WALK.replace("(decrease (reward) 1)", "").replace("(increase (reward) 3)", "")
     text = text.replace("(walked) (reward)", "(walked)")
     goal = WALK_PROBLEM.replace("(:goal (and))", "(:goal (at lab)) (:metric minimize (walked))")
     (found,) = warned(tmp_path, text, goal.replace("lab", goal.split("(at ")[1].split(")")[0]))
-    assert "the metric is all that the planner looks at" in found
+    assert "reaching the goal is worth 1,000,000" in found
 
 
 def test_waiting_is_an_action_where_the_world_moves(tmp_path: Path) -> None:
