@@ -27,18 +27,18 @@ class MadeWith(NamedTuple):
         seed: Seed of everything random.
         reward: Whose reward the learner learns from.
         dt: Control period.
-        observed: Fluents that the environment gives although the problem's `:init` states them.
         settings: All settings.
         budget: How long it was to last.
+        observed: Fluents that the environment gives although the problem's `:init` states them.
     """
 
     task: str
     seed: int
     reward: Literal["domain", "environment"]
     dt: float
-    observed: tuple[str, ...]
     settings: Settings
     budget: Budget
+    observed: tuple[str, ...]
 
 
 def made_with(folder: RunFolder) -> MadeWith:
@@ -59,9 +59,9 @@ def made_with(folder: RunFolder) -> MadeWith:
             seed=seed_of(config["seed"]),
             reward=config["reward"],
             dt=dt,
-            observed=tuple(map(str, config.get("observed", ()))),
             settings=Settings.from_dict(config["settings"]),
             budget=Budget.from_dict(config["budget"]),
+            observed=tuple(map(str, config.get("observed", ()))),
         )
     except (KeyError, TypeError, ValueError, AttributeError, SettingsError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)

@@ -42,7 +42,7 @@ from serp.arbiter import Actor, Reason
 from serp.cli import main
 from serp.cli.root import serp as group
 from serp.comparison.algorithms import OWN, algorithm_entries
-from serp.domain.instantiate import MAX_EXPANSION, MAX_FLUENTS, MAX_GROUND_SCHEMAS
+from serp.domain.facts import Budget
 from serp.domain.program import MAX_NATIVE_SIZE
 from serp.policies import Policy
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
@@ -334,7 +334,8 @@ def test_what_is_said_to_be_refused_is_refused_so(
 def test_the_limits_are_those_of_the_code() -> None:
     text = (ROOT / "docs" / "domain-language.md").read_text(encoding="utf-8")
     _, _, limits = text.partition("## Limits\n")
-    for number in (MAX_GROUND_SCHEMAS, MAX_FLUENTS, MAX_EXPANSION, MAX_NATIVE_SIZE):
+    most = Budget()
+    for number in (most.ground_schemas, most.fluents, most.bindings, MAX_NATIVE_SIZE):
         assert f"| {number:,} |" in limits
 
 

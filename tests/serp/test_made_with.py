@@ -31,7 +31,7 @@ def test_everything_is_read_back_as_it_was(tmp_path: Path) -> None:
     made = made_with(run(tmp_path))
     assert made.settings == resolve("default", None, {"training": {"checkpoint_seconds": 1}})
     assert made._replace(settings=resolve()) == (
-        "corridor", 2**80, "domain", 0.1, resolve(), Budget(env_steps=30)
+        "corridor", 2**80, "domain", 0.1, resolve(), Budget(env_steps=30), ()
     )  # fmt: skip
 
 

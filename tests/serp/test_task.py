@@ -67,9 +67,13 @@ def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
     ground = {"x": 0.0, "open west": False, "open east": False}
     for domain in (file, load_domain(file)):
         task = dataclasses.replace(
-            corridor(tmp_path), domain=domain, ground=lambda seen: ground, actions={"left": 0, "right": 1, "wait": 2}, name="doors",
+            corridor(tmp_path),
+            domain=domain,
+            ground=lambda seen: ground,
+            actions={"left": 0, "right": 1, "wait": 2},
+            name="doors",
             reward="environment",
-        )  # fmt: skip
+        )
         bound = task.bind()
         assert [f.name for f in bound.model.fluents] == ["open west", "open east", "x"]
         assert bound.model.ground.static == {"locked west": 1.0, "limit": 9.0}
