@@ -46,7 +46,7 @@ _WARNINGS = 100  # warnings of one domain that are printed
 @click.option("--portable-seconds", type=click.FloatRange(min=0, min_open=True), default=60.0,
               show_default=True, metavar="S", help="Most seconds to wait for it.")  # fmt: skip
 @click.option("--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
-              help="Most ground actions, processes and events.  [default: 20000]")  # fmt: skip
+              help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
 @click.pass_context
 def command(
     ctx: click.Context,

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 @click.option("--problem", type=click.Path(path_type=Path), metavar="FILE",
               help="Problem file.  [default: NAME-problem.pddl beside the domain]")  # fmt: skip
 @click.option("--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
-              help="Most ground actions, processes and events.  [default: 20000]")  # fmt: skip
+              help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
               help="Values of fluents; may be repeated.")  # fmt: skip
 @click.option("--observe", is_flag=True,

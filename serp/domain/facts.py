@@ -12,9 +12,9 @@ Binding = Mapping[str, str]
 Key = tuple[str, ...]
 """A ground predicate or function: its name and the objects."""
 
-MAX_GROUND_SCHEMAS = 20_000
-_FLUENTS_EACH = 10
-_BINDINGS_EACH = 25
+MAX_GROUND_SCHEMAS = 50_000
+_FLUENTS_EACH = 4
+_BINDINGS_EACH = 20
 _RAISE = (
     "or raise the limit: `--max-ground-schemas N`, in Python "
     "`load_domain(..., max_ground_schemas=N)`"
@@ -26,8 +26,8 @@ class Budget:
 
     Attributes:
         ground_schemas: Most ground actions, processes and events together.
-        fluents: Most fluents, ten for each of these.
-        bindings: Most bindings that are tried, 25 for each of these.
+        fluents: Most fluents, four for each of these.
+        bindings: Most bindings that are tried, 20 for each of these.
     """
 
     def __init__(self, ground_schemas: int = MAX_GROUND_SCHEMAS) -> None:

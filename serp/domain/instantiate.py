@@ -45,8 +45,8 @@ def instantiate(
         supplied: None where states are those that the problem's `:init` leads to. Else states are
             observed and may be any; what is here names fluents that are observed although `:init`
             states them and no effect changes them.
-        max_ground_schemas: Most ground actions, processes and events together; fluents may be ten
-            times, bindings that are tried 25 times as many.
+        max_ground_schemas: Most ground actions, processes and events together; fluents may be four
+            times, bindings that are tried 20 times as many.
 
     Raises:
         DomainError: There are more instances or fluents than the limits allow, a number is read
