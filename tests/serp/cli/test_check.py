@@ -190,3 +190,10 @@ def test_what_other_tools_refuse_is_a_warning(run: Run, walk: Path) -> None:
 
 def test_nothing_to_check_is_a_usage_error(run: Run) -> None:
     run("check", expect=2)
+
+
+def test_the_option_that_the_message_names_raises_the_limit(run: Run, walk: Path) -> None:
+    refused = run("check", "walk.pddl", "--max-ground-schemas", "2", expect=1)
+    assert "more than 2 ground actions" in refused.stderr
+    assert "`--max-ground-schemas N`" in refused.stderr
+    assert "walk.pddl: right" in run("check", "walk.pddl", "--max-ground-schemas", "9").stdout
