@@ -73,10 +73,10 @@ class _Reachability:
         self.facts = facts
         self.budget = budget
         self.rules = [self._rule(schema) for schema in facts.domain.schemas]
-        self.users: dict[str, list[tuple[_Rule, x.Atom]]] = {}
+        self.users: dict[tuple[str, int, str], list[tuple[_Rule, x.Atom]]] = {}
         for rule in self.rules:
             for atom in rule.atoms:
-                self.users.setdefault(atom.name, []).append((rule, atom))
+                self.users.setdefault(_first_constant(atom), []).append((rule, atom))
         self.settled = facts.changed <= facts.varying
         self.any_effect_counts = any(map(_calculates, facts.domain.schemas))
         self.possible: set[Key] = set()
@@ -93,11 +93,12 @@ class _Reachability:
             key = self.freed.popleft()
             if key not in self.possible:
                 self._add(key)
-                for rule, atom in self.users.get(key[0], ()):
-                    binding = self._unified(rule, atom, key, {})
-                    if binding is not None:
-                        others = tuple(a for a in rule.atoms if a is not atom)
-                        self._join(rule, binding, others, rule.filters)
+                for place in _places(key):
+                    for rule, atom in self.users.get(place, ()):
+                        binding = self._unified(rule, atom, key, {})
+                        if binding is not None:
+                            others = tuple(a for a in rule.atoms if a is not atom)
+                            self._join(rule, binding, others, rule.filters)
             for item in self.watched.pop(key, ()):
                 self._try(item)
         return {
@@ -132,7 +133,7 @@ class _Reachability:
 
     def _add(self, key: Key) -> None:
         self.possible.add(key)
-        for place in ((key[0], -1, ""), *((key[0], i, name) for i, name in enumerate(key[1:]))):
+        for place in _places(key):
             self.index.setdefault(place, []).append(key)
 
     def _join(
@@ -272,6 +273,21 @@ class _Reachability:
                 bindings = quantify(self.facts, self.budget, parameters, binding, place)
                 each = (self._barred(body, inner, wanted) for inner in bindings)
                 return _joined(each, every=(operator == "forall") == wanted)
+
+
+def _places(key: Key) -> Iterator[tuple[str, int, str]]:
+    """Yield where a fact is looked up: by its name, and by its name and each of its objects."""
+    yield key[0], -1, ""
+    for index, name in enumerate(key[1:]):
+        yield key[0], index, name
+
+
+def _first_constant(atom: x.Atom) -> tuple[str, int, str]:
+    """Return the place of `_places` at which every fact that the atom can be is looked up."""
+    for index, term in enumerate(atom.arguments):
+        if not term.is_variable:
+            return atom.name, index, term.name
+    return atom.name, -1, ""
 
 
 def _joined(parts: Iterable[Sequence[Key] | None], *, every: bool) -> Sequence[Key] | None:
