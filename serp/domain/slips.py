@@ -197,6 +197,8 @@ def _infix(group: Group, words: Mapping[str, str], declared: Declared) -> Domain
     left, middle, right = group.items
     if not isinstance(middle, Word):
         return None
+    if group.head in declared and len(declared[group.head].parameters) == 2:
+        return None  # an object may be called `or`
     if middle.text not in words or (isinstance(left, Word) and left.text in words):
         return None
     atom = _with_truth(left, right, declared) if words[middle.text] in ("=", "assign") else ""

@@ -98,3 +98,8 @@ def test_a_form_in_wide_use_means_what_the_standard_one_does_and_is_warned_of(fo
     assert warning in found
     assert all(w.place is not None for w in domain.warnings)
     assert not load_texts(texts).warnings
+
+
+def test_an_object_may_be_called_like_a_connective() -> None:
+    problem = "(define (problem p) (:objects b or - boat) (:init (= (speed) 0) (linked or or)))"
+    assert load_texts(Texts(DOMAIN, problem)).model.ground.static["linked or or"] == 1.0
