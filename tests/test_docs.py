@@ -138,7 +138,10 @@ def modules_of(requirements: Iterable[str]) -> set[str]:
     for text in requirements:
         asked = Requirement(text)
         names.add(asked.name)
-        more = [Requirement(each) for each in importlib.metadata.requires(asked.name) or ()]
+        try:
+            more = [Requirement(each) for each in importlib.metadata.requires(asked.name) or ()]
+        except importlib.metadata.PackageNotFoundError:  # so nothing of it can be imported
+            continue
         names |= {
             each.name for each in more for extra in asked.extras
             if each.marker and each.marker.evaluate({"extra": extra})

@@ -87,7 +87,8 @@ class Planner:
         flags = np.where(unsafe, APPLICABLE | UNSAFE, APPLICABLE)
         steps = np.where(unsafe, 1, SAFE)
         choice = int(np.lexsort((-value, -steps))[0])
-        self._forecast = Forecast(choice, value, steps, np.zeros(ACTIONS), flags, 1, 0)
+        risk = unsafe.astype(float)
+        self._forecast = Forecast(choice, value, risk, steps, np.zeros(ACTIONS), flags, 1, 0)
 
     def forecast(self, state: Values) -> Forecast:
         return self._forecast

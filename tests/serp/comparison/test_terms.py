@@ -53,7 +53,7 @@ def test_of_one_from_outside_nothing_is_known(guests: None) -> None:
 def test_the_vetoes_are_told_as_they_are_set() -> None:
     algorithm = find_algorithm("serp")
     changes = {"arbiter": {"veto_horizon": "step", "r_min": -0.5}}
-    plain = terms_of(algorithm, settings_of(algorithm))["vetoes"]
+    plain = terms_of(algorithm, settings_of(algorithm), "domain")["vetoes"]
     assert "within the lookahead" in plain
-    changed = terms_of(algorithm, settings_of(algorithm).replace(changes))["vetoes"]
+    changed = terms_of(algorithm, settings_of(algorithm).replace(changes), "domain")["vetoes"]
     assert changed == "unsafe and not applicable, reward below -0.5"

@@ -22,6 +22,7 @@ def row_by_row(model: TransitionModel, states: Vector, actions: list[int]) -> Ou
         np.array([r.unsafe for r in rows]),
         np.array([r.terminal for r in rows]),
         np.array([r.applicable for r in rows]),
+        np.array([r.risk for r in rows]),
     )
 
 
@@ -37,6 +38,7 @@ def check_same_bits(batched: Outcome, single: Outcome) -> None:
     assert batched.unsafe.tolist() == single.unsafe.tolist()
     assert batched.terminal.tolist() == single.terminal.tolist()
     assert batched.applicable.tolist() == single.applicable.tolist()
+    assert batched.risk.tolist() == single.risk.tolist()
     assert np.isfinite(batched.state).all() and np.isfinite(batched.reward).all()
 
 

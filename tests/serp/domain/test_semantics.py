@@ -47,7 +47,7 @@ def run(model: TransitionModel, **given: float) -> tuple[Outcome, dict[str, floa
     batch = model.step(np.stack([state, state]), "act")
     assert batch.state[1].tobytes() == outcome.state.tobytes()
     assert batch.reward[1] == outcome.reward
-    assert (batch.unsafe[1], batch.terminal[1], batch.applicable[1]) == outcome[2:]
+    assert tuple(column[1] for column in batch[2:]) == outcome[2:]
     return outcome, model.values(outcome.state)
 
 
@@ -148,7 +148,7 @@ def test_assigning_the_same_value_twice_is_no_contradiction() -> None:
 def test_a_step_without_a_finite_result_is_not_applicable(effect: str) -> None:
     model = model_of(action(f"{effect} (p)"))
     outcome, after = run(model, y=0.0, x=3.0)
-    assert outcome[1:] == (0.0, False, False, False)
+    assert outcome[1:5] == (0.0, False, False, False)
     assert after["x"] == 3.0 and after["p"] is False
     state = model.state({f.name: 3.0 * (f.name == "x") for f in model.fluents})
     assert model.trace(state, 0)[0][-1].what == "undefined"
@@ -414,7 +414,7 @@ def test_events_follow_flags_and_rewards_of_the_action() -> None:
         action("(when (> (x) 1) (unsafe)) (increase (reward) 2)"),
         event("hurt", "(unsafe)", "(terminal) (decrease (reward) 10)"),
     )
-    assert run(model, x=0.0)[0][1:] == (2.0, False, False, True)
+    assert run(model, x=0.0)[0][1:5] == (2.0, False, False, True)
     assert run(model, x=2.0)[0][1:] == (-8.0, True, True, True)
 
 
@@ -440,7 +440,7 @@ def test_unsafe_from_a_conditional_effect_only() -> None:
 def test_flags_and_reward_start_afresh_in_every_step() -> None:
     model = model_of(action("(when (p) (and (unsafe) (terminal) (increase (reward) 1))) (not (p))"))
     first, _ = run(model, p=1)
-    assert first[1:] == (1.0, True, True, True)
+    assert first[1:5] == (1.0, True, True, True)
     assert model.step(first.state, "act")[1:] == (0.0, False, False, True)
 
 
