@@ -415,7 +415,7 @@ def test_events_follow_flags_and_rewards_of_the_action() -> None:
         event("hurt", "(unsafe)", "(terminal) (decrease (reward) 10)"),
     )
     assert run(model, x=0.0)[0][1:5] == (2.0, False, False, True)
-    assert run(model, x=2.0)[0][1:] == (-8.0, True, True, True)
+    assert run(model, x=2.0)[0][1:5] == (-8.0, True, True, True)
 
 
 def test_contradictory_effects_of_an_event_make_the_step_not_applicable() -> None:
@@ -441,7 +441,7 @@ def test_flags_and_reward_start_afresh_in_every_step() -> None:
     model = model_of(action("(when (p) (and (unsafe) (terminal) (increase (reward) 1))) (not (p))"))
     first, _ = run(model, p=1)
     assert first[1:5] == (1.0, True, True, True)
-    assert model.step(first.state, "act")[1:] == (0.0, False, False, True)
+    assert model.step(first.state, "act")[1:5] == (0.0, False, False, True)
 
 
 def test_a_goal_that_is_empty_never_ends_the_task_and_one_that_holds_always_does() -> None:
