@@ -84,7 +84,10 @@ def single(value: Any) -> Any:
     """Return the only element of an array, a tensor or a NumPy number; else the value itself."""
     if isinstance(value, bool | int | float) or not hasattr(value, "__array__"):
         return value
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except Exception:  # a tensor with a gradient refuses, and others may raise anything
+        return value
     return array.item() if array.size == 1 else value
 
 

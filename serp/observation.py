@@ -151,6 +151,8 @@ def _flat(leaf: spaces.Space[Any], value: Any, path: str) -> NDArray[np.float64]
         array = np.asarray(value)
     except ValueError:  # lists of different lengths
         array = np.asarray(None)
+    except Exception as error:  # a tensor with a gradient refuses, and others may raise anything
+        raise ValueError(f"{_named(path, value)}, which is no array: {error}") from None
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{_named(path, value)}; real numbers are wanted, for {leaf}")
     size = math.prod(leaf.shape)

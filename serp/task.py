@@ -310,7 +310,7 @@ class BoundTask:
         self.call = Call(what, time.monotonic())
         try:
             yield
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # some that draw exit when their window closes
             raise EnvironmentFailure(f"task {self.name}: {what} failed: {_short(error)}") from error
         finally:
             self.call = None
@@ -398,5 +398,5 @@ def _takes(function: Callable[..., Any], name: str) -> bool:
     return name in accepts or any(p.kind is inspect.Parameter.VAR_KEYWORD for p in accepts.values())
 
 
-def _short(error: Exception) -> str:
+def _short(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__

@@ -10,10 +10,13 @@ import stat
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Final
 
 from serp.errors import SerpError
 
 _LINE_END = re.compile(r"\r\n|\n|\r")
+_LARGEST: Final = 1 << 28
+"""Bytes of a file that is read."""
 _WINDOW = 160
 """Most characters of a line that a message shows."""
 _LONG_QUOTE = re.compile(r"`([^`]{160,})`")
@@ -46,9 +49,14 @@ class Source:
             raise DomainError(f"a file is given by its path, not by {path!r}")
         path = Path(path)
         try:
-            mode = path.stat().st_mode
-            if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+            found = path.stat()
+            if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
                 raise DomainError(f"{path}: cannot be read (it is no regular file)")
+            if found.st_size > _LARGEST:
+                raise DomainError(
+                    f"{path}: cannot be read (it has {found.st_size:,} bytes, and a PDDL file at "
+                    f"most {_LARGEST:,})"
+                )
             # Some editors put a byte order mark first; it is no part of the text.
             return cls(str(path), path.read_bytes().decode("utf-8").removeprefix("\ufeff"))
         except FileNotFoundError:

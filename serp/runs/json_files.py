@@ -7,12 +7,15 @@ import math
 from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from serp.errors import RunError
 from serp.runs.regular import read_regular
+
+_LARGEST: Final = 1 << 26
+"""Bytes of a file that is read."""
 
 
 def json_text(value: object) -> str:
@@ -48,7 +51,7 @@ def read_json(file: Path, advice: str) -> dict[str, Any]:
         RunError: it cannot be read, or holds something else.
     """
     try:
-        content = json.loads(read_regular(file).decode("utf-8"))
+        content = json.loads(read_regular(file, _LARGEST).decode("utf-8"))
     except OSError as error:
         raise RunError(f"cannot read {file}: {error.strerror or error}. {advice}") from error
     except (ValueError, RecursionError) as error:

@@ -12,7 +12,7 @@ import numpy as np
 
 from serp.errors import RunError
 from serp.runs.regular import open_regular
-from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow
+from serp.runs.rows import DECISIONS_COLUMNS, LONGEST, METRICS_COLUMNS, MetricsRow
 from serp.tally import Tally
 
 _INT64: Final = range(-(2**63), 2**63)
@@ -31,7 +31,9 @@ def read_rows(path: Path | str, columns: Sequence[str]) -> Iterator[tuple[int, l
     number = 0
     try:
         with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
-            for number, line in enumerate(file, start=1):
+            for number, line in enumerate(iter(lambda: file.readline(LONGEST), b""), start=1):
+                if len(line) == LONGEST:
+                    raise _malformed(path, number, f"longer than {LONGEST:,} bytes")
                 if number > 1 and not line.endswith(b"\n"):
                     break
                 cells = _cells(path, number, line)

@@ -54,15 +54,28 @@ def open_regular(path: Path, flags: int) -> int:
     return file
 
 
-def read_regular(path: Path) -> bytes:
+def read_regular(path: Path, most: int | None = None) -> bytes:
     """Reads all of a regular file.
 
+    Args:
+        path: the file.
+        most: bytes that it may have; by default what fits into memory.
+
     Raises:
-        RunError: it is something else.
+        RunError: it is something else, or too large.
         OSError: it cannot be read.
     """
     with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
-        return file.read()
+        size = os.fstat(file.fileno()).st_size
+        try:
+            if most is not None and size > most:
+                raise MemoryError
+            return file.read()
+        except MemoryError:
+            raise RunError(
+                f"{path} is too large ({size:,} bytes): it is not what serp wrote there. Restore "
+                "it from a copy."
+            ) from None
 
 
 def require_regular(path: Path) -> Path:

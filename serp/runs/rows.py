@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
+
+LONGEST: Final = 1 << 24
+"""Bytes of a line of a table that is read."""
 
 
 class MetricsRow(NamedTuple):

@@ -21,6 +21,7 @@ import numpy as np
 from serp.errors import RunError
 from serp.runs.durable import cannot_write, write_all
 from serp.runs.regular import open_regular
+from serp.runs.rows import LONGEST
 
 _ROWS_HELD: Final = 1024  # formatted in about 5 ms, held in well under 1 MB
 _BLOCK: Final = 65_536
@@ -214,6 +215,11 @@ class Table:
             newline = self._read(start, end - start).rfind(b"\n")
             if newline >= 0:
                 return start + newline + 1
+            if self._end - start > LONGEST:
+                raise RunError(
+                    f"{self.path} ends with a line of more than {LONGEST:,} bytes: it was changed "
+                    "or damaged. Restore it from a copy, or begin a new run with another --out."
+                )
             end = start
         return 0
 

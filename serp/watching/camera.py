@@ -66,7 +66,7 @@ class Camera:
                 f"task {name}: the environment cannot draw: {error} (what serp's own environments "
                 "need comes with pip install 'serp[render]')"
             ) from error
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise EnvironmentFailure(
                 f"task {name}: render failed: {type(error).__name__}: {error}"
             ) from error

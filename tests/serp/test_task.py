@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -373,6 +374,13 @@ def test_the_cause_of_a_failed_grounding_is_kept_for_its_author(tmp_path: Path) 
 # Environments that are wrong ----------------------------------------------------------------------
 
 
+class Refusing:
+    """What cannot be made an array, as a torch tensor with a gradient."""
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+        raise RuntimeError("detach it first")
+
+
 @pytest.mark.parametrize(
     "seen",
     [
@@ -389,6 +397,7 @@ def test_the_cause_of_a_failed_grounding_is_kept_for_its_author(tmp_path: Path) 
         np.array([1j, 0.0]),
         np.array(["0.5", "1"]),
         np.array([0.5, 1.0], dtype=object),
+        Refusing(),
     ],
 )
 def test_an_observation_that_is_wrong_is_an_environment_failure(tmp_path: Path, seen: Any) -> None:
@@ -414,6 +423,7 @@ def test_an_observation_outside_a_discrete_space_is_an_environment_failure(
         ((SEEN, "1.5", False, False, {}), "the reward is '1.5' .str., not one number"),
         ((SEEN, 1j, False, False, {}), "the reward is 1j .complex., not one number"),
         ((SEEN, np.zeros(2), False, False, {}), "the reward is array.*not one number"),
+        ((SEEN, Refusing(), False, False, {}), "the reward is .*Refusing.*not one number"),
         ((SEEN, 0.0, None, False, {}), "terminated is None .NoneType., not True or False"),
         ((SEEN, 0.0, False, "False", {}), "truncated is 'False' .str., not True or False"),
         ((SEEN, 0.0, False, 0.5, {}), "truncated is 0.5 .float., not True or False"),
@@ -494,6 +504,15 @@ def test_an_environment_that_raises_is_named_with_action_and_reason(tmp_path: Pa
     with pytest.raises(EnvironmentFailure, match=r"action dance|action 3.*cable cut") as caught:
         bound.step(3)
     assert isinstance(caught.value.__cause__, ConnectionError)
+
+
+def test_an_environment_that_exits_ends_the_run_with_a_word(tmp_path: Path) -> None:
+    class Exits(Corridor):
+        def step(self, action: int) -> Any:
+            sys.exit(3)
+
+    with pytest.raises(EnvironmentFailure, match="step with action left failed: SystemExit: 3"):
+        corridor(tmp_path, Exits).bind().step(0)
 
 
 def test_warnings_of_an_environment_are_left_to_the_user(tmp_path: Path) -> None:

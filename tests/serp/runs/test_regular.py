@@ -9,7 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from serp.errors import RunError
+from serp.domain.source import Source
+from serp.errors import RunError, SerpError
 from serp.runs.checkpoint import NEWEST, PREVIOUS, load_newest
 from serp.runs.durable import write_durably
 from serp.runs.folder import DECISIONS, METRICS, SUMMARY, RunFolder
@@ -17,7 +18,8 @@ from serp.runs.json_files import read_json
 from serp.runs.lock import LOCK
 from serp.runs.reading import read_metrics
 from serp.runs.regular import read_regular
-from serp.runs.rows import DECISIONS_COLUMNS
+from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
+from serp.runs.tables import Table
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no such files there")
 
@@ -107,3 +109,21 @@ def test_events_are_not_written_through_a_link(tmp_path):
     with pytest.raises(RunError, match="tensorboard is a link"):
         EventWriter(tmp_path)
     assert not os.listdir(tmp_path / "elsewhere")
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda path: read_json(path, "Restore it."),
+        read_metrics,
+        lambda path: Table(path, METRICS_COLUMNS),
+        Source.read,
+    ],
+)
+def test_a_file_of_any_size_is_refused_at_once(tmp_path, read):
+    """Sparse files cost nothing to send: 64 GiB of zeros behind what the file begins with."""
+    path = tmp_path / "file"
+    path.write_text(",".join(METRICS_COLUMNS) + "\n")
+    os.truncate(path, 1 << 36)
+    with pytest.raises(SerpError, match="bytes"):
+        read(path)
