@@ -192,15 +192,15 @@ class Agent:
         """
         observation = self.task.observation(raw)
         state = self.task.ground(raw)
-        if self.settings.training.inputs != "state":
-            place = _too_large(observation)
-            if place >= 0:
-                raise EnvironmentFailure(
-                    f"task {self.task.name}: the observation: {self.task.observations.name(place)} "
-                    f"is {observation[place]:g}, {_FOR_LEARNER}"
-                )
+        inputs = self.settings.training.inputs
+        place = _too_large(observation)
+        if place >= 0 and inputs != "state":
+            raise EnvironmentFailure(
+                f"task {self.task.name}: the observation: {self.task.observations.name(place)} "
+                f"is {observation[place]:g}, {_FOR_LEARNER}"
+            )
         place = _too_large(state)
-        if place >= 0:
+        if place >= 0 and inputs != "observation":
             raise TaskError(
                 f"task {self.task.name}: grounding: fluent `{self.task.model.fluents[place].name}` "
                 f"is {state[place]:g}, {_FOR_LEARNER}"

@@ -21,6 +21,7 @@ from serp.arbiter import Decision
 from serp.bar import bar
 from serp.budget import Budget
 from serp.compiling import show_compiling
+from serp.domain.facts import MAX_GROUND_SCHEMAS
 from serp.domain.loading import Domain, load_domain
 from serp.domain.model import StateError
 from serp.errors import Interrupted, RunError, SettingsError, TaskError
@@ -207,7 +208,13 @@ def _task_of(folder: RunFolder, task: Task) -> Task:
     made = made_with(folder)
     if task.name not in (None, made.task):
         raise RunError(f"{folder.path} is a run of task {made.task}, not of {task.name}")
-    domain = load_domain(folder.domain_file, folder.problem_file, observed=True)
+    limit = task.domain.max_ground_schemas if isinstance(task.domain, Domain) else None
+    domain = load_domain(
+        folder.domain_file,
+        folder.problem_file,
+        observed=True,
+        max_ground_schemas=limit or MAX_GROUND_SCHEMAS,
+    )
     return dataclasses.replace(
         task, domain=domain, problem=None, name=made.task, reward=made.reward, dt=made.dt
     )

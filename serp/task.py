@@ -180,17 +180,17 @@ class BoundTask:
                 "offer a few (macro-)actions through a wrapper"
             )
         self._first_action = int(space.start)
-        given = next(grounded(task.ground, self.env.observation_space, _SAMPLES), None)
-        if isinstance(given, Mapping):  # what is observed is not fixed, though :init may state it
-            self.domain = self.domain.observed(map(str, given))
-            self.model = self.domain.model.replace(dt=self.model.dt)
-        self.actions = ActionMap(self.model, int(space.n), task.actions)
         try:
             self.observations = Observations(getattr(self.env, "observation_space", None))
         except ValueError as error:
             raise TaskError(f"task {self.name}: {error}") from None
         self.observation_size = self.observations.size
         self._inside = True
+        given = next(grounded(task.ground, self.observations.space, _SAMPLES), None)
+        if isinstance(given, Mapping):  # what is observed is not fixed, though :init may state it
+            self.domain = self.domain.observed(map(str, given))
+            self.model = self.domain.model.replace(dt=self.model.dt)
+        self.actions = ActionMap(self.model, int(space.n), task.actions)
         self.rewarded_by = declared_reward(task, self.model)
         if self.rewarded_by == "domain" and not self.model.rewarding:
             raise TaskError(

@@ -12,7 +12,7 @@ import click
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import DONE, MISTAKE, say
 from serp.cli.output import open_console, plural
-from serp.cli.tasks import asked_own_task, own_task_name, own_task_option
+from serp.cli.tasks import asked_own_task, domain_of, own_task_name, own_task_option
 from serp.errors import SerpError, TaskError
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def _load(
     if own is None and Path(pair.name).is_dir():
         raise SerpError(f"{pair.name} is a folder; give the files in it, such as `*.pddl`")
     task = load_task(pair.name) if own is None else own
-    domain = task.load()
+    domain = domain_of(task, None, max_ground_schemas)
     return domain, dataclasses.replace(task, domain=domain, problem=None)
 
 

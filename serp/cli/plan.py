@@ -11,7 +11,7 @@ import click
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say
 from serp.cli.output import open_console, print_json
-from serp.cli.tasks import asked_own_task, own_task_option
+from serp.cli.tasks import asked_own_task, domain_of, own_task_option
 from serp.domain.source import listed
 from serp.errors import SerpError
 
@@ -134,15 +134,15 @@ def _load(
     import dataclasses
 
     from serp.domain.facts import MAX_GROUND_SCHEMAS
-    from serp.domain.loading import Domain, load_domain
+    from serp.domain.loading import load_domain
     from serp.registry import find_domain_file, load_task, task_of
 
     task = asked_own_task()
     if name is None and task is None:
         raise click.UsageError("give --domain (`serp list` names the tasks), or --task", ctx)
-    limit = max_ground_schemas or MAX_GROUND_SCHEMAS
     path = find_domain_file(name) if name is not None else None
     if path is not None:
+        limit = max_ground_schemas or MAX_GROUND_SCHEMAS
         domain = load_domain(path, problem, max_ground_schemas=limit)
         if task is None:
             task = task_of(domain, path)
@@ -151,11 +151,7 @@ def _load(
         return _Loaded(domain if task is None else task.load(), task)
     if task is None:
         task = load_task(str(name))
-    if problem is None and max_ground_schemas is None:
-        return _Loaded(task.load(), task)
-    file = task.domain.source.name if isinstance(task.domain, Domain) else task.domain
-    problem = problem or (Path(task.problem) if task.problem is not None else None)
-    return _Loaded(load_domain(file, problem, observed=True, max_ground_schemas=limit), task)
+    return _Loaded(domain_of(task, problem, max_ground_schemas), task)
 
 
 class _GroundNames(Mapping[str, bool]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
@@ -9,6 +10,7 @@ import click
 from serp.errors import SerpError
 
 if TYPE_CHECKING:
+    from serp.domain.loading import Domain
     from serp.task import Task
 
 _KEY = f"{__name__}.task"
@@ -63,3 +65,30 @@ def asked_task(domain: str | None) -> Task | None:
     if file is None:
         raise SerpError(f"--domain {domain}: beside --task it is a domain file")
     return dataclasses.replace(task, domain=file, problem=None)
+
+
+def domain_of(task: Task, problem: Path | None, max_ground_schemas: int | None) -> Domain:
+    """Return the domain of a task.
+
+    Args:
+        task: The task.
+        problem: The problem file; None for the task's own.
+        max_ground_schemas: How large the domain may be; None for the usual limit.
+
+    Raises:
+        DomainError: A file is wrong, or the domain too large.
+    """
+    import dataclasses
+
+    from serp.domain.facts import MAX_GROUND_SCHEMAS
+    from serp.domain.loading import Domain, load_domain
+
+    if problem is None and max_ground_schemas is None:
+        return task.load()
+    limit = max_ground_schemas or MAX_GROUND_SCHEMAS
+    file = task.domain
+    if isinstance(file, Domain):
+        if problem is None:
+            return dataclasses.replace(file.observed(), max_ground_schemas=limit)
+        file = file.source.name
+    return load_domain(file, problem or task.problem, observed=True, max_ground_schemas=limit)

@@ -24,6 +24,7 @@ _IMPLIED = {
     ":events": (":time",),
     ":continuous-effects": (":time",),
 }
+_SCHEMAS = (":action", ":process", ":event", ":constraint")
 
 
 def warnings_of(domain: Domain) -> list[DomainWarning]:
@@ -142,19 +143,24 @@ def _type_without_objects(
 
 def _unused_names(domain: Domain) -> Iterator[DomainWarning]:
     """Find what is declared but neither changed nor read, by name."""
-    used = {word.text for word in _words_in_use(domain)}
+    sections = list(_sections(domain, (*_SCHEMAS, ":goal", ":metric")))
+    read = {group.head for section in sections for group in _groups(section)}
+    bare = {word.text for section in sections for word in _words(section)}
     for declaration in domain.syntax.declarations.values():
-        if declaration.name not in used and declaration.name not in (x.REWARD, x.UNSAFE):
+        name = declaration.name
+        # A function without arguments may stand without parentheses.
+        used = name in read or (declaration.numeric and not declaration.parameters and name in bare)
+        if not used and name not in (x.REWARD, x.UNSAFE):
             what = "function" if declaration.numeric else "predicate"
             yield DomainWarning(
-                f"{what} `{declaration.name}` is declared, but nothing changes or reads it",
+                f"{what} `{name}` is declared, but nothing changes or reads it",
                 declaration.place,
             )
 
 
 def _unused_variables(domain: Domain) -> Iterator[DomainWarning]:
     """Find parameters of actions, processes, events and quantifiers that nothing there reads."""
-    for section in _sections(domain, (":action", ":process", ":event")):
+    for section in _sections(domain, _SCHEMAS):
         listed, rest = _split_parameters(section)
         what = " ".join(item.text for item in section.items[:2] if isinstance(item, Word))
         yield from _unread(listed, rest, f"`({what}`")
@@ -217,14 +223,6 @@ def _groups(group: Group) -> Iterator[Group]:
     for item in group.items:
         if isinstance(item, Group):
             yield from _groups(item)
-
-
-def _words_in_use(domain: Domain) -> Iterator[Word]:
-    """Yield the heads of all lists in schemas, goal and metric."""
-    for section in _sections(domain, (":action", ":process", ":event", ":goal", ":metric")):
-        for group in _groups(section):
-            if group.items and isinstance(group.items[0], Word):
-                yield group.items[0]
 
 
 def _sections(domain: Domain, heads: tuple[str, ...]) -> Iterator[Group]:

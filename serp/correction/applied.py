@@ -31,13 +31,6 @@ class Forecast(NamedTuple):
     variance: Vector
 
 
-def predictions_with(
-    model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
-) -> Vector:
-    """Return the next states `[N, F]` to be expected with all findings taken into account."""
-    return forecast_with(model, findings, states, actions).mean[:, :-2]
-
-
 def forecast_with(
     model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
 ) -> Forecast:

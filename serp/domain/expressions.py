@@ -46,6 +46,7 @@ from serp.domain.syntax import (
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?\Z", re.ASCII)
 _MAX_CHAIN = 100
 _MAX_POWER = 8
+_MAX_PRODUCT = 512
 _COMPARATORS = ("<", "<=", "=", ">=", ">")
 _OPERATORS = ("+", "-", "*", "/")
 _CHANGES = {change.value: change for change in Change}
@@ -255,12 +256,23 @@ def _power(group: Group, scope: Scope) -> Expression:
     exponent = parse_number(group.items[2])
     if exponent.value not in range(1, _MAX_POWER + 1):
         raise DomainError(f"`^` to the power of {exponent.value:g}", exponent.place, advice)
-    base = group.items[1]
     group.place.warn(f"`{group.place.text}` is read as a product, which other tools may not do")
+    base = parse_expression(group.items[1], scope)
     if exponent.value == 1:
-        return parse_expression(base, scope)
+        return base
     factors = (base,) * int(exponent.value)
-    return _arithmetic(Group((Word("*", group.place), *factors), group.place), scope)
+    if len(factors) * _size(base) > _MAX_PRODUCT:  # powers of powers grow without bounds
+        raise DomainError(
+            f"a power that is a product of more than {_MAX_PRODUCT} numbers",
+            group.place,
+            "give a part of it a function of its own",
+        )
+    return _no_long_chain(Arithmetic("*", factors, group.place))
+
+
+def _size(expression: Expression) -> int:
+    """Return how many numbers and functions an expression is made of."""
+    return sum(map(_size, expression.operands)) if isinstance(expression, Arithmetic) else 1
 
 
 def _arithmetic(group: Group, scope: Scope) -> Arithmetic:
@@ -276,11 +288,14 @@ def _arithmetic(group: Group, scope: Scope) -> Arithmetic:
     divisor = operands[1] if operator == "/" else None
     if isinstance(divisor, Number) and divisor.value == 0.0:
         raise DomainError("a division by zero", divisor.place, "it never has a result")
-    expression = Arithmetic(operator, operands, group.place)
+    return _no_long_chain(Arithmetic(operator, operands, group.place))
+
+
+def _no_long_chain(expression: Arithmetic) -> Arithmetic:
     if _chain(expression) > _MAX_CHAIN:
         raise DomainError(
             f"an expression of more than {_MAX_CHAIN} operations in a row",
-            group.place,
+            expression.place,
             "give a part of it a function of its own",
         )
     return expression

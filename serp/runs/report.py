@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from serp.markdown import code, plain
+from serp.markdown import code, plain, table
 from serp.reward import said_of
 
 
@@ -36,7 +36,7 @@ def report(
     ]
     evaluation = summary.get("evaluation")
     if evaluation:
-        sections.append("## Evaluation\n\n" + _table(("", "value"), _flat(evaluation)))
+        sections.append("## Evaluation\n\n" + table(("", "value"), _flat(evaluation)))
     sections.append("## How it was made\n\n" + _origin(about))
     return "\n\n".join(sections) + "\n"
 
@@ -94,11 +94,11 @@ def _results(summary: Mapping[str, Any]) -> str:
         ("neither had an action (fallback)", _percent(shares["fallback"])),
         ("learner probability ρ at the end", _number(summary["final_rho"])),
     ]
-    return _table(("", "value"), rows)
+    return table(("", "value"), rows)
 
 
 def _safety(summary: Mapping[str, Any]) -> str:
-    return _table(
+    return table(
         ("", "steps"),
         [
             ("proposals vetoed", f"{summary['vetoes']:,}"),
@@ -112,7 +112,7 @@ def _safety(summary: Mapping[str, Any]) -> str:
 def _vetoes(vetoes: Mapping[str, int]) -> str:
     if not vetoes:
         return "There were none."
-    return _table(
+    return table(
         ("reason", "vetoes"), [(plain(why), f"{count:,}") for why, count in vetoes.items()]
     )
 
@@ -128,11 +128,11 @@ def _origin(about: Mapping[str, Any]) -> str:
             if version is not None
         ),
     ]
-    table = _table(("", ""), rows)
+    made_with = table(("", ""), rows)
     command: Sequence[str] = about["command"]
     if not command:
-        return table
-    return f"{code(shlex.join(map(str, command)))}\n\n{table}"
+        return made_with
+    return f"{code(shlex.join(map(str, command)))}\n\n{made_with}"
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> Iterable[tuple[str, str]]:
@@ -146,12 +146,6 @@ def _flat(values: Mapping[str, Any], before: str = "") -> Iterable[tuple[str, st
         elif isinstance(value, str | bool) or value is None:
             yield plain(name), plain("–" if value is None else str(value))
         # Lists (a value an episode) are for programs: they stay in summary.json.
-
-
-def _table(head: tuple[str, str], rows: Iterable[tuple[str, str]]) -> str:
-    lines = [f"| {head[0]} | {head[1]} |", "|---|---:|"]
-    lines += [f"| {what} | {value} |" for what, value in rows]
-    return "\n".join(lines)
 
 
 def duration(seconds: float) -> str:

@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
+from serp.domain.loading import load_domain
 from serp.domain.model import StateError
 from serp.errors import (
     EnvironmentFailure,
@@ -39,7 +40,7 @@ from serp.runs.folder import RunFolder
 from serp.runs.rows import MetricsRow
 from serp.runs.tensorboard import EventWriter
 from serp.task import Task
-from tests.serp.tasks import CableCut, Corridor, corridor
+from tests.serp.tasks import CableCut, Corridor, corridor, corridor_file
 
 EPISODES = 12
 PRESETS = ("paper", "default")
@@ -476,6 +477,15 @@ def test_a_run_goes_on_with_its_own_domain_whatever_became_of_the_file(
     (tmp_path / "corridor.pddl").write_text("(define (domain corridor) (oops")
     resume(task, out, episodes=EPISODES)
     assert everything(out) == whole("default")
+
+
+def test_a_run_of_a_domain_beyond_the_usual_limit_goes_on_within_its_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("serp.run.MAX_GROUND_SCHEMAS", 1)
+    large = load_domain(corridor_file(tmp_path), max_ground_schemas=9)
+    train(corridor(tmp_path, domain=large), tmp_path / "run", episodes=2)
+    resume(corridor(tmp_path, domain=large), tmp_path / "run", episodes=3)
 
 
 def test_a_run_goes_on_with_its_own_control_period_and_reward(tmp_path: Path, whole: Whole) -> None:

@@ -218,6 +218,12 @@ def test_observations_that_are_no_vector_are_refused(tmp_path: Path) -> None:
         with pytest.raises(TaskError, match="cannot be flattened"):
             odd(tmp_path, observation_space=space)
 
+    class Half(gym.Env[Any, Any]):
+        action_space = spaces.Discrete(3)
+
+    with pytest.raises(TaskError, match="observations of None cannot be flattened"):
+        corridor(tmp_path, Half).bind()
+
 
 def test_an_environment_without_spaces_is_refused(tmp_path: Path) -> None:
     class Bare(gym.Env[Any, Any]):

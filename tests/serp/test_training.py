@@ -11,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from serp.agent import Agent
 from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
 from serp.planning.lookahead import Lookahead
 from serp.registry import load_task
@@ -634,3 +635,16 @@ def test_a_grounding_that_goes_wrong_in_training_is_named(tmp_path: Path, wrong:
         trainer.run_episode()
         trainer.run_episode()
     assert calls == 5
+
+
+def test_only_what_the_learner_sees_has_to_fit_into_float32(tmp_path: Path) -> None:
+    far = corridor(tmp_path, ground=lambda seen: {"x": 1e39}).bind()
+    seen = np.array([0.0, 0.3])
+    for inputs in ("both", "state", "observation"):
+        changes = {"training": {"inputs": inputs}}
+        agent = Agent(far, resolve("default", far.task.settings, changes), 0)
+        if inputs == "observation":
+            assert agent.perceive(seen)[0] == [1e39]
+            continue
+        with pytest.raises(TaskError, match="fluent `x` is 1e.39, more than the learner can take"):
+            agent.perceive(seen)

@@ -4,11 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from serp import load_domain
-from serp.correction.applied import predictions_with
+from serp.correction.applied import forecast_with
+from serp.correction.findings import Findings
 from serp.correction.sample import predictions
-from serp.domain.model import TransitionModel
+from serp.domain.model import TransitionModel, Vector
 from tests.serp.correction.truth import chances, found, literal, missing, robots, states_of
 
 
@@ -17,13 +19,19 @@ def model(tmp_path: Path) -> TransitionModel:
     return robots(tmp_path, dt=0.5)
 
 
+def next_states(
+    model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
+) -> Vector:
+    return forecast_with(model, findings, states, actions).mean[:, :-2]
+
+
 def column(model: TransitionModel, name: str) -> int:
     return next(f.index for f in model.fluents if f.name == name)
 
 
 def test_nothing_found_changes_nothing(model: TransitionModel) -> None:
     states, actions = states_of(model, 50)
-    with_none = predictions_with(model, found(), states, actions)
+    with_none = next_states(model, found(), states, actions)
     np.testing.assert_array_equal(with_none, predictions(model, states, actions))
 
 
@@ -33,7 +41,7 @@ def test_literals_are_replaced(model: TransitionModel) -> None:
     theta[0], theta[3] = 2.5, 0.75
     findings = found(literal(model, 0, 2.5), literal(model, 3, 0.75, schema="cool"))
     truth = predictions(model.replace(theta=theta), states, actions)
-    np.testing.assert_array_equal(predictions_with(model, findings, states, actions), truth)
+    np.testing.assert_array_equal(next_states(model, findings, states, actions), truth)
 
 
 def test_missing_effects_are_added_to_every_instance(model: TransitionModel) -> None:
@@ -46,7 +54,7 @@ def test_missing_effects_are_added_to_every_instance(model: TransitionModel) -> 
         assert rows.any()
         place = states[:, column(model, f"place {robot}")]
         truth[rows, column(model, f"battery {robot}")] += (0.3 * warmth * place - 0.1)[rows]
-    np.testing.assert_allclose(predictions_with(model, findings, states, actions), truth)
+    np.testing.assert_allclose(next_states(model, findings, states, actions), truth)
 
 
 @pytest.mark.parametrize(("rate", "periods"), [(True, 0.5), (False, 1.0)])
@@ -57,7 +65,7 @@ def test_what_the_world_does_goes_on_whatever_the_action(
     findings = found(missing(model, "warmth", {(): 0.4}, schema="", rate=rate))
     truth = predictions(model, states, actions)
     truth[:, column(model, "warmth")] += 0.4 * periods
-    np.testing.assert_allclose(predictions_with(model, findings, states, actions), truth)
+    np.testing.assert_allclose(next_states(model, findings, states, actions), truth)
 
 
 def test_outcomes_count_as_their_mean(model: TransitionModel) -> None:
@@ -70,16 +78,16 @@ def test_outcomes_count_as_their_mean(model: TransitionModel) -> None:
         rows = actions == [a.name for a in model.actions].index(f"drive {robot}")
         place = column(model, f"place {robot}")
         truth[rows, place] = states[rows, place] + 0.5
-    np.testing.assert_allclose(predictions_with(model, findings, states, actions), truth)
+    np.testing.assert_allclose(next_states(model, findings, states, actions), truth)
 
 
 def test_a_name_that_could_be_several_fluents_is_left_alone(model: TransitionModel) -> None:
     states, actions = states_of(model, 20)
     findings = found(chances(model, "drive", ({"place": 9.0}, 1.0, False)))
-    with_it = predictions_with(model, findings, states, actions)
+    with_it = next_states(model, findings, states, actions)
     np.testing.assert_array_equal(with_it, predictions(model, states, actions))
     findings = found(chances(model, "drive", ({"warmth": 9.0}, 1.0, False)))
-    assert (predictions_with(model, findings, states, actions) != with_it).any()
+    assert (next_states(model, findings, states, actions) != with_it).any()
 
 
 GRID = """(define (domain grid)
@@ -102,4 +110,4 @@ def test_what_happens_instead_stops_at_walls_as_the_action_that_does_it(tmp_path
     )
     actions = np.zeros(len(states), np.int64)
     truth = (model.step(states, 0).state + model.step(states, 1).state) / 2
-    np.testing.assert_allclose(predictions_with(model, findings, states, actions), truth)
+    np.testing.assert_allclose(next_states(model, findings, states, actions), truth)

@@ -151,6 +151,10 @@ IN_DOMAIN = {
     # Numbers
     "argument without ()": (action("(increase (speed) «charge»)"), "expected a number", ""),
     "root": (action("(increase (speed) (^ (speed) «0.5»))"), "`^` to the power of 0.5", "1 to 8"),
+    "powers of powers": (
+        action("(increase (speed) «(^ (^ (^ (^ (speed) 8) 8) 8) 8)»)"),
+        "more than 512 numbers", "a function of its own",
+    ),
     "unknown function": (action("(increase (speed) («sped»))"), "unknown function `sped`",
                          "did you mean `speed`?"),
     "predicate as number": (action("(increase (speed) («tired»))"), "`tired` is a predicate", ""),
