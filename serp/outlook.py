@@ -163,6 +163,15 @@ class Outlook:
             self._fit()
         self._publish()
 
+    def rehearse(self) -> None:
+        """Call once what `observe` calls after the first fit; everything stays as it is."""
+        state, value = np.zeros(self._fluents), LeafValue(self._fluents, np.random.SeedSequence(0))
+        value.fit(np.zeros((1, self._fluents)), np.zeros(1))
+        _follow(
+            value.packed, state, state, 0.0, False, self._discount,
+            np.zeros_like(self._window), np.zeros_like(self._count), np.zeros_like(self._means),
+        )  # fmt: skip
+
     def _publish(self) -> None:
         self._planner.leaves = self._value.packed if self.proven else np.zeros(0)
 

@@ -8,18 +8,23 @@ from __future__ import annotations
 
 import dataclasses
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from serp.agent import Agent
+from serp.correction.corrected import CorrectedModel
 from serp.correction.correction import Correction
 from serp.correction.experience import GOES_ON, OVER
+from serp.correction.solving import accumulate_waves
 from serp.learning.dqn import DQN
 from serp.planning.lookahead import Lookahead
 
 _OBSERVED: Final = 140
-"""Made-up steps that the correction observes: with more than a hundred all of it is in use."""
+"""Made-up steps that the correction observes: with more than a hundred all of it is in use, and
+random features with more than sixty of one action."""
+_WHOLE: Final = 10
+"""The first of them lead from whole numbers to whole numbers, whose outcomes are counted."""
 _REMEMBERED: Final = 4
 """Made-up steps that the learner remembers."""
 _ROOM: Final = 64
@@ -36,15 +41,29 @@ def rehearse(agent: Agent) -> None:
     states = random.normal(size=(_OBSERVED + 1, len(fluents)))
     predicates = [k for k, fluent in enumerate(fluents) if not fluent.numeric]
     states[:, predicates] = states[:, predicates] > 0
+    states[: _WHOLE + 1] = np.round(states[: _WHOLE + 1])
     if isinstance(agent.arbiter.planner, Lookahead):
         _rehearse_learning(agent, states[0])
-    if agent.task.model.compiled:
-        seed = np.random.SeedSequence(0)
-        correction = Correction(agent.task.model, agent.settings.correction, seed)
-        actions = max(1, len(agent.task.model.actions))
-        for step, (state, following) in enumerate(pairwise(states)):
-            ending = OVER if step == _OBSERVED - 1 else GOES_ON
-            correction.observe(state, step % actions, following, ending)
+    if agent.outlook is not None:
+        agent.outlook.rehearse()
+    if agent.task.model.compiled and agent.task.model.actions:
+        _rehearse_correction(agent, states)
+
+
+def _rehearse_correction(agent: Agent, states: np.ndarray[Any, np.dtype[np.float64]]) -> None:
+    seed = np.random.SeedSequence(0)
+    correction = Correction(agent.task.model, agent.settings.correction, seed)
+    model, often = correction.model, 0
+    if isinstance(model, CorrectedModel):
+        changed = [sum(len(view.targets) for view in views) for views in model.views]
+        often = changed.index(max(changed))
+        model.rehearse(states[0])
+        one = np.zeros(1)  # where events have the last word, nothing is seen that leads there
+        accumulate_waves(one, one, one, np.zeros((3, 3)), np.zeros((3, 1)))
+    for step, (state, following) in enumerate(pairwise(states)):
+        action = often if step % 2 else step // 2 % len(model.actions)
+        ending = OVER if step == _OBSERVED - 1 else GOES_ON
+        correction.observe(state, action, following, ending)
 
 
 def _rehearse_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:

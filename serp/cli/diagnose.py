@@ -113,8 +113,9 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool 
         print_table(console, ("of its error", "what the file says, and what was observed"), rows,
                     right=[0])  # fmt: skip
     if diagnosis.others and not everything:
-        rest = plural(len(diagnosis.others), "finding")
-        console.print(f"{rest} that hardly matter: --all lists them")
+        rest = plural(len(diagnosis.others), "finding that hardly matters",
+                      "findings that hardly matter")  # fmt: skip
+        console.print(f"{rest}: --all lists them")
     if diagnosis.unexplained:
         console.print("\nNot explained:")
         for sentence in diagnosis.unexplained:

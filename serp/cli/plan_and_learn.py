@@ -165,8 +165,11 @@ def _own_task() -> str:
 
 
 def _print_results(run: Run, domain: str | None) -> None:
+    from serp.runs.summary import spans
+
     summary: dict[str, Any] = run.summary
     returns = summary["return"]
+    first, last = spans(summary["episodes"])
     console = open_console()
     console.print("")
     print_table(
@@ -181,8 +184,8 @@ def _print_results(run: Run, domain: str | None) -> None:
             ),
             (
                 "return",
-                f"{number(returns['first_10'])} in the first 10 episodes, "
-                f"{number(returns['last_20'])} in the last 20",
+                f"{number(returns['first_10'])} in the first {plural(first, 'episode')}, "
+                f"{number(returns['last_20'])} in the last {last}",
             ),
             (
                 "terminated",

@@ -84,6 +84,7 @@ class Own:
                 guarded.planner, task.actions, settings.arbiter, guarded.strategy
             )
         self._trainer = Trainer(task, settings, seed, agent=agent)
+        self._trainer.prepare()  # what is read from disk for the first step is no training
         self.terms = terms_of(algorithm, settings, self._trainer.judge.source)
 
     def train(self, env_steps: int, on_step: OnStep) -> None:

@@ -268,8 +268,9 @@ def _results(results: Results, figures: dict[str, str]) -> Iterable[str]:
             f"{number(results.about.threshold)}. It takes at least {WINDOW} episodes to tell.\n\n"
             + thresholds_table(results)
         )
-    yield "### Safety and outcomes\n\nTotals of a trial's training.\n\n" + values_table(
-        results, (*SAFETY, *task_measures(results)), medians=True
+    yield (
+        "### Safety and outcomes\n\nTotals of a trial's training; of the final policies, means of "
+        "an episode.\n\n" + values_table(results, (*SAFETY, *task_measures(results)), medians=True)
     )
     yield "### Effort\n\n" + values_table(results, COST)
     if len(results.algorithms) > 1:

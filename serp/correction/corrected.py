@@ -79,6 +79,13 @@ class CorrectedModel(TransitionModel):
         flags = kernels.step_row(self.block.array, action, np.array(state), self.dt, out)
         return out.tolist(), int(flags)
 
+    def rehearse(self, state: Vector) -> None:
+        """Call once, in a state `[F]`, what predicting and tracing a corrected step calls."""
+        row, out = np.array(state), np.array([*state, 0.0])
+        kernels.step_row(self.block.array, 0, row, self.dt, out)
+        kernels.shares_row(self.block.array, 0, row, 0)
+        kernels.amend_row(self.block.array, 0, row, out, 0, 0)
+
     def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
         """Return which precondition failed, or which effects, rates and events took part.
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from serp.markdown import code, plain, table
 from serp.reward import said_of
+from serp.runs.summary import spans
 
 
 def report(
@@ -55,11 +56,12 @@ def _lead(summary: Mapping[str, Any]) -> str:
     if not summary["episodes"]:
         return "No episode has ended yet."
     returns = summary["return"]
+    first, last = spans(summary["episodes"])
     return (
         f"{summary['episodes']:,} episodes, {summary['env_steps']:,} environment steps in "
         f"{duration(summary['wall_time'])}. The mean return went from "
-        f"{_number(returns['first_10'])} (first 10 episodes) to {_number(returns['last_20'])} "
-        f"(last 20). Unsafe actions executed: {summary['unsafe_executed']:,}."
+        f"{_number(returns['first_10'])} (first {first} episodes) to {_number(returns['last_20'])} "
+        f"(last {last}). Unsafe actions executed: {summary['unsafe_executed']:,}."
     )
 
 
@@ -72,6 +74,7 @@ def _learned_from(summary: Mapping[str, Any]) -> Iterable[str]:
 def _results(summary: Mapping[str, Any]) -> str:
     shares = summary["shares"]
     rows: list[tuple[str, str]] = []
+    first, last = spans(summary["episodes"])
     for key, what in (("return", "return"), ("domain_return", "return by the domain file")):
         means = summary[key]
         best_at = means["best_20_at_env_step"]
@@ -79,9 +82,9 @@ def _results(summary: Mapping[str, Any]) -> str:
             f" (at environment step {best_at:,})" if best_at is not None else ""
         )
         rows += [
-            (f"{what}, mean of the first 10 episodes", _number(means["first_10"])),
-            (f"{what}, mean of the last 20 episodes", _number(means["last_20"])),
-            (f"{what}, best mean of 20 episodes", best),
+            (f"{what}, mean of the first {first} episodes", _number(means["first_10"])),
+            (f"{what}, mean of the last {last} episodes", _number(means["last_20"])),
+            (f"{what}, best mean of {last} episodes", best),
         ]
     rows += [
         ("episodes ended by the environment", f"{summary['terminations']:,}"),

@@ -9,11 +9,17 @@ import numpy as np
 
 from serp.tally import STEPS_BY, total
 
+FIRST = 10  # episodes: how a run began
 WINDOW = 20  # episodes: the mean that tells whether a policy is good, as in the learning curve
 
 _FROM_CONFIG = ("domain", "preset", "seed", "learned_from", "file_rewards")
 Metrics = Mapping[str, np.ndarray[Any, Any]]
 """Column of ``metrics.csv`` → array ``[episodes]``."""
+
+
+def spans(episodes: int) -> tuple[int, int]:
+    """Return how many episodes ``first_10`` and ``last_20`` of a summary are means of."""
+    return min(FIRST, episodes), min(WINDOW, episodes)
 
 
 def moving_mean(
@@ -96,7 +102,7 @@ def _means(returns: np.ndarray[Any, Any], env_steps: np.ndarray[Any, Any]) -> di
     means = moving_mean(returns)
     best = full + int(np.argmax(means[full:]))
     return {
-        "first_10": float(np.mean(returns[:10])),
+        "first_10": float(np.mean(returns[:FIRST])),
         "last_20": float(np.mean(returns[-WINDOW:])),
         "best_20": float(means[best]),
         "best_20_at_env_step": int(env_steps[best]),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -115,3 +117,32 @@ def test_a_rehearsal_changes_nothing(tmp_path: Path, preset: str, strategy: str)
         del meta["wall_time"]
         found.append((rows, {k: np.asarray(a).tobytes() for k, a in arrays.items()}, meta))
     assert found[0] == found[1]
+
+
+TRAINING = """
+import gc
+from numba.core.registry import CPUDispatcher
+from serp.registry import find_task
+from serp.settings import resolve
+from serp.training import Trainer
+
+def compiled():
+    loops = [one for one in gc.get_objects() if isinstance(one, CPUDispatcher)]
+    return {(one.py_func.__qualname__, *map(str, one.overloads)) for one in loops if one.overloads}
+
+task = find_task("cliff")
+trainer = Trainer(task.bind(), resolve("default", task.settings, {}), 5)
+trainer.prepare()
+before = compiled()
+while trainer.env_steps < 600:
+    trainer.run_episode()
+print(sorted(compiled() - before))
+"""
+
+
+def test_nothing_is_left_to_compile_once_a_training_has_begun() -> None:
+    # In a process of its own: in this one other tests have called the loops.
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", TRAINING], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"

@@ -99,6 +99,9 @@ def test_every_number_of_a_run_is_a_sum_over_its_decisions(
         ("no safe action was left to choose", "no_safe_action"),
     ):
         assert f"| {what} | {counts[column]:,} |" in report
+    # Of how many episodes the means are: there were 12.
+    assert "(first 10 episodes)" in report and "(last 12)" in report
+    assert "mean of the last 12 episodes" in report
     # The last line of the console.
     last = console.strip().splitlines()[-1]
     assert f"step {len(decisions):,}, " in last

@@ -11,9 +11,11 @@ from typing import Any
 
 import pytest
 
+from serp.agent import Agent
 from serp.comparison.trial import Measured, unit_of
 from serp.errors import EnvironmentFailure, Notice, RunError, SettingsError
 from serp.registry import load_task
+from serp.rehearsal import rehearse
 from tests.serp.comparison.contest import (
     CONDITIONS,
     GUIDED,
@@ -234,6 +236,24 @@ def test_time_of_training_and_of_evaluation_are_told_apart(tmp_path: Path) -> No
     seconds = measured(tmp_path, "dqn").seconds
     assert min(seconds.values()) > 0
     assert sum(seconds.values()) <= time.perf_counter() - begin
+
+
+def test_a_training_begins_when_what_it_calls_is_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seconds = []
+
+    def rehearsing(agent: Agent) -> None:
+        begin = time.perf_counter()
+        rehearse(agent)
+        time.sleep(0.2)
+        seconds.append(time.perf_counter() - begin)
+
+    monkeypatch.setattr("serp.training.rehearse", rehearsing)
+    begin = time.perf_counter()
+    found = measured(tmp_path, "dqn").seconds
+    (took,) = seconds
+    assert took + sum(found.values()) <= time.perf_counter() - begin
 
 
 def test_games_are_counted_in_soccer_under_every_preset() -> None:
