@@ -73,13 +73,17 @@ class KeptCode(NullCache):
     """The compiled code of one function, in the place of numba's own cache.
 
     Args:
-        function: The function. Its file and its name say where its code is kept.
+        function: The function. Its module and its name say where its code is kept.
         stamp: Digest of what it is made of; code with another one is compiled anew.
     """
 
     def __init__(self, function: Callable[..., Any], stamp: str) -> None:
         self._name = function.__name__
-        self._place = (function.__code__.co_filename, function.__qualname__)
+        file = function.__code__.co_filename
+        # A model, which has no file, is told apart by what stands for one. Copies of a module share
+        # a place, so that the folder does not grow with every checkout; the stamp tells them apart.
+        model = file if file.startswith("<") else ""
+        self._place = (function.__module__, model, function.__qualname__)
         self._stamp = hashlib.sha256(stamp.encode()).digest()
         self._form: Any = _Form()
         self._folder = cache_folder()

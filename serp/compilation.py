@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from numbers import Number
 from pathlib import Path
 from types import CodeType, ModuleType
@@ -38,7 +38,7 @@ def cached_njit(**options: Any) -> _Decorator:
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        return _kept(njit(**options)(function), function)
+        return _kept(njit(**options)(function), function, options)
 
     return decorate
 
@@ -54,25 +54,26 @@ def cached_cfunc(signature: Any, **options: Any) -> _Decorator:
     def decorate(function: Callable[..., Any]) -> Any:
         # As `numba.cfunc` does, which would compile before there is a cache.
         types: Any = normalize_signature(signature)  # type: ignore[no-untyped-call]
-        callback = _kept(CFunc(function, types, locals={}, options=options), function)
+        callback = _kept(CFunc(function, types, locals={}, options=options), function, options)
         callback.compile()
         return callback
 
     return decorate
 
 
-def _kept(compiled: Any, function: Callable[..., Any]) -> Any:
+def _kept(compiled: Any, function: Callable[..., Any], options: Mapping[str, Any]) -> Any:
     """Give a loop its cache; it needs none where numba was told not to compile."""
-    stamp = _stamps[function] = _stamp_of(function)
+    stamp = _stamps[function] = _stamp_of(function, options)
     if hasattr(compiled, "_cache") and function.__closure__ is None:
         compiled._cache = KeptCode(function, stamp)
     return compiled
 
 
-def _stamp_of(function: Callable[..., Any]) -> str:
+def _stamp_of(function: Callable[..., Any], options: Mapping[str, Any]) -> str:
     """Return a digest of what a loop is made of."""
     code: CodeType = function.__code__
     digest = hashlib.sha256(_source(code.co_filename))
+    digest.update(repr(sorted(options.items())).encode())
     for part in _parts(set(_names(code)), function.__globals__):
         digest.update(part.encode() + b"\0")
     return digest.hexdigest()
