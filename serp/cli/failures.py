@@ -86,7 +86,7 @@ def _one_line(message: Warning | str, category: type[Warning], *rest: Any) -> st
     """Format a warning: a notice in one line, any other as ever."""
     if issubclass(category, Notice):
         return f"Note: {visible(str(message))}\n"
-    return _as_ever(message, category, *rest)
+    return visible(_as_ever(message, category, *rest))
 
 
 def _described(error: OSError) -> str:

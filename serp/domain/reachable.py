@@ -72,7 +72,8 @@ class _Reachability:
     def __init__(self, facts: Facts, budget: Budget) -> None:
         self.facts = facts
         self.budget = budget
-        self.rules = [self._rule(schema) for schema in facts.domain.schemas]
+        moving = facts.varying | facts.changed | {key[0] for key in facts.free}
+        self.rules = [self._rule(schema, moving) for schema in facts.domain.schemas]
         self.users: dict[tuple[str, int, str], list[tuple[_Rule, x.Atom]]] = {}
         for rule in self.rules:
             for atom in rule.atoms:
@@ -109,9 +110,8 @@ class _Reachability:
             for rule in self.rules
         }
 
-    def _rule(self, schema: x.Schema) -> _Rule:
+    def _rule(self, schema: x.Schema, moving: frozenset[str]) -> _Rule:
         facts = self.facts
-        moving = facts.varying | facts.changed | {key[0] for key in facts.free}
         atoms: list[x.Atom] = []
         filters: list[tuple[x.Condition, frozenset[str]]] = []
         rest: list[x.Condition] = []
