@@ -17,6 +17,7 @@ from serp.domain.loading import Domain
 from serp.errors import RunError, SettingsError
 from serp.runs.durable import write_durably
 from serp.runs.json_files import finite, json_text, read_json
+from serp.runs.regular import make_inside
 from serp.settings import Settings
 from serp.task import Task
 
@@ -215,9 +216,9 @@ def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
             f"{beside} is a problem file, and the domain file `{variant}` has none now. Compare in "
             "another folder (--out)."
         )
-    place.parent.mkdir(parents=True, exist_ok=True)
+    make_inside(folder, DOMAINS)
     for file, text in texts.items():
-        if file.is_file() and file.read_text(encoding="utf-8") != text:
+        if file.is_file() and file.read_bytes() != text.encode():
             raise RunError(
                 f"{file} is not what the domain file `{variant}` says now: it was edited since "
                 "this comparison began. Compare in another folder (--out)."

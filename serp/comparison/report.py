@@ -34,6 +34,7 @@ from serp.comparison.variants import EARLY_MARGIN, FINAL_MARGIN, subject, varian
 from serp.markdown import code, plain, table
 from serp.picture import render
 from serp.runs.durable import cannot_write, write_durably
+from serp.runs.regular import make_inside
 from serp.runs.summary import WINDOW
 
 FIGURES: Final = "figures"
@@ -74,7 +75,7 @@ def write_report(folder: Path, records: Sequence[Record], about: ComparisonAbout
     claims = judge(results)
     markdown = report_text(results, claims, drawn)
     try:
-        (folder / FIGURES).mkdir(exist_ok=True)
+        make_inside(folder, FIGURES)
     except OSError as error:
         raise cannot_write(folder / FIGURES, error, "No report was written.") from error
     vectors = {f"{FIGURES}/{picture.name}.svg": render(picture.figure, "svg") for picture in drawn}

@@ -32,6 +32,7 @@ from serp.errors import RunError
 from serp.runs.durable import write_durably
 from serp.runs.json_files import finite, json_text, read_json
 from serp.runs.reading import read_rows
+from serp.runs.regular import make_inside
 from serp.runs.tables import Table
 
 PLAN: Final = "plan.json"
@@ -85,8 +86,9 @@ def write_trial(
     """
     place = trial_folder(folder, trial)
     try:
+        make_inside(folder, *place.parent.relative_to(folder).parts)
         shutil.rmtree(place, ignore_errors=True)
-        place.mkdir(parents=True)
+        place.mkdir()
     except OSError as error:
         raise RunError(f"cannot make {place}: {error.strerror or error}.") from error
     with Table(place / _EPISODES, EPISODE_COLUMNS + tuple(_INFO + c for c in counters)) as table:

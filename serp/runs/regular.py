@@ -54,6 +54,25 @@ def open_regular(path: Path, flags: int) -> int:
     return file
 
 
+def make_inside(folder: Path, *names: str) -> Path:
+    """Makes folders in one another, none of them a link to elsewhere; returns the innermost.
+
+    Args:
+        folder: the outermost, which is there and may be a link itself.
+        names: of the folders below it; those that are there are kept.
+
+    Raises:
+        RunError: one of them is a link.
+        OSError: one of them is a file, or cannot be made.
+    """
+    for name in names:
+        folder = folder / name
+        folder.mkdir(exist_ok=True)
+        if folder.is_symlink():
+            raise RunError(f"{folder} is a link. Put a folder there, or remove it.")
+    return folder
+
+
 def read_regular(path: Path, most: int | None = None) -> bytes:
     """Reads all of a regular file.
 

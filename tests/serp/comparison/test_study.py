@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 import signal
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -436,3 +437,18 @@ def test_numpys_seeds_are_as_good_as_pythons(tmp_path: Path) -> None:
     comparison = small(walk(tmp_path), tmp_path / "c", algorithms=["mrp"], seeds=np.arange(2))
     assert isinstance(comparison.results, Results)
     assert comparison.results.about.trials == [Trial("mrp", "walk", 0), Trial("mrp", "walk", 1)]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links are privileged there")
+@pytest.mark.parametrize("name", ["trials", "domains", "figures"])
+def test_nothing_is_written_or_removed_behind_a_link(copy: Path, tmp_path: Path, name: str) -> None:
+    """A comparison that somebody sent may have a link in it to a folder of one's own."""
+    own, folder = tmp_path / "own", copy / "c"
+    (folder / name).rename(own)
+    if name == "trials":  # something is left to do
+        next(own.rglob("trial.json")).unlink()
+    (folder / name).symlink_to(own)
+    before = {file: file.read_bytes() for file in own.rglob("*") if file.is_file()}
+    with pytest.raises(RunError, match=f"{name} is a link"):
+        again(copy, report=True)
+    assert {file: file.read_bytes() for file in own.rglob("*") if file.is_file()} == before
