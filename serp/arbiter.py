@@ -27,7 +27,7 @@ from serp.errors import SettingsError
 from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.planning.forecast import SAFE, Forecast
 from serp.promises import Promises
-from serp.quantities import real, whole
+from serp.quantities import COUNTED, real, whole
 from serp.saved import Saved
 from serp.strategies.mixture import Mixture
 from serp.strategies.strategy import Learner, Proposed, Situation, Strategy
@@ -145,10 +145,10 @@ class ArbiterSettings:
             raise SettingsError(f"arbiter: imitation must be >= 0, not {self.imitation!r}")
         object.__setattr__(self, "imitation", imitation)
         if self.broken_promises is not None:
-            number = whole(self.broken_promises, 0)
+            number = whole(self.broken_promises, 0, COUNTED)
             if number is None:
                 raise SettingsError(
-                    "arbiter: broken_promises must be a whole number >= 0, or none, not "
+                    "arbiter: broken_promises must be a whole number from 0 to 2^53, or none, not "
                     f"{self.broken_promises!r}"
                 )
             object.__setattr__(self, "broken_promises", number)

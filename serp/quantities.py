@@ -17,12 +17,18 @@ FLOAT32_MAX: Final = float(np.finfo(np.float32).max)
 """The learner counts in float32: what is larger is infinite there."""
 
 
-def whole(value: Any, least: int) -> int | None:
-    """Return a whole number of at least `least` as an int; None for anything else."""
+COUNTED: Final = 2**53
+"""Most of what is counted: beyond it floats skip whole numbers."""
+SIZE: Final = 10**9
+"""Most of what memory is made for."""
+
+
+def whole(value: Any, least: int, most: int | None = None) -> int | None:
+    """Return a whole number from `least` to `most` as an int; None for anything else."""
     if not isinstance(value, Integral) or isinstance(value, bool):
         return None
     number = int(value)
-    return number if number >= least else None
+    return number if number >= least and (most is None or number <= most) else None
 
 
 def real(value: Any, *, infinite: bool = False) -> float | None:

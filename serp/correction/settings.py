@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from serp.errors import SettingsError
-from serp.quantities import whole
+from serp.quantities import COUNTED, whole
 
 MODES = ("off", "literals", "residual", "full")
 
@@ -37,10 +37,10 @@ class CorrectionSettings:
             raise SettingsError(
                 f"correction: nonlinear must be true or false, not {self.nonlinear!r}"
             )
-        tries = whole(self.tries, 0)
+        tries = whole(self.tries, 0, COUNTED)
         if tries is None:
             raise SettingsError(
-                f"correction: tries must be a whole number >= 0, not {self.tries!r}"
+                f"correction: tries must be a whole number from 0 to 2^53, not {self.tries!r}"
             )
         object.__setattr__(self, "tries", tries)
 

@@ -10,7 +10,7 @@ from typing import Any, Literal, NoReturn
 import numpy as np
 
 from serp.errors import SettingsError
-from serp.quantities import real, truth, whole
+from serp.quantities import COUNTED, SIZE, real, truth, whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,11 +117,12 @@ class DQNSettings:
 
     def __post_init__(self) -> None:
         # Python's numbers and a tuple whatever came, so that settings read from JSON are equal.
-        self._take("hidden", "whole numbers ≥ 1, such as [64, 64]", _sizes)
+        self._take("hidden", f"whole numbers from 1 to {SIZE:,}, such as [64, 64]", _sizes)
         for name in ("layer_norm", "symmetry", "double", "clip_targets", "mask_targets"):
             self._take(name, "true or false", truth)
-        for name, least in _WHOLE.items():
-            self._take(name, f"a whole number ≥ {least}", partial(whole, least=least))
+        for name, (least, most) in _WHOLE.items():
+            allowed = f"a whole number from {least} to {most:,}"
+            self._take(name, allowed, partial(whole, least=least, most=most))
         for name in ("epsilon_start", "epsilon_end", "protected_share"):
             self._take(name, "a number from 0 to 1", _number(lambda x: 0 <= x <= 1))
         for name in ("learning_rate", "reward_scale"):
@@ -167,18 +168,18 @@ class DQNSettings:
 
 
 _WHOLE = {
-    "members": 1,
-    "batch_size": 1,
-    "n_step": 1,
-    "buffer_size": 1,
-    "failing_window": 1,
-    "epsilon_steps": 0,
-    "learning_starts": 0,
-    "protected_early": 0,
-    "protected_failing": 0,
-    "pretrain_updates": 0,
+    "members": (1, SIZE),
+    "batch_size": (1, SIZE),
+    "n_step": (1, 10_000),
+    "buffer_size": (1, SIZE),
+    "failing_window": (1, SIZE),
+    "epsilon_steps": (0, COUNTED),
+    "learning_starts": (0, COUNTED),
+    "protected_early": (0, SIZE),
+    "protected_failing": (0, SIZE),
+    "pretrain_updates": (0, COUNTED),
 }
-"""Setting → its least value."""
+"""Setting → its least and its largest value."""
 
 
 def _number(within: Callable[[float], bool]) -> Callable[[Any], float | None]:
@@ -192,5 +193,5 @@ def _number(within: Callable[[float], bool]) -> Callable[[Any], float | None]:
 def _sizes(value: Any) -> tuple[int, ...] | None:
     if not isinstance(value, list | tuple | np.ndarray) or np.ndim(value) != 1:
         return None
-    sizes = [whole(size, 1) for size in value]
+    sizes = [whole(size, 1, SIZE) for size in value]
     return None if None in sizes else tuple(size for size in sizes if size is not None)

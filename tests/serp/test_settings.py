@@ -95,6 +95,8 @@ def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
         ({"training": {"checkpoint_seconds": "15"}}, "checkpoint_seconds must be >= 0, not '15'"),
         ({"training": {"inputs": ["both"]}}, "inputs"),
         ({"training": {"inputs": np.array(["both", "state"])}}, "inputs"),
+        ({"correction": {"tries": 2**70}}, r"tries must be a whole number from 0 to 2\^53"),
+        ({"arbiter": {"broken_promises": 10**400}}, r"broken_promises must be a whole number"),
         ({"learner": {"discount": "0.9"}}, "discount is '0.9', but must be"),
         ({"learner": {"loss": np.array(["mse", "huber"])}}, "loss"),
         ({"planer": {}}, "no section `planer`; did you mean `planner`"),

@@ -55,6 +55,9 @@ OUTSIDE: list[tuple[str, Any]] = [
     ("loss", ["mse"]),
     ("gradient_clip", "10"),
     ("pretrain_updates", -1),
+    ("hidden", [2**70]),
+    ("members", 2**70),
+    ("n_step", 10**400),
 ]
 
 
