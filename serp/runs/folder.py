@@ -20,6 +20,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from serp.domain.loading import problem_beside
 from serp.errors import RunError
 from serp.runs.checkpoint import DAMAGED, NEWEST, Checkpoint, load_newest, save_rotating
 from serp.runs.config import CONFIG, config_text, read_config
@@ -155,9 +156,11 @@ class RunFolder:
         """The copy of the domain.
 
         Raises:
-            RunError: it is a link or no file.
+            RunError: it is a link or no file, or what lies there as its problem file is.
         """
-        return require_regular(self.path / COPIES[0])
+        file = require_regular(self.path / COPIES[0])
+        require_regular(problem_beside(file))  # none of a run's files, but one that is loaded
+        return file
 
     @property
     def problem_file(self) -> Path | None:

@@ -23,7 +23,16 @@ from serp.runs.tables import Table
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no such files there")
 
-READ = ["config.json", "domain.pddl", METRICS, DECISIONS, NEWEST, PREVIOUS, LOCK]
+READ = [
+    "config.json",
+    "domain.pddl",
+    "domain-problem.pddl",
+    METRICS,
+    DECISIONS,
+    NEWEST,
+    PREVIOUS,
+    LOCK,
+]
 WRITTEN = [SUMMARY, f"{SUMMARY}.aside", f"{NEWEST}.aside", f"{PREVIOUS}.aside", "report.md"]
 KINDS = {
     "link": lambda path, target: path.symlink_to(target),
