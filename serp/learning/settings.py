@@ -171,7 +171,7 @@ _WHOLE = {
     "members": (1, SIZE),
     "batch_size": (1, SIZE),
     "n_step": (1, 10_000),
-    "buffer_size": (1, SIZE),
+    "buffer_size": (1, 10**14),
     "failing_window": (1, SIZE),
     "epsilon_steps": (0, COUNTED),
     "learning_starts": (0, COUNTED),
