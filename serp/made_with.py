@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 from serp.budget import Budget
 from serp.domain.loading import problem_beside
 from serp.errors import RunError, SettingsError
-from serp.quantities import real, seed_of
+from serp.quantities import COUNTED, real, seed_of, whole
 from serp.runs.checkpoint import Checkpoint
 from serp.runs.config import CONFIG
 from serp.runs.folder import RunFolder
@@ -30,6 +30,7 @@ class MadeWith(NamedTuple):
         settings: All settings.
         budget: How long it was to last.
         observed: Fluents that the environment gives although the problem's `:init` states them.
+        max_ground_schemas: How large its domain may be.
     """
 
     task: str
@@ -39,6 +40,7 @@ class MadeWith(NamedTuple):
     settings: Settings
     budget: Budget
     observed: tuple[str, ...]
+    max_ground_schemas: int
 
 
 def made_with(folder: RunFolder) -> MadeWith:
@@ -54,6 +56,9 @@ def made_with(folder: RunFolder) -> MadeWith:
         dt = real(config["control_period"])
         if dt is None or dt <= 0:
             raise ValueError(f"control_period is {config['control_period']!r}")
+        limit = whole(config["max_ground_schemas"], 1, COUNTED)
+        if limit is None:
+            raise ValueError(f"max_ground_schemas is {config['max_ground_schemas']!r}")
         return MadeWith(
             task=str(config["task"]),
             seed=seed_of(config["seed"]),
@@ -62,6 +67,7 @@ def made_with(folder: RunFolder) -> MadeWith:
             settings=Settings.from_dict(config["settings"]),
             budget=Budget.from_dict(config["budget"]),
             observed=tuple(map(str, config.get("observed", ()))),
+            max_ground_schemas=limit,
         )
     except (KeyError, TypeError, ValueError, AttributeError, SettingsError) as error:
         what = f"{error} is missing" if isinstance(error, KeyError) else str(error)

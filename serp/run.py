@@ -21,7 +21,6 @@ from serp.arbiter import Decision
 from serp.bar import bar
 from serp.budget import Budget
 from serp.compiling import show_compiling
-from serp.domain.facts import MAX_GROUND_SCHEMAS
 from serp.domain.loading import Domain, load_domain
 from serp.domain.model import StateError
 from serp.errors import Interrupted, RunError, SettingsError, TaskError
@@ -108,6 +107,7 @@ def plan_and_learn(
             "task": bound.name,
             "domain": bound.domain.name,
             "observed": sorted(bound.domain.supplied or ()),
+            "max_ground_schemas": bound.domain.max_ground_schemas,
             "preset": preset,
             "seed": seed,
             "reward": bound.rewarded_by,
@@ -208,12 +208,11 @@ def _task_of(folder: RunFolder, task: Task) -> Task:
     made = made_with(folder)
     if task.name not in (None, made.task):
         raise RunError(f"{folder.path} is a run of task {made.task}, not of {task.name}")
-    limit = task.domain.max_ground_schemas if isinstance(task.domain, Domain) else None
     domain = load_domain(
         folder.domain_file,
         folder.problem_file,
         observed=True,
-        max_ground_schemas=limit or MAX_GROUND_SCHEMAS,
+        max_ground_schemas=made.max_ground_schemas,
     )
     return dataclasses.replace(
         task, domain=domain, problem=None, name=made.task, reward=made.reward, dt=made.dt

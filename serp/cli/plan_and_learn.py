@@ -14,7 +14,7 @@ from click.core import ParameterSource
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say, stopped_by
 from serp.cli.output import number, open_console, plural, print_result, print_table
-from serp.cli.tasks import asked_task, own_task_name, own_task_option
+from serp.cli.tasks import asked_task, domain_of, own_task_name, own_task_option
 from serp.cli.values import parse_settings
 
 if TYPE_CHECKING:
@@ -54,6 +54,8 @@ _FROM_OUT = ""
               help="Continue a run: this one, or that in --out.")  # fmt: skip
 @click.option("--correct", metavar="off|literals|residual|full",
               help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
+@click.option("--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
+              help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
 @click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
               help="Change a setting; may be repeated.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
@@ -68,6 +70,7 @@ def command(
     out: Path | None,
     resume: str | None,
     correct: str | None,
+    max_ground_schemas: int | None,
     assignments: tuple[str, ...],
     quiet: bool,
 ) -> int | None:
@@ -96,7 +99,7 @@ def command(
             raise click.UsageError(
                 "give --domain (`serp list` names the tasks), --task, or --resume RUN", ctx
             )
-        path, task = out, asked
+        path, task = out, _limited(asked, max_ground_schemas)
     from serp.errors import Interrupted
     from serp.run import plan_and_learn
 
@@ -124,9 +127,25 @@ def command(
     return None
 
 
+def _limited(task: Task, max_ground_schemas: int | None) -> Task:
+    """Return a task whose domain may be so large."""
+    import dataclasses
+
+    if max_ground_schemas is None:
+        return task
+    domain = domain_of(task, None, max_ground_schemas)
+    return dataclasses.replace(task, domain=domain, problem=None)
+
+
 def _run_to_resume(ctx: click.Context, given: str | None, out: Path | None) -> Path:
     """Return the run that `--resume` means; what belongs to its beginning cannot be given."""
-    fixed = {"preset": "--preset", "seed": "--seed", "correct": "--correct", "assignments": "--set"}
+    fixed = {
+        "preset": "--preset",
+        "seed": "--seed",
+        "correct": "--correct",
+        "max_ground_schemas": "--max-ground-schemas",
+        "assignments": "--set",
+    }
     for name, option in fixed.items():
         if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             raise click.UsageError(f"{option} cannot change in a run that is resumed", ctx)

@@ -57,7 +57,12 @@ def read_recorded(run: Path) -> Recorded:
     made = made_with(folder)
     checkpoint = folder.load_checkpoint()
     refuse_changes(folder, checkpoint, domain_alone=True)
-    domain = load_domain(folder.domain_file, folder.problem_file, observed=True)
+    domain = load_domain(
+        folder.domain_file,
+        folder.problem_file,
+        observed=True,
+        max_ground_schemas=made.max_ground_schemas,
+    )
     domain = domain.observed(made.observed)
     model = domain.model.replace(dt=made.dt)
     whole = Saved("run", checkpoint.arrays, checkpoint.meta)

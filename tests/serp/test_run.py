@@ -22,6 +22,7 @@ import numpy as np
 import pytest
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
 
+from serp.correction.recorded import read_recorded
 from serp.domain.loading import load_domain
 from serp.domain.model import StateError
 from serp.errors import (
@@ -34,6 +35,7 @@ from serp.errors import (
     TaskError,
 )
 from serp.learning.networks import Networks
+from serp.made_with import made_with
 from serp.run import Run, load_run, plan_and_learn
 from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS, load
 from serp.runs.folder import RunFolder
@@ -479,13 +481,12 @@ def test_a_run_goes_on_with_its_own_domain_whatever_became_of_the_file(
     assert everything(out) == whole("default")
 
 
-def test_a_run_of_a_domain_beyond_the_usual_limit_goes_on_within_its_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("serp.run.MAX_GROUND_SCHEMAS", 1)
-    large = load_domain(corridor_file(tmp_path), max_ground_schemas=9)
-    train(corridor(tmp_path, domain=large), tmp_path / "run", episodes=2)
-    resume(corridor(tmp_path, domain=large), tmp_path / "run", episodes=3)
+def test_a_run_of_a_domain_beyond_the_usual_limit_goes_on_within_its_own(tmp_path: Path) -> None:
+    domain = load_domain(corridor_file(tmp_path), max_ground_schemas=9)
+    train(corridor(tmp_path, domain=domain), tmp_path / "run", episodes=2)
+    resume(corridor(tmp_path), tmp_path / "run", episodes=3)
+    assert made_with(RunFolder.open(tmp_path / "run")).max_ground_schemas == 9
+    assert read_recorded(tmp_path / "run").domain.max_ground_schemas == 9
 
 
 def test_a_run_goes_on_with_its_own_control_period_and_reward(tmp_path: Path, whole: Whole) -> None:

@@ -197,6 +197,7 @@ def test_the_option_that_the_message_names_raises_the_limit(run: Run, walk: Path
     assert "more than 2 ground actions" in refused.stderr
     assert "`--max-ground-schemas N`" in refused.stderr
     assert "walk.pddl: right" in run("check", "walk.pddl", "--max-ground-schemas", "9").stdout
-    for command in (["check", "cartpole"], ["plan", "--domain", "cartpole"]):
+    asked = ("--domain", "cartpole")
+    for command in (["check", "cartpole"], ["plan", *asked], ["plan-and-learn", *asked]):
         refused = run(*command, "--max-ground-schemas", "2", expect=1)
         assert "more than 2 ground actions" in refused.stderr
