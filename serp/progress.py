@@ -89,7 +89,7 @@ class Progress:
         self._clock = clock
         self._next = float("inf")  # when the next picture is due
         self._latest = start or ProgressStats(0, 0)
-        self._samples: deque[tuple[float, ProgressStats]] = deque()
+        self._samples: deque[ProgressStats] = deque()
         self._moving = False
 
     def due(self) -> bool:
@@ -102,7 +102,7 @@ class Progress:
             # What came before the first step, compilation above all, says nothing of the speed.
             self._moving = True
             self._samples.clear()
-            self._samples.append((self._clock(), stats))
+            self._samples.append(stats)
         self._latest = stats
         if self.due():
             self._show()
@@ -130,15 +130,18 @@ class Progress:
         pass
 
     def _sample(self) -> None:
-        now = self._clock()
-        self._samples.append((now, self._latest))
-        while len(self._samples) > 2 and self._samples[1][0] <= now - _MEMORY:
+        now = self._latest.wall_time
+        self._samples.append(self._latest)
+        while len(self._samples) > 2 and self._samples[1].wall_time <= now - _MEMORY:
             self._samples.popleft()
 
     def _speeds(self) -> dict[str, float]:
-        """What is done in a second, over the last half minute, by name; 0 where unknown."""
-        (begin, first), (end, _) = self._samples[0], self._samples[-1]
-        seconds = end - begin
+        """What is done in a second, over the last half minute, by name; 0 where unknown.
+
+        Seconds of training: what is compiled or loaded on the way says nothing of the speed.
+        """
+        first = self._samples[0]
+        seconds = self._samples[-1].wall_time - first.wall_time
         counts = zip(_counts(first), _counts(self._latest), strict=True)
         known = seconds >= _TOO_SHORT
         return {

@@ -46,6 +46,8 @@ def semantic_warnings(domain: Domain, wide: g.GroundModel) -> Iterator[DomainWar
                 "other action is unsafe too",
                 place,
             )
+        if kind is Kind.EVENT and any(_makes_all_unsafe(schema, theta) for schema in schemas):
+            yield DomainWarning(f"{what} makes every action unsafe: it always fires", place)
         yield from _effects_without_use(what, schemas, theta)
 
 
@@ -82,6 +84,14 @@ def _always_unsafe(schema: g.GroundSchema, theta: list[float]) -> bool:
             if contradiction((*schema.preconditions, opposite), theta):
                 return True
     return False
+
+
+def _makes_all_unsafe(event: g.GroundSchema, theta: list[float]) -> bool:
+    """Say whether nothing keeps an event from firing, and from damage where it fires."""
+    fires = all(
+        contradiction((g.Not(condition, event.place),), theta) for condition in event.preconditions
+    )
+    return fires and _always_unsafe(event, theta)
 
 
 def _effects_without_use(

@@ -112,7 +112,7 @@ def test_time_left_goes_by_the_speed_since_a_run_was_resumed(clock):
     with open_progress(stream=stream, budget=Budget(env_steps=101_000), start=start) as progress:
         clock.now += 60  # compiling
         progress.update(ProgressStats(500, 100_010, wall_time=1000.0))
-        clock.now += 10
+        clock.now += 50  # 40 seconds of it compiling
         progress.update(ProgressStats(501, 100_210, wall_time=1010.0))
     assert "99 steps/s, 39.5 s left" in stream.getvalue()
 

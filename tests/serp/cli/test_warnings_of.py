@@ -82,6 +82,9 @@ def test_a_whole_domain_has_no_warning(tmp_path: Path) -> None:
          "`(unsafe)` in action `go` can never happen: `(at ?a)` and `(not (at ?a))` exclude"),
         ("(when (mined ?b)", "(when (or (at ?a) (mined ?b))",
          "action `go` is unsafe wherever it can be applied"),
+        ("(:action rest", "(:event storm :parameters () :precondition (and)"
+         ":effect (and (unsafe)))(:action rest",
+         "event `storm` makes every action unsafe: it always fires"),
         ("(:action rest\n    :parameters ()", "(:action rest\n    :parameters (?x - place)",
          "walk.pddl:13:18: parameter `?x` of `(:action rest` is not used"),
         ("(mined ?b)", "(forall (?c - place) (mined ?b))",

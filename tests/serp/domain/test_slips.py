@@ -59,6 +59,7 @@ SLIPS = [
     (EFFECT, "(= (x) 1)", "(assign (x) 1)", "`=` is not supported in an effect"),
     (EFFECT, "(set (x) 1)", "(assign (x) 1)", "`set` is not supported in an effect"),
     (EFFECT, "(set (held) false)", "(not (held))", "a predicate is an effect by itself"),
+    (EFFECT, "(assign (held) true)", "(held)", "a predicate is an effect by itself"),
     (EFFECT, "(increase (x) by 1)", EFFECT, "`increase` takes a function and a value"),
     (EFFECT, "(x += 1)", EFFECT, "`+=` stands between"),
     (EFFECT, "(if (near) (held) (unsafe))",
