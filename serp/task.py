@@ -7,6 +7,7 @@ import inspect
 import json
 import os
 import time
+import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -399,4 +400,7 @@ def _takes(function: Callable[..., Any], name: str) -> bool:
 
 
 def _short(error: BaseException) -> str:
-    return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    """Return what an error of other people's code says, and the line where it arose."""
+    said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
+    return f"{said} ({frames[-1].filename}:{frames[-1].lineno})" if frames else said

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,10 +102,11 @@ def command(
 
     episodes_before = _episodes(path) if resuming and path is not None else 0
     try:
-        run = plan_and_learn(
-            task, preset=preset, settings=settings, episodes=episodes, env_steps=env_steps,
-            seed=seed, out=path, resume=resuming, quiet=quiet,
-        )  # fmt: skip
+        with _own_task_added():
+            run = plan_and_learn(
+                task, preset=preset, settings=settings, episodes=episodes, env_steps=env_steps,
+                seed=seed, out=path, resume=resuming, quiet=quiet,
+            )  # fmt: skip
     except Interrupted as stop:
         say("\n".join([str(stop), *_notes(stop)]))
         return stopped_by(stop.signal)
@@ -150,12 +153,20 @@ def _episodes(path: Path) -> int:
     return len(read_metrics(path / METRICS)["episode"])
 
 
+@contextlib.contextmanager
+def _own_task_added() -> Iterator[None]:
+    """Add `--task` to what an error says of how the run goes on."""
+    try:
+        yield
+    except BaseException as error:
+        if _notes(error) and (own := _own_task()):
+            error.add_note(f"and add{own} to the command, for this task is not installed")
+        raise
+
+
 def _notes(error: BaseException) -> list[str]:
     """Return what was added to an error: how the run goes on."""
-    notes = list(getattr(error, "__notes__", []))
-    if notes and (own := _own_task()):
-        notes.append(f"and add{own} to the command, for this task is not installed")
-    return notes
+    return list(getattr(error, "__notes__", []))
 
 
 def _own_task() -> str:

@@ -131,10 +131,10 @@ def in_effect(group: Group, declared: Declared) -> DomainError | None:
         return infix
     if head in declared:
         return None
-    if head in (*_CHANGES, "assign") and len(group.items) == 3:
-        if atom := _with_truth(group.items[1], group.items[2], declared):
-            return DomainError("a predicate is an effect by itself", group.place, write=atom)
-    if head in _CHANGES and len(group.items) == 3:
+    pair = group.items[1:] if len(group.items) == 3 else ()
+    if pair and head in (*_CHANGES, "assign") and (atom := _with_truth(*pair, declared)):
+        return DomainError("a predicate is an effect by itself", group.place, write=atom)
+    if pair and head in _CHANGES:
         why = f"`{head}` is not supported in an effect"
         return _instead(group, why, _CHANGES[head], declared)
     if len(group.items) == 4 and head in _CHANGES.values():

@@ -98,6 +98,24 @@ def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run: Run, ro
     assert "return" in measured
 
 
+def test_a_training_that_its_environment_stops_says_where_and_how_it_goes_on(
+    run: Run, robot: Path
+) -> None:
+    broken = ROBOT.replace(
+        "make_env=Corridor",
+        "make_env=Broken",
+    ).replace(
+        "def ground",
+        "class Broken(Corridor):\n    def reset(self, **_):\n        1 / 0\n\n\ndef ground",
+    )
+    Path("my_broken.py").write_text(broken)
+    told = run("plan-and-learn", "--task=my_broken.py", "--out=runs/one", *QUICK, expect=1).stderr
+    assert "reset failed: ZeroDivisionError: division by zero (" in told
+    assert "my_broken.py:8)" in told.replace("\n", "")
+    assert "serp plan-and-learn --resume runs/one\n" in told
+    assert "add --task my_broken.py to the command" in told
+
+
 def test_beside_a_task_the_domain_is_another_file_for_it(run: Run, robot: Path) -> None:
     Path("other.pddl").write_text(CORRIDOR.replace("(domain corridor)", "(domain other)"))
     shown = run("plan", "--task=my_robot.py", "--domain=other.pddl", "--depth=1", "--observe")
