@@ -20,6 +20,7 @@ def run(folder: Path, **changes: Any) -> RunFolder:
         "seed": 2**80,
         "reward": "domain",
         "control_period": 0.1,
+        "max_ground_schemas": 50_000,
         "budget": {"episodes": None, "env_steps": 30, "units": None},
         "settings": resolve("default", None, {"training": {"checkpoint_seconds": 1}}).as_dict(),
     }
@@ -31,7 +32,7 @@ def test_everything_is_read_back_as_it_was(tmp_path: Path) -> None:
     made = made_with(run(tmp_path))
     assert made.settings == resolve("default", None, {"training": {"checkpoint_seconds": 1}})
     assert made._replace(settings=resolve()) == (
-        "corridor", 2**80, "domain", 0.1, resolve(), Budget(env_steps=30), ()
+        "corridor", 2**80, "domain", 0.1, resolve(), Budget(env_steps=30), (), 50_000
     )  # fmt: skip
 
 
@@ -43,6 +44,8 @@ def test_everything_is_read_back_as_it_was(tmp_path: Path) -> None:
         {"seed": -1},
         {"control_period": "0.1"},
         {"control_period": 0},
+        {"max_ground_schemas": "many"},
+        {"max_ground_schemas": 0},
         {"budget": {"episodes": 1.5, "env_steps": None, "units": None}},
         {"budget": {"episodes": None}},
         {"budget": None},

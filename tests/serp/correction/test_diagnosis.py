@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.correction.accuracy import WELL
-from serp.correction.applied import predictions_with
 from serp.correction.diagnosis import Diagnosis, make_diagnosis
 from serp.correction.estimation import findings
 from serp.correction.findings import Findings
@@ -24,7 +23,15 @@ from serp.domain.model import TransitionModel
 from serp.runs.json_files import finite
 from tests.serp.correction.repairing import taken, written
 from tests.serp.correction.rolls import DOMAINS, from_text, on_ice
-from tests.serp.correction.truth import chances, found, literal, missing, recorded, states_of
+from tests.serp.correction.truth import (
+    chances,
+    found,
+    literal,
+    missing,
+    predictions_with,
+    recorded,
+    states_of,
+)
 
 ROVER = """(define (domain rover)
   (:requirements :strips :numeric-fluents :time)

@@ -8,7 +8,6 @@ import time
 import numpy as np
 import pytest
 
-from serp.correction.applied import predictions_with
 from serp.correction.estimation import findings
 from serp.correction.experience import Experience
 from serp.correction.findings import Findings, MissingEffect
@@ -22,6 +21,7 @@ from tests.serp.correction.rolls import (
     imagined,
     on_ice,
 )
+from tests.serp.correction.truth import predictions_with
 
 FLEET = """
 (define (domain fleet)

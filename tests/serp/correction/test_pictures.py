@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp.correction.applied import predictions_with
 from serp.correction.diagnosis import Diagnosis, make_diagnosis
 from serp.correction.findings import Findings
 from serp.correction.pictures import PANELS, draw_diagnosis, panels_of
@@ -16,6 +15,7 @@ from tests.serp.correction.truth import (
     found,
     literal,
     missing,
+    predictions_with,
     recorded,
     states_of,
 )

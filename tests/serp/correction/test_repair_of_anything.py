@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.correction.applied import predictions_with
 from serp.correction.candidates import may_change
 from serp.correction.findings import Findings, MissingEffect, Outcome, OutcomeFinding, Term
 from serp.correction.influence import influences
@@ -23,6 +22,7 @@ from tests.serp.correction.repairing import kept, literal, logic, of, written
 from tests.serp.correction.rolls import DOMAINS, from_text
 from tests.serp.correction.test_estimation import FLEET, ROBOTS
 from tests.serp.correction.test_literals import CARTS
+from tests.serp.correction.truth import predictions_with
 
 SHIPPED = ("cartpole", "cartpole-no-velocity", "landing", "soccer", "cliff")
 EXACT = 1e-7  # a standard error that leaves all digits

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp import load_domain
+from serp.correction.applied import forecast_with
 from serp.correction.experience import GOES_ON, OVER, Experience
 from serp.correction.findings import (
     Findings,
@@ -149,3 +150,10 @@ def found(*kinds: LiteralFinding | MissingEffect | OutcomeFinding) -> Findings:
         outcomes=tuple(f for f in kinds if isinstance(f, OutcomeFinding)),
         rules=(), samples=0, skipped=0,
     )  # fmt: skip
+
+
+def predictions_with(
+    model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
+) -> Vector:
+    """The next states `[N, F]` to be expected with all findings taken into account."""
+    return forecast_with(model, findings, states, actions).mean[:, :-2]
