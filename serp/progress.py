@@ -232,7 +232,7 @@ class _Lines(Progress):
             parts.insert(0, f"{self._unit} {_of(now.units, self._budget.units)}")
         if now.last_return is not None:
             parts.append(
-                f"return {_number(now.last_return)} (mean of 20: {_number(now.mean_return)})"
+                f"return {_number(now.last_return)} (mean of ≤ 20: {_number(now.mean_return)})"
             )
         if now.rho is not None:
             parts.append(f"{self._rho} {now.rho:.2f}")
@@ -336,7 +336,7 @@ class _Panel(Progress):
             ("return", _number(now.last_return), ""),
             ("vetoes", f"{now.vetoes:,}", ""),
             ("step", _of(now.env_steps, self._budget.env_steps), ""),
-            ("mean of 20", _number(now.mean_return), "bold"),
+            ("mean of ≤ 20", _number(now.mean_return), "bold"),
             ("unsafe executed", f"{now.unsafe_executed:,}", safe),
             ("steps/s", f"{speed:,.0f}" if speed is not None else "–", ""),
             ("ρ", "–" if now.rho is None else f"{now.rho:.2f}", ""),

@@ -22,6 +22,7 @@ from serp.domain.model import Vector
 from serp.errors import Notice, RunError, SerpError
 from serp.settings import Settings, resolve
 from serp.task import BoundTask, Task
+from serp.terminal import visible
 from serp.threads import one_thread
 from serp.training import LearningPoints, Transition
 from serp.watchdog import Watchdog
@@ -144,7 +145,7 @@ class _Trial:
             bound,
             contender.agent.settings.training.slow_step_seconds,
             lambda: self._log.env_steps + 1,
-            lambda line: warnings.warn(line, Notice, stacklevel=2),
+            lambda line: warnings.warn(visible(line), Notice, stacklevel=2),
         )
         most = max(conditions.evaluation_episodes, conditions.final_episodes)
         self._arena = Arena(bound.task, contender.agent, most, conditions.evaluation_seed)

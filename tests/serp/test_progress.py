@@ -66,7 +66,7 @@ def test_a_pipe_gets_plain_lines_at_a_sensible_rate(clock):
     lines = text.splitlines()
     assert "\x1b" not in text and "\r" not in text
     assert len(lines) == 6  # at once, after 5, 10, 15 and 20 seconds, and at the end
-    assert lines[0].startswith("episode 0, step 1, return 23.0 (mean of 20: 21.4), ρ 0.12")
+    assert lines[0].startswith("episode 0, step 1, return 23.0 (mean of ≤ 20: 21.4), ρ 0.12")
     assert "vetoes 3, unsafe executed 0" in lines[0] and "left" not in lines[0]
     assert "100 steps/s" in lines[2]
 
@@ -139,7 +139,7 @@ def test_a_terminal_gets_a_panel_with_every_number(monkeypatch, clock, width):
     last = stream.getvalue().split("╭")[-1]
     for text in ("[cart] → runs/x", "10", "1,000/4,000", "23.0", "21.4", "0.12", "100", "30.0 s"):
         assert text in last
-    for label in ("episode", "step", "return", "mean of 20", "vetoes", "unsafe executed", "ρ"):
+    for label in ("episode", "step", "return", "mean of ≤ 20", "vetoes", "unsafe executed", "ρ"):
         assert label in last
     assert "25 %" in last
     assert stream.getvalue().count("\x1b[?25l") == stream.getvalue().count("\x1b[?25h") == 1
