@@ -216,6 +216,7 @@ def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
             f"{beside} is a problem file, and the domain file `{variant}` has none now. Compare in "
             "another folder (--out)."
         )
+    folder.mkdir(parents=True, exist_ok=True)
     make_inside(folder, DOMAINS)
     for file, text in texts.items():
         if file.is_file() and file.read_bytes() != text.encode():

@@ -86,6 +86,7 @@ def write_trial(
     """
     place = trial_folder(folder, trial)
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         make_inside(folder, *place.parent.relative_to(folder).parts)
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir()

@@ -58,14 +58,13 @@ def make_inside(folder: Path, *names: str) -> Path:
     """Makes folders in one another, none of them a link to elsewhere; returns the innermost.
 
     Args:
-        folder: the outermost, made where it is missing; it may be a link itself.
+        folder: the outermost, which is there and may be a link itself.
         names: of the folders below it; those that are there are kept.
 
     Raises:
         RunError: one of them is a link.
         OSError: one of them is a file, or cannot be made.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         folder = folder / name
         folder.mkdir(exist_ok=True)
