@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from serp.arbiter import Decision
 from serp.compile_time import compile_seconds, working_time
 from serp.domain.model import StateError, Vector
 from serp.errors import LearningFailure, SettingsError, TaskError
-from serp.learning.dqn import DQN
 from serp.rehearsal import rehearse
 from serp.reward import Judge
 from serp.runs.rows import DecisionRow, MetricsRow
@@ -30,26 +29,6 @@ from serp.task import BoundTask
 _EPISODES = 1  # spawn key of the environment's seeds
 _MIRRORED = 256
 """With so many observations the symmetries that a task declares are checked."""
-_T = TypeVar("_T")
-
-LearningPoints = Generator[DQN, float | None, _T]
-"""A training that stops wherever its learner is to learn.
-
-It yields the learner, takes the result of one call of `DQN.learn` of it, and goes on; in the end it
-returns what it has found. Whoever drives it may let several learners learn together.
-"""
-
-
-def learn_alone(points: LearningPoints[_T]) -> _T:
-    """Drive a training to its end, each learner learning by itself; return what it has found."""
-    result: float | None = None
-    while True:
-        try:
-            learner = points.send(result)  # None begins it
-        except StopIteration as end:
-            found: _T = end.value
-            return found
-        result = learner.learn()
 
 
 def episode_seed(seed: int, episode: int) -> int:
@@ -204,12 +183,8 @@ class Trainer:
             LearningFailure: A number of the learner is not finite.
             SettingsError: The environment has no such unit as `arbiter.rho_unit`.
         """
-        return learn_alone(self.learning_points())
-
-    def learning_points(self) -> LearningPoints[MetricsRow]:
-        """As `run_episode`, for a driver that does the learning; see `LearningPoints`."""
         try:
-            return (yield from self._learning_points())
+            return self._run_episode()
         except (TaskError, LearningFailure, StateError) as error:
             error.add_note(
                 f"That was in env step {self.under_way} of the training, episode "
@@ -217,7 +192,7 @@ class Trainer:
             )
             raise
 
-    def _learning_points(self) -> LearningPoints[MetricsRow]:
+    def _run_episode(self) -> MetricsRow:
         agent, task, strategy = self.agent, self.task, self.agent.arbiter.strategy
         episode = _Episode()
         self.under_way = self.env_steps + 1
@@ -260,9 +235,7 @@ class Trainer:
             )  # fmt: skip
             if not random_phase:
                 agent.learner.margin_weight = strategy.margin_weight
-                loss = yield agent.learner
-                if agent.learner.failure is not None:
-                    raise agent.learner.failure
+                loss = agent.learner.learn()
                 if loss is not None:
                     episode.losses.append(loss)
                 self._end_unit("step")

@@ -20,7 +20,7 @@ from serp.domain.model import Vector
 from serp.errors import RunError, SerpError
 from serp.settings import Settings
 from serp.task import BoundTask
-from serp.training import LearningPoints, Trainer, Transition, learn_alone
+from serp.training import Trainer, Transition
 
 OnStep = Callable[[Transition], None]
 Chosen = Sequence[tuple[int, bool]]
@@ -60,10 +60,10 @@ def make_contender(
     """
     if algorithm.make_guest is not None:
         return _Visitor(algorithm, task, Agent(task, settings, seed), seed)
-    return Own(algorithm, task, settings, seed)
+    return _Own(algorithm, task, settings, seed)
 
 
-class Own:
+class _Own:
     """A contender of ours: `Trainer` trains it.
 
     Args:
@@ -89,13 +89,9 @@ class Own:
 
     def train(self, env_steps: int, on_step: OnStep) -> None:
         """Train for at least so many env steps, unless `on_step` raises."""
-        learn_alone(self.learning_points(env_steps, on_step))
-
-    def learning_points(self, env_steps: int, on_step: OnStep) -> LearningPoints[None]:
-        """As `train`, for a driver that does the learning."""
         self._trainer.on_step = on_step
         while self._trainer.env_steps < env_steps:
-            yield from self._trainer.learning_points()
+            self._trainer.run_episode()
 
     def alone(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the greedy actions `[B]` of the learner alone."""

@@ -171,8 +171,7 @@ MEASURES: Final = (
     Measure(
         "seconds",
         "seconds of training",
-        "Wall time of training, evaluations left out; of seeds that learn side by side in one "
-        "process, the time of their own steps and an equal share of the common learning.",
+        "Wall time of training, evaluations left out.",
         "seconds",
         "lower",
     ),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from types import TracebackType
 from typing import Self
@@ -28,7 +28,6 @@ class Outlook:
         env_steps: Env steps of each.
         processes: How many processes there are.
         clock: Seconds, monotonic.
-        groups: Trials that take turns in one process; one that is in none has a process of its own.
     """
 
     def __init__(
@@ -37,17 +36,12 @@ class Outlook:
         env_steps: int,
         processes: int,
         clock: Callable[[], float] = time.monotonic,
-        groups: Iterable[Sequence[Trial]] = (),
     ) -> None:
         self._left = {trial: env_steps for trial in trials}
-        self._group: dict[Trial, tuple[Trial, ...]] = {trial: (trial,) for trial in self._left}
-        for group in groups:
-            self._group |= dict.fromkeys(group, tuple(group))
         self._env_steps = env_steps
         self._processes = processes
         self._clock = clock
         self._seen: dict[Trial, float] = {}
-        self._ended: dict[Trial, float] = {}
         self._steps: dict[str, int] = defaultdict(int)
         self._seconds: dict[str, float] = defaultdict(float)
 
@@ -64,10 +58,7 @@ class Outlook:
         self._left[trial] = self._env_steps - min(env_steps, self._env_steps)
         if trial in self._seen and before > self._left[trial]:
             self._steps[trial.algorithm] += before - self._left[trial]
-            # Others have had their turns meanwhile, unless they were over before.
-            since = self._seen[trial]
-            turns = sum(self._ended.get(other, now) > since for other in self._group[trial])
-            self._seconds[trial.algorithm] += (now - since) / max(1, turns)
+            self._seconds[trial.algorithm] += now - self._seen[trial]
         self._seen[trial] = now
 
     def end(self, trial: Trial, *, complete: bool) -> None:
@@ -75,21 +66,20 @@ class Outlook:
         if complete:
             self.notice(trial, self._env_steps)
         self._left[trial] = 0
-        self._ended[trial] = self._clock()
 
     def seconds_left(self) -> float | None:
         """Return an estimate; None where nothing was seen yet."""
         steps, seconds = sum(self._steps.values()), sum(self._seconds.values())
         if not steps:
             return None
-        needed: dict[tuple[Trial, ...], float] = defaultdict(float)
+        needed: list[float] = []
         for trial, left in self._left.items():
             name = trial.algorithm
             known = self._steps[name] > 0
             rate = self._seconds[name] / self._steps[name] if known else seconds / steps
-            needed[self._group[trial]] += left * rate
-        # No group is spread over processes.
-        return max(sum(needed.values()) / self._processes, *needed.values(), 0.0)
+            needed.append(left * rate)
+        # No trial is spread over processes.
+        return max(sum(needed) / self._processes, *needed)
 
 
 class Display:

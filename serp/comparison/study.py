@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 
 from serp.comparison.about import ComparisonAbout
@@ -15,7 +14,6 @@ from serp.comparison.asking import conditions_asked, plan_asked, task_asked
 from serp.comparison.contender import make_contender
 from serp.comparison.fairness import judges_alike
 from serp.comparison.folder import writing
-from serp.comparison.groups import faster_together, grouped
 from serp.comparison.plan import Plan, kept_file, read_plan
 from serp.comparison.progress import Display, Outlook, named_trial
 from serp.comparison.records import Trial
@@ -135,7 +133,7 @@ def compare(
             notes = judges_alike(plan, bound)
             about = _about(plan, bound, notes)
             with stop_between_episodes() as stopping:
-                failed = _run(plan, bound, missing, count, stopping, quiet=quiet)
+                failed = _run(plan, missing, count, stopping, quiet=quiet)
                 done = (trial for trial in plan.trials if is_complete(folder, trial))
                 records = tuple(read_trial(folder, trial) for trial in done)
                 results = write_report(folder, records, about).results
@@ -168,7 +166,6 @@ def _try_algorithms(plan: Plan, bound: BoundTask) -> None:
 
 def _run(
     plan: Plan,
-    bound: BoundTask,
     missing: Sequence[Trial],
     processes: int,
     stopping: Stopping,
@@ -180,11 +177,10 @@ def _run(
     if not missing:
         return failed
     processes = min(processes, len(missing))
-    here = processes > 1 and not portable([_job(plan, [trial]) for trial in missing])
-    groups = grouped(missing, partial(_together, plan, bound), 1 if here else processes)
-    jobs = [_job(plan, group) for group in groups]
-    processes = 1 if here else min(processes, len(jobs))
-    outlook = Outlook(missing, plan.conditions.env_steps, processes, groups=groups)
+    jobs = [_job(plan, trial) for trial in missing]
+    here = processes > 1 and not portable(jobs)
+    processes = 1 if here else processes
+    outlook = Outlook(missing, plan.conditions.env_steps, processes)
     with Display(outlook, len(missing), quiet=quiet) as display:
         if here:
             display.say(
@@ -214,16 +210,8 @@ def _run(
         return failed
 
 
-def _together(plan: Plan, bound: BoundTask, trial: Trial) -> bool:
-    """Whether a trial is faster beside others."""
-    size = bound.observation_size + len(bound.model.fluents)  # at most
-    learner = plan.settings(trial).learner
-    return faster_together(plan.algorithms[trial.algorithm], learner, size, bound.actions.size)
-
-
-def _job(plan: Plan, trials: Sequence[Trial]) -> Job:
-    """Return the job of trials that differ in their seeds alone."""
-    trial = trials[0]
+def _job(plan: Plan, trial: Trial) -> Job:
+    """Return what a worker needs for one trial."""
     algorithm: Algorithm = plan.algorithms[trial.algorithm]
     about = {
         "env_steps": plan.conditions.env_steps,
@@ -232,7 +220,7 @@ def _job(plan: Plan, trials: Sequence[Trial]) -> Job:
         "made_of": plan.made_of(trial),
     }
     task = plan.variants[trial.variant]
-    return Job(plan.folder, tuple(trials), algorithm, task, plan.conditions, plan.changes, about)
+    return Job(plan.folder, trial, algorithm, task, plan.conditions, plan.changes, about)
 
 
 def _about(plan: Plan, bound: BoundTask, notes: Sequence[str]) -> ComparisonAbout:

@@ -13,18 +13,17 @@ from numpy.typing import NDArray
 
 from serp.comparison.algorithms import Algorithm, Changes, merged
 from serp.comparison.conditions import Conditions
-from serp.comparison.contender import Chosen, Contender, Own, flagged, make_contender
+from serp.comparison.contender import Chosen, Contender, flagged, make_contender
 from serp.comparison.log import Log
 from serp.comparison.playing import Arena
 from serp.comparison.records import EvaluationRow, Trial
-from serp.compile_time import working_time
 from serp.domain.model import Vector
 from serp.errors import Notice, RunError, SerpError
 from serp.settings import Settings, resolve
 from serp.task import BoundTask, Task
 from serp.terminal import visible
 from serp.threads import one_thread
-from serp.training import LearningPoints, Transition
+from serp.training import Transition
 from serp.watchdog import Watchdog
 
 
@@ -95,33 +94,6 @@ def run_trial(
         return _Trial(algorithm, contender, bound, conditions, on_progress).run()
 
 
-def trial_in_turns(
-    trial: Trial,
-    algorithm: Algorithm,
-    task: Task,
-    conditions: Conditions,
-    changes: Changes,
-    on_progress: Callable[[int], None],
-    clock: Callable[[], float],
-) -> LearningPoints[Measured]:
-    """As `run_trial`, for a driver that lets several trials of ours take turns.
-
-    Args:
-        trial: What it is of.
-        algorithm: Its algorithm, no guest.
-        task: The task, with the domain file of the variant.
-        conditions: The equal terms.
-        changes: What the user changes in the settings of all algorithms.
-        on_progress: Called with the env steps so far, some times a second at most.
-        clock: Seconds that this trial has had.
-    """
-    settings = trial_settings(algorithm, task, changes)
-    with task.bind() as bound:
-        own = Own(algorithm, bound, settings, trial.seed)
-        run = _Trial(algorithm, own, bound, conditions, on_progress, clock)
-        return (yield from run.learning_points(own))
-
-
 class _Trial:
     def __init__(
         self,
@@ -130,7 +102,6 @@ class _Trial:
         bound: BoundTask,
         conditions: Conditions,
         on_progress: Callable[[int], None],
-        clock: Callable[[], float] = working_time,
     ) -> None:
         self._algorithm = algorithm
         self._contender = contender
@@ -140,7 +111,7 @@ class _Trial:
         self._next_progress = 0.0
         self._evaluations: list[EvaluationRow] = []
         available = contender.agent.arbiter.available
-        self._log = Log(available, unit_of(bound.task), bound.task.counters, clock)
+        self._log = Log(available, unit_of(bound.task), bound.task.counters)
         self._watchdog = Watchdog(
             bound,
             contender.agent.settings.training.slow_step_seconds,
@@ -156,19 +127,6 @@ class _Trial:
                 self._train()
         finally:
             self._arena.close()
-        return self._measured()
-
-    def learning_points(self, own: Own) -> LearningPoints[Measured]:
-        try:
-            with self._watchdog:
-                yield from own.learning_points(self._conditions.env_steps, self._after_step)
-        except _Spent:
-            pass
-        finally:
-            self._arena.close()
-        return self._measured()
-
-    def _measured(self) -> Measured:
         log = self._log
         return Measured(
             log,

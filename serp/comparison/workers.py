@@ -8,10 +8,10 @@ import pickle
 import signal
 import threading
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from multiprocessing import connection
 from pathlib import Path
@@ -21,8 +21,7 @@ from serp.comparison.algorithms import Algorithm, Changes
 from serp.comparison.conditions import Conditions
 from serp.comparison.records import Trial
 from serp.comparison.storage import is_complete, write_trial
-from serp.comparison.together import run_together
-from serp.comparison.trial import Measured, run_trial
+from serp.comparison.trial import run_trial
 from serp.errors import SerpError
 from serp.stopping import SIGNALS
 from serp.task import Task
@@ -32,11 +31,11 @@ OnProgress = Callable[[Trial, int], None]
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that a worker needs for one trial or several; it writes them itself.
+    """Everything that a worker needs for one trial; it writes the trial itself.
 
     Attributes:
         folder: The folder of the comparison.
-        trials: What they are of, at least one; several take turns, equal in all but their seeds.
+        trial: What it is of.
         algorithm: Its algorithm.
         task: The task with the domain file of the variant.
         conditions: The equal terms.
@@ -45,43 +44,27 @@ class Job:
     """
 
     folder: Path
-    trials: tuple[Trial, ...]
+    trial: Trial
     algorithm: Algorithm
     task: Task
     conditions: Conditions
     changes: Changes
     about: Mapping[str, Any]
 
-    def run(self, on_progress: OnProgress) -> Iterator[Ended]:
-        """Run the trials, write what each found, and yield how it ended."""
-        terms = (self.algorithm, self.task, self.conditions, self.changes)
-        if len(self.trials) > 1:
-            for trial, found in run_together(self.trials, *terms, on_progress):
-                yield self._end(trial, found)
-            return
-        (trial,) = self.trials
+    def run(self, on_progress: OnProgress) -> Ended:
+        """Run the trial, write what it found, and return how it ended."""
+        trial = self.trial
         try:
-            measured = run_trial(trial, *terms, partial(on_progress, trial))
+            measured = run_trial(
+                trial, self.algorithm, self.task, self.conditions, self.changes,
+                partial(on_progress, trial),
+            )  # fmt: skip
+            about = {**self.about, "terms": measured.terms, "seconds": measured.seconds}
+            write_trial(self.folder, trial, measured, about, self.task.counters)
         except SerpError as error:
-            yield self._end(trial, error)
-        else:
-            yield self._end(trial, measured)
-
-    def _end(self, trial: Trial, found: Measured | SerpError) -> Ended:
-        if isinstance(found, Measured):
-            about = {**self.about, "terms": found.terms, "seconds": found.seconds}
-            try:
-                write_trial(self.folder, trial, found, about, self.task.counters)
-            except SerpError as error:
-                found = error
-            else:
-                return Ended(trial, None)
-        notes: list[str] = getattr(found, "__notes__", [])
-        return Ended(trial, "\n".join([str(found), *notes]))
-
-    def one_by_one(self, trials: Iterable[Trial]) -> list[Job]:
-        """Return jobs that run some of the trials, each by itself."""
-        return [replace(self, trials=(trial,)) for trial in trials]
+            notes: list[str] = getattr(error, "__notes__", [])
+            return Ended(trial, "\n".join([str(error), *notes]))
+        return Ended(trial, None)
 
 
 @dataclass(frozen=True)
@@ -120,7 +103,7 @@ def run_here(
     for job in jobs:
         if stopped():
             return
-        yield from job.run(on_progress)
+        yield job.run(on_progress)
 
 
 def run_in_processes(
@@ -130,9 +113,6 @@ def run_in_processes(
     stopped: Callable[[], bool],
 ) -> Iterator[Ended]:
     """Run jobs in processes of their own, and yield how each trial ended.
-
-    Where a process dies with several trials, those that it has not completed are run again, each by
-    itself: what killed it is to take no other trial with it.
 
     Args:
         jobs: What is to be run.
@@ -151,15 +131,9 @@ def run_in_processes(
 
     # A pool each: where a process dies, its pool is lost with all that runs in it.
     idle = [begin() for _ in range(processes)]
-    running: dict[Future[list[Ended]], tuple[Job, ProcessPoolExecutor]] = {}
+    running: dict[Future[Ended], tuple[Job, ProcessPoolExecutor]] = {}
     waiting = deque(jobs)
-    over: set[Trial] = set()
-
-    def news(ends: Iterable[Ended]) -> Iterator[Ended]:
-        for ended in ends:
-            if ended.trial not in over:
-                over.add(ended.trial)
-                yield ended
+    over: set[Trial] = set()  # the queue may be late
 
     try:
         while True:
@@ -171,26 +145,20 @@ def run_in_processes(
                 return
             done, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
             while not said.empty():
-                message = said.get()
-                if isinstance(message, Ended):
-                    yield from news([message])
-                elif message[0] not in over:
-                    on_progress(*message)
+                trial, env_steps = said.get()
+                if trial not in over:
+                    on_progress(trial, env_steps)
             for future in done:
                 job, pool = running.pop(future)
-                died = isinstance(future.exception(), BrokenProcessPool)
-                if not died:
-                    idle.append(pool)
-                    yield from news(future.result())  # the queue may be late
-                    continue
-                pool.shutdown(wait=False)
-                idle.append(begin())
-                yield from news(Ended(t, None) for t in job.trials if is_complete(job.folder, t))
-                left = [trial for trial in job.trials if trial not in over]
-                if len(job.trials) > 1:
-                    waiting.extendleft(reversed(job.one_by_one(left)))
+                over.add(job.trial)
+                if isinstance(future.exception(), BrokenProcessPool):
+                    pool.shutdown(wait=False)
+                    idle.append(begin())
+                    complete = is_complete(job.folder, job.trial)
+                    yield Ended(job.trial, None if complete else _DIED)
                 else:
-                    yield from news(Ended(trial, _DIED) for trial in left)
+                    idle.append(pool)
+                    yield future.result()
     except KeyboardInterrupt:
         stop.set()
         raise
@@ -230,9 +198,5 @@ def _end_when(stop: Any) -> None:
     os._exit(1)
 
 
-def _work(job: Job) -> list[Ended]:
-    ends = []
-    for ended in job.run(lambda trial, steps: _said.put((trial, steps))):
-        ends.append(ended)
-        _said.put(ended)
-    return ends
+def _work(job: Job) -> Ended:
+    return job.run(lambda trial, steps: _said.put((trial, steps)))

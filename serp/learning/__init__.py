@@ -17,7 +17,6 @@
 ``mean_q``     `MeanQ`: Q over members and mirror images
 ``networks``   `Networks`: what a gradient update changes
 ``dqn``        `DQN`: proposes, remembers, learns; `Proposal`
-``side_by_side``   `SideBySide`: several learners learn in one pass
 =============  =======================================================================
 
 The names below are imported on first use, so that torch is loaded only where something learns.
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     from serp.learning.guidance import Guidance, GuidedLearning
     from serp.learning.replay import ReplayBuffer
     from serp.learning.settings import DQNSettings
-    from serp.learning.side_by_side import SideBySide
 
 __all__ = [
     "DQN",
@@ -42,7 +40,6 @@ __all__ = [
     "GuidedLearning",
     "Proposal",
     "ReplayBuffer",
-    "SideBySide",
 ]
 
 _HOME = {
@@ -52,7 +49,6 @@ _HOME = {
     "GuidedLearning": "serp.learning.guidance",
     "Proposal": "serp.learning.dqn",
     "ReplayBuffer": "serp.learning.replay",
-    "SideBySide": "serp.learning.side_by_side",
 }
 
 

@@ -55,10 +55,6 @@ class Adam:
         self._largest_norm = np.float32(math.inf if largest_norm is None else largest_norm)
         self.steps = 0
 
-    def follow(self, parameters: torch.Tensor, gradient: torch.Tensor) -> None:
-        """Goes on with the same parameters and their gradient, which lie elsewhere now."""
-        self._parameters, self._gradient = parameters.numpy(), gradient.numpy()
-
     def step(self) -> None:
         """Moves the parameters against the gradient."""
         self.steps += 1

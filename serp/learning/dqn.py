@@ -65,8 +65,6 @@ class DQN:
 
     Attributes:
         symmetry: those in use; None where there are none.
-        failure: what was first not finite, once the loss was not; from then on the network learns
-            no more. None: nothing.
         guided: as given, where something of it is in use; else None. Then `remember` needs no
             guidance.
         networks: what gradient updates change.
@@ -122,7 +120,6 @@ class DQN:
         )
         self._env_steps = 0
         self._learn_calls = 0
-        self.failure: LearningFailure | None = None
 
         self._mean_q = MeanQ(self.networks.online, self.symmetry)
         self._td = TDGradient(self.networks.online, self.networks.target, settings, self.guided)
@@ -325,16 +322,12 @@ class DQN:
         Raises:
             LearningFailure: the loss is not finite.
         """
-        return self._train(self.take_due())
-
-    def take_due(self) -> int:
-        """How many gradient updates are due for one env step; they count as done from then on."""
         if self._env_steps < self.settings.learning_starts or not self.replay.size:
-            return 0
+            return None
         # From whole counts, so that a share such as 0.1 never drifts.
         done = int(self._learn_calls * self.settings.updates_per_step)
         self._learn_calls += 1
-        return int(self._learn_calls * self.settings.updates_per_step) - done
+        return self._train(int(self._learn_calls * self.settings.updates_per_step) - done)
 
     def pretrain(self, updates: int | None = None) -> float | None:
         """Gradient updates on what was remembered so far (Algorithm 1, line 1).
@@ -356,41 +349,16 @@ class DQN:
         if updates <= 0:
             return None
         with np.errstate(over="ignore", invalid="ignore"):  # the loss shows it
-            loss = sum(self.update() for _ in range(updates)) / updates
-        if self.failure is not None:
-            raise self.failure
-        return loss
+            return sum(self._update() for _ in range(updates)) / updates
 
-    def update(self) -> float:
-        """One gradient update; returns its loss. Where that is not finite, nothing changes.
-
-        Raises:
-            ValueError: there is no sample yet.
-        """
-        batch, td = self.replay.sample(), self._td
-        td.forward(batch.observation, batch.next_observation, self._margin_weight > 0.0)
-        loss = self.loss(td, 0, batch)
-        td.backward()
-        self.step()
-        return loss
-
-    def step(self) -> None:
-        """Moves the network against its gradient, unless something is not finite."""
-        if self.failure is None:
-            self.networks.step()
-
-    def loss(self, td: TDGradient, number: int, batch: Samples) -> float:
-        """The loss on a batch of its own, by forward passes made before.
-
-        Args:
-            td: which has made them, and prepares its backward pass here.
-            number: which of its learners this one is.
-            batch: what was passed forward.
-        """
+    def _update(self) -> float:
+        """One gradient update; returns its loss. Where that is not finite, nothing changes."""
+        batch = self.replay.sample()
         lower, upper = self.value_bounds if self.settings.clip_targets else (-math.inf, math.inf)
-        loss = td.loss(number, batch, lower, upper, self._margin_weight)
-        if not math.isfinite(loss) and self.failure is None:
-            self.failure = self._failure_of(f"the loss is {loss}", batch)
+        loss = self._td.gradient(batch, lower, upper, self._margin_weight)
+        if not math.isfinite(loss):
+            raise self._failure_of(f"the loss is {loss}", batch)
+        self.networks.step()
         return loss
 
     def _failure_of(self, what: str, batch: Samples | None = None) -> LearningFailure:

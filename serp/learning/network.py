@@ -137,44 +137,26 @@ class QNetwork:
         count = sum((n + 1) * m for n, m in pairwise(self.sizes))
         if layer_norm:
             count += 2 * sum(hidden)
-        self._take(torch.zeros(members, count), torch.zeros(members, count))
-        if rng is not None:
-            self._draw(rng)
-
-    def _take(self, parameters: torch.Tensor, gradient: torch.Tensor) -> None:
-        """Takes memory for its own, as it is."""
-        self.parameters, self.gradient = parameters, gradient
-        self._flat: type_F32 = parameters.numpy()
-        self._flat_gradient: type_F32 = gradient.numpy()
+        self.parameters = torch.zeros(members, count)
+        self.gradient = torch.zeros(members, count)
+        self._flat: type_F32 = self.parameters.numpy()
+        self._flat_gradient: type_F32 = self.gradient.numpy()
         self.layers: list[_Layer] = []
         start = 0
         for i, (inputs, outputs) in enumerate(pairwise(self.sizes)):
-            normalized = self.layer_norm and i < len(self.sizes) - 2
+            normalized = layer_norm and i < len(self.sizes) - 2
             layer = _Layer(self, start, inputs, outputs, normalized)
             self.layers.append(layer)
             start = layer.end
+        if rng is not None:
+            self._draw(rng)
 
-    def another(self, members: int) -> QNetwork:
-        """Networks of the same sizes with all parameters 0."""
+    def another(self) -> QNetwork:
+        """A network of the same shape with all parameters 0."""
         sizes = self.sizes
         return QNetwork(
-            sizes[0], sizes[-1], sizes[1:-1], layer_norm=self.layer_norm, members=members
+            sizes[0], sizes[-1], sizes[1:-1], layer_norm=self.layer_norm, members=self.members
         )
-
-    def part(self, start: int, stop: int) -> QNetwork:
-        """The members from `start` to `stop` alone, in the same memory."""
-        part = self.another(0)
-        part.members = stop - start
-        part._take(self.parameters[start:stop], self.gradient[start:stop])
-        return part
-
-    def move_into(self, other: QNetwork) -> None:
-        """Goes on with its own parameters in the memory of a network of the same shape.
-
-        `parameters`, `gradient` and `layers` are others afterwards.
-        """
-        other.parameters.copy_(self.parameters)
-        self._take(other.parameters, other.gradient)
 
     def _draw(self, rng: np.random.Generator) -> None:
         for layer in self.layers:

@@ -51,7 +51,7 @@ class Networks:
         # Without a target network the network itself values the next state (paper, equation 3).
         self.target = self.online
         if settings.has_target:
-            self.target = self.online.another(settings.members)
+            self.target = self.online.another()
             self.target.copy_from(self.online)
         self.optimizer = Adam(
             self.online.parameters,
@@ -69,19 +69,6 @@ class Networks:
                 self.target.copy_from(self.online)
         elif self._polyak is not None:
             self.target.move_towards(self.online, self._polyak)
-
-    def move_into(self, online: QNetwork, target: QNetwork) -> None:
-        """Goes on as it is in the memory of others of its shape, which become its own.
-
-        Args:
-            online: whose memory the network takes.
-            target: likewise; the same as `online` where there is no target network.
-        """
-        apart = self.target is not self.online
-        self.online.move_into(online)
-        if apart:
-            self.target.move_into(target)
-        self.optimizer.follow(self.online.parameters, self.online.gradient)
 
     def not_finite(self) -> str | None:
         """The first of all numbers that is not finite, in words; None where all are."""

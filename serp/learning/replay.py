@@ -278,10 +278,6 @@ class ReplayBuffer:
             self._dirty = False
         return self._sampler.draw()
 
-    def sample_into(self, out: Samples) -> None:
-        """Says where `sample` writes from now on: ``[members · batch]`` samples."""
-        self._sampler.draw_into(out)
-
     def _ranges(self) -> tuple[tuple[int, int, int], ...]:
         """Which rows the columns of a batch are drawn from, see `Sampler.divide`."""
         protected = self._protected_rows

@@ -101,10 +101,6 @@ class Samples:
             own |= {f"guide_{name}": array for name, array in self.guide.arrays().items()}
         return own
 
-    def part(self, start: int, stop: int) -> Samples:
-        """Views of the samples from `start` to `stop` on the leading axis."""
-        return self._each(lambda array: array[start:stop])
-
     def at(self, rows: type_I64) -> Samples:
         """Copies of the samples in some rows of the leading axis."""
         return self._each(lambda array: array[rows])

@@ -41,12 +41,8 @@ class Sampler:
         self._rows: type_I64 = np.zeros(members * batch_size, np.int64)
         self._counts = np.zeros(batch_size)
         self._starts: type_I64 = np.zeros(batch_size, np.int64)
-        self.draw_into(store.like(members * batch_size))
-
-    def draw_into(self, out: Samples) -> None:
-        """Says where what is drawn is written: ``[members · batch]`` samples."""
-        self._flat = out
-        self._batch = out.reshaped(*self._uniform.shape)
+        self._flat = store.like(members * batch_size)
+        self._batch = self._flat.reshaped(members, batch_size)
 
     def divide(self, ranges: Iterable[tuple[int, int, int]]) -> None:
         """Says which rows the columns of a batch are drawn from.

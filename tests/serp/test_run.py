@@ -868,9 +868,10 @@ def test_no_parameter_that_is_not_finite_is_ever_saved(
     stepped = Networks.step
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Networks, "step", step)
-        with pytest.raises(LearningFailure, match="the weights of layer 1 in network 1 of"):
+        with pytest.raises(LearningFailure, match="weights of layer 1 in network 1 of") as raised:
             train(corridor(tmp_path), tmp_path / "run", preset, episodes=50)
     assert broken
+    assert "env step" in raised.value.__notes__[0]
     for name in (NEWEST, PREVIOUS):
         arrays, _ = load(tmp_path / "run" / name)
         assert np.isfinite(arrays["learner.parameters"]).all()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import pickle
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +17,9 @@ from serp.task import Task
 from tests.serp.comparison.contest import CONDITIONS, Deadly, Pothole, Signalled, everything, walk
 
 
-def job(folder: Path, task: Task, algorithm: str, *seeds: int) -> Job:
-    trials = tuple(Trial(algorithm, "walk", seed) for seed in seeds)
-    return Job(folder, trials, find_algorithm(algorithm), task, CONDITIONS, {}, {})
+def job(folder: Path, task: Task, algorithm: str, seed: int) -> Job:
+    trial = Trial(algorithm, "walk", seed)
+    return Job(folder, trial, find_algorithm(algorithm), task, CONDITIONS, {}, {})
 
 
 def here(todo: list[Job], **options: Any) -> list[Ended]:
@@ -30,57 +29,51 @@ def here(todo: list[Job], **options: Any) -> list[Ended]:
     return list(run_here(todo, **{**given, **options}))
 
 
-def trials_of(todo: Iterable[Job]) -> list[Trial]:
-    return sorted(trial for one in todo for trial in one.trials)
-
-
 def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
     tmp_path: Path, guests: None
 ) -> None:
-    """Guests too, trials that take turns, trials that fail, processes that die, and signals."""
+    """Guests too, trials that fail, processes that die, and signals."""
     good, bad, deadly = walk(tmp_path), walk(tmp_path, Pothole), walk(tmp_path, Deadly)
     todo = [
         job(tmp_path / "there", good, "drawing", 0),
         job(tmp_path / "there", bad, "mrp", 1),
-        job(tmp_path / "there", bad, "serp", 0, 1, 2),
+        job(tmp_path / "there", bad, "serp", 0),
         job(tmp_path / "there", walk(tmp_path, Signalled), "serp", 7),
-        job(tmp_path / "there", deadly, "dqn", 1, 0),  # the first kills its process
+        job(tmp_path / "there", deadly, "dqn", 1),  # kills its process
+        job(tmp_path / "there", deadly, "dqn", 0),
     ]
     assert portable(todo)
     told: set[Trial] = set()
 
     def stopped() -> bool:
-        return len(ended) == len(trials_of(todo))
+        return len(ended) == len(todo)
 
     never = job(tmp_path / "there", good, "dqn", 9)  # the user has stopped before it begins
     ended: list[Ended] = []
     ends = run_in_processes([*todo, never], 1, lambda trial, n: told.add(trial), stopped)
     for end in ends:
         ended.append(end)
-    assert sorted(end.trial for end in ended) == trials_of(todo)
+    assert [end.trial for end in ended] == [one.trial for one in todo]
     errors = {end.trial: end.error or "" for end in ended}
     for trial, error in errors.items():
         assert is_complete(tmp_path / "there", trial) == (error == "") == (trial.seed != 1)
     assert "ConnectionError: cable cut" in errors[Trial("mrp", "walk", 1)]
-    assert "ConnectionError: cable cut" in errors[Trial("serp", "walk", 1)]
     assert "its process died" in errors[Trial("dqn", "walk", 1)]
-    assert told == set(trials_of(todo))
+    # What the process that died had to tell may be lost with it.
+    assert told | {Trial("dqn", "walk", 1)} == {one.trial for one in todo}
     alone = [
         job(tmp_path / "here", good, name, seed)
-        for name, seeds in (("dqn", (0,)), ("drawing", (0,)), ("serp", (0, 2, 7)))
-        for seed in seeds
+        for name, seed in (("dqn", 0), ("drawing", 0), ("serp", 0), ("serp", 7))
     ]
-    assert here(alone) == [Ended(trial, None) for one in alone for trial in one.trials]
+    assert here(alone) == [Ended(one.trial, None) for one in alone]
     assert everything(tmp_path / "there") == everything(tmp_path / "here")
 
 
-@pytest.mark.parametrize("together", [False, True])
-def test_a_trial_that_fails_does_not_lose_the_others(tmp_path: Path, together: bool) -> None:
+def test_a_trial_that_fails_does_not_lose_the_others(tmp_path: Path) -> None:
     task = walk(tmp_path, Pothole)
-    groups = [(0, 1, 2)] if together else [(0,), (1,), (2,)]
     told: list[Trial] = []
     ended = here(
-        [job(tmp_path / "c", task, "serp", *group) for group in groups],
+        [job(tmp_path / "c", task, "serp", seed) for seed in range(3)],
         on_progress=lambda trial, steps: told.append(trial),
     )
     errors = {end.trial.seed: end.error for end in ended}

@@ -11,15 +11,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import LearningFailure
-from serp.learning import DQN, SideBySide
-from tests.serp.learning.test_dqn import assert_same_state
-from tests.serp.learning.test_side_by_side import learner, step
+from serp.learning import DQN, DQNSettings
+
+F, A = 4, 3
+
+
+def learner(seed: int, **changes: Any) -> DQN:
+    small: dict[str, Any] = {
+        "hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1,
+        "target_period": 7, "symmetry": False, "epsilon_steps": 30,
+    }  # fmt: skip
+    return DQN(F, A, DQNSettings(**{**small, **changes}), seed)
 
 
 def trained(seed: int, **changes: Any) -> tuple[DQN, np.random.Generator]:
+    """A learner with 20 random env steps behind it."""
     agent, rng = learner(seed, **changes), np.random.default_rng(seed)
     for _ in range(20):
-        step(agent, rng)
+        x, following = rng.standard_normal((2, F)).astype(np.float32)
+        reward, (terminated, truncated) = float(rng.standard_normal()), rng.random(2) < 0.1
+        agent.remember(
+            x, agent.propose(x).action, reward, following, bool(terminated), bool(truncated)
+        )
         agent.learn()
     return agent, rng
 
@@ -86,16 +99,3 @@ def test_a_reward_whose_return_float32_cannot_hold_is_refused() -> None:
     assert before[1] == after[1]
     for name, array in before[0].items():
         np.testing.assert_array_equal(array, after[0][name])
-
-
-def test_one_that_fails_side_by_side_stands_still_and_the_others_go_on() -> None:
-    (bad, _), (good, rng), (alone, other) = (trained(seed) for seed in (4, 5, 5))
-    together = SideBySide([bad, good])
-    bad.networks.arrays()["parameters"][0, 3] = np.nan
-    for _ in range(5):
-        step(good, rng)
-        step(alone, other)
-        losses = together.learn()
-        assert np.isnan(losses[0]) and losses[1] == alone.learn()  # type: ignore[arg-type]
-    assert "weights of layer 1" in str(bad.failure) and good.failure is None
-    assert_same_state(good, alone)
