@@ -8,6 +8,7 @@ from serp.domain import ground as g
 from serp.domain.emit import Site
 from serp.domain.flags import UNSAFE, risk_of
 from serp.domain.model import TransitionModel, Vector
+from serp.quantities import percent
 
 
 def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> str:
@@ -47,11 +48,6 @@ def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
             through = "" if site.schema is model.actions[action] else f" through {_of(site.schema)}"
             return f"{name}: {likely}{_quote(site)}{through}"
     return f"{name} is not predicted unsafe"
-
-
-def percent(share: float) -> str:
-    """Return a share of 1 in words."""
-    return f"{100 * share:.3g} %"
 
 
 def unsafe_ahead(safe_steps: int) -> str:

@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from serp.explanation import percent
+from serp.quantities import percent
 
 if TYPE_CHECKING:
     import networkx as nx

@@ -1,6 +1,7 @@
-"""Numbers and truth values as users give them: Python's or NumPy's, taken over as Python's.
+"""Numbers and truth values as users give them, and shares as they are shown to users.
 
-A truth value is no number here (`depth=True` is a slip, not 1), and NaN is none either.
+Python's and NumPy's numbers are taken over as Python's. A truth value is no number here
+(`depth=True` is a slip, not 1), and NaN is none either.
 """
 
 from __future__ import annotations
@@ -62,3 +63,17 @@ def seed_of(value: Any) -> int:
     if seed is None:
         raise SettingsError(f"the seed must be a whole number, 0 or more, not {value!r}")
     return seed
+
+
+def percent(share: float, digits: int = 3) -> str:
+    """Return a share of 1 in percent, such as `12.5 %`.
+
+    Args:
+        share: At least 0; may exceed 1.
+        digits: Significant digits, 2 or 3. More are shown where the whole part has more; a share
+            below 0.01 % (2 digits) or 0.001 % (3) is shown as such.
+    """
+    value, least = 100 * share, 10.0**-digits
+    if 0 < value < least:
+        return f"< {least} %"
+    return f"{value:,.0f} %" if value >= 10 ** (digits - 1) else f"{value:.{digits}g} %"

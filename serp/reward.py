@@ -95,7 +95,7 @@ def source_of(declared: Literal["domain", "environment"], settings: Settings) ->
 
 
 def said_of(source: Source, *, in_file: bool) -> str:
-    """Say in a sentence, without its stop, what the learner learns from.
+    """Return what the learner learns from in words, to follow "the learner learns from".
 
     Args:
         source: What it learns from.
@@ -103,12 +103,12 @@ def said_of(source: Source, *, in_file: bool) -> str:
     """
     match source:
         case "domain":
-            return "the learner learns from the rewards of the domain file"
+            return "the rewards of the domain file"
         case "sum":
-            return "the learner learns from the environment's reward plus those of the domain file"
+            return "the environment's reward plus those of the domain file"
     if not in_file:
-        return "the learner learns from the environment's reward; the domain file gives none"
+        return "the environment's reward; the domain file gives none"
     return (
-        "the learner learns from the environment's reward; the rewards of the domain file guide "
-        "the planner only (training.reward=sum or domain lets the learner learn from them)"
+        "the environment's reward; the rewards of the domain file guide the planner "
+        "only (training.reward=sum or domain lets the learner learn from them)"
     )

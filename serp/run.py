@@ -268,8 +268,8 @@ def _train(
         with contextlib.ExitStack() as stack, one_thread(), progress, watchdog:
             if settings.tensorboard:
                 events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
-            learning = said_of(trainer.judge.source, in_file=trainer.task.model.rewarding)
-            said = f"{learning[0].upper()}{learning[1:]}."
+            source = said_of(trainer.judge.source, in_file=trainer.task.model.rewarding)
+            said = f"The learner learns from {source}."
             for text in (note, said, *trainer.agent.notices):
                 if text is not None:
                     progress.note(text)

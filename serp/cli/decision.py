@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 from serp.cli.output import number, plural, print_table
 from serp.domain.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
-from serp.explanation import percent, unsafe_ahead, why_not_applicable, why_unsafe
+from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.planning.forecast import SAFE, promise_at
 from serp.planning.settings import Bound
+from serp.quantities import percent
 
 if TYPE_CHECKING:
     from rich.console import Console

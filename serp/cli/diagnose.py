@@ -102,14 +102,14 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool 
         diagnosis: What is printed.
         everything: List what hardly matters, too.
     """
-    from serp.correction.verdict import percent
+    from serp.quantities import percent
 
     for line in _head(diagnosis):
         console.print(line)
     told = [*diagnosis.matter, *(diagnosis.others if everything else ())]
     if told:
         console.print("")
-        rows = [(percent(diagnosis.share(remark)), remark.text) for remark in told]
+        rows = [(percent(diagnosis.share(remark), 2), remark.text) for remark in told]
         print_table(console, ("of its error", "what the file says, and what was observed"), rows,
                     right=[0])  # fmt: skip
     if diagnosis.others and not everything:

@@ -18,7 +18,6 @@ from serp.terminal import visible
 
 DONE = 0
 MISTAKE = 1
-USAGE = 2
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 PIPE_CLOSED = 141  # 128 + SIGPIPE
 

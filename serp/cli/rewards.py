@@ -25,4 +25,5 @@ def learned_from(domain: Domain, task: Task) -> str:
 
     declared = declared_reward(task, domain.model)
     source = source_of(declared, resolve("default", task.settings))
-    return f"task {task.name or domain.name}: {said_of(source, in_file=domain.model.rewarding)}"
+    said = said_of(source, in_file=domain.model.rewarding)
+    return f"task {task.name or domain.name}: the learner learns from {said}"

@@ -30,7 +30,7 @@ class Curves(NamedTuple):
 
 
 class Checkpoints(NamedTuple):
-    """Evaluations of one policy in the course of a training.
+    """Evaluations of the learner alone in the course of a training.
 
     Attributes:
         env_steps: `[C]`, rising: env steps of training before each.
@@ -41,9 +41,9 @@ class Checkpoints(NamedTuple):
     returns: Array
 
 
-def checkpoints(record: Record, policy: str = "learner") -> Checkpoints:
-    """Mean returns of a policy's evaluations; empty where there are none."""
-    rows = record.evaluations["policy"] == policy
+def checkpoints(record: Record) -> Checkpoints:
+    """Return the mean returns of the learner's evaluations; empty where there are none."""
+    rows = record.evaluations["policy"] == "learner"
     steps, where = np.unique(record.evaluations["env_steps"][rows], return_inverse=True)
     returns = record.evaluations["return"][rows].astype(np.float64)
     sums = np.bincount(where, weights=returns, minlength=len(steps))
@@ -51,16 +51,16 @@ def checkpoints(record: Record, policy: str = "learner") -> Checkpoints:
     return Checkpoints(steps.astype(np.float64), sums / counts)
 
 
-def running_return(record: Record, at: Array, *, smoothed: bool = False) -> Array:
-    """Return of the episode that is running at given env steps.
+def running_return(record: Record, at: Array) -> Array:
+    """Return the smoothed return of the episode that is running at given env steps.
 
+    Smoothed is the mean over this episode and the 19 before it (over as many as there are).
     Piecewise constant: episode i runs from the step after the end of episode i - 1 to its own
     end. After the last complete episode its return goes on, as nothing else is known.
 
     Args:
         record: Of a trial.
         at: Env steps, each at least 0.
-        smoothed: Take the mean over this and the 19 episodes before it (over as many as there are).
 
     Returns:
         As many returns; NaN where no episode was completed.
@@ -69,32 +69,13 @@ def running_return(record: Record, at: Array, *, smoothed: bool = False) -> Arra
     if not len(returns):
         return np.full(len(at), np.nan)
     running = np.searchsorted(record.episodes["env_steps"], at, side="left")
-    values = moving_mean(returns) if smoothed else returns
-    return values[np.minimum(running, len(returns) - 1)]
-
-
-def block_means(records: Sequence[Record], edges: Array) -> Array:
-    """Time average of the running return between each two of `edges`: `[seeds, blocks]`.
-
-    Args:
-        records: Trials; those without a complete episode are left out.
-        edges: Env steps, rising, at least two.
-    """
-    rows = []
-    for record in records:
-        returns = record.episodes["return"].astype(np.float64)
-        if len(returns):
-            ends = np.concatenate([[0.0], record.episodes["env_steps"]])
-            ends[-1] = max(ends[-1], edges[-1])  # the last episode's return goes on
-            sums = np.concatenate([[0.0], np.cumsum(np.diff(ends) * returns)])
-            rows.append(np.diff(np.interp(edges, ends, sums)) / np.diff(edges))
-    return np.stack(rows) if rows else np.zeros((0, len(edges) - 1))
+    return moving_mean(returns)[np.minimum(running, len(returns) - 1)]
 
 
 def training_curves(records: Sequence[Record], env_steps: int) -> Curves:
     """Training return over env steps from 0 to the budget, smoothed over 20 episodes."""
     grid = np.linspace(0, env_steps, GRID)
-    rows = [running_return(record, grid, smoothed=True) for record in records]
+    rows = [running_return(record, grid) for record in records]
     return _stacked(grid, rows)
 
 

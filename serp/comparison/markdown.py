@@ -57,11 +57,6 @@ def times_text(found: Times) -> str:
     return text + few
 
 
-def percent(share: float) -> str:
-    """A share as whole percents."""
-    return f"{100 * share:.0f} %"
-
-
 def _time(value: float) -> str:
     return "never" if math.isinf(value) else f"{value:,.0f}"
 

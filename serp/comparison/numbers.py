@@ -8,7 +8,6 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from serp.comparison.claims import Claim
 from serp.comparison.records import EPISODE_COLUMNS, EVALUATION_COLUMNS, Columns, Record, Trial
 from serp.comparison.results import Results
 from serp.comparison.statistics import (
@@ -48,7 +47,7 @@ def evaluations_csv(records: Sequence[Record]) -> str:
     return _merged(EVALUATION_COLUMNS, ((record.trial, record.evaluations) for record in records))
 
 
-def comparison_json(results: Results, claims: Sequence[Claim]) -> str:
+def comparison_json(results: Results) -> str:
     """Everything that the report says, as strict JSON.
 
     Null stands for what was not measured and for infinity; a trial's `never` names the measures
@@ -90,10 +89,6 @@ def comparison_json(results: Results, claims: Sequence[Claim]) -> str:
         "statistics": {variant: _statistics(results, variant) for variant in results.variants},
         "differences": _differences(results),
         "model_variants": _variants(results),
-        "claims": [
-            claim._asdict() | {"evidence": [_evidence(item) for item in claim.evidence]}
-            for claim in claims
-        ],
     }
     return json_text(finite(content))
 
@@ -169,11 +164,6 @@ def _plain_value(value: Any) -> Any:
     if isinstance(value, Check):
         return value._asdict() | {"difference": _estimate(value.difference)}
     return value
-
-
-def _evidence(item: Any) -> dict[str, Any]:
-    found: dict[str, Any] = item._asdict()
-    return found | {"difference": _estimate(item.difference)}
 
 
 def _estimate(found: Estimate | None) -> dict[str, float | None] | None:

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from serp.comparison.about import ComparisonAbout as ComparisonAbout
-from serp.comparison.claims import MARGIN, Claim, judge
 from serp.comparison.figures import Picture, pictures
-from serp.comparison.markdown import NOTHING, estimate_text, number, percent, times_text
+from serp.comparison.markdown import NOTHING, estimate_text, number, times_text
 from serp.comparison.numbers import comparison_json, episodes_csv, evaluations_csv, measures_csv
 from serp.comparison.page import page
 from serp.comparison.records import Record, Trial
@@ -20,10 +19,8 @@ from serp.comparison.tables import (
     COST,
     RETURNS,
     SAFETY,
-    claims_table,
     definitions_table,
     differences_table,
-    evidence_table,
     task_measures,
     terms_tables,
     thresholds_table,
@@ -33,6 +30,7 @@ from serp.comparison.tables import (
 from serp.comparison.variants import EARLY_MARGIN, FINAL_MARGIN, subject, variant_rows
 from serp.markdown import code, plain, table
 from serp.picture import render
+from serp.quantities import percent
 from serp.runs.durable import cannot_write, write_durably
 from serp.runs.regular import make_inside
 from serp.runs.summary import WINDOW
@@ -47,12 +45,10 @@ class Written(NamedTuple):
     Attributes:
         files: All files, the report first.
         results: The trials and their measures.
-        claims: The verdicts on the paper's claims.
     """
 
     files: tuple[Path, ...]
     results: Results
-    claims: tuple[Claim, ...]
 
 
 def write_report(folder: Path, records: Sequence[Record], about: ComparisonAbout) -> Written:
@@ -72,8 +68,7 @@ def write_report(folder: Path, records: Sequence[Record], about: ComparisonAbout
     """
     results = Results(records, about)
     drawn = pictures(results)
-    claims = judge(results)
-    markdown = report_text(results, claims, drawn)
+    markdown = report_text(results, drawn)
     try:
         make_inside(folder, FIGURES)
     except OSError as error:
@@ -85,16 +80,16 @@ def write_report(folder: Path, records: Sequence[Record], about: ComparisonAbout
         "measures.csv": measures_csv(results),
         "episodes.csv": episodes_csv(results.records),
         "evaluations.csv": evaluations_csv(results.records),
-        "comparison.json": comparison_json(results, claims),
+        "comparison.json": comparison_json(results),
         **vectors,
         **{f"{FIGURES}/{picture.name}.png": render(picture.figure, "png") for picture in drawn},
     }
     for name, content in files.items():
         write_durably(folder / name, content)
-    return Written(tuple(folder / name for name in files), results, claims)
+    return Written(tuple(folder / name for name in files), results)
 
 
-def report_text(results: Results, claims: Sequence[Claim], drawn: Sequence[Picture]) -> str:
+def report_text(results: Results, drawn: Sequence[Picture]) -> str:
     """The report as Markdown, with its figures as `figures/<name>.svg`."""
     figures = {picture.name: _figure(picture) for picture in drawn}
     about = results.about
@@ -106,8 +101,6 @@ def report_text(results: Results, claims: Sequence[Claim], drawn: Sequence[Pictu
         sections += [*_equal_terms(results), *_results(results, figures)]
     if len(variant_rows(results)) > 1:
         sections += _variants(results, figures)
-    if claims:
-        sections += _claims(results, claims)
     sections += [
         "## How to reproduce",
         code(about.command),
@@ -300,20 +293,6 @@ def _variants(results: Results, figures: dict[str, str]) -> Iterable[str]:
 
 def _limit(results: Results, share: float) -> str:
     return f"{number(-share * results.range)} ({percent(share)} of the range of returns)"
-
-
-def _claims(results: Results, claims: Sequence[Claim]) -> Iterable[str]:
-    yield "## The paper's claims"
-    yield (
-        "What these numbers say of the claims of section 4. A claim is confirmed where the 95 % "
-        "interval of a difference between means lies on the claim's side in everything that was "
-        f"measured for it; similar means within {percent(MARGIN)} of the range.\n\n"
-        + _caution(results)
-        + claims_table(claims)
-    )
-    for claim in claims:
-        title = f"{plain(claim.subject)}: {plain(claim.text)}"
-        yield f"### {title}\n\n{claim.verdict.capitalize()}.\n\n{evidence_table(claim)}"
 
 
 def _figure(picture: Picture) -> str:

@@ -167,17 +167,10 @@ class Results:
         return self._estimates[key]
 
     def difference(
-        self,
-        first: str,
-        second: str,
-        name: str,
-        statistic: Statistic = mean,
-        variant: str | None = None,
+        self, first: str, second: str, name: str, statistic: Statistic = mean
     ) -> Estimate:
-        """By how much a measure of one algorithm exceeds another's, in the mean over the seeds."""
-        return difference(
-            [self.known(first, name, variant)], [self.known(second, name, variant)], statistic
-        )
+        """Estimate by how much a measure of one algorithm exceeds another's on the base variant."""
+        return difference([self.known(first, name)], [self.known(second, name)], statistic)
 
     @cached_property
     def range(self) -> float:

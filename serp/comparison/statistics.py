@@ -204,23 +204,6 @@ def interquartile_band(curves: Array) -> Band:
     return Band(centre, np.minimum(low, centre), np.maximum(high, centre))
 
 
-def difference_band(first: Array, second: Array) -> Band:
-    """By how much the mean of curves `[n, G]` exceeds that of `[m, G]`, with 95 % intervals.
-
-    Raises:
-        ValueError: One side has fewer than two curves.
-    """
-    sides = [np.ascontiguousarray(np.sort(side, axis=0).T) for side in (first, second)]
-    if min(len(first), len(second)) < 2:
-        raise ValueError("an interval of a difference takes two curves on each side")
-
-    def of(parts: Sequence[Array]) -> Array:
-        return mean(parts[0]) - mean(parts[1])
-
-    low, high = _bootstrap(sides, of, resamples=CURVE_RESAMPLES)
-    return Band(of(sides), low, high)
-
-
 def _sorted(values: ArrayLike) -> Array:
     found = np.asarray(values, dtype=np.float64).ravel()
     return np.sort(found[~np.isnan(found)])

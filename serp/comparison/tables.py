@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from serp.comparison.claims import Claim
 from serp.comparison.definitions import BY_NAME, Measure
 from serp.comparison.markdown import (
     NOTHING,
@@ -98,7 +97,7 @@ def thresholds_table(results: Results) -> str:
     return table(["algorithm", *titles, "threshold held (IQM)"], rows)
 
 
-def differences_table(results: Results, names: Sequence[str] = DIFFERENCES) -> str:
+def differences_table(results: Results) -> str:
     """How far each algorithm is from the first: differences of means and interquartile means."""
     first, *others = results.algorithms
     rows = []
@@ -106,10 +105,12 @@ def differences_table(results: Results, names: Sequence[str] = DIFFERENCES) -> s
         for label, statistic in (("means", mean), ("IQMs", interquartile_mean)):
             cells = [
                 estimate_text(results.difference(other, first, name, statistic), signed=True)
-                for name in names
+                for name in DIFFERENCES
             ]
             rows.append([plain(f"{other} − {first}") if label == "means" else "", label, *cells])
-    return table(["difference", "of the", *(BY_NAME[name].title for name in names)], rows, left=2)
+    return table(
+        ["difference", "of the", *(BY_NAME[name].title for name in DIFFERENCES)], rows, left=2
+    )
 
 
 def terms_tables(results: Results) -> tuple[str, str]:
@@ -176,32 +177,6 @@ def variants_table(results: Results) -> str:
 def _check_cells(check: Check, *, named: bool = False) -> tuple[str, str]:
     value = estimate_text(check.difference, signed=True)
     return (f"{value} ({plain(check.to)})" if named else value), check.verdict
-
-
-def claims_table(claims: Sequence[Claim]) -> str:
-    """A row a claim, a column for each algorithm that it was looked at for."""
-    subjects = list(dict.fromkeys(claim.subject for claim in claims))
-    verdicts = {(claim.text, claim.subject): claim.verdict for claim in claims}
-    places = {claim.text: claim.section for claim in claims}
-    rows = [
-        [plain(text), plain(place), *(f"**{verdicts[text, name]}**" for name in subjects)]
-        for text, place in places.items()
-    ]
-    return table(["claim", "where", *map(plain, subjects)], rows, left=2 + len(subjects))
-
-
-def evidence_table(claim: Claim) -> str:
-    """The numbers that a verdict rests on."""
-    rows = [
-        [
-            plain(item.what),
-            estimate_text(item.difference, signed=True),
-            item.verdict,
-            plain(item.note),
-        ]
-        for item in claim.evidence
-    ]
-    return table(["what", "difference [95 %]", "says", "note"], rows, left=4)
 
 
 def definitions_table(measures: Sequence[Measure]) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from serp.correction.accuracy import WELL, Quantity
 from serp.correction.monitor import END, REWARD
 from serp.correction.wording import number
+from serp.quantities import percent
 
 _EXACT = 1e-9
 
@@ -27,7 +28,7 @@ def verdict(quantities: Sequence[Quantity], found: bool) -> str:
     if len(well) == len(quantities):
         error = "one step ahead it is exact"
         if worst.off > _EXACT:
-            error = f"one step ahead every error is at most {percent(worst.off)} of the change"
+            error = f"one step ahead every error is at most {percent(worst.off, 2)} of the change"
             error += f", that of {worst.shown}"
         rest = "What is listed here would make it better." if found else "Nothing more was found."
         return f"The file predicts well: {error}. {rest}"
@@ -39,8 +40,8 @@ def verdict(quantities: Sequence[Quantity], found: bool) -> str:
         listed = f"with what is listed here{chance} {better} of {len(quantities)}"
     return (
         f"One step ahead the file as written predicts {counted} ({_names(quantities)}) to within "
-        f"{percent(WELL)} of the change; {listed}. The largest error is {percent(worst.off)} of "
-        f"the change, that of {worst.shown}."
+        f"{percent(WELL, 2)} of the change; {listed}. The largest error is "
+        f"{percent(worst.off, 2)} of the change, that of {worst.shown}."
     )
 
 
@@ -56,7 +57,7 @@ def unexplained(quantities: Sequence[Quantity]) -> list[str]:
 
 def _sentence(q: Quantity) -> str:
     differs = abs(q.squared_left - q.squared) > 0.01 * q.squared
-    listed = f"; with what is listed {percent(q.off_left)}" if differs else ""
+    listed = f"; with what is listed {percent(q.off_left, 2)}" if differs else ""
     mostly = f"; most of it after `{q.action}`" if q.most > 0.5 and q.squared else ""
     if q.name == END:
         return _end(q) + listed
@@ -66,7 +67,8 @@ def _sentence(q: Quantity) -> str:
         if not q.written:
             return f"{changes}, and nothing in the file says so{listed}{mostly}"
         wrong = f"{q.said:,} changes were predicted, of these {q.right:,} came"
-        return f"{changes}; {wrong} (wrong {percent(q.off)} as often as it changes){listed}{mostly}"
+        wrong += f" (wrong {percent(q.off, 2)} as often as it changes)"
+        return f"{changes}; {wrong}{listed}{mostly}"
     if q.name == REWARD:
         changes = f"the reward is {number(q.change)} a step"
     else:
@@ -77,7 +79,7 @@ def _sentence(q: Quantity) -> str:
     if not q.written:
         return f"{changes}, and nothing in the file says so{listed}{mostly}"
     error = number(q.change * q.off)
-    return f"{changes}, the error of the file is {error} ({percent(q.off)}){listed}{mostly}"
+    return f"{changes}, the error of the file is {error} ({percent(q.off, 2)}){listed}{mostly}"
 
 
 def _end(q: Quantity) -> str:
@@ -97,10 +99,3 @@ def _names(quantities: Sequence[Quantity]) -> str:
     named += ["the reward"] if any(q.name == REWARD for q in quantities) else []
     named += ["the end"] if any(q.name == END for q in quantities) else []
     return " and ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)
-
-
-def percent(share: float) -> str:
-    """Return a share as people read it."""
-    if share >= 0.095 or share == 0.0:
-        return f"{100 * share:,.0f} %"
-    return "< 0.01 %" if share < 0.0001 else f"{100 * share:.2g} %"

@@ -14,22 +14,19 @@ from serp.runs.durable import cannot_write
 from serp.runs.lock import LOCK
 
 
-def default_path(
-    domain_name: str, now: datetime.datetime | None = None, root: Path | str = "runs"
-) -> Path:
+def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path:
     """The folder of a run that was given none: ``runs/<domain>-<time>``, unused so far.
 
     Args:
         domain_name: name of the domain; what a folder's name cannot hold becomes a hyphen.
         now: the time in it; the present local time by default.
-        root: the folder in which runs lie.
 
     Returns:
         A path that does not exist; ``-2``, ``-3``, … is appended where the first one does.
     """
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", domain_name).strip("-.") or "run"
     stamp = (now or datetime.datetime.now()).strftime("%Y%m%d-%H%M%S")
-    first = path = Path(root) / f"{name}-{stamp}"
+    first = path = Path("runs") / f"{name}-{stamp}"
     number = 1
     while os.path.lexists(path):
         number += 1

@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from serp.markdown import code, plain, table
+from serp.quantities import percent
 from serp.reward import said_of
 from serp.runs.summary import spans
+
+_EXECUTED: Final = {
+    "planner": "actions of the planner executed",
+    "learner": "actions of the learner executed",
+    "exploration": "actions of exploration executed",
+    "fallback": "neither had an action (fallback)",
+}
 
 
 def report(
     about: Mapping[str, Any],
     summary: Mapping[str, Any],
-    picture: str = "learning-curve.png",
 ) -> str:
     """Writes the report of a run as plain Markdown.
 
     Args:
         about: ``config.json``: the keys that `serp.runs.config.config_text` writes.
         summary: what `serp.runs.summary.summarize` returns.
-        picture: where the learning curve lies, relative to the report.
 
     Returns:
         Markdown with a line break at its end.
@@ -29,15 +35,12 @@ def report(
     sections = [
         f"# Run: {plain(_title(about, summary))}",
         _lead(summary),
-        f"![Learning curve: return per episode, and who decided]({picture})",
+        "![Learning curve: return per episode, and who decided](learning-curve.png)",
         *_learned_from(summary),
         "## Result\n\n" + _results(summary),
         "## Safety\n\n" + _safety(summary),
         "## Vetoes by reason\n\n" + _vetoes(summary["vetoes_by_reason"]),
     ]
-    evaluation = summary.get("evaluation")
-    if evaluation:
-        sections.append("## Evaluation\n\n" + table(("", "value"), _flat(evaluation)))
     sections.append("## How it was made\n\n" + _origin(about))
     return "\n\n".join(sections) + "\n"
 
@@ -67,8 +70,8 @@ def _lead(summary: Mapping[str, Any]) -> str:
 
 def _learned_from(summary: Mapping[str, Any]) -> Iterable[str]:
     if "learned_from" in summary:
-        said = said_of(summary["learned_from"], in_file=bool(summary["file_rewards"]))
-        yield f"{said[0].upper()}{said[1:]}."
+        source = said_of(summary["learned_from"], in_file=bool(summary["file_rewards"]))
+        yield f"The learner learns from {source}."
 
 
 def _results(summary: Mapping[str, Any]) -> str:
@@ -91,10 +94,10 @@ def _results(summary: Mapping[str, Any]) -> str:
         ("episodes ended by a limit", f"{summary['truncations']:,}"),
         ("environment steps per second of training", _number(summary["steps_per_second"])),
         ("compilation, once and beside the training", duration(summary["compile_seconds"])),
-        ("actions of the planner executed", _percent(shares["planner"])),
-        ("actions of the learner executed", _percent(shares["learner"])),
-        ("actions of exploration executed", _percent(shares["exploration"])),
-        ("neither had an action (fallback)", _percent(shares["fallback"])),
+        *(
+            (what, "–" if shares[actor] is None else percent(shares[actor]))
+            for actor, what in _EXECUTED.items()
+        ),
         ("learner probability ρ at the end", _number(summary["final_rho"])),
     ]
     return table(("", "value"), rows)
@@ -138,19 +141,6 @@ def _origin(about: Mapping[str, Any]) -> str:
     return f"{code(shlex.join(map(str, command)))}\n\n{made_with}"
 
 
-def _flat(values: Mapping[str, Any], before: str = "") -> Iterable[tuple[str, str]]:
-    """The leaves of nested mappings with the keys that lead to them."""
-    for key, value in values.items():
-        name = f"{before}{key}"
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{name}, ")
-        elif isinstance(value, int | float) and not isinstance(value, bool):
-            yield plain(name), _number(value)
-        elif isinstance(value, str | bool) or value is None:
-            yield plain(name), plain("–" if value is None else str(value))
-        # Lists (a value an episode) are for programs: they stay in summary.json.
-
-
 def duration(seconds: float) -> str:
     """A time that people read: ``8.2 s``, ``3 min 05 s``, ``2 h 07 min``."""
     if seconds < 59.95:
@@ -167,7 +157,3 @@ def _number(value: float | None) -> str:
     if isinstance(value, int) or abs(value) >= 1000:
         return f"{value:,.0f}"
     return f"{value:.4g}"
-
-
-def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{100 * share:.1f} %"

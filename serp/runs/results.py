@@ -13,21 +13,12 @@ from serp.runs.report import report
 from serp.runs.summary import summarize
 
 
-def write_results(
-    run: RunFolder,
-    evaluation: Mapping[str, Any] | None = None,
-    *,
-    compile_seconds: float = 0.0,
-) -> dict[str, Any]:
+def write_results(run: RunFolder, compile_seconds: float = 0.0) -> None:
     """Writes ``summary.json``, ``learning-curve.png``, ``learning-curve.svg`` and ``report.md``.
 
     Args:
         run: open for writing; its tables are flushed first.
-        evaluation: results of an evaluation, taken into the summary and the report.
         compile_seconds: what compilation took, beside the training.
-
-    Returns:
-        The summary, as it stands in ``summary.json``.
 
     Raises:
         RunError: a table is malformed, or a write failed.
@@ -35,15 +26,12 @@ def write_results(
     run.flush()
     metrics = read_metrics(run.path / METRICS)
     vetoes = read_tally(run.path / DECISIONS).vetoes_by_reason()
-    summary: dict[str, Any] = finite(
-        summarize(metrics, run.config, vetoes, evaluation, compile_seconds)
-    )
+    summary: dict[str, Any] = finite(summarize(metrics, run.config, vetoes, compile_seconds))
     run.write_summary(summary)
     figure = plots.learning_curve(metrics, _title(summary))
     run.write("learning-curve.png", plots.render(figure, "png"))
     run.write("learning-curve.svg", plots.render(figure, "svg"))
     run.write("report.md", report(run.about, summary))
-    return summary
 
 
 def _title(summary: Mapping[str, Any]) -> str:

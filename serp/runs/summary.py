@@ -22,21 +22,11 @@ def spans(episodes: int) -> tuple[int, int]:
     return min(FIRST, episodes), min(WINDOW, episodes)
 
 
-def moving_mean(
-    values: np.ndarray[Any, Any], window: int = WINDOW
-) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Mean over the last `window` values, over fewer at the beginning.
-
-    Args:
-        values: ``[n]``.
-        window: at least 1.
-
-    Returns:
-        ``[n]``.
-    """
+def moving_mean(values: np.ndarray[Any, Any]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """Return the mean over the last `WINDOW` values (over fewer at the beginning), both ``[n]``."""
     sums = np.concatenate([[0.0], np.cumsum(values, dtype=np.float64)])
     ends = np.arange(1, len(values) + 1)
-    starts = np.maximum(ends - window, 0)
+    starts = np.maximum(ends - WINDOW, 0)
     means: np.ndarray[tuple[int], np.dtype[np.float64]] = (sums[ends] - sums[starts]) / (
         ends - starts
     )
@@ -47,7 +37,6 @@ def summarize(
     metrics: Metrics,
     config: Mapping[str, Any] | None = None,
     vetoes_by_reason: Mapping[str, int] | None = None,
-    evaluation: Mapping[str, Any] | None = None,
     compile_seconds: float = 0.0,
 ) -> dict[str, Any]:
     """Sums up a run; a pure function of its arguments.
@@ -57,7 +46,6 @@ def summarize(
         config: the resolved configuration; its ``domain``, ``preset``, ``seed``,
             ``learned_from`` and ``file_rewards`` are repeated.
         vetoes_by_reason: reason → proposals refused for it, in the order to be listed.
-        evaluation: results of an evaluation after the training, taken over as they are.
         compile_seconds: what compilation took; it is no part of ``wall_time``.
 
     Returns:
@@ -89,8 +77,6 @@ def summarize(
         },
         "final_rho": _last(metrics["rho"]),
     }
-    if evaluation is not None:
-        summary["evaluation"] = dict(evaluation)
     return summary
 
 

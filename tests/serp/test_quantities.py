@@ -1,4 +1,4 @@
-"""Numbers as users give them."""
+"""Numbers as users give them, and shares as they are shown."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from serp.errors import SettingsError
-from serp.quantities import real, seed_of, truth, whole
+from serp.quantities import percent, real, seed_of, truth, whole
 
 NO_NUMBERS: list[Any] = [None, True, np.True_, "3", [3], np.array([3]), Decimal(3), 1j, math.nan]
 
@@ -61,3 +61,19 @@ def test_what_is_no_seed_is_refused_with_its_value(value: Any) -> None:
 def test_any_whole_number_is_a_seed() -> None:
     assert seed_of(np.int64(7)) == 7
     assert seed_of(2**200) == 2**200
+
+
+@pytest.mark.parametrize(
+    ("share", "two", "three"),
+    [
+        (0.0, "0 %", "0 %"),
+        (1e-6, "< 0.01 %", "< 0.001 %"),
+        (0.00123, "0.12 %", "0.123 %"),
+        (0.05, "5 %", "5 %"),
+        (0.1234, "12 %", "12.3 %"),
+        (0.9999, "100 %", "100 %"),
+        (12.3456, "1,235 %", "1,235 %"),
+    ],
+)
+def test_shares_are_shown_with_significant_digits(share: float, two: str, three: str) -> None:
+    assert (percent(share, 2), percent(share)) == (two, three)

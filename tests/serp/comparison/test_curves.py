@@ -1,13 +1,9 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from serp.comparison.curves import (
     GRID,
-    block_means,
     checkpoints,
     episode_curves,
     evaluation_curves,
@@ -18,10 +14,10 @@ from serp.comparison.curves import (
 from tests.serp.comparison.made_up import record
 
 
-def test_the_running_return_is_that_of_the_episode_at_a_step():
+def test_the_running_return_is_the_mean_up_to_the_episode_at_a_step():
     one = record([5.0, 7.0, 9.0], [10, 20, 5])
     at = np.array([0, 1, 10, 11, 30, 31, 35, 100], float)
-    assert running_return(one, at).tolist() == [5, 5, 5, 7, 7, 9, 9, 9]
+    assert running_return(one, at).tolist() == [5, 5, 5, 6, 6, 7, 7, 7]
 
 
 def test_training_curves_go_from_the_first_step_to_the_budget():
@@ -29,22 +25,6 @@ def test_training_curves_go_from_the_first_step_to_the_budget():
     assert (curves.x[0], curves.x[-1], len(curves.x)) == (0, 200, GRID)
     assert curves.y.shape == (2, GRID)
     assert (curves.y[0] == 4).all() and (curves.y[1] == 6).all()
-
-
-episodes = st.lists(st.tuples(st.floats(-100, 100), st.integers(1, 30)), min_size=1, max_size=20)
-
-
-@given(episodes, st.integers(1, 5))
-def test_block_means_add_up_to_the_whole(rows, blocks):
-    returns, lengths = zip(*rows, strict=True)
-    one = record(returns, lengths)
-    total = float(sum(lengths)) + 7
-    edges = np.linspace(0, total, blocks + 1)
-    steps = np.arange(1, int(total) + 1)
-    expected = running_return(one, steps.astype(float)).mean()
-    found = block_means([one], edges)
-    assert found.shape == (1, blocks)
-    assert found.mean() == pytest.approx(expected, abs=1e-9)
 
 
 def test_episode_curves_end_with_the_seed_that_has_the_fewest():

@@ -4,7 +4,6 @@ import re
 
 import pytest
 
-from serp.comparison.claims import judge
 from serp.comparison.figures import pictures
 from serp.comparison.page import page
 from serp.comparison.records import Trial
@@ -18,7 +17,7 @@ from tests.serp.comparison.test_page import read
 def texts(found, asked=None):
     """The report as Markdown and as a page, without its figures."""
     results = Results(found, asked or about(found))
-    markdown = report_text(results, judge(results), ())
+    markdown = report_text(results, ())
     return markdown, page(markdown, results.about.task, {})
 
 
@@ -37,7 +36,7 @@ def test_a_report_can_be_read_alone(whole):
     for heading in (
         "# Comparison: walkway", "## What was compared", "## Equal terms", "### Returns",
         "### Time until good", "### Safety and outcomes", "## Differences to serp",
-        "## How bad may the model be?", "## The paper's claims", "## How to reproduce",
+        "## How bad may the model be?", "## How to reproduce",
         "## Definitions",
     ):  # fmt: skip
         assert f"\n{heading}\n" in "\n" + text
@@ -95,16 +94,9 @@ def test_intervals_and_verdicts_of_few_seeds_carry_a_warning(seeds):
     asking = re.findall(r"^#+ (.+)\n\n(?:(?!#).*\n)*?\*\*Few seeds \(4\)", text, re.M)
     shown = [
         "Comparison: walkway", "Returns", "Differences to serp", "How bad may the model be?",
-        "The paper's claims",
     ]  # fmt: skip
     assert asking == (shown if seeds < 5 else [])
     assert ("Few seeds (4): intervals" in html) == (seeds < 5)
-
-
-@pytest.mark.parametrize("seeds", [[0], [0, 1]])
-def test_few_seeds_make_a_report_without_claims_of_certainty(seeds):
-    text, _ = texts(records(seeds=seeds))
-    assert ("**confirmed**" in text) == (len(seeds) > 1)
 
 
 def test_equal_records_in_any_order_give_equal_files(whole, tmp_path):

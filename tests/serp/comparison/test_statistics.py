@@ -8,7 +8,6 @@ from scipy.stats import trim_mean
 
 from serp.comparison.statistics import (
     difference,
-    difference_band,
     estimate,
     interquartile_band,
     interquartile_mean,
@@ -118,15 +117,3 @@ def test_bands_of_one_seed_are_its_curve_and_of_none_are_nothing():
     for band in (interquartile_band(curve), mean_band(curve)):
         assert all((edge == curve[0]).all() for edge in band)
     assert np.isnan(interquartile_band(np.zeros((0, 3))).centre).all()
-
-
-def test_a_band_of_differences_agrees_with_differences():
-    rng = np.random.default_rng(2)
-    first, second = rng.normal(2, 1, (6, 3)), rng.normal(0, 1, (9, 3))
-    band = difference_band(first, second)
-    for column in range(3):
-        one = difference([first[:, column]], [second[:, column]], mean)
-        assert band.centre[column] == pytest.approx(one.value)
-        assert band.low[column] == pytest.approx(one.low, abs=0.15)
-    with pytest.raises(ValueError, match="two curves"):
-        difference_band(first[:1], second)

@@ -17,7 +17,7 @@ def test_curves_show_the_metrics(make_metrics):
     episode, mean = upper.get_lines()
     assert (episode.get_xdata() == metrics["env_steps"]).all()
     assert (episode.get_ydata() == metrics["return"]).all()
-    assert (mean.get_ydata() == moving_mean(metrics["return"], 20)).all()
+    assert (mean.get_ydata() == moving_mean(metrics["return"])).all()
     assert mean.get_linewidth() > 2 * episode.get_linewidth()
     (rho,) = lower.get_lines()
     assert (rho.get_ydata() == metrics["rho"]).all()
