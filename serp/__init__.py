@@ -12,61 +12,61 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOMES = {
-    "ActionMap": "serp.actions",
-    "Arbiter": "serp.arbiter",
-    "ArbiterSettings": "serp.arbiter",
-    "Comparison": "serp.comparison.study",
+    "ActionMap": "serp.planning.action_map",
+    "Arbiter": "serp.control.arbiter",
+    "ArbiterSettings": "serp.control.arbiter",
+    "Comparison": "serp.compare.study",
     "DQN": "serp.learning",
     "DQNSettings": "serp.learning",
-    "Domain": "serp.domain.loading",
-    "DomainError": "serp.domain.source",
-    "GuideSettings": "serp.strategies.settings",
+    "Domain": "serp.model.loading",
+    "DomainError": "serp.pddl.source",
+    "GuideSettings": "serp.control.strategies.settings",
     "Lookahead": "serp.planning.lookahead",
     "MonitorReplanner": "serp.planning.replanner",
-    "Outcome": "serp.domain.model",
+    "Outcome": "serp.model.transition_model",
     "Plan": "serp.planning.replanner",
     "PlannerSettings": "serp.planning.settings",
-    "Run": "serp.run",
+    "Run": "serp.training.run",
     "SerpError": "serp.errors",
     "Settings": "serp.settings",
-    "StateError": "serp.domain.model",
-    "Symmetry": "serp.symmetry",
-    "Task": "serp.task",
-    "TransitionModel": "serp.domain.model",
-    "compare": "serp.comparison.study",
-    "load_domain": "serp.domain.loading",
-    "load_run": "serp.run",
-    "plan_and_learn": "serp.run",
+    "StateError": "serp.model.transition_model",
+    "Symmetry": "serp.tasks.task_symmetry",
+    "Task": "serp.tasks.task",
+    "TransitionModel": "serp.model.transition_model",
+    "compare": "serp.compare.study",
+    "load_domain": "serp.model.loading",
+    "load_run": "serp.training.run",
+    "plan_and_learn": "serp.training.run",
 }
 
 __all__ = [*sorted(_HOMES), "__version__"]
 
 if TYPE_CHECKING:
-    from serp.actions import ActionMap as ActionMap
-    from serp.arbiter import Arbiter as Arbiter
-    from serp.arbiter import ArbiterSettings as ArbiterSettings
-    from serp.comparison.study import Comparison as Comparison
-    from serp.comparison.study import compare as compare
-    from serp.domain.loading import Domain as Domain
-    from serp.domain.loading import load_domain as load_domain
-    from serp.domain.model import Outcome as Outcome
-    from serp.domain.model import StateError as StateError
-    from serp.domain.model import TransitionModel as TransitionModel
-    from serp.domain.source import DomainError as DomainError
+    from serp.compare.study import Comparison as Comparison
+    from serp.compare.study import compare as compare
+    from serp.control.arbiter import Arbiter as Arbiter
+    from serp.control.arbiter import ArbiterSettings as ArbiterSettings
+    from serp.control.strategies.settings import GuideSettings as GuideSettings
     from serp.errors import SerpError as SerpError
     from serp.learning import DQN as DQN
     from serp.learning import DQNSettings as DQNSettings
+    from serp.model.loading import Domain as Domain
+    from serp.model.loading import load_domain as load_domain
+    from serp.model.transition_model import Outcome as Outcome
+    from serp.model.transition_model import StateError as StateError
+    from serp.model.transition_model import TransitionModel as TransitionModel
+    from serp.pddl.source import DomainError as DomainError
+    from serp.planning.action_map import ActionMap as ActionMap
     from serp.planning.lookahead import Lookahead as Lookahead
     from serp.planning.replanner import MonitorReplanner as MonitorReplanner
     from serp.planning.replanner import Plan as Plan
     from serp.planning.settings import PlannerSettings as PlannerSettings
-    from serp.run import Run as Run
-    from serp.run import load_run as load_run
-    from serp.run import plan_and_learn as plan_and_learn
     from serp.settings import Settings as Settings
-    from serp.strategies.settings import GuideSettings as GuideSettings
-    from serp.symmetry import Symmetry as Symmetry
-    from serp.task import Task as Task
+    from serp.tasks.task import Task as Task
+    from serp.tasks.task_symmetry import Symmetry as Symmetry
+    from serp.training.run import Run as Run
+    from serp.training.run import load_run as load_run
+    from serp.training.run import plan_and_learn as plan_and_learn
 
 
 def __getattr__(name: str) -> Any:

@@ -10,14 +10,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from serp.arbiter import ArbiterSettings
-from serp.correction.settings import CorrectionSettings
-from serp.domain.source import did_you_mean
+from serp._util.numbers import real, truth, whole
+from serp.adaptation.settings import AdaptationSettings
+from serp.control.arbiter import ArbiterSettings
+from serp.control.strategies.settings import GuideSettings
 from serp.errors import SettingsError
 from serp.learning.settings import DQNSettings
+from serp.pddl.source import did_you_mean
 from serp.planning.settings import PlannerSettings
-from serp.quantities import real, truth, whole
-from serp.strategies.settings import GuideSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +87,7 @@ class Settings:
     """Everything that can be set, by section."""
 
     planner: PlannerSettings = field(default_factory=PlannerSettings)
-    correction: CorrectionSettings = field(default_factory=CorrectionSettings)
+    correction: AdaptationSettings = field(default_factory=AdaptationSettings)
     arbiter: ArbiterSettings = field(default_factory=ArbiterSettings)
     guide: GuideSettings = field(default_factory=GuideSettings)
     learner: DQNSettings = field(default_factory=DQNSettings)
@@ -103,7 +103,7 @@ class Settings:
 
     @property
     def values_leaves(self) -> bool:
-        """Whether the lookahead may use the learner's values at its leaves; see `serp.outlook`."""
+        """Whether the lookahead may use the learner's values at its leaves."""
         return (
             self.planner.leaf_value != "never"
             and self.guide.strategy == "mixture"

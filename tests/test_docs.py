@@ -38,15 +38,15 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 import serp
-from serp.arbiter import Actor, Reason
 from serp.cli import main
 from serp.cli.root import serp as group
-from serp.comparison.algorithms import OWN, algorithm_entries
-from serp.domain.facts import Budget
-from serp.domain.program import MAX_NATIVE_SIZE
-from serp.policies import Policy
+from serp.compare.algorithms import OWN, algorithm_entries
+from serp.control.arbiter import Actor, Reason
+from serp.model.facts import InstantiationBudget
+from serp.model.program import MAX_NATIVE_SIZE
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.settings import PRESETS, resolve
+from serp.training.policies import Policy
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCUMENTS = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -337,7 +337,7 @@ def test_what_is_said_to_be_refused_is_refused_so(
 def test_the_limits_are_those_of_the_code() -> None:
     text = (ROOT / "docs" / "domain-language.md").read_text(encoding="utf-8")
     _, _, limits = text.partition("## Limits\n")
-    most = Budget()
+    most = InstantiationBudget()
     for number in (most.ground_schemas, most.fluents, most.bindings, MAX_NATIVE_SIZE):
         assert f"| {number:,} |" in limits
 

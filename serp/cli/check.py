@@ -18,10 +18,10 @@ from serp.errors import SerpError, TaskError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.cli.pairs import Pair
-    from serp.domain.loading import Domain
-    from serp.domain.source import DomainWarning
-    from serp.task import Task
+    from serp.lint.pairs import Pair
+    from serp.model.loading import Domain
+    from serp.pddl.source import DomainWarning
+    from serp.tasks.task import Task
 
 _NAMED = 12  # actions, processes and events that one line names
 _WARNINGS = 100  # warnings of one domain that are printed
@@ -66,7 +66,7 @@ def command(
     Every file is checked, even where one before it is wrong. Warnings (what may have been
     forgotten, and what other PDDL tools refuse) leave the exit status 0.
     """
-    from serp.cli.pairs import Pair, pairs
+    from serp.lint.pairs import Pair, pairs
 
     own = asked_own_task()
     if not domains and own is None:
@@ -106,8 +106,8 @@ def _report(
         SerpError: Something is wrong.
     """
     from serp.cli.rewards import learned_from
-    from serp.cli.warnings_of import warnings_of
-    from serp.portability import outside_portable_subset
+    from serp.lint.omissions import warnings_of
+    from serp.pddl.portability import outside_portable_subset
 
     domain, task = _load(pair, own, max_ground_schemas)
     findings = warnings_of(domain)
@@ -133,7 +133,7 @@ def _report(
 
 def _ask_unified_planning(console: Console, domain: Domain, seconds: float | None) -> int:
     """Print whether unified-planning reads the files; return the number of warnings."""
-    from serp.portability import ask_unified_planning
+    from serp.pddl.portability import ask_unified_planning
 
     if seconds is None:
         console.print("  unified-planning reads it: not asked (--portable asks)")
@@ -152,9 +152,9 @@ def _load(
     """Return a domain, and the task that it belongs to, with that domain; None for no task."""
     import dataclasses
 
-    from serp.domain.facts import MAX_GROUND_SCHEMAS
-    from serp.domain.loading import load_domain
-    from serp.registry import load_task, task_of
+    from serp.model.facts import MAX_GROUND_SCHEMAS
+    from serp.model.loading import load_domain
+    from serp.tasks.registry import load_task, task_of
 
     if pair.domain is not None:
         limit = max_ground_schemas or MAX_GROUND_SCHEMAS
@@ -186,8 +186,8 @@ def _fit(task: Task, *, asked: bool) -> tuple[str | None, list[DomainWarning]]:
     Raises:
         SerpError: It was asked for, and does not fit.
     """
-    from serp.cli.task_warnings import out_of_range
-    from serp.domain.source import DomainWarning
+    from serp.lint.task_ranges import out_of_range
+    from serp.pddl.source import DomainWarning
 
     try:
         with task.bind() as bound:
@@ -200,8 +200,8 @@ def _fit(task: Task, *, asked: bool) -> tuple[str | None, list[DomainWarning]]:
 
 
 def _summary(domain: Domain) -> Iterator[str]:
-    from serp.domain.automorphisms import find_symmetries
-    from serp.domain.ground import REWARD_TARGET, TERMINAL_TARGET, UNSAFE_TARGET, GroundSchema
+    from serp.model.ground import REWARD_TARGET, TERMINAL_TARGET, UNSAFE_TARGET, GroundSchema
+    from serp.model.symmetry.automorphisms import find_symmetries
 
     model = domain.model
     ground = model.ground

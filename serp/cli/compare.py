@@ -15,7 +15,7 @@ from serp.cli.tasks import asked_task, own_task_option
 from serp.cli.values import parse_settings
 
 if TYPE_CHECKING:
-    from serp.comparison.study import Comparison
+    from serp.compare.study import Comparison
 
 
 @click.command(
@@ -97,7 +97,7 @@ def command(
     names, changed = _algorithms(algorithms)
     settings = parse_settings(assignments)
     chosen = _seeds(ctx, seeds)
-    from serp.comparison.study import compare
+    from serp.compare.study import compare
     from serp.errors import Interrupted
 
     try:
@@ -186,7 +186,7 @@ def _seeds(ctx: click.Context, text: str | None) -> int | list[int] | None:
 
 
 def _list() -> None:
-    from serp.comparison.algorithms import OWN, algorithm_entries
+    from serp.compare.algorithms import OWN, algorithm_entries
 
     rows = [(name, algorithm.description) for name, algorithm in OWN.items()]
     rows += [(name, f"from outside ({e.value})") for name, e in algorithm_entries().items()]

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from serp._util.numbers import percent
 from serp.cli.output import number, plural, print_table
-from serp.domain.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
-from serp.explanation import unsafe_ahead, why_not_applicable, why_unsafe
+from serp.model.explanation import unsafe_ahead, why_not_applicable, why_unsafe
+from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.planning.forecast import SAFE, promise_at
 from serp.planning.settings import Bound
-from serp.quantities import percent
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.domain.model import TransitionModel, Vector
+    from serp.model.transition_model import TransitionModel, Vector
     from serp.planning.replanner import MonitorReplanner, Plan
 
 _ACTIONS_SHOWN = 30

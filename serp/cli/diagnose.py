@@ -17,8 +17,8 @@ from serp.cli.output import number, open_console, plural, print_json, print_tabl
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.correction.diagnosis import Diagnosis, FitRow
-    from serp.correction.monitor import MonitorRow, Side
+    from serp.diagnosis.diagnosis import Diagnosis, FitRow
+    from serp.sysid.monitor import MonitorRow, Side
 
 _ROWS = 10  # of each table, without --all
 _NAMED = 6  # fluents of a state that is shown
@@ -66,8 +66,8 @@ def command(
         if file is not None and file.suffix.lower() != suffix:
             raise click.BadParameter(f"name a file that ends in {suffix}", ctx, param_hint=option)
 
-    from serp.correction.diagnosis import diagnose
-    from serp.runs.durable import write_durably
+    from serp._util.durable_files import write_durably
+    from serp.diagnosis.diagnosis import diagnose
 
     diagnosis = diagnose(run)
     if diagnosis.recorded.notice is not None:
@@ -82,8 +82,8 @@ def command(
         write_durably(table, text.getvalue())
         say(f"The numbers are in {table}")
     if png is not None or svg is not None:
-        from serp.correction.pictures import draw_diagnosis
-        from serp.picture import render
+        from serp._util.figures import render
+        from serp.diagnosis.plots import draw_diagnosis
 
         figure = draw_diagnosis(diagnosis)
         if png is not None:
@@ -102,7 +102,7 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool 
         diagnosis: What is printed.
         everything: List what hardly matters, too.
     """
-    from serp.quantities import percent
+    from serp._util.numbers import percent
 
     for line in _head(diagnosis):
         console.print(line)

@@ -9,7 +9,7 @@ import click
 from serp.cli.examples import ExampledCommand
 from serp.cli.output import number, open_console, plural, print_json, print_table
 from serp.cli.policies import open_run, policy_of_run
-from serp.policies import Policy
+from serp.training.policies import Policy
 
 
 @click.command(
@@ -40,7 +40,7 @@ def command(
     Return is the sum of the environment's rewards. The interval holds the mean of all episodes with
     95 % confidence (Student's t); the spread is what single episodes differ by.
     """
-    from serp.evaluation import other_in_training
+    from serp.training.evaluation import other_in_training
 
     loaded = open_run(run)
     result = loaded.evaluate(policy, episodes=episodes, seed=seed).as_dict()

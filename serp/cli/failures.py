@@ -13,8 +13,8 @@ from typing import Any, NoReturn
 
 import click
 
+from serp._util.terminal import visible
 from serp.errors import Notice, SerpError
-from serp.terminal import visible
 
 DONE = 0
 MISTAKE = 1

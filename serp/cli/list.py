@@ -27,7 +27,7 @@ PRESETS = {
 )
 def command() -> None:
     """List the installed tasks, with their domain files, and the presets."""
-    from serp.registry import task_entries
+    from serp.tasks.registry import task_entries
 
     console = open_console()
     rows, styles = [], []
@@ -45,9 +45,9 @@ def command() -> None:
 
 def _about(name: str) -> tuple[str, str, bool]:
     """Return description and domain file of a task, and whether it cannot be loaded."""
-    from serp.domain.loading import Domain
     from serp.errors import SerpError
-    from serp.registry import find_domain_file, load_task
+    from serp.model.loading import Domain
+    from serp.tasks.registry import find_domain_file, load_task
 
     try:
         task = load_task(name)

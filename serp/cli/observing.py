@@ -6,9 +6,9 @@ import time
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from serp.domain.model import Vector
+    from serp.model.transition_model import Vector
     from serp.planning.replanner import MonitorReplanner
-    from serp.task import Task
+    from serp.tasks.task import Task
 
 MOST_STEPS: Final = 200
 """So many steps are made at most."""

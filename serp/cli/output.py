@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from serp import terminal
-from serp.terminal import visible
+from serp._util import terminal
+from serp._util.terminal import visible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -77,7 +77,7 @@ def print_table(
 
 def print_json(value: Any) -> None:
     """Print JSON that every reader takes: NaN and infinities become null."""
-    from serp.runs.json_files import finite, json_text
+    from serp._util.json_files import finite, json_text
 
     text = json_text(finite(value))
     click.echo(text if not sys.stdout.isatty() else visible(text), nl=False)

@@ -12,14 +12,14 @@ from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say
 from serp.cli.output import open_console, print_json
 from serp.cli.tasks import asked_own_task, domain_of, own_task_option
-from serp.domain.source import listed
 from serp.errors import SerpError
+from serp.pddl.source import listed
 
 if TYPE_CHECKING:
-    from serp.domain.loading import Domain
-    from serp.domain.model import TransitionModel, Vector
+    from serp.model.loading import Domain
+    from serp.model.transition_model import TransitionModel, Vector
     from serp.planning.replanner import MonitorReplanner
-    from serp.task import Task
+    from serp.tasks.task import Task
 
 
 @click.command(
@@ -113,8 +113,8 @@ def command(
         if loaded.task is not None and loaded.domain.model.rewarding:
             open_console().print(learned_from(loaded.domain, loaded.task))
     if svg is not None:
-        from serp.drawing import draw_plan, svg_bytes
-        from serp.runs.durable import write_durably
+        from serp._util.durable_files import write_durably
+        from serp.viz.plan_drawing import draw_plan, svg_bytes
 
         figure = draw_plan(plan, planner, title=f"{loaded.domain.name}, {origin}")
         write_durably(svg, svg_bytes(figure))
@@ -133,9 +133,9 @@ def _load(
 ) -> _Loaded:
     import dataclasses
 
-    from serp.domain.facts import MAX_GROUND_SCHEMAS
-    from serp.domain.loading import load_domain
-    from serp.registry import find_domain_file, load_task, task_of
+    from serp.model.facts import MAX_GROUND_SCHEMAS
+    from serp.model.loading import load_domain
+    from serp.tasks.registry import find_domain_file, load_task, task_of
 
     task = asked_own_task()
     if name is None and task is None:

@@ -18,8 +18,8 @@ from serp.cli.tasks import asked_task, domain_of, own_task_name, own_task_option
 from serp.cli.values import parse_settings
 
 if TYPE_CHECKING:
-    from serp.run import Run
-    from serp.task import Task
+    from serp.tasks.task import Task
+    from serp.training.run import Run
 
 _FROM_OUT = ""
 """What `--resume` holds without a value of its own."""
@@ -101,7 +101,7 @@ def command(
             )
         path, task = out, _limited(asked, max_ground_schemas)
     from serp.errors import Interrupted
-    from serp.run import plan_and_learn
+    from serp.training.run import plan_and_learn
 
     episodes_before = _episodes(path) if resuming and path is not None else 0
     try:
@@ -158,8 +158,8 @@ def _run_to_resume(ctx: click.Context, given: str | None, out: Path | None) -> P
 
 
 def _task_of_run(path: Path, domain: str | None) -> Task:
-    from serp.registry import load_task
     from serp.runs.config import read_config
+    from serp.tasks.registry import load_task
 
     task = asked_task(domain)
     return task if task is not None else load_task(str(read_config(path)["config"].get("task")))

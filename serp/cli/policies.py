@@ -10,10 +10,10 @@ import click
 
 from serp.cli.failures import say
 from serp.cli.tasks import asked_own_task, own_task_option
-from serp.policies import Policy
+from serp.training.policies import Policy
 
 if TYPE_CHECKING:
-    from serp.run import Run
+    from serp.training.run import Run
 
 
 def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -30,7 +30,7 @@ def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def open_run(folder: Path) -> Run:
     """Open a run, and say what is to be known of its agent."""
-    from serp.run import load_run
+    from serp.training.run import load_run
 
     run = load_run(folder, asked_own_task())
     if run.notice is not None:

@@ -19,7 +19,7 @@ from serp.errors import SerpError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.correction.recorded import Recorded
+    from serp.diagnosis.recorded_run import Recorded
 
 _STYLES = {"+": "green", "-": "red", "@": "cyan"}
 
@@ -53,10 +53,10 @@ def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> Non
     if out is not None and not force:
         _refuse_to_replace(out)
 
-    from serp.correction.diagnosis import make_diagnosis
-    from serp.correction.estimation import findings
-    from serp.correction.recorded import read_recorded
-    from serp.correction.repair import repair
+    from serp.diagnosis.diagnosis import make_diagnosis
+    from serp.diagnosis.estimation import findings
+    from serp.diagnosis.recorded_run import read_recorded
+    from serp.diagnosis.repair.repair import repair
 
     recorded = read_recorded(run)
     if out is not None:
@@ -143,7 +143,7 @@ def write_with_problem(out: Path, text: str, problem: str | None) -> Path | None
     Raises:
         SerpError: One of them cannot be written; see `write_together`.
     """
-    from serp.runs.durable import write_together
+    from serp._util.durable_files import write_together
 
     beside = _problem_beside(out)
     if problem is None or _holds(beside, problem):

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from serp.domain.loading import Domain
-    from serp.task import Task
+    from serp.model.loading import Domain
+    from serp.tasks.task import Task
 
 
 def learned_from(domain: Domain, task: Task) -> str:
@@ -19,9 +19,9 @@ def learned_from(domain: Domain, task: Task) -> str:
     Raises:
         SettingsError: The settings of the task are wrong.
     """
-    from serp.reward import said_of, source_of
     from serp.settings import resolve
-    from serp.task import declared_reward
+    from serp.tasks.reward import said_of, source_of
+    from serp.tasks.task import declared_reward
 
     declared = declared_reward(task, domain.model)
     source = source_of(declared, resolve("default", task.settings))

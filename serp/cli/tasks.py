@@ -10,8 +10,8 @@ import click
 from serp.errors import SerpError
 
 if TYPE_CHECKING:
-    from serp.domain.loading import Domain
-    from serp.task import Task
+    from serp.model.loading import Domain
+    from serp.tasks.task import Task
 
 _KEY = f"{__name__}.task"
 
@@ -41,7 +41,7 @@ def asked_own_task() -> Task | None:
     name = own_task_name()
     if name is None:
         return None
-    from serp.own_tasks import own_task
+    from serp.tasks.own_tasks import own_task
 
     return own_task(name)
 
@@ -56,7 +56,7 @@ def asked_task(domain: str | None) -> Task | None:
     """
     import dataclasses
 
-    from serp.registry import find_domain_file, find_task
+    from serp.tasks.registry import find_domain_file, find_task
 
     task = asked_own_task()
     if domain is None or task is None:
@@ -80,8 +80,8 @@ def domain_of(task: Task, problem: Path | None, max_ground_schemas: int | None) 
     """
     import dataclasses
 
-    from serp.domain.facts import MAX_GROUND_SCHEMAS
-    from serp.domain.loading import Domain, load_domain
+    from serp.model.facts import MAX_GROUND_SCHEMAS
+    from serp.model.loading import Domain, load_domain
 
     if problem is None and max_ground_schemas is None:
         return task.load()

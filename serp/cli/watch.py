@@ -11,10 +11,10 @@ from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say
 from serp.cli.output import number, open_console, plural
 from serp.cli.policies import open_run, policy_of_run
-from serp.policies import Policy
+from serp.training.policies import Policy
 
 if TYPE_CHECKING:
-    from serp.watching.film import EpisodeResult
+    from serp.viz.film import EpisodeResult
 
 _GIF_WIDTH = 640
 _FILM_FPS = {".gif": 50.0, ".mp4": 60.0}
@@ -68,9 +68,9 @@ def command(
         raise click.BadParameter("a film is a GIF or an MP4; name a file that ends in .gif or .mp4",
                                  ctx, param_hint="--out")  # fmt: skip
 
-    from serp.watching import show_film, write_film
-    from serp.watching.film import FilmSettings
-    from serp.watching.window import require_display
+    from serp.viz.film import FilmSettings
+    from serp.viz.watch import show_film, write_film
+    from serp.viz.window import require_display
 
     if out is None:
         require_display()

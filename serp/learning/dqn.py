@@ -20,21 +20,21 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from serp.choice import best_of
+from serp._util.choice import best_of
+from serp._util.numbers import FLOAT32_MAX
+from serp._util.saved_state import LARGEST, Saved
+from serp._util.state_dict_keys import nested
 from serp.errors import LearningFailure, RunError
-from serp.learning.bounds import ReturnBounds
 from serp.learning.guidance import Guidance, GuidedLearning
+from serp.learning.loss import TDGradient
 from serp.learning.mean_q import MeanQ
 from serp.learning.networks import Networks
 from serp.learning.replay import ReplayBuffer
+from serp.learning.return_bounds import ReturnBounds
 from serp.learning.samples import Samples, type_F32
 from serp.learning.schedule import LinearSchedule
 from serp.learning.settings import DQNSettings
-from serp.learning.symmetry import SymmetryGroup
-from serp.learning.td import TDGradient
-from serp.nesting import nested
-from serp.quantities import FLOAT32_MAX
-from serp.saved import LARGEST, Saved
+from serp.learning.symmetry_group import SymmetryGroup
 
 
 class Proposal(NamedTuple):

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from serp._util.numbers import real, truth
 from serp.errors import SettingsError
-from serp.quantities import real, truth
 
 
 class Guidance(NamedTuple):

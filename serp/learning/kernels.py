@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from serp.compilation import cached_njit
+from serp._util.compilation import cached_njit
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -404,7 +404,7 @@ def adam(
     epsilon: Any,
     largest_norm: Any,
 ) -> None:
-    """One step of Adam in place; see `serp.learning.adam`.
+    """One step of Adam in place; see `serp.learning.optimizer`.
 
     All arrays are ``[E, P]``. The gradient of each member is first scaled down to a Euclidean norm
     of at most `largest_norm`.

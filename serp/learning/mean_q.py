@@ -9,7 +9,7 @@ import torch
 from serp.learning import kernels
 from serp.learning.network import MeanOfImages, QNetwork, Workspace
 from serp.learning.samples import type_F32
-from serp.learning.symmetry import SymmetryGroup
+from serp.learning.symmetry_group import SymmetryGroup
 
 
 class MeanQ:

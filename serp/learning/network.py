@@ -35,7 +35,7 @@ _NO_FLOOR = np.float32(-math.inf)
 _RELU_FLOOR = np.float32(0.0)
 
 
-class _Layer:
+class _DenseLayer:
     """Where one layer lies in the flat parameters.
 
     Attributes:
@@ -141,11 +141,11 @@ class QNetwork:
         self.gradient = torch.zeros(members, count)
         self._flat: type_F32 = self.parameters.numpy()
         self._flat_gradient: type_F32 = self.gradient.numpy()
-        self.layers: list[_Layer] = []
+        self.layers: list[_DenseLayer] = []
         start = 0
         for i, (inputs, outputs) in enumerate(pairwise(self.sizes)):
             normalized = layer_norm and i < len(self.sizes) - 2
-            layer = _Layer(self, start, inputs, outputs, normalized)
+            layer = _DenseLayer(self, start, inputs, outputs, normalized)
             self.layers.append(layer)
             start = layer.end
         if rng is not None:
@@ -274,7 +274,7 @@ class MeanOfMembers(torch.nn.Module):
 
 
 class MeanOfImages(torch.nn.Module):
-    """The mean output over a symmetry group; see `serp.learning.symmetry`.
+    """The mean output over a symmetry group; see `serp.learning.symmetry_group`.
 
     Args:
         inner: ``[batch, F]`` → ``[batch, A]``.

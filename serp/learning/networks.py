@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from serp.learning.adam import Adam
 from serp.learning.network import QNetwork
+from serp.learning.optimizer import Adam
 from serp.learning.samples import type_F32
 from serp.learning.settings import DQNSettings
 

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from serp._util.saved_state import LARGEST, MOST, Saved, whole_within
 from serp.errors import RunError
 from serp.learning.guidance import Guidance
 from serp.learning.samples import Samples, type_Bool, type_F32
 from serp.learning.sampling import Sampler
-from serp.learning.symmetry import SymmetryGroup
-from serp.saved import LARGEST, MOST, Saved, whole_within
+from serp.learning.symmetry_group import SymmetryGroup
 
 
 class ReplayBuffer:

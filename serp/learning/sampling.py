@@ -8,7 +8,7 @@ import numpy as np
 
 from serp.learning import guided_kernels, kernels
 from serp.learning.samples import GuideSamples, Samples, type_I64
-from serp.learning.symmetry import SymmetryGroup
+from serp.learning.symmetry_group import SymmetryGroup
 
 
 class Sampler:

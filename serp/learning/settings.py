@@ -9,8 +9,8 @@ from typing import Any, Literal, NoReturn
 
 import numpy as np
 
+from serp._util.numbers import COUNTED, SIZE, real, truth, whole
 from serp.errors import SettingsError
-from serp.quantities import COUNTED, SIZE, real, truth, whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +68,7 @@ class DQNSettings:
 
     clip_targets: bool = True
     """Keep estimated values between the smallest and the largest possible return; see
-    `serp.learning.bounds`."""
+    `serp.learning.return_bounds`."""
 
     mask_targets: bool = True
     """Value the next state by its best *allowed* action (what no veto refuses); False: by its best

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from serp.compilation import cached_njit
-from serp.domain.flags import APPLICABLE, TERMINAL, joined
-from serp.domain.native import call_step, pointer_to
-from serp.planning.order import hazard, marked, rank_of
+from serp._util.compilation import cached_njit
+from serp.model.flags import APPLICABLE, TERMINAL, joined
+from serp.model.native import call_step, pointer_to
+from serp.planning.preference import hazard, marked, rank_of
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 

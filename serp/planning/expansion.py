@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, joined
-from serp.domain.model import TransitionModel
-from serp.planning.order import hazard, marked, rank_of
+from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, joined
+from serp.model.transition_model import TransitionModel
+from serp.planning.preference import hazard, marked, rank_of
 from serp.planning.settings import PlannerSettings
 
 State = tuple[float, ...]
@@ -44,7 +44,7 @@ class Edges(NamedTuple):
         reward: Discounted sum of the rewards of its control periods.
         weight: Weight of what follows it.
         flags: Flags of the whole edge.
-        rank: `serp.planning.order.rank_of` its first control period.
+        rank: `serp.planning.preference.rank_of` its first control period.
         periods: Its control periods, or those before the first with a risk where one has.
         risk: Probability of something unsafe on it, steps whose risk is accepted left out.
         first_reward, first_flags: Reward and flags of its first period.
@@ -99,7 +99,7 @@ def follow(
 def _follow_native(
     model: TransitionModel, settings: PlannerSettings, nodes: Sequence[int], states: list[State]
 ) -> Followed:
-    from serp.domain.native import address_of
+    from serp.model.native import address_of
     from serp.planning.edges import expand
 
     actions, width = len(model.actions), len(model.fluents)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE, risks_of
-from serp.planning.order import Promise, of_best_rank, promise, rank_of
+from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risks_of
+from serp.planning.preference import Promise, of_best_rank, promise, rank_of
 from serp.planning.settings import Bound
 
 SAFE = 1 << 30
@@ -34,7 +34,7 @@ class Forecast(NamedTuple):
             edge of the planner's setting `repeat` has several), or before such a state; SAFE where
             there is none, -1 where not applicable.
         reward: `[A]` predicted reward of one control period.
-        flags: `[A]` predicted for one control period; see `serp.domain.flags`.
+        flags: `[A]` predicted for one control period; see `serp.model.flags`.
         depth: Layers that were expanded.
         bound: What ended the expansion.
     """
@@ -99,7 +99,7 @@ def all_alike(
 ) -> bool:
     """Return whether there are two or more actions to choose from and all promise the same.
 
-    Those to choose from are the actions of the best rank, see `serp.planning.order`.
+    Those to choose from are the actions of the best rank, see `serp.planning.preference`.
     """
     chosen = np.flatnonzero(of_best_rank(flags))
     if len(chosen) < 2:

@@ -9,11 +9,11 @@ from typing import NamedTuple
 import networkx as nx
 import numpy as np
 
-from serp.domain.flags import RISKY, TERMINAL, UNSAFE, risk_of
-from serp.domain.model import TransitionModel, Vector
+from serp.model.flags import RISKY, TERMINAL, UNSAFE, risk_of
+from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.expansion import Edges, State, follow
 from serp.planning.forecast import SAFE, Forecast
-from serp.planning.order import Promise, promise
+from serp.planning.preference import Promise, promise
 from serp.planning.settings import Bound, PlannerSettings
 
 _END = promise(0, 0.0, SAFE, 0.0)
@@ -30,7 +30,7 @@ class Edge(NamedTuple):
     flags: int
 
 
-class _Layer(NamedTuple):
+class _GraphLayer(NamedTuple):
     """The edges out of the nodes of one layer, and the node that each leads to."""
 
     nodes: list[int]
@@ -58,7 +58,7 @@ class PlanningGraph:
         self._layer_of = [0]
         self._ended: set[int] = set()
         self._unpredictable: set[int] = set()
-        self._layers: list[_Layer] = []
+        self._layers: list[_GraphLayer] = []
         self._promised: list[Promise] = []
         self._best: list[int] = []
 
@@ -98,7 +98,7 @@ class PlanningGraph:
         edges_left = self.settings.edge_budget(len(self.model.fluents)) - sum(
             len(layer.target) for layer in self._layers
         )
-        layer = _Layer(nodes, Edges.none(), [])
+        layer = _GraphLayer(nodes, Edges.none(), [])
         going_on: dict[State, int] = {}
         ended: dict[State, int] = {}
         states, targets = self.states, layer.target
@@ -147,7 +147,7 @@ class PlanningGraph:
                     promised[source], best[source] = found, k
         return self._forecast()
 
-    def _through(self, layer: _Layer) -> Iterator[Promise]:
+    def _through(self, layer: _GraphLayer) -> Iterator[Promise]:
         """Yield what the best path promises that begins with each edge."""
         edges, promised = layer.edges, self._promised
         for target, rank, reward, weight, risk, safe in zip(

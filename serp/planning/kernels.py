@@ -1,6 +1,6 @@
 """The compiled loops of planning, the same for every domain.
 
-Each takes the address of a compiled transition function (see `serp.domain.native`). The graph is
+Each takes the address of a compiled transition function (see `serp.model.native`). The graph is
 expanded layer by layer; equal states of a layer merge; the last layer is never stored. A backward
 pass over the stored layers finds the best path of every first action.
 
@@ -14,13 +14,13 @@ from __future__ import annotations
 import numpy as np
 from numba import get_num_threads, get_thread_id, prange  # type: ignore[attr-defined]
 
-from serp.compilation import cached_njit
-from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED
-from serp.domain.native import pointer_to
+from serp._util.compilation import cached_njit
+from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
+from serp.model.native import pointer_to
 from serp.planning.edges import edge
 from serp.planning.forecast import SAFE
 from serp.planning.leaf_value import value_at
-from serp.planning.order import promise, rank_of
+from serp.planning.preference import promise, rank_of
 from serp.planning.settings import Bound
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.compilation import cached_njit
-from serp.domain.model import Vector
+from serp._util.compilation import cached_njit
+from serp.model.transition_model import Vector
 
 FEATURES: Final = 64
 _BANDWIDTH: Final = 0.7

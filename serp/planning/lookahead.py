@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from serp.domain.model import StateError, TransitionModel
-from serp.domain.native import address_of
+from serp.model.native import address_of
+from serp.model.transition_model import StateError, TransitionModel
 from serp.planning import kernels
 from serp.planning.forecast import Forecast
 from serp.planning.settings import Bound, PlannerSettings

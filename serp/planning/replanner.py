@@ -13,13 +13,13 @@ from typing import NamedTuple
 import networkx as nx
 from numpy.typing import ArrayLike
 
-from serp.domain.flags import UNSAFE, risk_of
-from serp.domain.model import TransitionModel
+from serp._util.numbers import real
 from serp.errors import SettingsError
+from serp.model.flags import UNSAFE, risk_of
+from serp.model.transition_model import TransitionModel
 from serp.planning.forecast import Forecast
 from serp.planning.graph import PlanningGraph
 from serp.planning.settings import Bound, PlannerSettings
-from serp.quantities import real
 
 
 class PlannedStep(NamedTuple):

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import Literal
 
+from serp._util.numbers import real, whole
 from serp.errors import SettingsError
-from serp.quantities import real, whole
 
 MAX_EDGES = 4_000_000
 """Most edges that are tried."""
@@ -44,9 +44,10 @@ class PlannerSettings:
         accepted_risk: Largest predicted probability of something unsafe, in [0, 1), that an action
             may have and still pass for safe. A model that does not correct itself predicts none.
         leaf_value: When the states that the last layer leads to are worth what the learner sees in
-            them, once that has proven right (see `serp.outlook`); else they are worth nothing.
-            `never`; `indifferent`: where all actions promise the same otherwise; `always`. For
-            agents under the strategy `mixture` whose learner sees the state.
+            them, once that has proven right (see `serp.control.leaf_value_bootstrap`); else they
+            are worth nothing. `never`; `indifferent`: where all actions promise the same
+            otherwise; `always`. For agents under the strategy `mixture` whose learner sees the
+            state.
     """
 
     depth: int = 5

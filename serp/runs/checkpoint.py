@@ -25,8 +25,7 @@ import numpy as np
 import safetensors.numpy
 from safetensors import SafetensorError
 
-from serp.errors import RunError
-from serp.runs.durable import (
+from serp._util.durable_files import (
     aside_of,
     cannot_write,
     sync_folder,
@@ -34,7 +33,8 @@ from serp.runs.durable import (
     write_aside,
     write_durably,
 )
-from serp.runs.regular import read_regular
+from serp._util.regular_files import read_regular
+from serp.errors import RunError
 
 FORMAT = 5
 NEWEST = "checkpoint.safetensors"

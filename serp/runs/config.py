@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from serp._util.json_files import json_text, read_json
 from serp.errors import RunError
-from serp.runs.json_files import json_text, read_json
 from serp.runs.lock import LOCK
 
 FORMAT = 1

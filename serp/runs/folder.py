@@ -20,18 +20,18 @@ from typing import Any, Self
 
 import numpy as np
 
-from serp.domain.loading import problem_beside
+from serp._util.durable_files import aside_of, cannot_write, sync_folder, write_durably
+from serp._util.json_files import finite, json_text, read_json
+from serp._util.regular_files import require_regular
+from serp._util.saved_state import Saved
 from serp.errors import RunError
+from serp.model.loading import problem_beside
 from serp.runs.checkpoint import DAMAGED, NEWEST, Checkpoint, load_newest, save_rotating
 from serp.runs.config import CONFIG, config_text, read_config
-from serp.runs.durable import aside_of, cannot_write, sync_folder, write_durably
-from serp.runs.json_files import finite, json_text, read_json
 from serp.runs.lock import LOCK, RunLock
 from serp.runs.placement import make_empty, occupied, remove_traces
-from serp.runs.regular import require_regular
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.runs.tables import Position, Table
-from serp.saved import Saved
 
 METRICS = "metrics.csv"
 DECISIONS = "decisions.csv"

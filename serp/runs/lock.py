@@ -8,9 +8,9 @@ import socket
 import sys
 from pathlib import Path
 
+from serp._util.durable_files import cannot_write
+from serp._util.regular_files import open_regular
 from serp.errors import RunError
-from serp.runs.durable import cannot_write
-from serp.runs.regular import open_regular
 
 LOCK = ".lock"
 

@@ -8,9 +8,9 @@ import re
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
+from serp._util.durable_files import cannot_write
 from serp.errors import RunError
 from serp.runs.config import CONFIG
-from serp.runs.durable import cannot_write
 from serp.runs.lock import LOCK
 
 

@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from serp.colours import ACTORS
-from serp.picture import FAINT, INK, STYLE, legend_above
-from serp.picture import render as render
+from serp._util.colours import ACTORS
+from serp._util.figures import FAINT, INK, STYLE, legend_above
+from serp._util.figures import render as render
+from serp.control.decision_counts import STEPS_BY
 from serp.runs.summary import WINDOW, Metrics, moving_mean
-from serp.tally import STEPS_BY
 
 _MANY = 5_000  # episodes, above which an SVG holds the light layer as pixels
 _BINS = 200

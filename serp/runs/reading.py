@@ -10,10 +10,10 @@ from typing import Any, Final, NamedTuple, get_type_hints
 
 import numpy as np
 
+from serp._util.regular_files import open_regular
+from serp.control.decision_counts import DecisionCounts
 from serp.errors import RunError
-from serp.runs.regular import open_regular
 from serp.runs.rows import DECISIONS_COLUMNS, LONGEST, METRICS_COLUMNS, MetricsRow
-from serp.tally import Tally
 
 _INT64: Final = range(-(2**63), 2**63)
 
@@ -88,13 +88,13 @@ class _Counted(NamedTuple):
     unsafe: bool
 
 
-def read_tally(path: Path | str) -> Tally:
+def read_tally(path: Path | str) -> DecisionCounts:
     """Counts the decisions of ``decisions.csv``.
 
     Raises:
         RunError: see `read_rows`; also for a cell that is no truth value.
     """
-    tally = Tally()
+    tally = DecisionCounts()
     kinds = get_type_hints(_Counted)
     places = [(name, DECISIONS_COLUMNS.index(name), kinds[name]) for name in _Counted._fields]
     for number, cells in read_rows(path, DECISIONS_COLUMNS):

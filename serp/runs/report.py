@@ -6,10 +6,10 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from serp.markdown import code, plain, table
-from serp.quantities import percent
-from serp.reward import said_of
+from serp._util.markdown import code, plain, table
+from serp._util.numbers import percent
 from serp.runs.summary import spans
+from serp.tasks.reward import said_of
 
 _EXECUTED: Final = {
     "planner": "actions of the planner executed",

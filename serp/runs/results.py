@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from serp._util.json_files import finite
 from serp.runs import plots
 from serp.runs.folder import DECISIONS, METRICS, RunFolder
-from serp.runs.json_files import finite
 from serp.runs.reading import read_metrics, read_tally
 from serp.runs.report import report
 from serp.runs.summary import summarize

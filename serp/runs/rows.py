@@ -27,7 +27,8 @@ class MetricsRow(NamedTuple):
             one in the place of a refused proposal.
         exploration_steps: steps in which a random choice was executed.
         fallback_steps: steps in which neither of them had an action. The four add up to the length.
-        vetoes, unsafe_predicted, unsafe_executed, no_safe_action: see `serp.tally.Tally`.
+        vetoes, unsafe_predicted, unsafe_executed, no_safe_action: see
+            `serp.control.decision_counts.DecisionCounts`.
         loss: mean loss of the updates in this episode; None before the first.
         wall_time: seconds of training since the run began, compilation and pauses left out.
     """

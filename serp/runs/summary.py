@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from serp.tally import STEPS_BY, total
+from serp.control.decision_counts import STEPS_BY, total
 
 FIRST = 10  # episodes: how a run began
 WINDOW = 20  # episodes: the mean that tells whether a policy is good, as in the learning curve

@@ -18,9 +18,9 @@ from typing import Any, Final, NamedTuple, Self
 
 import numpy as np
 
+from serp._util.durable_files import cannot_write, write_all
+from serp._util.regular_files import open_regular
 from serp.errors import RunError
-from serp.runs.durable import cannot_write, write_all
-from serp.runs.regular import open_regular
 from serp.runs.rows import LONGEST
 
 _ROWS_HELD: Final = 1024  # formatted in about 5 ms, held in well under 1 MB

@@ -5,11 +5,11 @@
 Wanted: monitor and correction together at most 15 % of a training's time. Printed, each a median of
 interleaved rounds, in CPU time of one core, so that a busy machine slows all alike:
 
-* µs of `Correction.observe`, on the transitions of a real training, at its beginning and later on;
+* µs of `ModelAdaptation.observe`, on the transitions of a real training, first and later;
 * µs of one lookahead with the file's model and with the corrected one, which carries out the
   file's step as well, so that nothing it flags is lost;
 * env steps a second of whole trainings in the preset `default`, without correction and with it,
-  and the share of their time that `Correction.observe` takes.
+  and the share of their time that `ModelAdaptation.observe` takes.
 
 Nothing is asserted.
 """
@@ -28,14 +28,14 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from serp.correction.correction import Correction
-from serp.correction.settings import CorrectionSettings
-from serp.domain.model import TransitionModel, Vector
+from serp._util.threads import one_thread
+from serp.adaptation.adaptation import ModelAdaptation
+from serp.adaptation.settings import AdaptationSettings
+from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.lookahead import Lookahead
-from serp.registry import load_task
 from serp.settings import Settings, resolve
-from serp.threads import one_thread
-from serp.training import Trainer
+from serp.tasks.registry import load_task
+from serp.training.trainer import Trainer
 
 TASKS = ("cartpole", "soccer")
 MODES = ("off", "residual", "full")
@@ -64,15 +64,15 @@ def steps_of(task: str, count: int) -> tuple[TransitionModel, list[Step]]:
         return bound.model, list(zip(*columns, strict=True))[:count]
 
 
-def new(model: TransitionModel, mode: Any, seed: int = 0) -> Correction:
-    return Correction(model, CorrectionSettings(mode=mode), np.random.SeedSequence(seed))
+def new(model: TransitionModel, mode: Any, seed: int = 0) -> ModelAdaptation:
+    return ModelAdaptation(model, AdaptationSettings(mode=mode), np.random.SeedSequence(seed))
 
 
 # A step ----------------------------------------------------------------------------------------
 
 
 def observed(model: TransitionModel, steps: list[Step], mode: str) -> Iterator[float]:
-    """µs a step of `Correction.observe` in each phase of a training."""
+    """µs a step of `ModelAdaptation.observe` in each phase of a training."""
     correction = new(model, mode)
     for first, last in PHASES:
         start = process_time()

@@ -28,8 +28,8 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # batches are measured per core
 
 import numpy as np
 
-from serp.domain.loading import load_domain
-from serp.domain.model import TransitionModel, Vector
+from serp.model.loading import load_domain
+from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.planning.settings import PlannerSettings

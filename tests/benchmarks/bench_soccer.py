@@ -23,10 +23,10 @@ os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
 import numpy as np
 
-from serp.arbiter import Arbiter
+from serp.control.arbiter import Arbiter
 from serp.planning.lookahead import Lookahead
-from serp.registry import load_task
 from serp.settings import resolve
+from serp.tasks.registry import load_task
 from serp_envs.soccer import CornerKickDefender, SoccerDefender, engine
 from serp_envs.soccer.environment import SoccerEnv
 from serp_envs.soccer.timing import STEPS_PER_TICK

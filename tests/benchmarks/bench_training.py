@@ -30,7 +30,7 @@ import torch
 
 import serp
 import serp_envs
-from serp.registry import load_task
+from serp.tasks.registry import load_task
 
 HIDDEN, BATCH, STARTS, WANTED = (64, 64), 64, 200, 3.0
 EQUAL: dict[str, dict[str, Any]] = {

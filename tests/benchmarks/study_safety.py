@@ -13,14 +13,14 @@ import argparse
 from collections import Counter
 from typing import Any
 
-from serp.agent import Agent
-from serp.arbiter import Decision
-from serp.domain.flags import APPLICABLE, UNSAFE
-from serp.domain.model import Vector
-from serp.registry import find_task
+from serp.control.arbiter import Decision
+from serp.model.flags import APPLICABLE, UNSAFE
+from serp.model.transition_model import Vector
 from serp.settings import resolve
-from serp.task import BoundTask
-from serp.training import Trainer
+from serp.tasks.registry import find_task
+from serp.tasks.task import BoundTask
+from serp.training.agent import Agent
+from serp.training.trainer import Trainer
 from tests.serp import lava
 
 

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from serp.agent import make_planner
-from serp.arbiter import Arbiter
-from serp.registry import load_task
+from serp.control.arbiter import Arbiter
 from serp.settings import resolve
-from serp.task import BoundTask
+from serp.tasks.registry import load_task
+from serp.tasks.task import BoundTask
+from serp.training.agent import make_planner
 
 Policy = Callable[[Any, Mapping[str, Any]], int]
 

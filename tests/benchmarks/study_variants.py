@@ -14,10 +14,10 @@ import argparse
 import numpy as np
 import torch
 
-from serp.agent import Agent
-from serp.evaluation import evaluate
-from serp.registry import find_task
 from serp.settings import resolve
+from serp.tasks.registry import find_task
+from serp.training.agent import Agent
+from serp.training.evaluation import evaluate
 
 
 def worth(file: str, changes: dict[str, dict[str, int]], episodes: int, seed: int) -> str:

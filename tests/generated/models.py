@@ -9,10 +9,10 @@ from random import Random
 import numpy as np
 from hypothesis import strategies as st
 
-from serp.domain.loading import Domain
-from serp.domain.model import TransitionModel, Vector
-from serp.domain.parser import parse_domain, parse_problem
-from serp.domain.source import Source
+from serp.model.loading import Domain
+from serp.model.transition_model import TransitionModel, Vector
+from serp.pddl.parser import parse_domain, parse_problem
+from serp.pddl.source import Source
 from tests.generated.oracle import Oracle, State
 from tests.generated.writer import FULL, Flavour, Texts, write_texts
 
@@ -26,7 +26,7 @@ def load_texts(texts: Texts, *, observed: bool = False) -> Domain:
     """Load a domain from text, without files.
 
     Raises:
-        DomainError: As `serp.domain.loading.load_domain`.
+        DomainError: As `serp.model.loading.load_domain`.
     """
     source = Source(DOMAIN_FILE, texts.domain)
     problem_source = Source(PROBLEM_FILE, texts.problem) if texts.problem is not None else None

@@ -1,8 +1,8 @@
 """A slow, obvious reading of the domain language, to hold the compiled one against.
 
 It walks the syntax as written, with variables looked up when they are met, and a state is a
-dictionary from ground terms to values. Nothing here is shared with `serp.domain.instantiate` or
-`serp.domain.codegen`; only the parsed syntax is the same.
+dictionary from ground terms to values. Nothing here is shared with `serp.model.instantiate` or
+`serp.model.codegen`; only the parsed syntax is the same.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from serp.domain import syntax as x
+from serp.pddl import syntax as x
 
 Key = tuple[str, ...]
 """A ground predicate or function: its name and the objects."""
@@ -52,7 +52,7 @@ class Oracle:
 
     # What there is -----------------------------------------------------------------------------
 
-    def bindings(self, parameters: tuple[x.Parameter, ...]) -> Iterator[Binding]:
+    def bindings(self, parameters: tuple[x.SchemaParameter, ...]) -> Iterator[Binding]:
         """Every way to bind the parameters to objects, in the order of the files."""
         choices = [
             [o.name for o in self.objects.values() if self.fits(o.type, p.types)]
@@ -231,7 +231,7 @@ class Oracle:
                 return bool(state[ground(condition, binding)])
             case x.SameObject(left, right):
                 return bound(left, binding) == bound(right, binding)
-            case x.Comparison(operator, left_side, right_side):
+            case x.NumericComparison(operator, left_side, right_side):
                 left_value = self.value(left_side, state, binding)
                 right_value = self.value(right_side, state, binding)
                 if math.isnan(left_value) or math.isnan(right_value):
@@ -305,7 +305,7 @@ def opposite(truth: bool | None) -> bool | None:
     return None if truth is None else not truth
 
 
-def bound(term: x.Term, binding: Binding) -> str:
+def bound(term: x.SchemaTerm, binding: Binding) -> str:
     """The object that a term stands for."""
     return binding[term.name] if term.name.startswith("?") else term.name
 

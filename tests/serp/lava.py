@@ -14,8 +14,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from serp.domain.loading import Domain
-from serp.task import Task
+from serp.model.loading import Domain
+from serp.tasks.task import Task
 from tests.generated import Texts, load_texts
 
 SIZE = 9

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from serp.agent import make_planner
-from serp.arbiter import Arbiter
+from serp.control.arbiter import Arbiter
 from serp.settings import resolve
-from serp.task import BoundTask
+from serp.tasks.task import BoundTask
+from serp.training.agent import make_planner
 from serp_adapters import cliff
 
 Table = dict[int, dict[int, list[tuple[float, int, float, bool]]]]

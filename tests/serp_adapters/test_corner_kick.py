@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from serp.agent import make_planner
-from serp.arbiter import Arbiter
-from serp.domain.model import TransitionModel
+from serp.control.arbiter import Arbiter
+from serp.model.transition_model import TransitionModel
 from serp.settings import resolve
-from serp.task import BoundTask
+from serp.tasks.task import BoundTask
+from serp.training.agent import make_planner
 from serp_adapters import corner_kick
 from serp_envs.soccer.corner_kick import CornerKick
 from serp_envs.soccer.fields import SPL_2020

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from serp.registry import find_task
 from serp.settings import resolve
-from serp.symmetry import declared_symmetries
-from serp.task import BoundTask
-from serp.training import Trainer
+from serp.tasks.registry import find_task
+from serp.tasks.task import BoundTask
+from serp.tasks.task_symmetry import declared_symmetries
+from serp.training.trainer import Trainer
 from serp_envs import hill, landing, swing_up
 
 Step = tuple[NDArray[np.float64], int, NDArray[np.float64], bool, dict[str, bool]]

@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from serp.agent import make_planner
-from serp.arbiter import Arbiter
-from serp.domain.model import TransitionModel
+from serp.control.arbiter import Arbiter
+from serp.model.transition_model import TransitionModel
 from serp.settings import resolve
-from serp.task import BoundTask
+from serp.tasks.task import BoundTask
+from serp.training.agent import make_planner
 from serp_adapters import soccer
 from serp_envs.soccer.observation import MIRROR, SPACE
 

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from serp.agent import make_planner
-from serp.arbiter import Arbiter
-from serp.domain.model import Judgement
-from serp.registry import find_task, task_entries
+from serp.control.arbiter import Arbiter
+from serp.model.transition_model import Judgement
 from serp.settings import resolve
-from serp.symmetry import declared_symmetries
-from serp.task import BoundTask
-from serp.training import Trainer
+from serp.tasks.registry import find_task, task_entries
+from serp.tasks.task import BoundTask
+from serp.tasks.task_symmetry import declared_symmetries
+from serp.training.agent import make_planner
+from serp.training.trainer import Trainer
 
 FOLDER = Path(__file__).resolve().parents[2] / "domains"
 VARIANTS = sorted(path.stem for path in FOLDER.glob("*.pddl") if path.stem not in task_entries())

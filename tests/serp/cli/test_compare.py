@@ -13,8 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 from serp.cli.root import serp
-from serp.comparison import workers
-from serp.comparison.algorithms import OWN
+from serp.compare import workers
+from serp.compare.algorithms import OWN
 from tests.serp.cli.conftest import Run
 
 TINY = [
@@ -33,7 +33,7 @@ COMPARE = ["compare", "--domain=cartpole", *TINY]
 
 @pytest.fixture(autouse=True)
 def _without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("serp.comparison.report.render", lambda figure, kind: b"<svg/>")
+    monkeypatch.setattr("serp.compare.report.report.render", lambda figure, kind: b"<svg/>")
 
 
 @pytest.fixture(scope="session")
@@ -41,7 +41,7 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A tiny comparison."""
     out = tmp_path_factory.mktemp("comparisons") / "c"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.comparison.report.render", lambda figure, kind: b"<svg/>")
+        patch.setattr("serp.compare.report.report.render", lambda figure, kind: b"<svg/>")
         result = CliRunner().invoke(
             serp, [*COMPARE, "--algorithms=dqn,mrp", f"--out={out}", "--quiet"]
         )
@@ -123,7 +123,7 @@ def test_seeds_are_a_number_of_them_or_the_seeds_themselves(
         asked.update(options)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("serp.comparison.study.compare", compare)
+    monkeypatch.setattr("serp.compare.study.compare", compare)
     result = CliRunner().invoke(serp, ["compare", "--domain=cartpole", f"--seeds={text}"])
     if seeds is None:
         assert result.exit_code == 2
@@ -136,7 +136,7 @@ def test_seeds_are_a_number_of_them_or_the_seeds_themselves(
 def test_settings_of_one_algorithm_alone(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {}
     monkeypatch.setattr(
-        "serp.comparison.study.compare", lambda *a, **options: asked.update(options) or 1 / 0
+        "serp.compare.study.compare", lambda *a, **options: asked.update(options) or 1 / 0
     )
     names = "serp,dqn:learner.hidden=[8,8];learner.members=1, serp:arbiter.r_min=none"
     CliRunner().invoke(serp, ["compare", "--domain=cartpole", f"--algorithms={names}"])
@@ -166,7 +166,7 @@ def test_names_may_be_apart_by_commas_or_given_one_by_one(
 ) -> None:
     asked: dict[str, Any] = {}
     monkeypatch.setattr(
-        "serp.comparison.study.compare", lambda *a, **options: asked.update(options) or 1 / 0
+        "serp.compare.study.compare", lambda *a, **options: asked.update(options) or 1 / 0
     )
     Path("a, b.pddl").touch()
     options = ["--algorithms=serp, dqn", "--algorithms=mrp", "--model-variants=x,y-[ab,c].pddl",
@@ -268,12 +268,12 @@ def test_ctrl_c_keeps_what_is_complete_and_says_how_to_go_on(
         return here(jobs, pressed, stopped)
 
     here = workers.run_here
-    monkeypatch.setattr("serp.comparison.study.run_here", pressing)
+    monkeypatch.setattr("serp.compare.study.run_here", pressing)
     arguments = [*COMPARE, "--algorithms=mrp,dqn"]
     stopped = run(*arguments, "--out=c", expect=130)
     assert "stopped with 1 of 2 trials complete in c" in stopped.stderr
     assert "Go on with the same command" in stopped.stderr
     assert Path("c/report.html").exists()
-    monkeypatch.setattr("serp.comparison.study.run_here", here)
+    monkeypatch.setattr("serp.compare.study.run_here", here)
     run(*arguments, "--out=c", "--quiet")
     assert len(list(Path("c").rglob("trial.json"))) == 2

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from serp.correction.diagnosis import diagnose
-from serp.runs.json_files import finite
+from serp._util.json_files import finite
+from serp.diagnosis.diagnosis import diagnose
 from tests.serp.cli.conftest import QUICK, Run
 
 CARTPOLE = Path(__file__).parents[3] / "domains" / "cartpole.pddl"

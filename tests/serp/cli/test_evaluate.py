@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp.run import load_run
+from serp.training.run import load_run
 from tests.serp.cli.conftest import Run
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from serp.cli.list import PRESETS
-from serp.registry import GROUP, load_task, task_entries
 from serp.settings import PRESETS as KNOWN
+from serp.tasks.registry import GROUP, load_task, task_entries
 from tests.serp.cli.conftest import Run
 
 
@@ -37,7 +37,7 @@ def test_a_task_that_cannot_be_loaded_hides_no_other(
 ) -> None:
     broken = EntryPoint("broken", "no_such_package:task", GROUP)
     entries = {**task_entries(), "broken": broken}
-    monkeypatch.setattr("serp.registry.task_entries", lambda: entries)
+    monkeypatch.setattr("serp.tasks.registry.task_entries", lambda: entries)
     shown = run("list").stdout
     assert "No module named 'no_such_package'" in shown
     assert "\ncartpole " in shown

@@ -8,7 +8,7 @@ import pytest
 
 import serp
 from serp.cli.observing import observed, observed_choice
-from tests.serp.tasks import CORRIDOR, corridor
+from tests.serp.sample_tasks import CORRIDOR, corridor
 
 MILD = CORRIDOR.replace("(unsafe) (terminal)", "(terminal)")
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 from serp.errors import TaskError
-from serp.own_tasks import own_task
-from serp.task import Task
+from serp.tasks.own_tasks import own_task
+from serp.tasks.task import Task
 from tests.serp.cli.conftest import QUICK, Run
-from tests.serp.tasks import CORRIDOR
+from tests.serp.sample_tasks import CORRIDOR
 
 ROBOT = """
 import serp
-from tests.serp.tasks import Corridor
+from tests.serp.sample_tasks import Corridor
 
 
 def ground(seen):

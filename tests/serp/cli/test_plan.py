@@ -157,7 +157,7 @@ def test_nothing_to_do_is_said(run: Run, walk: Path) -> None:
 def test_many_actions_are_shown_best_first_and_cut(
     run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("serp.domain.program.MAX_NATIVE_SIZE", 0)  # compiling takes seconds
+    monkeypatch.setattr("serp.model.program.MAX_NATIVE_SIZE", 0)  # compiling takes seconds
     objects = " ".join(f"p{k}" for k in range(40))
     Path("walk.pddl").write_text(WALK)
     Path("walk-problem.pddl").write_text(

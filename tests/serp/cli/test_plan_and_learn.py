@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from serp.errors import EnvironmentFailure
-from serp.task import BoundTask
+from serp.tasks.task import BoundTask
 from tests.serp.cli.conftest import QUICK, Run
 
 TRAIN = ["plan-and-learn", "--domain=cartpole", *QUICK]
@@ -185,6 +185,6 @@ def test_ctrl_c_finishes_the_episode(run: Run) -> None:
 
 def test_ctrl_c_before_the_run_leaves_nothing(run: Run) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.registry.find_task", lambda name: press_ctrl_c())
+        patch.setattr("serp.tasks.registry.find_task", lambda name: press_ctrl_c())
         assert run(*TRAIN, "--out=r", expect=130).stderr.strip() == "Stopped."
     assert not Path("r").exists()

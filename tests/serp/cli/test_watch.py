@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from serp.run import load_run
+from serp.training.run import load_run
 from tests.serp.cli.conftest import Run
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from serp.errors import RunError, SettingsError
 from serp.learning import DQN, DQNSettings, Guidance, GuidedLearning, ReplayBuffer
-from serp.learning.symmetry import Element, SymmetryGroup
+from serp.learning.symmetry_group import Element, SymmetryGroup
 from tests.serp.learning.test_dqn import TARGETS, assert_same_state, set_q
 from tests.serp.learning.test_dqn_learns import INPUTS, experience, optimal_q
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import networkx as nx
 
-from serp.domain.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
-from serp.domain.model import TransitionModel, Vector
+from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
+from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import SAFE
 from serp.planning.settings import Bound, PlannerSettings
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp.domain.flags import APPLICABLE, TERMINAL, UNSAFE
+from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.settings import Bound
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.domain.model import Vector
+from serp.model.transition_model import Vector
 from serp.planning.leaf_value import LeafValue
 from tests.generated.profile import examples
 

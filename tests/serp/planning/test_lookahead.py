@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.domain.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE, with_risk
-from serp.domain.model import StateError, TransitionModel, Vector
+from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE, with_risk
+from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning import kernels
 from serp.planning.forecast import SAFE, Forecast, all_alike
 from serp.planning.leaf_value import LeafValue
@@ -67,7 +67,7 @@ def assert_all_forms_agree(
         assert type(single.choice) is int
         assert single.bound is Bound(batch.bound[row])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.domain.program.MAX_NATIVE_SIZE", -1)
+        patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
         assert not model.compiles
         for state, single in zip(states, singles, strict=True):
             assert bits(single) == bits(graph_forecast(model, settings, state))

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.domain.model import StateError, TransitionModel, Vector
 from serp.errors import SettingsError
+from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.forecast import SAFE
 from serp.planning.replanner import MonitorReplanner, Plan
 from serp.planning.settings import Bound, PlannerSettings

@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.correction.corrected import CorrectedModel
-from serp.domain.flags import RISKY, UNSAFE, joined, risk_of, with_risk
+from serp.adaptation.adapted_model import AdaptedModel
+from serp.model.flags import RISKY, UNSAFE, joined, risk_of, with_risk
 from serp.planning.settings import PlannerSettings
 from tests.generated.profile import examples
-from tests.serp.correction import worlds as corrections
 from tests.serp.planning.reference import Reference, as_state
 from tests.serp.planning.test_lookahead import PLANNERS, assert_all_forms_agree
 from tests.serp.planning.worlds import WORLDS, states_of, world
+from tests.serp.sysid import worlds as corrections
 
 SETTINGS = st.builds(
     lambda settings, accepted: replace(settings, accepted_risk=accepted),
@@ -28,9 +28,9 @@ SETTINGS = st.builds(
 
 
 @functools.cache
-def risky_world(seed: int) -> CorrectedModel:
+def risky_world(seed: int) -> AdaptedModel:
     """A world whose model has counted outcomes, and in half of the cases residuals as well."""
-    model, rng = CorrectedModel(world(seed)), np.random.default_rng(seed)
+    model, rng = AdaptedModel(world(seed)), np.random.default_rng(seed)
     if seed % 2:
         corrections.publish(model, rng, corrections.MILD)
     corrections.count(model, rng)

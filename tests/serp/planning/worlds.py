@@ -12,7 +12,7 @@ from random import Random
 
 import numpy as np
 
-from serp.domain.model import TransitionModel, Vector
+from serp.model.transition_model import TransitionModel, Vector
 from tests.generated import Texts, load_texts
 
 WORLDS = 20

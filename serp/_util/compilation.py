@@ -1,0 +1,107 @@
+"""Compiling loops by numba, with a cache on disk wherever there can be one.
+
+A loop is compiled anew when anything that it is made of was edited: its own file, and the constants
+and other loops that its module imports. Else a loop would be run with, say, the layout of memory of
+an earlier version.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+from collections.abc import Callable, Iterator, Mapping
+from numbers import Number
+from pathlib import Path
+from types import CodeType, ModuleType
+from typing import Any, Final
+
+from numba import njit
+from numba.core.ccallback import CFunc
+from numba.core.sigutils import normalize_signature
+
+from serp._util.kept_code import KeptCode
+
+_Decorator = Callable[[Callable[..., Any]], Any]
+
+_CONSTANTS: Final = (Number, str, tuple)
+_stamps: dict[Callable[..., Any], str] = {}
+
+
+def cached_njit(**options: Any) -> _Decorator:
+    """Return a decorator that compiles a loop.
+
+    The machine code is kept on disk, see `serp._util.kept_code`; where it cannot be, it is
+    compiled again in every process.
+
+    Args:
+        options: Options of `numba.njit`.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        return _kept(njit(**options)(function), function, options)
+
+    return decorate
+
+
+def cached_cfunc(signature: Any, **options: Any) -> _Decorator:
+    """Return a decorator that compiles a C callback, cached like a loop.
+
+    Args:
+        signature: Its numba signature.
+        options: Options of `numba.cfunc`.
+    """
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        # As `numba.cfunc` does, which would compile before there is a cache.
+        types: Any = normalize_signature(signature)  # type: ignore[no-untyped-call]
+        callback = _kept(CFunc(function, types, locals={}, options=options), function, options)
+        callback.compile()
+        return callback
+
+    return decorate
+
+
+def _kept(compiled: Any, function: Callable[..., Any], options: Mapping[str, Any]) -> Any:
+    """Give a loop its cache; it needs none where numba was told not to compile."""
+    stamp = _stamps[function] = _stamp_of(function, options)
+    if hasattr(compiled, "_cache") and function.__closure__ is None:
+        compiled._cache = KeptCode(function, stamp)
+    return compiled
+
+
+def _stamp_of(function: Callable[..., Any], options: Mapping[str, Any]) -> str:
+    """Return a digest of what a loop is made of."""
+    code: CodeType = function.__code__
+    digest = hashlib.sha256(_source(code.co_filename))
+    digest.update(repr(sorted(options.items())).encode())
+    for part in _parts(set(_names(code)), function.__globals__):
+        digest.update(part.encode() + b"\0")
+    return digest.hexdigest()
+
+
+def _parts(names: set[str], known: dict[str, Any]) -> Iterator[str]:
+    for name in sorted(names & known.keys()):
+        value = known[name]
+        if isinstance(value, _CONSTANTS):
+            yield f"{name}={value!r}"
+        elif isinstance(value, ModuleType):
+            yield from _parts(names, {
+                other: one for other, one in vars(value).items() if isinstance(one, _CONSTANTS)
+            })  # fmt: skip
+        elif (loop := getattr(value, "py_func", None)) in _stamps:
+            yield f"{name}={_stamps[loop]}"
+        elif (made := getattr(value, "_defn", None)) is not None:  # an intrinsic
+            yield f"{name}={hashlib.sha256(_source(made.__code__.co_filename)).hexdigest()}"
+
+
+def _names(code: CodeType) -> Iterator[str]:
+    yield from code.co_names
+    for inner in code.co_consts:
+        if isinstance(inner, CodeType):
+            yield from _names(inner)
+
+
+@functools.cache
+def _source(file: str) -> bytes:
+    path = Path(file)
+    return path.read_bytes() if path.is_file() else b""

@@ -1,0 +1,242 @@
+"""What a checkpoint holds, taken out piece by piece, each of which is checked.
+
+A checkpoint may come from somebody else, or be damaged in a way that its digest does not show.
+Compiled code takes what it is given for true: a position beyond an array is read or written where
+it points to. So whatever is restored is checked here, once, by type, shape and range.
+"""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Callable, Mapping
+from typing import Any, Final, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from serp._util.state_dict_keys import part_of
+from serp.errors import RunError
+
+LARGEST: Final = float(np.finfo(np.float64).max)
+"""Of finite numbers."""
+MOST: Final = 2**53
+"""Of what is counted: whole numbers up to here are exact as floats, too."""
+
+_ANY: Final = -1
+_MOST_OF_GENERATORS: Final = {
+    "has_uint32": 1, "uinteger": 2**32 - 1, "pos": 624, "buffer_pos": 4,
+}  # fmt: skip
+"""Numbers in the states of NumPy's generators that are positions or small; numpy trusts them."""
+
+_T = TypeVar("_T")
+
+
+class Saved:
+    """One part of a checkpoint.
+
+    Every method raises `RunError` where what it is asked for is absent or not as it has to be.
+
+    Args:
+        what: What it is the state of, for messages.
+        arrays: Name → array.
+        meta: JSON values.
+    """
+
+    def __init__(self, what: str, arrays: Mapping[str, npt.NDArray[Any]], meta: Any) -> None:
+        self._what = what
+        self._arrays = arrays
+        self._meta: Mapping[str, Any] = meta if isinstance(meta, Mapping) else {}
+
+    def part(self, name: str) -> tuple[dict[str, npt.NDArray[Any]], Any]:
+        """Return arrays and JSON values of a part: what `load_state_dict` of it takes."""
+        return part_of(self._arrays, name), self._value(name)
+
+    def has(self, name: str) -> bool:
+        """Return whether there is such an array or JSON value."""
+        return name in self._arrays or name in self._meta
+
+    def array(
+        self,
+        name: str,
+        dtype: npt.DTypeLike,
+        shape: tuple[int, ...],
+        low: float | None = -LARGEST,
+        high: float = LARGEST,
+    ) -> npt.NDArray[Any]:
+        """Return an array.
+
+        Args:
+            name: Its name.
+            dtype: The dtype that it must have.
+            shape: The shape that it must have; -1 is any length.
+            low: Least value. By default anything finite; None: any bits are right, NaN as well.
+            high: Largest value.
+        """
+        if name not in self._arrays:
+            raise self.wrong(f"{name} is missing")
+        array = self._arrays[name]
+        if array.dtype != np.dtype(dtype):
+            raise self.wrong(f"{name} is of {array.dtype}, not of {np.dtype(dtype)}")
+        if array.ndim != len(shape) or any(
+            wanted not in (_ANY, size) for size, wanted in zip(array.shape, shape, strict=True)
+        ):
+            expected = str(shape).replace("-1", "any")
+            raise self.wrong(f"{name} has shape {array.shape}, not {expected}")
+        # As float64, whatever the array is of.
+        if low is not None and not ((array >= np.float64(low)) & (array <= np.float64(high))).all():
+            raise self.wrong(f"{name} has entries that are not from {low:g} to {high:g}")
+        return array
+
+    def whole(self, name: str, low: int = 0, high: int = MOST) -> int:
+        """Return a whole number from `low` to `high`."""
+        return self._checked(name, self._value(name), _whole(low, high))
+
+    def wholes(self, name: str, length: int, low: int = 0, high: int = MOST) -> list[int]:
+        """Return a list of so many whole numbers."""
+        return self._list(name, length, length, _whole(low, high))
+
+    def real(self, name: str, low: float = -LARGEST, high: float = LARGEST) -> float:
+        """Return a number from `low` to `high`, never NaN."""
+        return self._checked(name, self._value(name), _real(low, high))
+
+    def reals(
+        self,
+        name: str,
+        length: int,
+        low: float = -LARGEST,
+        high: float = LARGEST,
+        least: int | None = None,
+    ) -> list[float]:
+        """Return a list of so many numbers, or of at least `least` and at most `length`."""
+        return self._list(name, length if least is None else least, length, _real(low, high))
+
+    def truth(self, name: str) -> bool:
+        """Return a truth value."""
+        return self._checked(name, self._value(name), _truth)
+
+    def truths(self, name: str, length: int) -> list[bool]:
+        """Return a list of so many truth values."""
+        return self._list(name, length, length, _truth)
+
+    def rows(
+        self, name: str, most: int, check: Callable[[list[Any]], bool], expected: str
+    ) -> list[list[Any]]:
+        """Return a list of at most so many lists, each of which passes a check."""
+
+        def row(value: Any) -> list[Any]:
+            if not isinstance(value, list) or not check(value):
+                raise ValueError(expected)
+            return list(value)
+
+        return self._list(name, 0, most, row)
+
+    def generator_state(self, name: str, generator: np.random.Generator) -> Mapping[str, Any]:
+        """Return the state of a random generator of the same kind."""
+        return self._checked(name, self._value(name), lambda value: state_for(generator, value))
+
+    def equal(self, name: str, here: Any, advice: str) -> None:
+        """Check that a JSON value is the same here.
+
+        Args:
+            name: Its name.
+            here: What it has to be.
+            advice: What to do where it is not.
+        """
+        saved = self._value(name)
+        if saved != here or isinstance(saved, bool) != isinstance(here, bool):
+            raise RunError(
+                f"the saved {self._what} has {name} {reprlib.repr(saved)}, this run "
+                f"{reprlib.repr(here)}; {advice}"
+            )
+
+    def wrong(self, why: str) -> RunError:
+        """Return the error that says what is wrong."""
+        return RunError(
+            f"the saved {self._what} cannot be taken over: {why}. It is damaged, or of another "
+            "domain, task or settings; continue with those it was saved with, or restore the "
+            "checkpoint from a copy"
+        )
+
+    def _value(self, name: str) -> Any:
+        if name not in self._meta:
+            raise self.wrong(f"{name} is missing")
+        return self._meta[name]
+
+    def _list(self, name: str, least: int, most: int, check: Callable[[Any], _T]) -> list[_T]:
+        values = self._value(name)
+        if not isinstance(values, list) or not least <= len(values) <= most:
+            raise self.wrong(f"{name} is {reprlib.repr(values)}, not a list of {most}")
+        return [self._checked(name, value, check) for value in values]
+
+    def _checked(self, name: str, value: Any, check: Callable[[Any], _T]) -> _T:
+        try:
+            return check(value)
+        except ValueError as error:
+            raise self.wrong(f"{name} is {reprlib.repr(value)}, not {error}") from None
+
+
+def whole_within(value: Any, low: int, high: int) -> bool:
+    """Return whether a JSON value is a whole number from `low` to `high`."""
+    return type(value) is int and low <= value <= high
+
+
+def state_for(generator: np.random.Generator, saved: Any) -> Mapping[str, Any]:
+    """Return a saved state of a random generator as its setter takes it.
+
+    Args:
+        generator: The generator, which is left as it is.
+        saved: JSON values.
+
+    Raises:
+        ValueError: It is not the state of such a generator.
+    """
+    state: Mapping[str, Any] = _like(saved, generator.bit_generator.state, "")
+    return state
+
+
+def _like(saved: Any, own: Any, name: str) -> Any:
+    kind = "the state of such a random generator"
+    if isinstance(own, Mapping):
+        if not isinstance(saved, Mapping) or saved.keys() != own.keys():
+            raise ValueError(kind)
+        return {key: _like(saved[key], value, key) for key, value in own.items()}
+    if isinstance(own, np.ndarray):
+        most = int(np.iinfo(own.dtype).max)
+        if not isinstance(saved, list) or len(saved) != own.size:
+            raise ValueError(kind)
+        if not all(whole_within(value, 0, most) for value in saved):
+            raise ValueError(kind)
+        return np.array(saved, own.dtype).reshape(own.shape)
+    if isinstance(own, str):
+        fits = saved == own
+    else:
+        fits = whole_within(saved, 0, _MOST_OF_GENERATORS.get(name, 2**128 - 1))
+        fits = fits and (name != "inc" or saved % 2 == 1)  # PCG needs an odd one
+    if not fits:
+        raise ValueError(kind)
+    return saved
+
+
+def _whole(low: int, high: int) -> Callable[[Any], int]:
+    def check(value: Any) -> int:
+        if not whole_within(value, low, high):
+            raise ValueError(f"a whole number from {low} to {high}")
+        return int(value)
+
+    return check
+
+
+def _real(low: float, high: float) -> Callable[[Any], float]:
+    def check(value: Any) -> float:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if not (number and low <= value <= high):  # Python compares large whole numbers exactly
+            raise ValueError(f"a number from {low:g} to {high:g}")
+        return float(value)
+
+    return check
+
+
+def _truth(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError("true or false")
+    return value

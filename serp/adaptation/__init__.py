@@ -1,0 +1,1 @@
+"""Model adaptation: what a run learns online about the transition model."""

@@ -1,0 +1,1 @@
+"""Online regression of what the domain file leaves unexplained."""

@@ -1,0 +1,1 @@
+"""Comparing algorithms on one task under one protocol: `serp compare`."""

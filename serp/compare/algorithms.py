@@ -1,0 +1,203 @@
+"""The algorithms that can be compared, those of other libraries included."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Final, Literal, Protocol
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.errors import SerpError, SettingsError
+from serp.pddl.source import did_you_mean
+
+GROUP: Final = "serp.algorithms"
+"""Entry points of this group are algorithms from outside: functions as `MakeGuest`."""
+
+Changes = Mapping[str, Mapping[str, Any]]
+
+
+class ExternalAlgorithm(Protocol):
+    """A learner from outside, on an environment that it was given.
+
+    Attributes:
+        terms: Name → text: what it is like, for the table of what differs.
+    """
+
+    terms: Mapping[str, str]
+
+    def learn(self, env_steps: int) -> None:
+        """Train for so many steps of the environment."""
+
+    def act(self, inputs: NDArray[np.float32]) -> NDArray[np.int64]:
+        """Return the greedy actions `[B]` for inputs `[B, F]`."""
+
+
+MakeGuest = Callable[[gym.Env[Any, Any], str, int], ExternalAlgorithm]
+"""(environment with flat observations and discrete actions, name of the task, seed) → guest."""
+
+Kind = Literal["guided", "alone", "planner", "guest"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Algorithm:
+    """One algorithm.
+
+    Attributes:
+        name: Its name.
+        description: One line.
+        kind: `guided`: planner, learner and vetoes. `alone`: our learner without planner and veto.
+            `planner`: the planner without a learner. `guest`: from outside.
+        preset: Preset of its settings.
+        changes: What it changes in them.
+        make_guest: For a guest: makes it.
+    """
+
+    name: str
+    description: str
+    kind: Kind
+    preset: str = "default"
+    changes: Changes = field(default_factory=dict)
+    make_guest: MakeGuest | None = None
+
+    @property
+    def uses_model(self) -> bool:
+        """Whether it is another algorithm with another domain file."""
+        return self.kind in ("guided", "planner")
+
+
+def _guided(name: str, description: str, changes: Changes | None = None) -> Algorithm:
+    guide = {"guide": {"strategy": name}}
+    return Algorithm(
+        name=name, description=description, kind="guided", changes={**guide, **(changes or {})}
+    )
+
+
+_NO_GUIDE: Final[Changes] = {"guide": {"strategy": "mixture"}}
+"""Others make the learner listen to the planner, or act in the planner's place."""
+
+_ALONE: Final[Changes] = {
+    **_NO_GUIDE,
+    "planner": {"leaf_value": "never"},
+    "correction": {"mode": "off"},
+}
+"""Nor does a model play any part that had to be corrected."""
+
+_CALM: Final[Changes] = {"learner": {"epsilon_start": 0.1}}
+"""Little exploration from the first step on: what begins as good as the planner would lose it all.
+"""
+
+_OWN: Final[tuple[Algorithm, ...]] = (
+    Algorithm(name="serp", description="preset default", kind="guided"),
+    Algorithm(
+        name="serp-paper",
+        description="preset paper: Algorithm 1 and section 4 to the letter",
+        kind="guided",
+        preset="paper",
+    ),
+    Algorithm(
+        name="mrp",
+        description="the planner alone (monitor-replanning)",
+        kind="planner",
+        changes={
+            "arbiter": {
+                "rho": 0.0,
+                "rho_increment": 0.0,
+                "surety": None,
+                "imitation": 0.0,
+                "indifferent": "first",
+            },
+            "learner": {"updates_per_step": 0.0, "members": 1},
+            "training": {"random_steps": 0},
+            "planner": {"leaf_value": "never"},
+            **_NO_GUIDE,
+        },
+    ),
+    Algorithm(
+        name="dqn",
+        description="the learner of preset default alone: no planner, no veto",
+        kind="alone",
+        changes=_ALONE,
+    ),
+    Algorithm(
+        name="dqn-paper",
+        description="the learner of preset paper alone: no planner, no veto",
+        kind="alone",
+        preset="paper",
+        changes=_ALONE,
+    ),
+    _guided("jump-start", "the planner begins each episode, the learner ends it (JSRL)"),
+    _guided("argmax-q", "whichever of both proposals the learner values more (IBRL)"),
+    _guided("restrict", "the learner chooses among the actions of good plans (DARLING)", _CALM),
+    _guided(
+        "imitate-then-learn", "the learner copies the planner, then learns alone (LOKI)", _CALM
+    ),
+    _guided("residual", "Q is the planner's value plus a network", _CALM),
+    _guided(
+        "dqfd",
+        "demonstrations of the planner with a margin loss (DQfD), Q-filter",
+        {"learner": {"protected_early": 1_000, "protected_share": 0.25}},
+    ),
+)
+
+OWN: Final[Mapping[str, Algorithm]] = {algorithm.name: algorithm for algorithm in _OWN}
+"""What this library has, by name."""
+
+
+def algorithm_entries() -> dict[str, EntryPoint]:
+    """Return the offered algorithms from outside by name, without importing them."""
+    return {entry.name: entry for entry in entry_points(group=GROUP)}
+
+
+def find_algorithm(name: str) -> Algorithm:
+    """Return the algorithm of a name.
+
+    Raises:
+        SettingsError: There is none, or it cannot be loaded.
+        SerpError: The library that it needs is not installed.
+    """
+    if name in OWN:
+        return OWN[name]
+    entries = algorithm_entries()
+    if name not in entries:
+        raise SettingsError(
+            f"there is no algorithm `{name}`; {did_you_mean(name, [*OWN, *entries])}"
+        )
+    entry = entries[name]
+    try:
+        make = entry.load()
+    except SerpError:
+        raise
+    except Exception as error:
+        raise SettingsError(
+            f"algorithm `{name}` ({entry.value}) cannot be loaded: {type(error).__name__}: {error}"
+        ) from error
+    description = (make.__doc__ or name).strip().splitlines()[0].rstrip(".")
+    return Algorithm(name=name, description=description, kind="guest", make_guest=make)
+
+
+def ablation(algorithm: Algorithm, name: str, changes: Changes) -> Algorithm:
+    """Return an algorithm with some settings changed, under a name of its own.
+
+    Raises:
+        SettingsError: It comes from outside: serp knows none of its settings.
+    """
+    if algorithm.kind == "guest":
+        raise SettingsError(f"`{algorithm.name}` has no settings that serp could change")
+    return replace(
+        algorithm,
+        name=name,
+        description=f"{algorithm.name} with other settings",
+        changes=merged(algorithm.changes, changes),
+    )
+
+
+def merged(first: Changes, second: Changes) -> Changes:
+    """Return both; where they contradict each other the second holds."""
+    return {
+        section: {**first.get(section, {}), **second.get(section, {})}
+        for section in {**first, **second}
+    }

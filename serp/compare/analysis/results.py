@@ -1,0 +1,185 @@
+"""The finished trials of a comparison with everything that is measured of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.compare.analysis.definitions import BY_NAME, MEASURES, Measure, extra_measures
+from serp.compare.analysis.measures import measure, undecided
+from serp.compare.analysis.statistics import (
+    Estimate,
+    Statistic,
+    Times,
+    difference,
+    estimate,
+    mean,
+    times,
+)
+from serp.compare.records import Record, Trial
+from serp.compare.report.metadata import ComparisonAbout
+
+Array = NDArray[np.float64]
+
+PLANNER: Final = "mrp"
+"""The algorithm that is the planner alone."""
+PLAIN: Final = "dqn"
+"""The algorithm that is the learner alone: the line to beat."""
+OURS: Final = "serp"
+ENOUGH: Final = 5
+"""Intervals over fewer seeds than these are rough: they are too narrow as a rule."""
+
+
+class Results:
+    """Finished trials, in the order of the tables, and their measures.
+
+    Args:
+        records: Of finished trials, in any order; some may be missing. Of two of the same trial the
+            last one counts.
+        about: What the comparison was asked for.
+
+    Attributes:
+        about: As given.
+        records: In the order of algorithms, variants (the base first) and seeds.
+        measured: Trial → name of a measure → value; see `serp.compare.analysis.measures`.
+        undecided: Trial → measures of the threshold that it has too few episodes for.
+        missing: Trials that were asked for and are not there.
+    """
+
+    def __init__(self, records: Iterable[Record], about: ComparisonAbout) -> None:
+        self.about = about
+        found = {record.trial: record for record in records}
+        order = sorted(found, key=self._place)
+        self.records = tuple(found[trial] for trial in order)
+        self.measured = {
+            trial: measure(found[trial], about.env_steps, about.threshold) for trial in order
+        }
+        self.undecided = {trial: undecided(found[trial], about.threshold) for trial in order}
+        self.missing = tuple(trial for trial in about.trials if trial not in found)
+        self._estimates: dict[tuple[str, str, str], Estimate] = {}
+
+    def _place(self, trial: Trial) -> tuple[int, str, int, str, int]:
+        algorithms, variants = list(self.about.algorithms), list(self.variants)
+        return (
+            algorithms.index(trial.algorithm) if trial.algorithm in algorithms else len(algorithms),
+            trial.algorithm,
+            variants.index(trial.variant) if trial.variant in variants else len(variants),
+            trial.variant,
+            trial.seed,
+        )
+
+    @cached_property
+    def variants(self) -> tuple[str, ...]:
+        """Names of the domain files that were asked for, the base first."""
+        others = (name for name in self.about.variants if name != self.about.base)
+        return (self.about.base, *others)
+
+    @cached_property
+    def algorithms(self) -> tuple[str, ...]:
+        """Algorithms with a finished trial on the base variant."""
+        return self.on(self.about.base)
+
+    def on(self, variant: str) -> tuple[str, ...]:
+        """Algorithms with a finished trial on a variant, in order."""
+        return tuple(
+            dict.fromkeys(
+                record.trial.algorithm for record in self.records if record.trial.variant == variant
+            )
+        )
+
+    def of(self, algorithm: str, variant: str | None = None) -> tuple[Record, ...]:
+        """The trials of an algorithm on a variant (the base by default), by seed."""
+        chosen = self.about.base if variant is None else variant
+        return tuple(
+            record
+            for record in self.records
+            if record.trial.algorithm == algorithm and record.trial.variant == chosen
+        )
+
+    @cached_property
+    def table(self) -> tuple[Measure, ...]:
+        """All measures of this comparison: those that every trial has, then the task's own."""
+        return MEASURES + extra_measures(
+            name for values in self.measured.values() for name in values
+        )
+
+    def values(self, algorithm: str, name: str, variant: str | None = None) -> Array:
+        """A measure of every trial of an algorithm on a variant, by seed.
+
+        An outcome that never came in a trial counts 0; NaN is what was not measured.
+        """
+        absent = 0.0 if name.startswith("outcome.") else np.nan
+        return np.array(
+            [
+                self.measured[record.trial].get(name, absent)
+                for record in self.of(algorithm, variant)
+            ],
+            dtype=np.float64,
+        )
+
+    def times(self, algorithm: str, name: str, variant: str | None = None) -> Times:
+        """Sum up a measure that is a time until something."""
+        few = sum(name in self.undecided[record.trial] for record in self.of(algorithm, variant))
+        return times(self.values(algorithm, name, variant), few)
+
+    def caution(self, *variants: str) -> str | None:
+        """Say of some variants (the base by default) that they have few seeds; None: they have not.
+
+        It stands wherever intervals and verdicts are shown.
+        """
+        counts = {
+            (name, variant): len(self.of(name, variant))
+            for variant in variants or (self.about.base,)
+            for name in self.on(variant)
+        }
+        few = {place: count for place, count in counts.items() if count < ENOUGH}
+        if not few:
+            return None
+        least, most = min(few.values()), max(few.values())
+        of = "" if len(few) == len(counts) else f" of {', '.join(dict.fromkeys(n for n, _ in few))}"
+        seeds = f"{least}" if least == most else f"{least} to {most}"
+        return f"Few seeds ({seeds}{of}): intervals and verdicts are rough. Take at least {ENOUGH}."
+
+    def known(self, algorithm: str, name: str, variant: str | None = None) -> Array:
+        """The same for intervals: what is unknown is left out.
+
+        A time until what never happened counts as the whole training, which favours the trial
+        that failed: a difference in favour of another algorithm is at least what it says.
+        """
+        values = self.values(algorithm, name, variant)
+        measured = BY_NAME.get(name)
+        if measured is not None and measured.time:
+            whole: Array | float = float(self.about.env_steps)
+            if measured.unit == "episodes":
+                whole = self.values(algorithm, "episodes", variant)
+            values = np.where(np.isposinf(values), whole, values)
+        return values[~np.isnan(values)]
+
+    def estimate(self, algorithm: str, name: str, variant: str | None = None) -> Estimate:
+        """The interquartile mean of a measure over the seeds, with its 95 % interval."""
+        key = (algorithm, name, variant or self.about.base)
+        if key not in self._estimates:
+            self._estimates[key] = estimate([self.known(*key)])
+        return self._estimates[key]
+
+    def difference(
+        self, first: str, second: str, name: str, statistic: Statistic = mean
+    ) -> Estimate:
+        """Estimate by how much a measure of one algorithm exceeds another's on the base variant."""
+        return difference([self.known(first, name)], [self.known(second, name)], statistic)
+
+    @cached_property
+    def range(self) -> float:
+        """Largest less smallest return of an episode, of training or evaluation, in any trial."""
+        columns = [
+            column["return"].astype(np.float64)
+            for record in self.records
+            for column in (record.episodes, record.evaluations)
+        ]
+        returns = np.concatenate([np.zeros(0), *columns])
+        returns = returns[np.isfinite(returns)]
+        return float(np.ptp(returns)) if len(returns) else 0.0

@@ -1,0 +1,262 @@
+"""Statistics of a few seeds: interquartile means, bootstrap intervals, times that never came.
+
+Means of a handful of training runs say little without an interval. The interquartile mean (mean of
+the middle half) with percentile intervals from a stratified bootstrap is what Agarwal et al., *Deep
+Reinforcement Learning at the Edge of the Statistical Precipice* (NeurIPS 2021, arXiv:2108.13264),
+recommend: robust against one lucky or failed run, and less wasteful than the median.
+
+Everywhere: values that are NaN were not measured and are left out; results do not depend on the
+order of the seeds; the generator has a fixed seed, so that equal data give equal intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import bootstrap, trim_mean
+
+Array = NDArray[np.float64]
+Statistic = Callable[[Array], Array]
+"""Reduces the last axis of an array."""
+
+CONFIDENCE: Final = 0.95
+RESAMPLES: Final = 5_000
+CURVE_RESAMPLES: Final = 1_000
+_SEED: Final = 0
+
+
+class Estimate(NamedTuple):
+    """A number with its 95 % interval.
+
+    Attributes:
+        value: The statistic of the data; NaN where there are none.
+        low: Lower end; None where no stratum has two values, or one of them is infinite.
+        high: Upper end; None likewise.
+    """
+
+    value: float
+    low: float | None
+    high: float | None
+
+
+class Times(NamedTuple):
+    """Times until something happened, in trials of which some never saw it.
+
+    Attributes:
+        median: Of all trials, with infinity for never; NaN without trials.
+        low: Lower end of its 95 % interval; None for fewer than two trials.
+        high: Upper end, maybe infinity; None likewise.
+        never: Trials in which it never happened.
+        trials: How many there are, those with too few episodes left out.
+        too_few: Trials with too few episodes to tell.
+    """
+
+    median: float
+    low: float | None
+    high: float | None
+    never: int
+    trials: int
+    too_few: int = 0
+
+
+class CurveBand(NamedTuple):
+    """A curve with a band around it, all `[G]`.
+
+    Attributes:
+        centre: The statistic at each point.
+        low: Lower edge; equal to the centre where there is one seed.
+        high: Upper edge; likewise.
+    """
+
+    centre: Array
+    low: Array
+    high: Array
+
+
+def mean(values: Array) -> Array:
+    """Mean along the last axis; NaN where that is empty."""
+    with np.errstate(invalid="ignore"):  # infinities of both signs
+        return _reduced(np.mean, values)
+
+
+def interquartile_mean(values: Array) -> Array:
+    """Mean of the middle half along the last axis; NaN where that is empty."""
+    with np.errstate(invalid="ignore"):
+        return _reduced(lambda v, axis: trim_mean(v, 0.25, axis=axis), values)
+
+
+def standard_deviation(values: Array) -> Array:
+    """Standard deviation (n - 1) along the last axis; 0 for one value, NaN where it is empty."""
+    if values.shape[-1] == 1:
+        return np.zeros(values.shape[:-1])
+    with np.errstate(invalid="ignore"):
+        return _reduced(lambda v, axis: np.std(v, axis=axis, ddof=1), values)
+
+
+def median(values: Array) -> float:
+    """Median; NaN where there are no values."""
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def _reduced(statistic: Callable[..., Any], values: Array) -> Array:
+    if not values.shape[-1]:
+        return np.full(values.shape[:-1], np.nan)
+    return np.asarray(statistic(values, axis=-1), dtype=np.float64)
+
+
+def estimate(strata: Sequence[ArrayLike], statistic: Statistic = interquartile_mean) -> Estimate:
+    """Estimate a statistic of pooled values with a stratified bootstrap interval.
+
+    Args:
+        strata: One array `[seeds]` a stratum (a domain file, say); seeds are resampled within
+            each. With one stratum this is the ordinary bootstrap.
+        statistic: Of the values of all strata together.
+
+    Returns:
+        The value with its percentile interval, widened to hold the value where it would not.
+    """
+    return _interval(
+        [_sorted(stratum) for stratum in strata],
+        lambda parts: statistic(np.concatenate(parts, axis=-1)),
+    )
+
+
+def difference(
+    first: Sequence[ArrayLike],
+    second: Sequence[ArrayLike],
+    statistic: Statistic = interquartile_mean,
+) -> Estimate:
+    """Estimate by how much a statistic of `first` exceeds that of `second`.
+
+    Seeds of both are resampled independently, which is on the safe side where the same seeds of an
+    environment make both alike.
+
+    Args:
+        first: Strata, as in `estimate`.
+        second: Likewise.
+        statistic: Of the values of all strata of one side together.
+    """
+    ours, theirs = (
+        [values for values in map(_sorted, side) if len(values)] for side in (first, second)
+    )
+    # Without a spread on one side, an interval would claim that it has none.
+    if min(_most(ours), _most(theirs)) < 2:
+        return Estimate(_difference(ours, theirs, statistic), None, None)
+    split = len(ours)
+    return _interval(
+        [*ours, *theirs],
+        lambda parts: (
+            statistic(np.concatenate(parts[:split], axis=-1))
+            - statistic(np.concatenate(parts[split:], axis=-1))
+        ),
+    )
+
+
+def times(values: ArrayLike, too_few: int = 0) -> Times:
+    """Sum up times, infinity standing for never.
+
+    The interval takes its ends from among the medians of the resampled trials, so that it can
+    reach up to infinity.
+
+    Args:
+        values: `[trials]`.
+        too_few: Of the trials whose value is NaN, those that had too few episodes to tell.
+    """
+    found = _sorted(values)
+    never = int(np.isinf(found).sum())
+    if not len(found):
+        return Times(float("nan"), None, None, 0, 0, too_few)
+    middle = median(found)
+    if len(found) < 2:
+        return Times(middle, None, None, never, len(found), too_few)
+    rng = np.random.default_rng(_SEED)
+    picks = rng.integers(0, len(found), (RESAMPLES, len(found)))
+    medians = np.median(found[picks], axis=-1)
+    tail = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(medians, [tail, 1 - tail], method="inverted_cdf")
+    ends = min(float(low), middle), max(float(high), middle)
+    return Times(middle, *ends, never, len(found), too_few)
+
+
+def mean_band(curves: Array) -> CurveBand:
+    """Mean of curves `[seeds, G]` with one standard deviation on each side, as in the paper."""
+    across = curves.T
+    centre, spread = mean(across), standard_deviation(across)
+    return CurveBand(centre, centre - spread, centre + spread)
+
+
+def interquartile_band(curves: Array) -> CurveBand:
+    """Interquartile mean of curves `[seeds, G]` with its pointwise 95 % bootstrap interval.
+
+    All points use the same resampled seeds. Rows that hold a NaN are left out.
+    """
+    curves = np.sort(curves[np.isfinite(curves).all(axis=1)], axis=0)
+    across = np.ascontiguousarray(curves.T)
+    centre = interquartile_mean(across)
+    if len(curves) < 2:
+        return CurveBand(centre, centre.copy(), centre.copy())
+    low, high = _bootstrap(
+        (across,), lambda parts: interquartile_mean(parts[0]), resamples=CURVE_RESAMPLES
+    )
+    return CurveBand(centre, np.minimum(low, centre), np.maximum(high, centre))
+
+
+def _sorted(values: ArrayLike) -> Array:
+    found = np.asarray(values, dtype=np.float64).ravel()
+    return np.sort(found[~np.isnan(found)])
+
+
+def _most(strata: Sequence[Array]) -> int:
+    return max((len(stratum) for stratum in strata), default=0)
+
+
+def _difference(ours: Sequence[Array], theirs: Sequence[Array], statistic: Statistic) -> float:
+    sides = [np.concatenate([np.zeros(0), *side]) for side in (ours, theirs)]
+    with np.errstate(invalid="ignore"):  # infinity less infinity
+        return float(statistic(sides[0]) - statistic(sides[1]))
+
+
+def _interval(strata: Sequence[Array], statistic: Callable[[Sequence[Array]], Array]) -> Estimate:
+    strata = [stratum for stratum in strata if len(stratum)] or [np.zeros(0)]
+    with np.errstate(invalid="ignore"):
+        value = float(statistic(strata))
+    known = all(np.isfinite(stratum).all() for stratum in strata)
+    if not known or _most(strata) < 2:
+        return Estimate(value, None, None)
+    low, high = _bootstrap(strata, statistic, resamples=RESAMPLES)
+    return Estimate(value, min(float(low), value), max(float(high), value))
+
+
+def _bootstrap(
+    strata: Sequence[Array], statistic: Callable[[Sequence[Array]], Array], *, resamples: int
+) -> tuple[Array, Array]:
+    """Ends of the percentile interval; every stratum `[..., seeds]` is resampled by itself."""
+    # A stratum of one seed stays as it is: scipy wants two, and twice the same is the same.
+    whole = [stratum if stratum.shape[-1] > 1 else None for stratum in strata]
+    resampled = [stratum for stratum in whole if stratum is not None]
+
+    def of(*parts: Array, axis: int) -> Array:
+        shape = parts[0].shape[:-1]
+        drawn = iter(parts)
+        return statistic(
+            [
+                next(drawn) if part is not None else np.broadcast_to(stratum, (*shape, 1))
+                for part, stratum in zip(whole, strata, strict=True)
+            ]
+        )
+
+    found = bootstrap(
+        resampled,
+        of,
+        n_resamples=resamples,
+        vectorized=True,
+        paired=False,
+        axis=-1,
+        confidence_level=CONFIDENCE,
+        method="percentile",
+        rng=np.random.default_rng(_SEED),
+    )
+    return found.confidence_interval.low, found.confidence_interval.high

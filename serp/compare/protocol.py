@@ -1,0 +1,54 @@
+"""What is equal for all algorithms of a comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from serp._util.numbers import whole
+from serp.errors import SettingsError
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonProtocol:
+    """The equal terms of a comparison.
+
+    Attributes:
+        env_steps: Budget of a training.
+        evaluate_every: The learner alone is evaluated every so many env steps, and at the end.
+        evaluation_episodes: Episodes of such an evaluation.
+        final_episodes: Episodes of each evaluation at the end.
+        evaluation_seed: Seed of the environment in evaluations; every evaluation plays the same
+            episodes.
+
+    Raises:
+        SettingsError: One of them is no whole number in its range.
+    """
+
+    env_steps: int
+    evaluate_every: int
+    evaluation_episodes: int = 10
+    final_episodes: int = 50
+    evaluation_seed: int = 99
+
+    def __post_init__(self) -> None:
+        for name, value in asdict(self).items():
+            least = 0 if name == "evaluation_seed" else 1
+            number = whole(value, least)
+            if number is None:
+                raise SettingsError(f"{name} must be a whole number >= {least}, not {value!r}")
+            object.__setattr__(self, name, number)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> ComparisonProtocol:
+        """Return the conditions that `as_dict` wrote."""
+        return cls(**values)
+
+    def as_dict(self) -> dict[str, int]:
+        """Return JSON values."""
+        return asdict(self)
+
+    def due(self, env_steps: int) -> bool:
+        """Whether the learner is evaluated after so many env steps."""
+        return env_steps % self.evaluate_every == 0 or env_steps == self.env_steps

@@ -1,0 +1,115 @@
+"""What one trial leaves behind: the rows of its episodes and evaluations, and what it was.
+
+A *trial* is one algorithm with one seed on one domain file (a *variant*). Its folder holds
+`episodes.csv`, `evaluations.csv` and, once it is complete, `trial.json`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+from numpy.typing import NDArray
+
+Columns = dict[str, NDArray[Any]]
+"""Name of a column → its values, a row an entry."""
+
+
+class Trial(NamedTuple):
+    """What a trial is of.
+
+    Attributes:
+        algorithm: Name of the algorithm.
+        variant: Name of the domain file that the planner believes, such as `soccer`.
+        seed: Seed of everything random in training.
+    """
+
+    algorithm: str
+    variant: str
+    seed: int
+
+
+class EpisodeRow(NamedTuple):
+    """One episode of training.
+
+    Attributes:
+        episode: Which, from 1.
+        env_steps: Env steps done when it ended, from the trial's beginning.
+        unit: The counter that `arbiter.rho_unit` names (a game, say), from 0; else 0.
+        return_: The environment's return.
+        learner_return: Return in the reward that is learned from.
+        length: Env steps.
+        terminated: Whether the environment ended it (a fall, a goal; not a time limit).
+        outcome: What the environment's info says under `outcome`; empty where it says nothing.
+        unsafe: Executed actions that the domain file flags unsafe.
+        avoidable_unsafe: Those of them that were executed while another was not flagged.
+        vetoes: Refused proposals.
+        planner_steps: Steps in which the planner's action was executed.
+        seconds: Training so far, in seconds of wall time, compilation and evaluations left out.
+    """
+
+    episode: int
+    env_steps: int
+    unit: int
+    return_: float
+    learner_return: float
+    length: int
+    terminated: bool
+    outcome: str
+    unsafe: int
+    avoidable_unsafe: int
+    vetoes: int
+    planner_steps: int
+    seconds: float
+
+
+class EvaluationRow(NamedTuple):
+    """One episode of an evaluation.
+
+    Attributes:
+        env_steps: Env steps of training before it.
+        policy: `learner`: the greedy choice alone, no planner, no veto. `vetoed`: the same within
+            the vetoes. `planner`: the planner alone. `learner` at each checkpoint, the others at
+            the end of training only.
+        episode: Which, from 1.
+        return_: The environment's return.
+        length: Env steps.
+        terminated: Whether the environment ended it.
+        outcome: As in `EpisodeRow`.
+        unsafe: Executed actions that the model predicts unsafe; 0 for `learner` at checkpoints
+            before the last, where nobody asks the model.
+    """
+
+    env_steps: int
+    policy: str
+    episode: int
+    return_: float
+    length: int
+    terminated: bool
+    outcome: str
+    unsafe: int
+
+
+EPISODE_COLUMNS: Final = tuple(name.removesuffix("_") for name in EpisodeRow._fields)
+EVALUATION_COLUMNS: Final = tuple(name.removesuffix("_") for name in EvaluationRow._fields)
+
+
+@dataclass(frozen=True)
+class Record:
+    """Everything that a complete trial left behind.
+
+    Attributes:
+        trial: What it is of.
+        episodes: Columns `EPISODE_COLUMNS`, and one `info.<name>` for each counter of the
+            environment's info that the task declares (`Task.counters`): its value at the end of
+            the episode.
+        evaluations: Columns `EVALUATION_COLUMNS`.
+        about: JSON values: `env_steps` (budget), `terms` (name → text: what the algorithm is like,
+            see `serp.compare.algorithms`), `settings` (section → setting → value; null for an
+            algorithm from outside), `seconds` ({"training": …, "evaluation": …}).
+    """
+
+    trial: Trial
+    episodes: Columns
+    evaluations: Columns
+    about: dict[str, Any]

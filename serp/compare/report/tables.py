@@ -1,0 +1,188 @@
+"""The tables of a comparison's report, in Markdown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from serp._util.markdown import plain, table
+from serp.compare.analysis.definitions import BY_NAME, Measure
+from serp.compare.analysis.results import PLAIN, Results
+from serp.compare.analysis.statistics import interquartile_mean, mean, median, standard_deviation
+from serp.compare.analysis.variants import Check, pooled_final, subject, variant_rows
+from serp.compare.report.markdown import (
+    NOTHING,
+    estimate_text,
+    number,
+    spread_text,
+    times_text,
+)
+
+RETURNS: Final = (
+    "training_area",
+    "learner_area",
+    "final_learner",
+    "final_vetoed",
+    "planner",
+    "first_10",
+    "first_50",
+    "last_20",
+)
+THRESHOLDS: Final = ("threshold_env_steps", "threshold_episodes", "learner_threshold_env_steps")
+SAFETY: Final = (
+    "unsafe",
+    "avoidable_unsafe",
+    "final_learner_unsafe",
+    "final_vetoed_unsafe",
+    "vetoes",
+    "terminated",
+)
+COST: Final = ("episodes", "planner_share", "seconds", "seconds_per_1000")
+DIFFERENCES: Final = (
+    "training_area",
+    "learner_area",
+    "final_learner",
+    "first_10",
+    "first_50",
+    "last_20",
+    "threshold_env_steps",
+    "unsafe",
+)
+
+
+def values_table(results: Results, names: Sequence[str], *, medians: bool = False) -> str:
+    """Two rows an algorithm: interquartile mean with its interval, mean with the deviation.
+
+    Args:
+        results: The trials.
+        names: Measures; those that nobody has are left out.
+        medians: Whether a third row has the medians.
+    """
+    known = {measure.name: measure for measure in results.table}
+    shown = [
+        name for name in names
+        if any(len(results.known(algorithm, name)) for algorithm in results.algorithms)
+    ]  # fmt: skip
+    rows = []
+    for algorithm in results.algorithms:
+        values = [results.known(algorithm, name) for name in shown]
+        rows += [
+            [plain(algorithm), "IQM [95 %]",
+             *(estimate_text(results.estimate(algorithm, name)) for name in shown)],
+            ["", "mean ± std",
+             *(spread_text(float(mean(v)), float(standard_deviation(v))) for v in values)],
+        ]  # fmt: skip
+        if medians:
+            rows.append(["", "median", *(number(median(v)) for v in values)])
+    return table(["algorithm", "", *(plain(known[name].title) for name in shown)], rows, left=2)
+
+
+def task_measures(results: Results) -> tuple[str, ...]:
+    """Names of the measures that only this task has: outcomes and counters."""
+    return tuple(measure.name for measure in results.table if measure.name not in BY_NAME)
+
+
+def thresholds_table(results: Results) -> str:
+    """A row an algorithm: medians of the times to the threshold, `never` counted."""
+    rows = [
+        [
+            plain(algorithm),
+            *(times_text(results.times(algorithm, name)) for name in THRESHOLDS),
+            estimate_text(results.estimate(algorithm, "learner_threshold_held")),
+        ]
+        for algorithm in results.algorithms
+    ]
+    titles = [BY_NAME[name].title for name in THRESHOLDS]
+    return table(["algorithm", *titles, "threshold held (IQM)"], rows)
+
+
+def differences_table(results: Results) -> str:
+    """How far each algorithm is from the first: differences of means and interquartile means."""
+    first, *others = results.algorithms
+    rows = []
+    for other in others:
+        for label, statistic in (("means", mean), ("IQMs", interquartile_mean)):
+            cells = [
+                estimate_text(results.difference(other, first, name, statistic), signed=True)
+                for name in DIFFERENCES
+            ]
+            rows.append([plain(f"{other} − {first}") if label == "means" else "", label, *cells])
+    return table(
+        ["difference", "of the", *(BY_NAME[name].title for name in DIFFERENCES)], rows, left=2
+    )
+
+
+def terms_tables(results: Results) -> tuple[str, str]:
+    """What is the same for all algorithms, and what differs, of their terms and settings.
+
+    Returns:
+        A table of what all have in common, and one with a column for each algorithm.
+    """
+    terms = {name: _terms(results.of(name)[0].about) for name in results.algorithms}
+    keys = dict.fromkeys(key for mapping in terms.values() for key in mapping)
+    same, different = [], []
+    for key in keys:
+        # Algorithms from outside have no settings of ours, so these bind only those that do.
+        having = [mapping[key] for mapping in terms.values() if key in mapping]
+        if len(set(having)) == 1 and (len(having) == len(terms) or key[0] == "settings"):
+            if key[0] == "terms":
+                same.append([plain(key[1]), plain(having[0])])
+        else:
+            cells = [plain(mapping[key]) if key in mapping else NOTHING
+                     for mapping in terms.values()]  # fmt: skip
+            different.append([plain(key[1]), *cells])
+    columns = len(terms) + 1
+    return (
+        table(["what", "of all algorithms"], same, left=2) if same else "",
+        table(["what", *map(plain, terms)], different, left=columns) if different else "",
+    )
+
+
+def _terms(about: Mapping[str, Any]) -> dict[tuple[str, str], str]:
+    """Terms and settings of a trial as texts: ("terms" or "settings", name) → text."""
+    found = {("terms", str(key)): str(value) for key, value in (about.get("terms") or {}).items()}
+    for section, values in (about.get("settings") or {}).items():
+        items = values.items() if isinstance(values, Mapping) else [("", values)]
+        for key, value in items:
+            name = f"{section}.{key}".rstrip(".")
+            text = value if isinstance(value, str) else json.dumps(value, default=str)
+            found["settings", name] = text
+    return found
+
+
+def variants_table(results: Results) -> str:
+    """A row a domain file: what its planner is worth, what comes of it, and the two checks."""
+    ours = plain(subject(results))
+    head = [
+        "domain file", "seeds", "planner alone", "area under the training curve",
+        "first 50 episodes", "final learner alone", f"final: {ours} − {PLAIN}", "",
+        f"early: {ours} − better", "",
+    ]  # fmt: skip
+    rows = [
+        [
+            plain(row.variant),
+            str(row.seeds),
+            *map(estimate_text, (row.planner, row.area, row.early, row.final)),
+            *_check_cells(row.final_check),
+            *_check_cells(row.early_check, named=True),
+        ]
+        for row in variant_rows(results)
+    ]
+    pooled = _check_cells(pooled_final(results))
+    rows.append(["all together", *[""] * 5, *pooled, "", ""])
+    return table(head, rows)
+
+
+def _check_cells(check: Check, *, named: bool = False) -> tuple[str, str]:
+    value = estimate_text(check.difference, signed=True)
+    return (f"{value} ({plain(check.to)})" if named else value), check.verdict
+
+
+def definitions_table(measures: Sequence[Measure]) -> str:
+    """What each measure means."""
+    rows = [
+        [plain(measure.name), plain(measure.meaning), measure.unit, measure.better or NOTHING]
+        for measure in measures
+    ]
+    return table(["measure", "meaning", "unit", "better"], rows, left=4)

@@ -1,0 +1,158 @@
+"""The folder of a comparison: what is asked for, and the trials that are complete.
+
+    comparison/plan.json                     what is compared
+    comparison/trials/ALGORITHM/VARIANT/seed-N/episodes.csv, evaluations.csv, trial.json
+
+`trial.json` is written last: a folder without it is a trial that was interrupted, and is run again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, get_type_hints
+
+import numpy as np
+
+from serp._util.durable_files import write_durably
+from serp._util.json_files import finite, json_text, read_json
+from serp._util.regular_files import make_inside
+from serp.compare.records import (
+    EPISODE_COLUMNS,
+    EVALUATION_COLUMNS,
+    Columns,
+    EpisodeRow,
+    EvaluationRow,
+    Record,
+    Trial,
+)
+from serp.compare.trials.trial import Measured
+from serp.errors import RunError
+from serp.runs.reading import read_rows
+from serp.runs.tables import Table
+
+PLAN: Final = "plan.json"
+DOMAINS: Final = "domains"
+_TRIALS: Final = "trials"
+_DONE: Final = "trial.json"
+_EPISODES: Final = "episodes.csv"
+_EVALUATIONS: Final = "evaluations.csv"
+_INFO: Final = "info."
+_LONGEST: Final = 100
+_ADVICE: Final = "Remove the folder of this trial to run it again."
+
+
+def trial_folder(folder: Path, trial: Trial) -> Path:
+    """Return where a trial lies in the folder of a comparison."""
+    names = (file_name(trial.algorithm), file_name(trial.variant), f"seed-{trial.seed}")
+    return folder.joinpath(_TRIALS, *names)
+
+
+def file_name(name: str) -> str:
+    """Return a name that every file system takes, different for different names."""
+    plain = re.sub(r"[^A-Za-z0-9_.=-]", "_", name)
+    if plain == name and len(name) <= _LONGEST and not plain.startswith("."):
+        return plain
+    return f"{plain[:_LONGEST]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+
+
+def digest(made_of: Mapping[str, Any]) -> str:
+    """Return what tells trials apart that are made of different things."""
+    return hashlib.sha256(json.dumps(finite(made_of), sort_keys=True).encode()).hexdigest()
+
+
+def write_trial(
+    folder: Path,
+    trial: Trial,
+    measured: Measured,
+    about: Mapping[str, Any],
+    counters: Sequence[str],
+) -> None:
+    """Write a complete trial; what an interrupted one left there is cleared away.
+
+    Args:
+        folder: The folder of the comparison.
+        trial: What it is of.
+        measured: What it has found.
+        about: JSON values, see `Record.about`.
+        counters: Names of the counters in the rows of the log.
+
+    Raises:
+        RunError: The disk refused it.
+    """
+    place = trial_folder(folder, trial)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        make_inside(folder, *place.parent.relative_to(folder).parts)
+        shutil.rmtree(place, ignore_errors=True)
+        place.mkdir()
+    except OSError as error:
+        raise RunError(f"cannot make {place}: {error.strerror or error}.") from error
+    with Table(place / _EPISODES, EPISODE_COLUMNS + tuple(_INFO + c for c in counters)) as table:
+        for row, counts in measured.log.rows:
+            table.append((*row, *counts))
+    with Table(place / _EVALUATIONS, EVALUATION_COLUMNS) as table:
+        for evaluation in measured.evaluations:
+            table.append(evaluation)
+    text = json_text(finite({**trial._asdict(), **about, "counters": list(counters)}))
+    write_durably(place / _DONE, text)
+
+
+def is_complete(folder: Path, trial: Trial) -> bool:
+    """Whether a trial is there."""
+    return (trial_folder(folder, trial) / _DONE).is_file()
+
+
+def read_about(folder: Path, trial: Trial) -> dict[str, Any]:
+    """Return what a complete trial says of itself.
+
+    Raises:
+        RunError: The file is damaged.
+    """
+    return read_json(trial_folder(folder, trial) / _DONE, _ADVICE)
+
+
+def read_trial(folder: Path, trial: Trial) -> Record:
+    """Return a complete trial.
+
+    Raises:
+        RunError: A file of it is missing or damaged.
+    """
+    place = trial_folder(folder, trial)
+    about = read_about(folder, trial)
+    counters = about.get("counters")
+    if not isinstance(counters, list):
+        raise RunError(f"{place / _DONE} is not what serp wrote. {_ADVICE}")
+    info = [_INFO + str(name) for name in counters]
+    return Record(
+        trial=trial,
+        episodes=_read(place / _EPISODES, [*EPISODE_COLUMNS, *info], EpisodeRow),
+        evaluations=_read(place / _EVALUATIONS, list(EVALUATION_COLUMNS), EvaluationRow),
+        about=about,
+    )
+
+
+def _read(path: Path, columns: Sequence[str], row: Any) -> Columns:
+    kinds = {name.removesuffix("_"): kind for name, kind in get_type_hints(row).items()}
+    cells: dict[str, list[Any]] = {name: [] for name in columns}
+    for number, values in read_rows(path, columns):
+        for name, text in zip(columns, values, strict=True):
+            try:
+                cells[name].append(_parse(kinds.get(name, float), text))
+            except ValueError:
+                raise RunError(f"{path}:{number}: {name} is {text!r}. {_ADVICE}") from None
+    return {
+        name: np.array(values, dtype=_DTYPES[kinds.get(name, float)])
+        for name, values in cells.items()
+    }
+
+
+_DTYPES: Final[dict[type, Any]] = {int: np.int64, float: np.float64, bool: np.bool_, str: np.str_}
+
+
+def _parse(kind: type, text: str) -> Any:
+    return bool(int(text)) if kind is bool else kind(text)

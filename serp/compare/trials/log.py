@@ -1,0 +1,120 @@
+"""What is written down of a training, whoever trains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.compile_time import working_time
+from serp._util.numbers import real
+from serp.compare.records import EpisodeRow
+from serp.control.decision_counts import DecisionCounts
+from serp.errors import TaskError
+from serp.tasks.env_checks import single
+from serp.training.evaluation import outcome_of
+from serp.training.trainer import Transition
+
+
+class Log:
+    """Collects the rows of the episodes of one training.
+
+    Args:
+        available: `[E]` actions that the model does not know and that may be executed.
+        unit: Name of the counter in the environment's info that is written down as `unit`.
+        counters: Names of the counters that are written down as `info.<name>`.
+        clock: Seconds, monotonic; compilation is no part of training.
+
+    Attributes:
+        env_steps: Env steps so far.
+        rows: Of the episodes that have ended: an `EpisodeRow` and the value of each counter.
+        pauses: Seconds that were spent on something else than training.
+    """
+
+    def __init__(
+        self,
+        available: NDArray[np.bool_],
+        unit: str,
+        counters: Sequence[str],
+        clock: Callable[[], float] = working_time,
+    ) -> None:
+        self._available = available
+        self._unit = unit
+        self._counters = tuple(counters)
+        self._clock = clock
+        self._begin = clock()
+        self.pauses = 0.0
+        self.env_steps = 0
+        self.rows: list[tuple[EpisodeRow, tuple[float, ...]]] = []
+        self._begin_episode()
+
+    def _begin_episode(self) -> None:
+        self._return = self._learner_return = 0.0
+        self._avoidable = 0
+        self._tally = DecisionCounts()
+
+    @property
+    def seconds(self) -> float:
+        """Seconds of training."""
+        return self._clock() - self._begin - self.pauses
+
+    @contextmanager
+    def paused(self) -> Any:
+        """Leave what happens inside out of the time of training."""
+        begin = self._clock()
+        try:
+            yield
+        finally:
+            self.pauses += self._clock() - begin
+
+    def step(self, transition: Transition) -> None:
+        """Write an env step down."""
+        decision = transition.decision
+        self.env_steps += 1
+        self._return += transition.env_reward
+        self._learner_return += transition.reward
+        self._tally.count(decision)
+        if decision.unsafe:
+            # The same words as the arbiter's guarantee.
+            self._avoidable += bool((decision.forecast.unflagged | self._available).any())
+        if transition.terminated or transition.truncated:
+            self._end_episode(transition)
+
+    def _end_episode(self, transition: Transition) -> None:
+        info, counts = transition.info, self._tally.numbers()
+        row = EpisodeRow(
+            episode=len(self.rows) + 1,
+            env_steps=self.env_steps,
+            unit=_number(info.get(self._unit, 0)),
+            return_=self._return,
+            learner_return=self._learner_return,
+            length=self._tally.steps,
+            terminated=transition.terminated,
+            outcome=outcome_of(info),
+            unsafe=counts["unsafe_executed"],
+            avoidable_unsafe=self._avoidable,
+            vetoes=counts["vetoes"],
+            planner_steps=counts["planner_steps"],
+            seconds=self.seconds,
+        )
+        self.rows.append((row, tuple(_counted(info, name) for name in self._counters)))
+        self._begin_episode()
+
+
+def _counted(info: dict[str, Any], name: str) -> float:
+    found = single(info.get(name, 0))
+    value = real(int(found) if isinstance(found, bool) else found)
+    if value is None:
+        raise TaskError(
+            f"the task counts `{name}`, but the environment's info has {info[name]!r} there; a "
+            "finite number is wanted"
+        )
+    return float(value)
+
+
+def _number(value: Any) -> int:
+    """Return the number of a unit; 0 where it is counted by something else."""
+    return int(real(single(value)) or 0)

@@ -1,0 +1,102 @@
+"""What an algorithm is like, for the table of what differs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from serp.compare.algorithms import Algorithm
+from serp.settings import Settings
+from serp.tasks.reward import Source
+
+_OF_STRATEGY: Final[Mapping[str, tuple[str, ...]]] = {
+    "mixture": (),
+    "jump-start": ("jump_stages", "jump_tolerance"),
+    "argmax-q": (),
+    "restrict": ("restrict_slack",),
+    "imitate-then-learn": ("imitation_steps", "margin"),
+    "residual": (),
+    "dqfd": ("imitation_steps", "margin"),
+}
+"""Strategy → the settings of section `guide` that it reads."""
+_MIXING: Final = (
+    "rho", "rho_increment", "rho_unit", "rho_max", "surety", "imitation", "indifferent",
+)  # fmt: skip
+"""Settings of the arbiter that only the mixture reads."""
+REWARDS: Final[Mapping[Source, str]] = {
+    "domain": "rewards of the domain file",
+    "environment": "reward of the environment",
+    "sum": "reward of the environment plus those of the domain file",
+}
+_NOT_OF_TRAINING: Final = (
+    "env_steps",
+    "units",
+    "checkpoint_seconds",
+    "slow_step_seconds",
+    "tensorboard",
+)
+"""Settings that a comparison does not read."""
+
+
+def terms_of(algorithm: Algorithm, settings: Settings, source: Source) -> Mapping[str, str]:
+    """Return what an algorithm of ours is like: name → text.
+
+    Args:
+        algorithm: Which.
+        settings: All its settings.
+        source: Whose reward it learns from.
+    """
+    planner = settings.planner
+    plan = f"lookahead, depth {planner.depth}, {planner.repeat} control periods an edge"
+    if settings.correction.mode != "off":
+        plan += f", corrected ({settings.correction.mode})"
+    if settings.values_leaves:
+        plan += f", the learner's values at its leaves ({planner.leaf_value})"
+    vetoes = "unsafe and not applicable"
+    if settings.arbiter.veto_horizon == "lookahead":
+        vetoes += ", and what leads there within the lookahead"
+    if settings.arbiter.r_min is not None:
+        vetoes += f", reward below {settings.arbiter.r_min:g}"
+    alone = algorithm.kind == "alone"
+    return {
+        "learner": "none" if algorithm.kind == "planner" else f"DQN, preset {algorithm.preset}",
+        "learned from": "none" if algorithm.kind == "planner" else REWARDS[source],
+        "planner": "none" if alone else plan,
+        "who acts": _who_acts(algorithm, settings),
+        "vetoes": "none" if alone else vetoes,
+    }
+
+
+def _who_acts(algorithm: Algorithm, settings: Settings) -> str:
+    match algorithm.kind:
+        case "planner":
+            return "planner"
+        case "alone":
+            return "learner"
+        case _:
+            return settings.guide.strategy
+
+
+def settings_in_use(algorithm: Algorithm, settings: Settings) -> dict[str, dict[str, Any]] | None:
+    """Return section → setting → JSON value of what an algorithm reads; None for a guest."""
+    if algorithm.kind == "guest":
+        return None
+    said = settings.as_dict()
+    said["training"] = _without(said["training"], _NOT_OF_TRAINING)
+    if algorithm.kind == "alone":
+        return {name: said[name] for name in ("learner", "training")}
+    if algorithm.kind == "planner":
+        return {name: said[name] for name in ("planner", "correction")}
+    strategy = settings.guide.strategy
+    said["guide"] = {
+        name: value
+        for name, value in said["guide"].items()
+        if name == "strategy" or name in _OF_STRATEGY[strategy]
+    }
+    if strategy != "mixture":
+        said["arbiter"] = _without(said["arbiter"], _MIXING)
+    return said
+
+
+def _without(values: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if name not in names}

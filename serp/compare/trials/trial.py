@@ -1,0 +1,215 @@
+"""One trial: train one algorithm with one seed on one domain file, and measure it."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.terminal import visible
+from serp._util.threads import one_thread
+from serp.compare.algorithms import Algorithm, Changes, merged
+from serp.compare.protocol import ComparisonProtocol
+from serp.compare.records import EvaluationRow, Trial
+from serp.compare.trials.arena import Arena
+from serp.compare.trials.contestant import Chosen, Contestant, flagged, make_contestant
+from serp.compare.trials.log import Log
+from serp.errors import Notice, RunError, SerpError
+from serp.model.transition_model import Vector
+from serp.settings import Settings, resolve
+from serp.tasks.task import BoundTask, Task
+from serp.tasks.watchdog import Watchdog
+from serp.training.trainer import Transition
+
+
+class _Spent(Exception):
+    """The budget is spent: whoever trains is interrupted in the middle of an episode."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a trial has found.
+
+    Attributes:
+        log: The episodes of training.
+        evaluations: The episodes of all evaluations.
+        terms: Name → text: what the algorithm is like.
+        seconds: Seconds of training and of evaluation.
+    """
+
+    log: Log
+    evaluations: list[EvaluationRow]
+    terms: dict[str, str]
+    seconds: dict[str, float]
+
+
+def trial_settings(algorithm: Algorithm, task: Task, changes: Changes) -> Settings:
+    """Return the settings of an algorithm on a task.
+
+    Args:
+        algorithm: Which; what it changes itself stands whatever the user changes.
+        task: The task.
+        changes: What the user changes for all algorithms.
+
+    Raises:
+        SettingsError: A setting does not exist, or a value is out of range.
+    """
+    return resolve(algorithm.preset, task.settings, merged(changes, algorithm.changes))
+
+
+def unit_of(task: Task) -> str:
+    """Return the unit that the paper counts iterations of a task in, such as `game`."""
+    return resolve("paper", task.settings).arbiter.rho_unit
+
+
+def run_trial(
+    trial: Trial,
+    algorithm: Algorithm,
+    task: Task,
+    conditions: ComparisonProtocol,
+    changes: Changes,
+    on_progress: Callable[[int], None],
+) -> Measured:
+    """Train and measure.
+
+    Args:
+        trial: What it is of.
+        algorithm: Its algorithm.
+        task: The task, with the domain file of the variant.
+        conditions: The equal terms.
+        changes: What the user changes in the settings of all algorithms.
+        on_progress: Called with the env steps so far, some times a second at most.
+
+    Raises:
+        SerpError: Task, settings or environment are wrong.
+    """
+    settings = trial_settings(algorithm, task, changes)
+    with one_thread(), task.bind() as bound:
+        contender = make_contestant(algorithm, bound, settings, trial.seed)
+        return _Trial(algorithm, contender, bound, conditions, on_progress).run()
+
+
+class _Trial:
+    def __init__(
+        self,
+        algorithm: Algorithm,
+        contender: Contestant,
+        bound: BoundTask,
+        conditions: ComparisonProtocol,
+        on_progress: Callable[[int], None],
+    ) -> None:
+        self._algorithm = algorithm
+        self._contender = contender
+        self._bound = bound
+        self._conditions = conditions
+        self._on_progress = on_progress
+        self._next_progress = 0.0
+        self._evaluations: list[EvaluationRow] = []
+        available = contender.agent.arbiter.available
+        self._log = Log(available, unit_of(bound.task), bound.task.counters)
+        self._watchdog = Watchdog(
+            bound,
+            contender.agent.settings.training.slow_step_seconds,
+            lambda: self._log.env_steps + 1,
+            lambda line: warnings.warn(visible(line), Notice, stacklevel=2),
+        )
+        most = max(conditions.evaluation_episodes, conditions.final_episodes)
+        self._arena = Arena(bound.task, contender.agent, most, conditions.evaluation_seed)
+
+    def run(self) -> Measured:
+        try:
+            with self._watchdog:
+                self._train()
+        finally:
+            self._arena.close()
+        log = self._log
+        return Measured(
+            log,
+            self._evaluations,
+            dict(self._contender.terms),
+            {"training": log.seconds, "evaluation": log.pauses},
+        )
+
+    def _train(self) -> None:
+        conditions, log, name = self._conditions, self._log, self._algorithm.name
+        try:
+            self._contender.train(conditions.env_steps, self._after_step)
+        except _Spent:
+            pass
+        except SerpError:
+            raise
+        except Exception as error:
+            if not self._guest:
+                raise
+            raise RunError(f"`{name}` failed: {type(error).__name__}: {error}") from error
+        if self._guest:
+            if log.env_steps < conditions.env_steps:
+                raise RunError(
+                    f"`{name}` made {log.env_steps} env steps of {conditions.env_steps} and ended"
+                )
+            self._evaluate(last=True)
+
+    @property
+    def _guest(self) -> bool:
+        return self._algorithm.kind == "guest"
+
+    def _after_step(self, transition: Transition) -> None:
+        log, conditions = self._log, self._conditions
+        if log.env_steps >= conditions.env_steps:
+            raise _Spent
+        log.step(transition)
+        now = time.monotonic()
+        if now >= self._next_progress:
+            self._next_progress = now + 0.3
+            self._on_progress(log.env_steps)
+        if not conditions.due(log.env_steps):
+            return
+        last = log.env_steps >= conditions.env_steps
+        if last and self._guest:  # it has yet to learn from the last steps, and then ends
+            return
+        self._evaluate(last=last)
+        if last:
+            raise _Spent
+
+    def _evaluate(self, *, last: bool) -> None:
+        with self._log.paused():
+            self._evaluate_now(last=last)
+
+    def _evaluate_now(self, *, last: bool) -> None:
+        conditions = self._conditions
+        if self._algorithm.kind == "planner":
+            if last:
+                self._play("planner", self._plan, conditions.final_episodes)
+            return
+        if not last:
+            self._play("learner", self._alone, conditions.evaluation_episodes)
+            return
+        self._play("learner", self._alone_flagged, conditions.final_episodes)
+        self._play("vetoed", self._vetoed, conditions.final_episodes)
+
+    def _play(self, policy: str, act: Any, episodes: int) -> None:
+        self._evaluations += self._arena.play(
+            act, episodes, policy=policy, env_steps=self._log.env_steps, trained_in=self._bound
+        )
+
+    # Policies ----------------------------------------------------------------------------------
+
+    def _alone(self, states: list[Vector], inputs: NDArray[np.float64]) -> Chosen:
+        return [(int(action), False) for action in self._contender.alone(states, inputs)]
+
+    def _alone_flagged(self, states: list[Vector], inputs: NDArray[np.float64]) -> Chosen:
+        actions = self._contender.alone(states, inputs)
+        return flagged(self._contender.agent.arbiter, states, actions)
+
+    def _vetoed(self, states: list[Vector], inputs: NDArray[np.float64]) -> Chosen:
+        decisions = map(self._contender.vetoed, states, inputs)
+        return [(decision.action, decision.unsafe) for decision in decisions]
+
+    def _plan(self, states: list[Vector], inputs: NDArray[np.float64]) -> Chosen:
+        decisions = map(self._contender.agent.arbiter.plan, states)
+        return [(decision.action, decision.unsafe) for decision in decisions]

@@ -1,1 +1,0 @@
-"""Comparing algorithms on one task, on equal terms: `serp compare`."""

@@ -1,0 +1,1 @@
+"""Who acts: planner or learner, and what is vetoed."""

@@ -1,0 +1,137 @@
+"""What is counted of a training or an evaluation: the one definition of each number.
+
+Whoever says how often something was refused, by whom steps were executed, or what was unsafe feeds
+each step to a `DecisionCounts`: the training (whose counts become `metrics.csv`, the summary, the
+report and the line on the console), the reader of `decisions.csv`, evaluations, comparisons and
+films.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from enum import StrEnum
+from typing import Any, Final, Protocol
+
+from serp._util.saved_state import Saved
+from serp.control.arbiter import Actor, Reason
+
+
+class Countable(Protocol):
+    """What is counted of one step; a `Decision` offers it, and so does a row of `decisions.csv`."""
+
+    @property
+    def executed_by(self) -> str:
+        """Whose action was executed, a value of `Actor`."""
+
+    @property
+    def reason(self) -> str:
+        """Why, a value of `Reason`."""
+
+    @property
+    def vetoed(self) -> bool:
+        """Whether a proposal was refused."""
+
+    @property
+    def proposal_unsafe(self) -> bool:
+        """Whether the proposed action is flagged unsafe, or too risky."""
+
+    @property
+    def unsafe(self) -> bool:
+        """Whether the executed action is flagged unsafe."""
+
+
+STEPS_BY: Final[Mapping[str, str]] = {actor.value: f"{actor.value}_steps" for actor in Actor}
+"""Actor → name of the count of steps in which its action was executed."""
+
+_FLAGGED: Final = ("unsafe_predicted", "unsafe_executed", "no_safe_action")
+
+
+class DecisionCounts:
+    """Counts over steps.
+
+    Attributes:
+        executed: Actor → steps in which its action was executed. They add up to `steps`.
+        refused: Reason → proposals refused for it. They add up to `vetoes`.
+        unsafe_predicted: Proposals that the domain file flags unsafe, or that are too risky.
+        unsafe_executed: Executed actions that the domain file flags unsafe.
+        no_safe_action: Steps in which no action was left that was neither.
+    """
+
+    def __init__(self) -> None:
+        self.executed: Counter[str] = Counter()
+        self.refused: Counter[str] = Counter()
+        self.unsafe_predicted = 0
+        self.unsafe_executed = 0
+        self.no_safe_action = 0
+
+    def count(self, step: Countable) -> None:
+        """Count a step."""
+        self.executed[step.executed_by] += 1
+        if step.vetoed:
+            self.refused[step.reason] += 1
+        self.unsafe_predicted += step.proposal_unsafe
+        self.unsafe_executed += step.unsafe
+        self.no_safe_action += step.reason in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
+
+    @property
+    def steps(self) -> int:
+        """Steps that were counted."""
+        return self.executed.total()
+
+    @property
+    def vetoes(self) -> int:
+        """Proposals refused."""
+        return self.refused.total()
+
+    def numbers(self) -> dict[str, int]:
+        """Return every count by the name of its column in `metrics.csv`."""
+        return {
+            **{name: self.executed[actor] for actor, name in STEPS_BY.items()},
+            "vetoes": self.vetoes,
+            **{name: getattr(self, name) for name in _FLAGGED},
+        }
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `from_saved` takes."""
+        return {
+            "executed": [self.executed[actor] for actor in Actor],
+            "refused": [self.refused[reason] for reason in Reason],
+            **{name: getattr(self, name) for name in _FLAGGED},
+        }
+
+    @classmethod
+    def from_saved(cls, meta: Any) -> DecisionCounts:
+        """Return the tally that `state_dict` wrote.
+
+        Raises:
+            RunError: It is none.
+        """
+        tally, saved = cls(), Saved("counts", {}, meta)
+        tally.executed.update(_by(Actor, saved.wholes("executed", len(Actor))))
+        tally.refused.update(_by(Reason, saved.wholes("refused", len(Reason))))
+        for name in _FLAGGED:
+            setattr(tally, name, saved.whole(name))
+        return tally
+
+    def vetoes_by_reason(self) -> dict[str, int]:
+        """Return reason → proposals refused for it, the most frequent first, equals by name."""
+        found = {str(reason): count for reason, count in self.refused.items() if count}
+        return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
+
+
+def _by(names: type[StrEnum], counts: list[int]) -> dict[str, int]:
+    return dict(zip(names, counts, strict=True))
+
+
+NUMBERS: Final = tuple(DecisionCounts().numbers())
+"""Names of all counts: columns of `metrics.csv`."""
+
+
+def total(metrics: Mapping[str, Any]) -> dict[str, int]:
+    """Return every count over all episodes.
+
+    Args:
+        metrics: Column of `metrics.csv` → array `[episodes]`.
+    """
+    return {name: int(metrics[name].sum()) for name in NUMBERS}

@@ -1,0 +1,213 @@
+"""What lies beyond the lookahead, in the learner's eyes: believed once it has proven right.
+
+A lookahead that ends after some seconds knows nothing of what comes later. The learner does: its Q
+is what the rest of an episode is worth. At the leaves of the lookahead its values let planning see
+beyond the horizon (as in AlphaZero, Silver et al. 2018, and POLO, Lowrey et al. 2019, arXiv
+1811.01848), the planner's choices in turn teach the learner.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.compilation import cached_njit
+from serp._util.saved_state import Saved
+from serp._util.state_dict_keys import Arrays
+from serp.learning.dqn import DQN
+from serp.model.transition_model import Vector
+from serp.planning.leaf_value import LeafValue, value_at
+from serp.planning.lookahead import Lookahead
+from serp.tasks.reward import Judged
+
+_PERIOD: Final = 500
+"""Env steps between two fits to the learner's values."""
+_SAMPLES: Final = 1_000
+"""Newest states that a fit rests on."""
+_REST: Final = 0.05
+"""Values are judged by the rewards of so many steps that what follows weighs so little."""
+_LONGEST: Final = 300
+"""Most steps of these."""
+_MEMORY: Final = 0.998
+_LEAST: Final = 200
+"""Before so many comparisons nothing is proven."""
+_EXPLAINED: Final = 0.5
+"""Share of the variance of what was received that has to be explained."""
+_OTHERS: Final = 0.01
+"""Share of the steps in which file and learner may go by different rewards."""
+
+
+_HELD, _COMPARED = 0, 1
+
+
+@cached_njit(nogil=True)
+def _follow(packed, state, next_state, reward, terminated, discount, window, count, means):  # type: ignore[no-untyped-def]
+    """Add an env step to the window, and judge the values whose rewards are complete by it.
+
+    Args:
+        packed: See `LeafValue`.
+        state: `[F]`.
+        next_state: `[F]`.
+        reward: Its reward.
+        terminated: Whether nothing follows.
+        discount: γ.
+        window: `[2, n]` values and rewards of the last steps, the oldest first.
+        count: How many of them there are; comparisons made.
+        means: Decayed: received, its square, the error, its square.
+    """
+    length, width = window.shape[1], state.shape[0]
+    held = count[_HELD]
+    window[0, held], window[1, held] = value_at(packed, state, 0, width), reward
+    held += 1
+    end = 0.0 if terminated else value_at(packed, next_state, 0, width)
+    complete = held if terminated else (1 if held == length else 0)
+    for first in range(complete):
+        received, weight = 0.0, 1.0
+        for k in range(first, held):
+            received += weight * window[1, k]
+            weight *= discount
+        error = received - (window[0, first] - weight * end)
+        if math.isfinite(received * received) and math.isfinite(error * error):
+            count[_COMPARED] += 1
+            rate = max(1.0 - _MEMORY, 1.0 / count[_COMPARED])
+            means[0] += rate * (received - means[0])
+            means[1] += rate * (received * received - means[1])
+            means[2] += rate * (error - means[2])
+            means[3] += rate * (error * error - means[3])
+    for k in range(held - complete):
+        window[0, k], window[1, k] = window[0, k + complete], window[1, k + complete]
+    count[_HELD] = held - complete
+
+
+class LeafValueBootstrap:
+    """Gives a lookahead the learner's values at its leaves while they explain what was received.
+
+    From the value V of a state, and that of the state n steps later, follows what is received in
+    between: V(s) - γⁿ V(s′), or V(s) where the episode has terminated. That is compared with the
+    rewards that came, each value as it was when its state was visited, so that nobody has seen what
+    it is judged by. Where leaves are all worth the same, as without the learner, none of what
+    differs is explained. The learner's values mean nothing to a planner that goes by other rewards
+    than those learned from: a file that shapes its rewards plans by them alone.
+
+    Args:
+        planner: Whose leaves these are.
+        learner: Whose values these are; each of its inputs ends with the state.
+        seed: Seed of the random features.
+    """
+
+    def __init__(self, planner: Lookahead, learner: DQN, seed: np.random.SeedSequence) -> None:
+        self._planner = planner
+        self._learner = learner
+        self._fluents = len(planner.model.fluents)
+        self._value = LeafValue(self._fluents, seed)
+        self._discount = learner.settings.discount
+        length = 1
+        if self._discount > 0.0:
+            length = min(_LONGEST, math.ceil(math.log(_REST) / math.log(self._discount)))
+        self._window = np.zeros((2, length))
+        self._count = np.zeros(2, dtype=np.int64)
+        self._means = np.zeros(4)
+        self._steps = self._others = 0
+
+    @property
+    def explained(self) -> float:
+        """Share of the variance of the rewards received that the values explain; at most 1."""
+        received, square, error, error_square = self._means.tolist()
+        variance = square - received * received
+        if self._count[_COMPARED] < _LEAST or variance <= 1e-9 * square:
+            return 0.0
+        return float(1.0 - (error_square - error * error) / variance)
+
+    @property
+    def proven(self) -> bool:
+        """Whether the lookahead uses the learner's values."""
+        return self._alike and self._value.fitted and self.explained >= _EXPLAINED
+
+    @property
+    def _alike(self) -> bool:
+        """Whether planner and learner go by the same rewards."""
+        return self._others <= _OTHERS * self._steps
+
+    def observe(
+        self,
+        state: Vector,
+        next_state: Vector,
+        judged: Judged,
+        terminated: bool,
+        truncated: bool,
+    ) -> None:
+        """Take an env step into account.
+
+        Args:
+            state: `[F]` before it.
+            next_state: `[F]` after it.
+            judged: What it was worth.
+            terminated: Whether the environment ended the episode with it.
+            truncated: Whether the episode was cut off there.
+        """
+        reward = judged.domain_reward
+        self._steps += 1
+        self._others += not math.isclose(reward, judged.reward, rel_tol=1e-6, abs_tol=1e-9)
+        if (truncated and not terminated) or not self._alike:
+            self._count[_HELD] = 0
+        elif self._value.fitted:
+            _follow(
+                self._value.packed, state, next_state, reward, terminated, self._discount,
+                self._window, self._count, self._means,
+            )  # fmt: skip
+        if self._steps % _PERIOD == 0 and self._alike and self._learner.updates:
+            self._fit()
+        self._publish()
+
+    def rehearse(self) -> None:
+        """Call once what `observe` calls after the first fit; everything stays as it is."""
+        state, value = np.zeros(self._fluents), LeafValue(self._fluents, np.random.SeedSequence(0))
+        value.fit(np.zeros((1, self._fluents)), np.zeros(1))
+        _follow(
+            value.packed, state, state, 0.0, False, self._discount,
+            np.zeros_like(self._window), np.zeros_like(self._count), np.zeros_like(self._means),
+        )  # fmt: skip
+
+    def _publish(self) -> None:
+        self._planner.leaves = self._value.packed if self.proven else np.zeros(0)
+
+    def _fit(self) -> None:
+        inputs, values = self._learner.newest_values(_SAMPLES)
+        if len(values):
+            states = inputs[:, inputs.shape[1] - self._fluents :]
+            self._value.fit(states.astype(np.float64), values)
+
+    def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores, between episodes."""
+        return (
+            {"packed": self._value.packed.copy(), "means": self._means.copy()},
+            {
+                "steps": self._steps,
+                "others": self._others,
+                "compared": int(self._count[_COMPARED]),
+            },
+        )
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It belongs to another domain, or is damaged.
+        """
+        saved = Saved("values of leaves", arrays, meta)
+        packed = saved.array("packed", np.float64, (-1,))
+        means = saved.array("means", np.float64, self._means.shape)
+        steps, compared = saved.whole("steps"), saved.whole("compared")
+        others = saved.whole("others", 0, steps)
+        try:
+            self._value.restore(packed)
+        except ValueError as error:
+            raise saved.wrong(f"packed has {error}") from None
+        self._steps, self._others = steps, others
+        self._means[:] = means
+        self._count[:] = 0, compared
+        self._publish()

@@ -1,0 +1,73 @@
+"""Learning from demonstrations: the planner shows, a margin loss holds on to it (DQfD)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from serp._util.saved_state import Saved
+from serp.control.strategies.advice import advice
+from serp.control.strategies.strategy import Learner, Proposed, Situation, Strategy
+from serp.learning.guidance import Guidance, GuidedLearning
+from serp.planning.action_map import ActionForecast
+
+
+class Demonstrations(Strategy):
+    """The planner demonstrates for some env steps, then the learner acts.
+
+    Deep Q-learning from Demonstrations (Hester et al. 2018, arXiv 1704.03732): on demonstrated
+    samples the planner's action is to be worth a margin more than any other, beside the TD loss.
+    With the Q-filter of Nair et al. (2018, arXiv 1709.10089) this holds only where the target
+    network does not know better. Demonstrations stay in the memory: `learner.protected_early` and
+    `learner.protected_share` say how many, and which share of a batch they and failing samples are.
+
+    Args:
+        steps: Env steps of demonstration.
+        margin: Margin of the imitation loss, in units of Q.
+    """
+
+    def __init__(self, *, steps: int, margin: float) -> None:
+        self.guided = GuidedLearning(margin=margin, margin_weight=1.0, q_filter=True)
+        self._steps = steps
+        self._step = 0
+
+    @property
+    def _demonstrating(self) -> bool:
+        return self._step < self._steps
+
+    @property
+    def rho(self) -> float:
+        """0 during the demonstration, then 1."""
+        return 0.0 if self._demonstrating else 1.0
+
+    @property
+    def turns(self) -> str:
+        """Whether the planner demonstrates."""
+        return "the planner's choice" if self._demonstrating else self.choice
+
+    def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
+        """Let the planner act in the demonstration, then ask the learner."""
+        return None if self._demonstrating else learner.propose(situation.explorable)
+
+    def guidance(
+        self, forecast: ActionForecast, action: int, following: ActionForecast | None
+    ) -> Guidance | None:
+        """Return what was demonstrated."""
+        shown = self._demonstrating and action == forecast.choice
+        return advice(forecast, action, following, scale=1.0, imitate=shown)
+
+    def end_unit(self, unit: str) -> None:
+        """Count the steps."""
+        self._step += unit == "step"
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly."""
+        return {"step": self._step}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        self._step = Saved("strategy", {}, meta).whole("step")

@@ -1,0 +1,104 @@
+"""Jump-start: the planner begins every episode, the learner ends it (Uchendu et al. 2023)."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections import deque
+from collections.abc import Mapping
+from typing import Any, Final
+
+from serp._util.saved_state import Saved
+from serp.control.strategies.strategy import Learner, Proposed, Situation, Strategy
+
+_WINDOW: Final = 5
+"""Episodes that a mean is taken over."""
+
+
+class JumpStart(Strategy):
+    """The planner acts in the first h steps of an episode, then the learner.
+
+    Jump-Start Reinforcement Learning with a curriculum (Uchendu et al. 2023, arXiv 2204.02372): in
+    the first five episodes the planner acts alone; the longest of them gives h, their mean return
+    the mark. Whenever the mean return of five episodes is within the tolerance of the best such
+    mean so far, h shrinks by a stage. What the original evaluates apart are here the episodes of
+    training themselves, which cost no samples.
+
+    Args:
+        stages: In so many stages h goes to 0.
+        tolerance: How much worse than the best mean a mean may be, as a share of its size.
+    """
+
+    def __init__(self, *, stages: int, tolerance: float) -> None:
+        self._stages = stages
+        self._tolerance = tolerance
+        self._longest = 0
+        self._stage = -1
+        """-1 while the planner acts alone."""
+        self._best = -float("inf")
+        self._recent: deque[float] = deque(maxlen=_WINDOW)
+        self._step = 0
+
+    @property
+    def planned_steps(self) -> float:
+        """h: so many steps of an episode are the planner's."""
+        if self._stage < 0:
+            return float("inf")
+        return self._longest * (1.0 - self._stage / self._stages)
+
+    @property
+    def rho(self) -> float:
+        """0 while the planner acts, then 1."""
+        return float(self._step >= self.planned_steps)
+
+    @property
+    def turns(self) -> str:
+        """How long the planner acts."""
+        steps = self.planned_steps
+        if steps == float("inf"):
+            return "the planner's choice"
+        if steps <= 0:
+            return self.choice
+        return f"the planner's choice in the first {math.ceil(steps)} steps, then the learner's"
+
+    def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
+        """Return None in the first h steps."""
+        planners_turn = self._step < self.planned_steps
+        self._step += 1
+        return None if planners_turn else learner.propose(situation.explorable)
+
+    def end_episode(self, return_: float, length: int) -> None:
+        """Shrink h where the returns have held."""
+        self._step = 0
+        if self._stage < 0:
+            self._longest = max(self._longest, length)
+        self._recent.append(return_)
+        if len(self._recent) < _WINDOW or self._stage == self._stages:
+            return
+        mean = statistics.fmean(self._recent)
+        if self._stage < 0 or mean >= self._best - self._tolerance * abs(self._best):
+            self._best = max(self._best, mean)
+            self._stage += 1
+            self._recent.clear()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {
+            "longest": self._longest,
+            "stage": self._stage,
+            "best": None if self._stage < 0 else self._best,
+            "recent": list(self._recent),
+        }
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        saved = Saved("strategy", {}, meta)
+        self._longest, self._stage = saved.whole("longest"), saved.whole("stage", -1, self._stages)
+        self._best = -float("inf") if self._stage < 0 else saved.real("best", -math.inf, math.inf)
+        self._recent.clear()
+        self._recent.extend(saved.reals("recent", _WINDOW, -math.inf, math.inf, least=0))
+        self._step = 0

@@ -1,0 +1,175 @@
+"""What a strategy is: a way in which planner and learner share the decisions.
+
+A strategy only proposes. Whatever it proposes passes `serp.control.arbiter.Arbiter`, so that
+the vetoes hold under every strategy.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.control.model_confidence import ModelConfidence
+from serp.planning.action_map import ActionForecast
+
+if TYPE_CHECKING:
+    from serp.learning.guidance import Guidance, GuidedLearning
+
+Mask = NDArray[np.bool_]
+Values = NDArray[np.floating[Any]]
+
+
+class Proposed(Protocol):
+    """What a learner proposes: an environment action, whether it was explored, and why."""
+
+    @property
+    def action(self) -> int:
+        """Environment action."""
+
+    @property
+    def exploratory(self) -> bool:
+        """Whether it was drawn at random."""
+
+    @property
+    def q(self) -> Values | None:
+        """`[E]` what each action promises in the learner's eyes; None where it was drawn."""
+
+
+class Learner(Protocol):
+    """A learner that stands before one observation."""
+
+    def propose(
+        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposed:
+        """Propose, with exploration.
+
+        Args:
+            explorable: `[E]` actions to explore among; None for all.
+            among: `[E]` actions that the greedy choice is limited to; None for all.
+            base: `[E]` what is added to Q before the choice; None for nothing.
+        """
+
+    def propose_greedily(
+        self, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposed:
+        """Propose what promises most; arguments as in `propose`."""
+
+    def member_q(self) -> Values:
+        """Return `[members, E]` the values in the eyes of each of the learner's networks."""
+
+    def target_q(self) -> Values:
+        """Return `[E]` the values in the eyes of the slowly following target network."""
+
+
+class Situation(NamedTuple):
+    """What a strategy knows of the state that is to be decided on.
+
+    Attributes:
+        forecast: The planner's view.
+        admissible: `[E]` actions that no veto refuses.
+        explorable: `[E]` actions to explore among; None for all.
+        trust: How far the model can be trusted.
+    """
+
+    forecast: ActionForecast
+    admissible: Mask
+    explorable: Mask | None
+    trust: ModelConfidence = ModelConfidence.OPEN
+
+
+class Strategy:
+    """Who proposes. This base class always asks the learner.
+
+    Attributes:
+        guided: How the learner is to use what the planner says; None for not at all.
+    """
+
+    guided: GuidedLearning | None = None
+
+    @property
+    def rho(self) -> float:
+        """The probability that the learner is asked next."""
+        return 1.0
+
+    @property
+    def choice(self) -> str:
+        """In words: what `propose_greedily` returns."""
+        return "the learner's choice"
+
+    @property
+    def alone(self) -> str:
+        """In words: what `propose_alone` returns."""
+        return "the learner's choice"
+
+    @property
+    def turns(self) -> str:
+        """In words: what `propose` returns now, exploration left out."""
+        return self.choice
+
+    @property
+    def margin_weight(self) -> float:
+        """Weight of the learner's imitation loss from now on."""
+        return 0.0 if self.guided is None else self.guided.margin_weight
+
+    def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
+        """Return the learner's proposal, or None where it is the planner's turn."""
+        return learner.propose(situation.explorable)
+
+    def propose_greedily(self, situation: Situation, learner: Learner) -> Proposed | None:
+        """Return what the trained policy does: as `propose`, without exploration or draw."""
+        return learner.propose_greedily()
+
+    def propose_alone(self, situation: Situation, learner: Learner) -> Proposed:
+        """Return what the learner does when nobody helps it."""
+        return learner.propose_greedily(base=self.base(situation.forecast))
+
+    def forked(self, seed: np.random.SeedSequence) -> Strategy:
+        """Return a copy that stands at the beginning of an episode.
+
+        What it is asked changes nothing here.
+
+        Args:
+            seed: Seed of its draws, where it draws.
+        """
+        return copy.copy(self)
+
+    def base(self, forecast: ActionForecast) -> Values | None:
+        """Return `[E]` what belongs to the learner's Q beside its network; None for nothing."""
+        return None
+
+    def allowed(self, forecast: ActionForecast, admissible: Mask) -> Mask:
+        """Return `[E]` the actions that the value of a state is the best of."""
+        return admissible
+
+    def guidance(
+        self, forecast: ActionForecast, action: int, following: ActionForecast | None
+    ) -> Guidance | None:
+        """Return what the planner said about one env step, where the learner uses it.
+
+        Args:
+            forecast: Of the state that was acted in.
+            action: The executed environment action.
+            following: Forecast of the next state; None where the episode ended there.
+        """
+        return None
+
+    def end_unit(self, unit: str) -> None:
+        """Notice the end of a unit: `step`, `episode` or a counter of the environment."""
+
+    def end_episode(self, return_: float, length: int) -> None:
+        """Notice the end of an episode of training."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """

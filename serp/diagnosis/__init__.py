@@ -1,0 +1,1 @@
+"""Diagnosis: what a run says about its domain file, offline."""

@@ -1,0 +1,146 @@
+"""Everything that observed transitions say about a domain file."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+
+from serp.diagnosis.error_scales import Steps, units_of
+from serp.diagnosis.findings import (
+    EffectTerm,
+    Findings,
+    MissingEffect,
+    ParameterFinding,
+)
+from serp.diagnosis.reward_rules import find_rules
+from serp.diagnosis.stochastic_effects import find_outcomes
+from serp.model.transition_model import TransitionModel, Vector
+from serp.sysid.added_effects import AddedEffect
+from serp.sysid.joint_fit import JointFit, explain
+from serp.sysid.lifted_features import WORLD, Lifted
+from serp.sysid.parameter_dependencies import parameter_dependencies
+from serp.sysid.parameter_fit import ParameterEstimator, whole_symbols
+from serp.sysid.regression_data import RegressionData, predicted_steps, predictions, regression_data
+from serp.sysid.transitions import TransitionMemory
+
+_MOST_ROWS = 4_000  # of a regression
+_MOST_PAIRS = 20_000  # of transitions and objects, all of which say something of their type
+_FEWEST_ROWS = 500
+_MOST_COSTED = 2_000
+
+
+def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
+    """Return what the transitions say about the file, by regression and by counting.
+
+    Literals and missing effects are estimated together. A pure function of its arguments.
+
+    Args:
+        model: The model as written, with the control period of the transitions.
+        experience: The transitions.
+    """
+    sample = regression_data(model, experience.states, experience.actions, experience.next_states)
+    if not len(sample):
+        return Findings((), (), (), (), 0, sample.skipped)
+    objects = max(Counter(f.symbol for f in model.fluents if f.numeric).values(), default=1)
+    part = sample.part(max(_FEWEST_ROWS, min(_MOST_ROWS, _MOST_PAIRS // objects)))
+    explanation = explain(model, part)
+    steps = Steps.of(experience, sample)
+    predicted = predicted_steps(model, sample.states, sample.actions)
+    units = units_of(model, steps, predicted)
+    costs = _Costs(model, explanation, sample.part(_MOST_COSTED), units)
+    whole = whole_symbols(ParameterEstimator(model.ground, model.dt), sample)
+    return Findings(
+        literals=_literals(model, explanation, costs),
+        missing=_missing(model, explanation, costs, part),
+        outcomes=find_outcomes(model, sample, whole, units),
+        rules=find_rules(model, sample, steps, predicted, units),
+        samples=len(sample),
+        skipped=sample.skipped,
+    )
+
+
+class _Costs:
+    """What the prediction loses where one thing that was found is forgotten."""
+
+    def __init__(
+        self, model: TransitionModel, explanation: JointFit, sample: RegressionData, units: Vector
+    ) -> None:
+        self._sample = sample
+        self._units = units[:-2]
+        self._symbols = [fluent.symbol for fluent in model.fluents]
+        self._theta = explanation.fit.theta
+        self._model = TransitionModel(explanation.ground, dt=model.dt)
+        self._least = self._errors(self._theta)
+
+    def of(self, literals: list[int], values: list[float], symbol: str) -> float:
+        """Return what giving some literals other values costs a function; never negative."""
+        theta = self._theta.copy()
+        theta[literals] = values
+        more = self._errors(theta) - self._least
+        return max(0.0, float(more[[name == symbol for name in self._symbols]].sum()))
+
+    def _errors(self, theta: Vector) -> Vector:
+        sample = self._sample
+        predicted = predictions(self._model.replace(theta=theta), sample.states, sample.actions)
+        off = (sample.next_states - predicted) / self._units
+        errors: Vector = np.nansum(off**2, axis=0) / len(sample)
+        return errors
+
+
+def _literals(
+    model: TransitionModel, explanation: JointFit, costs: _Costs
+) -> tuple[ParameterFinding, ...]:
+    fit = explanation.fit
+    found = []
+    for influence in parameter_dependencies(model.ground):
+        parameter = influence.parameter
+        index = parameter.index
+        if np.isfinite(fit.errors[index]):
+            found.append(
+                ParameterFinding(
+                    parameter=parameter,
+                    schema=influence.schema,
+                    fluent=influence.symbol,
+                    written=parameter.value,
+                    estimate=float(fit.theta[index]),
+                    error=float(fit.errors[index]),
+                    samples=int(fit.samples[index]),
+                    cost=costs.of([index], [parameter.value], influence.symbol),
+                )
+            )
+    return tuple(sorted(found, key=lambda f: -f.cost))
+
+
+def _missing(
+    model: TransitionModel, explanation: JointFit, costs: _Costs, sample: RegressionData
+) -> tuple[MissingEffect, ...]:
+    fit, written = explanation.fit, len(model.ground.parameters)
+    together: dict[tuple[str, Lifted], list[tuple[int, AddedEffect]]] = {}
+    for k, addition in enumerate(explanation.additions):
+        if np.isfinite(fit.errors[written + k]):
+            key = addition.schema, addition.target
+            together.setdefault(key, []).append((written + k, addition))
+    found = []
+    for (schema, target), terms in together.items():
+        indices = [index for index, _ in terms]
+        place = next((a.place for a in model.actions if a.schema == schema), None)
+        found.append(
+            MissingEffect(
+                schema=schema,
+                place=place,
+                fluent=target.name,
+                terms=tuple(
+                    EffectTerm(
+                        float(fit.theta[index]),
+                        float(fit.errors[index]),
+                        tuple(factor.name for factor in addition.factors),
+                    )
+                    for index, addition in terms
+                ),
+                rate=schema == WORLD,
+                samples=int(fit.samples[indices].max()) if schema else len(sample),
+                cost=costs.of(indices, [0.0] * len(indices), target.symbol),
+            )
+        )
+    return tuple(sorted(found, key=lambda f: -f.cost))

@@ -1,0 +1,160 @@
+"""What a domain file would predict if findings stood in it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.diagnosis.findings import Findings, MissingEffect, ObservedOutcome
+from serp.model.transition_model import TransitionModel, Vector
+from serp.sysid.added_effects import AddedEffect, with_additions
+from serp.sysid.lifted_features import WORLD, Lifted, Lifting
+from serp.sysid.regression_data import predicted_steps, predictions
+
+_MOST_ACTIONS: Final = 40
+_STATES: Final = 500
+"""So many states show what an action usually changes."""
+
+
+class PatchedForecast(NamedTuple):
+    """What is to be expected of steps.
+
+    Attributes:
+        mean: `[N, F + 2]`: the fluents, the reward, the end; NaN in rows that have no next state.
+        variance: `[N, F + 2]` about the mean, as far as it comes from chances that were found.
+    """
+
+    mean: Vector
+    variance: Vector
+
+
+def forecast_with(
+    model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
+) -> PatchedForecast:
+    """Return what the file predicts with all findings taken into account.
+
+    Where an action has several outcomes it is their mean.
+
+    Args:
+        model: The model as written.
+        findings: What was found of it.
+        states: `[N, F]`.
+        actions: `[N]` positions of ground actions.
+    """
+    lifting = Lifting(model.ground)
+    amended = _amended(model, findings, lifting)
+    mean = predicted_steps(amended, states, actions)
+    forecast = PatchedForecast(mean, np.zeros(mean.shape))
+    if findings.outcomes:
+        _average(amended, lifting, findings, states, actions, forecast)
+    return forecast
+
+
+def _amended(model: TransitionModel, findings: Findings, lifting: Lifting) -> TransitionModel:
+    """Return the model with re-estimated literals and the missing effects."""
+    theta = model.theta.copy()
+    for literal in findings.literals:
+        theta[literal.parameter.index] = literal.estimate
+    additions: list[AddedEffect] = []
+    coefficients: list[float] = []
+    for missing in findings.missing:
+        for term in missing.terms:
+            factors = tuple(lifted(name) for name in term.fluents)
+            additions.append(AddedEffect(missing.schema, lifted(missing.fluent), factors))
+            coefficients.append(term.coefficient * _periods(missing, model.dt))
+    ground = with_additions(lifting, additions)
+    return TransitionModel(ground, dt=model.dt, theta=np.concatenate((theta, coefficients)))
+
+
+def _periods(missing: MissingEffect, dt: float) -> float:
+    """Return what a coefficient is multiplied by: the world's are rates, an action's are not."""
+    if missing.schema == WORLD:
+        return 1.0 if missing.rate else 1.0 / dt
+    return dt if missing.rate else 1.0
+
+
+def _average(
+    model: TransitionModel,
+    lifting: Lifting,
+    findings: Findings,
+    states: Vector,
+    actions: NDArray[np.int64],
+    forecast: PatchedForecast,
+) -> None:
+    """Set what actions change by chance to the mean and variance of their outcomes, in place."""
+    likely = _usual_changes(model, states) if len(model.actions) <= _MOST_ACTIONS else {}
+    width = states.shape[1]
+    for finding in findings.outcomes:
+        for action, binding in lifting.schema(finding.schema).bindings.items():
+            rows = np.flatnonzero(actions == action)
+            outcomes = [
+                (outcome.probability, _columns(lifting, outcome, binding))
+                for outcome in finding.outcomes
+            ]
+            changed = sorted({column for _, changes in outcomes for column in changes})
+            if not len(rows) or not changed:
+                continue
+            columns = np.array([*changed, width, width + 1])
+            # What is too rare to be told counts as no change; reward and end are then as usual.
+            usual = forecast.mean[np.ix_(rows, columns)]
+            usual[:, :-2] = states[rows][:, changed]
+            kinds = [(1.0 - sum(probability for probability, _ in outcomes), usual)]
+            for probability, changes in outcomes:
+                # An action that slips does what another is said to do, walls and all.
+                like = likely.get(tuple(sorted(changes.items())))
+                after = usual.copy()
+                after[:, :-2] += [changes.get(column, 0.0) for column in changed]
+                if like is not None:
+                    others = np.full(len(rows), like)
+                    said = predicted_steps(model, states[rows], others)[:, columns]
+                    after = np.where(np.isfinite(said), said, usual)
+                kinds.append((probability, after))
+            mean = sum(probability * after for probability, after in kinds)
+            spread = sum(probability * (after - mean) ** 2 for probability, after in kinds)
+            forecast.mean[np.ix_(rows, columns)] = mean
+            forecast.variance[np.ix_(rows, columns)] = spread
+
+
+def _usual_changes(
+    model: TransitionModel, states: Vector
+) -> dict[tuple[tuple[int, float], ...], int]:
+    """Return what each action usually changes, (column, change) → the first such action."""
+    few = states[:: max(1, len(states) // _STATES)]
+    usual: dict[tuple[tuple[int, float], ...], int] = {}
+    for action in range(len(model.actions)):
+        change = np.round(predictions(model, few, np.full(len(few), action)) - few, 9)
+        change = change[np.isfinite(change).all(1)]
+        if not len(change):
+            continue
+        rows, counts = np.unique(change, axis=0, return_counts=True)
+        most = rows[counts.argmax()]
+        key = tuple((int(k), float(most[k])) for k in np.flatnonzero(most))
+        if key:
+            usual.setdefault(key, action)
+    return usual
+
+
+def _columns(
+    lifting: Lifting, outcome: ObservedOutcome, binding: Mapping[str, str]
+) -> dict[int, float]:
+    """Return column → change of what an outcome changes."""
+    changes = ((_column(lifting, fluent, binding), change) for fluent, change in outcome.changes)
+    return {column: change for column, change in changes if column is not None}
+
+
+def _column(lifting: Lifting, fluent: str, binding: Mapping[str, str]) -> int | None:
+    """Return the column that a name means; None where it could be several."""
+    try:
+        return lifting.column(lifted(fluent), binding)
+    except KeyError:
+        named = [f.index for f in lifting.ground.fluents if f.symbol == fluent]
+        return named[0] if len(named) == 1 else None
+
+
+def lifted(name: str) -> Lifted:
+    """Return what a printed name means: `battery ?robot`."""
+    symbol, *terms = name.strip("() ").split(" ")
+    return Lifted(symbol, tuple(terms))

@@ -1,0 +1,90 @@
+"""What a run recorded of the world, read back from its folder; the environment is not needed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from serp._util.saved_state import Saved
+from serp.errors import RunError
+from serp.model.loading import Domain, load_domain
+from serp.model.transition_model import TransitionModel
+from serp.runs.folder import RunFolder
+from serp.sysid.monitor import Monitor
+from serp.sysid.transitions import TransitionMemory
+from serp.training.run_metadata import made_with, refuse_changes
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What a run recorded, as of its newest checkpoint.
+
+    Attributes:
+        run: The run's folder.
+        domain: The domain as the run has it.
+        files: Name of the copy in the folder → name of the file that it is a copy of.
+        model: The domain's transition model as written, with the task's control period.
+        experience: The newest transitions.
+        monitor: Predictions beside observations, over the whole run.
+        env_steps: Env steps of the run.
+        learned_from: Whose reward its learner learned from: `domain`, `environment` or `sum`.
+        notice: What is to be known of the checkpoint: that the newest is damaged; else None.
+    """
+
+    run: Path
+    domain: Domain
+    files: Mapping[str, str]
+    model: TransitionModel
+    experience: TransitionMemory
+    monitor: Monitor
+    env_steps: int
+    learned_from: str
+    notice: str | None
+
+
+def read_recorded(run: Path) -> Recorded:
+    """Read what a run recorded.
+
+    Args:
+        run: The run's folder.
+
+    Raises:
+        RunError: It is no run, it has no whole checkpoint, or its domain was changed since.
+        DomainError: Its copy of the domain is damaged.
+    """
+    folder = RunFolder.open(run)
+    made = made_with(folder)
+    checkpoint = folder.load_checkpoint()
+    refuse_changes(folder, checkpoint, domain_alone=True)
+    domain = load_domain(
+        folder.domain_file,
+        folder.problem_file,
+        observed=True,
+        max_ground_schemas=made.max_ground_schemas,
+    )
+    domain = domain.observed(made.observed)
+    model = domain.model.replace(dt=made.dt)
+    whole = Saved("run", checkpoint.arrays, checkpoint.meta)
+    agent = Saved("agent", checkpoint.arrays, whole.part("agent")[1])
+    saved = Saved("correction", *agent.part("correction"))
+    experience, monitor = TransitionMemory.of(model), Monitor(model)
+    experience.load_state_dict(*saved.part("experience"))
+    monitor.load_state_dict(*saved.part("monitor"))
+    if not len(experience):
+        raise RunError(
+            f"{run} has made no env step up to its last checkpoint; let it train for a while: "
+            f"serp plan-and-learn --resume {run}"
+        )
+    damage = checkpoint.fallback
+    return Recorded(
+        run=run,
+        domain=domain,
+        files={str(k): str(v) for k, v in folder.about["domain_files"].items()},
+        model=model,
+        experience=experience,
+        monitor=monitor,
+        env_steps=whole.whole("env_steps"),
+        learned_from=str(folder.about["config"].get("learned_from", "")),
+        notice=None if damage is None else f"{damage} What is said here is as of the one before.",
+    )

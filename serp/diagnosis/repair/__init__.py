@@ -1,0 +1,1 @@
+"""Writing the findings of a run back into its domain file."""

@@ -1,0 +1,168 @@
+"""Where new comments, effects and processes go in the text of a domain file.
+
+Nothing is moved and nothing is laid out anew: whatever the file looks like, every byte of it stays,
+and a comment stays behind what it was written about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+from serp.diagnosis.repair.formatting import comment
+from serp.pddl.edits import Edit, indent_at, line_end, line_start, newline_of
+from serp.pddl.sexpr import Group, Word, read_group
+from serp.pddl.source import Place, Source
+
+_IMPLYING = {
+    ":time": (":time", ":hybrid", ":processes", ":events", ":continuous-effects"),
+    ":numeric-fluents": (":numeric-fluents", ":fluents", ":action-costs", ":hybrid"),
+}
+
+
+class InsertionPoints:
+    """The text of one domain file.
+
+    Args:
+        source: The file; it was parsed without an error.
+
+    Attributes:
+        text: All of it.
+    """
+
+    def __init__(self, source: Source) -> None:
+        self.text = source.text
+        self._newline = newline_of(source.text)
+        self._top = read_group(source)
+        self._groups = [item for item in self._top.items if isinstance(item, Group)]
+
+    def comment_above(self, position: int, text: str) -> Edit:
+        """Return a comment on lines of its own above the line of a position."""
+        start = line_start(self.text, position)
+        return Edit(start, start, comment(text, indent_at(self.text, position), self._newline))
+
+    def head(self, title: str, lines: Sequence[str]) -> list[Edit]:
+        """Return the edits that put a list at the head of the file, in place of an older one.
+
+        Args:
+            title: Its first line; an older list is known by the words of it before a comma.
+            lines: What follows; nothing for no list.
+        """
+        end, mark = 0, f"; {title.partition(',')[0]}"
+        if self.text.startswith(mark):
+            end = self.text.find(self._newline * 2) + 2 * len(self._newline)
+        written = "".join(comment(f"* {line}", "", self._newline) for line in lines)
+        text = f"{comment(title, '', self._newline)}{written}{self._newline}" if lines else ""
+        return [Edit(0, end, text)] if text or end else []
+
+    def effects_in(self, schema: Place, effects: Sequence[tuple[str, str]]) -> list[Edit]:
+        """Return the edits that give an action further effects.
+
+        Args:
+            schema: Where the action is written.
+            effects: Each with its evidence, which stands above it as a comment.
+        """
+        group = next(g for g in self._groups if g.place.start == schema.start)
+        value = _field(group, ":effect")
+        base = indent_at(self.text, (value or group).place.start)
+        if value is None:
+            at = group.items[-1].place.end
+            lines = self._lines(effects, base + "    ")
+            return [Edit(at, at, f"{self._newline}{base}  :effect (and{lines})")]
+        start, end = value.place.start, value.place.end
+        lines = self._lines(effects, base + "  ")
+        if not value.items:
+            return [Edit(start, end, f"(and{lines})")]
+        if value.head == "and":
+            return self._into_and(value, effects, base)
+        if self._commented(end):
+            before = f"(and{lines}{self._newline}{base}  "
+            return [Edit(start, start, before), Edit(end, end, ")")]
+        return [Edit(start, start, "(and "), Edit(end, end, f"{lines})")]
+
+    def process(self, name: str, parameters: str, effects: Sequence[tuple[str, str]]) -> Edit:
+        """Return the edit that adds a process, behind the last one or else the last action.
+
+        Args:
+            name: Its name.
+            parameters: As they are declared: `?r - robot`.
+            effects: Each with its evidence.
+        """
+        anchor = self.last_schema
+        base = indent_at(self.text, anchor.start)
+        line = self._newline
+        text = (
+            f"{line}{line}{base}(:process {name}{line}"
+            f"{base}  :parameters ({parameters}){line}"
+            f"{base}  :precondition (and){line}"
+            f"{base}  :effect (and{self._lines(effects, base + '    ')}))"
+        )
+        rest = self.text[anchor.end : line_end(self.text, anchor.end)].strip()
+        at = anchor.end
+        if not rest or rest.startswith(";"):
+            at = line_end(self.text, anchor.end)
+        return Edit(at, at, text)
+
+    @property
+    def last_schema(self) -> Place:
+        """Where the last process is written, or else the last action."""
+        processes = [g.place for g in self._groups if g.head == ":process"]
+        return (processes or [g.place for g in self._groups if g.head == ":action"])[-1]
+
+    def requirements(self, needs: Iterable[str]) -> list[Edit]:
+        """Return the edits that make the file require what it needs and does not require yet."""
+        section = next((g for g in self._groups if g.head == ":requirements"), None)
+        listed = {word.text for word in section.items if isinstance(word, Word)} if section else ()
+        missing = [need for need in needs if not set(_IMPLYING[need]) & set(listed)]
+        if not missing:
+            return []
+        if section is not None:
+            at = section.items[-1].place.end
+            return [Edit(at, at, "".join(f" {need}" for need in missing))]
+        at = self._top.items[1].place.end
+        words = " ".join([":strips", *missing])
+        return [Edit(at, at, f"{self._newline}  (:requirements {words})")]
+
+    def _into_and(self, value: Group, effects: Sequence[tuple[str, str]], base: str) -> list[Edit]:
+        last = value.items[-1].place
+        first = value.items[min(1, len(value.items) - 1)].place
+        own_line = self.text[line_start(self.text, last.start) : last.start]
+        indent = own_line if len(value.items) > 1 and not own_line.strip() else base + "  "
+        lines = self._lines(effects, indent)
+        between = self.text[last.end : value.place.end - 1]
+        if "\n" in between:  # behind the comments that may follow the last effect
+            line = last.end + between.rfind("\n", 0, between.rfind("\n")) + 1
+            at = line_end(self.text, line)
+            return [Edit(at, at, lines)]
+        if not self._commented(value.place.end):
+            return [Edit(last.end, last.end, lines)]
+        # In front, as the comment behind the brackets is about the last effect.
+        at = value.items[0].place.end
+        rest = self.text[at : line_end(self.text, at)].strip()
+        if not rest or rest.startswith(";"):
+            at = line_end(self.text, at)
+            return [Edit(at, at, lines)]
+        if first.start == value.items[0].place.start:  # an empty `and`
+            return [Edit(at, at, lines)]
+        # What stands before the first effect ends its indent.
+        return [Edit(at, at, f"{lines}{self._newline}{indent[first.start - at :]}")]
+
+    def _commented(self, position: int) -> bool:
+        """Whether nothing but closing brackets and a comment follows in the line."""
+        rest = self.text[position : line_end(self.text, position)]
+        return rest.lstrip(") \t").startswith(";")
+
+    def _lines(self, effects: Sequence[tuple[str, str]], indent: str) -> str:
+        """Return effects on lines of their own, each behind a line break."""
+        lines = [
+            f"{self._newline}{comment(evidence, indent, self._newline)}{indent}{effect}"
+            for evidence, effect in effects
+        ]
+        return "".join(lines)
+
+
+def _field(group: Group, key: str) -> Group | None:
+    """Return what stands behind a key of a schema."""
+    for word, value in zip(group.items[2::2], group.items[3::2], strict=False):
+        if isinstance(word, Word) and word.text == key and isinstance(value, Group):
+            return value
+    return None

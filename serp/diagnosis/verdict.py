@@ -1,0 +1,101 @@
+"""How well a file predicts on the whole, and what of it stays unexplained, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from serp._util.numbers import percent
+from serp.diagnosis.accuracy import WELL, Quantity
+from serp.diagnosis.wording import number
+from serp.sysid.monitor import END, REWARD
+
+_EXACT = 1e-9
+
+
+def verdict(quantities: Sequence[Quantity], found: bool) -> str:
+    """Return what a file's predictions are worth one step ahead.
+
+    "Predicts well" is said where every error is at most 10 % of the change.
+
+    Args:
+        quantities: All that changes or is predicted to.
+        found: Whether anything worth mentioning was found.
+    """
+    if not quantities:
+        return "Nothing changed in these steps, as the file says: nothing more can be said of it."
+    well = [q for q in quantities if q.off <= WELL]
+    worst = max(quantities, key=lambda q: q.off)
+    if len(well) == len(quantities):
+        error = "one step ahead it is exact"
+        if worst.off > _EXACT:
+            error = f"one step ahead every error is at most {percent(worst.off, 2)} of the change"
+            error += f", that of {worst.shown}"
+        rest = "What is listed here would make it better." if found else "Nothing more was found."
+        return f"The file predicts well: {error}. {rest}"
+    counted = f"{len(well)} of {len(quantities)}"
+    listed = "nothing was found to mend it"
+    if found:
+        chance = ", but for chance," if any(q.squared_chance for q in quantities) else ""
+        better = sum(q.unexplained <= WELL for q in quantities)
+        listed = f"with what is listed here{chance} {better} of {len(quantities)}"
+    return (
+        f"One step ahead the file as written predicts {counted} ({_names(quantities)}) to within "
+        f"{percent(WELL, 2)} of the change; {listed}. The largest error is "
+        f"{percent(worst.off, 2)} of the change, that of {worst.shown}."
+    )
+
+
+def unexplained(quantities: Sequence[Quantity]) -> list[str]:
+    """Return a sentence for each quantity that nothing found explains, the worst first.
+
+    Explained is what is predicted to within 10 % of its change by the file and what is worth
+    mentioning, but for what is to be expected by the chances that were found.
+    """
+    rest = sorted((q for q in quantities if q.unexplained > WELL), key=lambda q: -q.unexplained)
+    return [_sentence(quantity) for quantity in rest]
+
+
+def _sentence(q: Quantity) -> str:
+    differs = abs(q.squared_left - q.squared) > 0.01 * q.squared
+    listed = f"; with what is listed {percent(q.off_left, 2)}" if differs else ""
+    mostly = f"; most of it after `{q.action}`" if q.most > 0.5 and q.squared else ""
+    if q.name == END:
+        return _end(q) + listed
+    steps = f"of {q.steps:,} steps"
+    if not q.numeric:
+        changes = f"{q.shown} changes {q.change:,.0f} times in {q.steps:,} steps"
+        if not q.written:
+            return f"{changes}, and nothing in the file says so{listed}{mostly}"
+        wrong = f"{q.said:,} changes were predicted, of these {q.right:,} came"
+        wrong += f" (wrong {percent(q.off, 2)} as often as it changes)"
+        return f"{changes}; {wrong}{listed}{mostly}"
+    if q.name == REWARD:
+        changes = f"the reward is {number(q.change)} a step"
+    else:
+        changes = f"{q.shown} changes by {number(q.change)} a step"
+    if not q.change:
+        what = "the reward is 0" if q.name == REWARD else f"{q.shown} does not change"
+        return f"{what} in all {steps[3:]}, though the file predicts that it does{listed}{mostly}"
+    if not q.written:
+        return f"{changes}, and nothing in the file says so{listed}{mostly}"
+    error = number(q.change * q.off)
+    return f"{changes}, the error of the file is {error} ({percent(q.off, 2)}){listed}{mostly}"
+
+
+def _end(q: Quantity) -> str:
+    ended = f"the task ended in {q.change:,.0f} of {q.steps:,} steps"
+    if not q.written:
+        return f"{ended}, and nothing in the file says so"
+    missed = int(q.change) - q.right
+    return (
+        f"{ended}; {q.said:,} ends were predicted, of these {q.right:,} came, and {missed:,} came "
+        "unpredicted"
+    )
+
+
+def _names(quantities: Sequence[Quantity]) -> str:
+    fluents = sum(q.name not in (REWARD, END) for q in quantities)
+    named = [f"{fluents} fluents" if fluents > 1 else "a fluent"] if fluents else []
+    named += ["the reward"] if any(q.name == REWARD for q in quantities) else []
+    named += ["the end"] if any(q.name == END for q in quantities) else []
+    return " and ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)

@@ -1,1 +1,0 @@
-"""The domain language: PDDL text → located errors → ground model → transition model."""

@@ -1,0 +1,108 @@
+"""Which of the files that `serp check` is given belong together, by what is in them."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from serp.errors import SerpError
+
+_SUFFIX = "-problem"
+_COMMENT = re.compile(r";[^\r\n]*")
+_TITLE = re.compile(r"\s*\(\s*define\s*\(\s*(domain|problem)\s+([^\s()]+)", re.IGNORECASE)
+_DOMAIN = re.compile(r"\(\s*:domain\s+([^\s()]+)", re.IGNORECASE)
+
+
+class Pair(NamedTuple):
+    """One domain to check.
+
+    Attributes:
+        name: As it was given.
+        domain: Its file; None for an installed task, or where it is not known.
+        problem: The problem file; None for the one beside the domain file, if there is one.
+    """
+
+    name: str
+    domain: Path | None
+    problem: Path | None
+
+
+def pairs(names: Iterable[str]) -> list[Pair]:
+    """Return the domains that files and names of tasks mean, with their problems.
+
+    A domain file is looked at with each problem that belongs to it, and by itself (or with the
+    problem beside it) where none is given.
+    """
+    from serp.tasks.registry import find_domain_file
+
+    given = [(name, find_domain_file(name)) for name in names]
+    titles = {path: _title(path) for _, path in given if path is not None}
+    domains = [path for path, title in titles.items() if title.kind != "problem"]
+    found = [
+        Pair(name, _domain_of(path, titles[path], domains, titles), path)
+        if path is not None and titles[path].kind == "problem"
+        else Pair(name, path, None)
+        for name, path in given
+    ]
+    with_problem = {_real(pair.domain) for pair in found if pair.problem is not None}
+    return list(_once(p for p in found if p.problem or _real(p.domain) not in with_problem))
+
+
+class _Title(NamedTuple):
+    """`domain` or `problem` (empty where it cannot be told), and the name of the domain."""
+
+    kind: str
+    domain: str
+
+
+def _title(path: Path) -> _Title:
+    from serp.pddl.source import Source
+
+    try:
+        text = _COMMENT.sub("", Source.read(path).text)
+    except SerpError:
+        return _Title("", "")
+    title = _TITLE.match(text)
+    if title is None:
+        return _Title("", "")
+    kind, name = title[1].lower(), title[2].lower()
+    if kind == "problem":
+        belongs = _DOMAIN.search(text)
+        name = belongs[1].lower() if belongs else ""
+    return _Title(kind, name)
+
+
+def _domain_of(
+    problem: Path, title: _Title, given: Sequence[Path], titles: dict[Path, _Title]
+) -> Path | None:
+    """Return the domain file of a problem file, or None where it is not known."""
+    beside = [problem.with_name(f"{name}.pddl") for name in
+              (problem.stem.removesuffix(_SUFFIX), title.domain, "domain")
+              if name and name != problem.stem]  # fmt: skip
+    named = [path for path in given if titles[path].domain == title.domain]
+    real = {os.path.realpath(path) for path in beside}
+    for path in (
+        *(path for path in named if os.path.realpath(path) in real),
+        *named,
+        *(given if len(given) == 1 else ()),  # names that differ are warned of
+        *(path for path in beside if path.is_file()),
+    ):
+        return path
+    return None
+
+
+def _once(found: Iterable[Pair]) -> Iterator[Pair]:
+    seen: set[tuple[str, str]] = set()
+    for pair in found:
+        key = (_real(pair.domain) or pair.name, _real(pair.problem))
+        if key not in seen:
+            seen.add(key)
+            yield pair
+
+
+def _real(path: Path | None) -> str:
+    """Return what a path leads to; a link that leads to itself stands for itself."""
+    return os.path.realpath(path) if path is not None else ""

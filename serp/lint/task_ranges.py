@@ -1,0 +1,99 @@
+"""What a domain file says of numbers that its task's observations never give."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.cli.output import number
+from serp.errors import SerpError
+from serp.model import ground as g
+from serp.model.exclusion import threshold
+from serp.pddl.source import DomainWarning, Place
+from serp.pddl.syntax import Change
+from serp.tasks.grounding import FAR, grounded
+from serp.tasks.task import BoundTask
+
+_SAMPLES = 256
+_OPEN = FAR / 1e3
+"""A range as wide as this comes of a bound that the observation space leaves open."""
+
+
+def out_of_range(bound: BoundTask) -> Iterator[DomainWarning]:
+    """Yield numbers of the file that lie far outside of what the grounding can give.
+
+    The range of a fluent is taken from observations that the space allows. Only what is farther
+    away than the range is wide is told of: degrees for radians, millimetres for metres.
+
+    Args:
+        bound: A task with its domain.
+    """
+    ranges = _ranges(bound)
+    fluents = bound.model.fluents
+    told: set[Place] = set()
+    for index, value, place in _numbers_of(bound.model.ground, bound.model.theta.tolist()):
+        low, high = ranges[index]
+        span = high - low
+        if place in told or not 0 < span < _OPEN or low - span <= value <= high + span:
+            continue
+        told.add(place)
+        yield DomainWarning(
+            f"`{place.text}`: the observations of the task give `{fluents[index].name}` values "
+            f"from {number(low)} to {number(high)}; is {number(value)} in the same unit?",
+            place,
+        )
+
+
+def _ranges(bound: BoundTask) -> NDArray[np.float64]:
+    """Return the least and greatest value of every fluent, `[F, 2]`; infinities for none known."""
+    rows = []
+    for given in grounded(bound.task.ground, bound.env.observation_space, _SAMPLES):
+        state = _state(bound, given)
+        if state is not None:
+            rows.append(state)
+    if not rows:
+        return np.tile([-np.inf, np.inf], (len(bound.model.fluents), 1))
+    table = np.array(rows)
+    return np.stack([table.min(axis=0), table.max(axis=0)], axis=1)
+
+
+def _state(bound: BoundTask, given: Any) -> NDArray[np.float64] | None:
+    try:
+        return (
+            bound.model.state(given)
+            if isinstance(given, Mapping)
+            else bound.model.check_state(given)
+        )
+    except SerpError:  # an observation that never comes
+        return None
+
+
+def _numbers_of(ground: g.GroundModel, theta: list[float]) -> Iterator[tuple[int, float, Place]]:
+    """Yield fluent, number and place of comparisons with a number, and of assignments of one."""
+    for schema in (*ground.actions, *ground.processes, *ground.events):
+        for test in (*schema.preconditions, *(effect.condition for effect in schema.effects)):
+            yield from _compared(test, theta)
+        for effect in schema.effects:
+            if (
+                isinstance(effect, g.SetNumber)
+                and effect.change is Change.ASSIGN
+                and effect.target >= 0
+                and isinstance(effect.value, g.ParameterRef)
+            ):
+                yield effect.target, theta[effect.value.parameter], effect.place
+
+
+def _compared(test: g.Test, theta: list[float]) -> Iterator[tuple[int, float, Place]]:
+    match test:
+        case g.Not(operand):
+            yield from _compared(operand, theta)
+        case g.All(operands) | g.AnyOf(operands):
+            for operand in operands:
+                yield from _compared(operand, theta)
+        case g.Compare():
+            found = threshold(test, theta)
+            if found is not None:
+                yield (*found, test.place)

@@ -1,0 +1,1 @@
+"""What a domain file means: instantiated, compiled, and applied to states."""

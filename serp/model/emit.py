@@ -1,0 +1,299 @@
+"""Building the syntax trees of conditions and numbers.
+
+Conditions are three-valued (Kleene's strong logic): a comparison with a side that is no number (a
+division by zero, a difference of two overflows) is undefined, and so is every condition whose truth
+hangs on it. `Emitter.truth` refuses the step there. A partial file must not pass for safe because
+NaN compares as false.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from serp.model import ground as g
+from serp.model.flags import UNDEFINED, UNSAFE
+
+FLAG_NAMES = {g.UNSAFE_TARGET: "unsafe", g.TERMINAL_TARGET: "terminal"}
+_OPERATIONS: dict[str, ast.operator] = {"+": ast.Add(), "-": ast.Sub(), "*": ast.Mult()}
+_COMPARISONS: dict[str, ast.cmpop] = {
+    "<": ast.Lt(),
+    "<=": ast.LtE(),
+    "=": ast.Eq(),
+    ">=": ast.GtE(),
+    ">": ast.Gt(),
+}
+# Where every one of these is false, the comparison holds or a side is NaN.
+_REFUTATIONS: dict[str, tuple[ast.cmpop, ...]] = {
+    "<": (ast.GtE(),),
+    "<=": (ast.Gt(),),
+    "=": (ast.Lt(), ast.Gt()),
+    ">=": (ast.Lt(),),
+    ">": (ast.LtE(),),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A place in the generated code that a traced run reports when it passes there.
+
+    Attributes:
+        what: `failed` (a precondition that does not hold), `effect` (of an action or event that
+            was applied), `rate` (of a process that was applied), `conflict` (effects that
+            contradict each other) or `undefined` (a result that is no finite number, or a
+            condition that is neither true nor false).
+        schema: The ground action, process or event; None for the goal and the reward as a whole.
+        item: The condition or effect; None where the schema as a whole is meant.
+    """
+
+    what: Literal["failed", "effect", "rate", "conflict", "undefined"]
+    schema: g.GroundSchema | None
+    item: g.Test | g.GroundEffect | None
+
+
+def variable(identifier: str) -> ast.Name:
+    """Return a variable that is read."""
+    return ast.Name(identifier, ast.Load())
+
+
+def constant(value: float | bool) -> ast.Constant:
+    """Return a constant."""
+    return ast.Constant(value)
+
+
+def entry(array: str, index: int) -> ast.Subscript:
+    """Return an entry of an array that is read."""
+    return ast.Subscript(variable(array), ast.Constant(index), ast.Load())
+
+
+def assign(identifier: str, value: ast.expr) -> ast.stmt:
+    """Return an assignment to a variable."""
+    return ast.Assign([ast.Name(identifier, ast.Store())], value)
+
+
+def store(index: int, value: ast.expr) -> ast.stmt:
+    """Return an assignment to an entry of `out`."""
+    target = ast.Subscript(variable("out"), ast.Constant(index), ast.Store())
+    return ast.Assign([target], value)
+
+
+def negated(test: ast.expr) -> ast.expr:
+    """Return `not test`."""
+    return ast.UnaryOp(ast.Not(), test)
+
+
+def joined(operator: ast.boolop, tests: Sequence[ast.expr]) -> ast.expr:
+    """Return `test and test ...` or `test or test ...`; one test stands for itself."""
+    return tests[0] if len(tests) == 1 else ast.BoolOp(operator, list(tests))
+
+
+class Emitter:
+    """Collects statements, and writes conditions and numbers as expressions over arrays.
+
+    Args:
+        traced: Whether the code reports the sites that it passes.
+    """
+
+    def __init__(self, *, traced: bool) -> None:
+        self.traced = traced
+        self.sites: list[Site] = []
+        self.body: list[ast.stmt] = []
+        self._temporaries = 0
+        self._sides: dict[int, tuple[ast.Name, ast.Name]] = {}
+
+    # Statements --------------------------------------------------------------------------------
+
+    def temporary(self, value: ast.expr) -> ast.Name:
+        """Keep a value in a fresh variable."""
+        identifier = f"t{self._temporaries}"
+        self._temporaries += 1
+        self.body.append(assign(identifier, value))
+        return variable(identifier)
+
+    def collect(self) -> list[ast.stmt]:
+        """Start a new list of statements and return the present one."""
+        outer, self.body = self.body, []
+        return outer
+
+    def report(self, site: Site) -> list[ast.stmt]:
+        """Return the statements that report a site; none unless traced."""
+        if not self.traced:
+            return []
+        self.sites.append(site)
+        append = ast.Attribute(variable("trace"), "append", ast.Load())
+        return [ast.Expr(ast.Call(append, [ast.Constant(len(self.sites) - 1)], []))]
+
+    def refuse(self, test: ast.expr, site: Site) -> None:
+        """Emit: where `test` is true, the step has no result.
+
+        A precondition that fails leaves no flag. Everything else leaves UNDEFINED, and UNSAFE
+        where that is certain by then: what cannot be predicted must not pass for safe.
+        """
+        result: ast.expr = ast.Constant(0)
+        if site.what != "failed":
+            known = ast.IfExp(variable("unsafe"), ast.Constant(UNSAFE), ast.Constant(0))
+            result = ast.BinOp(ast.Constant(UNDEFINED), ast.BitOr(), known)
+        self.body.append(ast.If(test, [*self.report(site), ast.Return(result)], []))
+
+    def require_finite(self, value: ast.expr, site: Site) -> None:
+        """Emit: where a value is NaN or infinite, the step has no result."""
+        # x - x is 0 for every finite x, and NaN for the others.
+        difference = ast.BinOp(value, ast.Sub(), value)
+        self.refuse(ast.Compare(difference, [ast.NotEq()], [constant(0.0)]), site)
+
+    def under(self, condition: ast.expr | None, statements: list[ast.stmt]) -> None:
+        """Emit statements, under a condition where there is one."""
+        if condition is None:
+            self.body += statements
+        else:
+            self.body.append(ast.If(condition, statements, []))
+
+    # Conditions --------------------------------------------------------------------------------
+
+    def truth(
+        self,
+        test: g.Test,
+        source: str,
+        schema: g.GroundSchema | None,
+        unless: ast.expr | None = None,
+    ) -> ast.expr:
+        """Emit what refuses the step where a condition is undefined; return its truth.
+
+        Args:
+            test: The condition.
+            source: The array that it reads.
+            schema: Where it is written.
+            unless: Where this is true, the condition does not matter.
+        """
+        certain, doubt = self.decide(test, source, unless)
+        if doubt is not None:
+            self.refuse(doubt, Site("undefined", schema, test))
+        return certain
+
+    def decide(
+        self, test: g.Test, source: str, unless: ast.expr | None = None
+    ) -> tuple[ast.expr, ast.expr | None]:
+        """Return whether a condition is true, and whether it is undefined (None: it never is)."""
+        if not _may_be_undefined(test):
+            return self._certain(test, source), None
+        for comparison in _comparisons(test):
+            if _may_be_nan(comparison.left) or _may_be_nan(comparison.right):
+                left, right = (
+                    self.temporary(self.value(side, source))
+                    for side in (comparison.left, comparison.right)
+                )
+                self._sides[id(comparison)] = left, right
+        certain = self.temporary(self._certain(test, source))
+        doubts = [self._possible(test, source), negated(certain)]
+        if unless is not None:
+            doubts.insert(0, negated(unless))
+        self._sides.clear()
+        return certain, joined(ast.And(), doubts)
+
+    def _certain(self, test: g.Test, source: str) -> ast.expr:
+        """Return whether a condition is true (not: false or undefined)."""
+        match test:
+            case g.Constant(value):
+                return constant(value)
+            case g.Holds(fluent):
+                if fluent in FLAG_NAMES:  # before the action, both are false
+                    return constant(False) if source == "s" else variable(FLAG_NAMES[fluent])
+                return ast.Compare(entry(source, fluent), [ast.NotEq()], [constant(0.0)])
+            case g.Compare(operator):
+                left, right = self._compared(test, source)
+                return ast.Compare(left, [_COMPARISONS[operator]], [right])
+            case g.Not(operand):
+                return negated(self._possible(operand, source))
+            case g.All(operands):
+                return joined(ast.And(), [self._certain(o, source) for o in operands])
+            case g.AnyOf(operands):
+                return joined(ast.Or(), [self._certain(o, source) for o in operands])
+
+    def _possible(self, test: g.Test, source: str) -> ast.expr:
+        """Return whether a condition is true or undefined (not: false)."""
+        match test:
+            case g.Compare(operator) if id(test) in self._sides:
+                left, right = self._sides[id(test)]
+                refuted = [ast.Compare(left, [r], [right]) for r in _REFUTATIONS[operator]]
+                return negated(joined(ast.Or(), refuted))
+            case g.Not(operand):
+                return negated(self._certain(operand, source))
+            case g.All(operands):
+                return joined(ast.And(), [self._possible(o, source) for o in operands])
+            case g.AnyOf(operands):
+                return joined(ast.Or(), [self._possible(o, source) for o in operands])
+            case _:
+                return self._certain(test, source)
+
+    def _compared(self, test: g.Compare, source: str) -> tuple[ast.expr, ast.expr]:
+        """Return both sides of a comparison, evaluated once where they may be NaN."""
+        if id(test) in self._sides:
+            return self._sides[id(test)]
+        return self.value(test.left, source), self.value(test.right, source)
+
+    # Numbers -----------------------------------------------------------------------------------
+
+    def value(self, value: g.Value, source: str, elapsed: ast.expr | None = None) -> ast.expr:
+        """Return a number over the array `source`; NaN where it divides by zero."""
+        match value:
+            case g.Read(fluent):
+                return entry(source, fluent)
+            case g.ParameterRef(parameter):
+                return entry("theta", parameter)
+            case g.Elapsed():
+                return elapsed or variable("dt")
+            case g.Negation(operand):
+                return ast.UnaryOp(ast.USub(), self.value(operand, source, elapsed))
+            case g.Operation(operator, left, right):
+                operands = (
+                    self.value(left, source, elapsed),
+                    self.value(right, source, elapsed),
+                )
+                if operator == "/":
+                    return self.quotient(*operands)
+                return ast.BinOp(operands[0], _OPERATIONS[operator], operands[1])
+
+    def quotient(self, dividend: ast.expr, divisor: ast.expr) -> ast.expr:
+        """Divide without an exception: a division by zero gives NaN."""
+        if not isinstance(divisor, ast.Name | ast.Subscript):
+            divisor = self.temporary(divisor)
+        nonzero = ast.Compare(divisor, [ast.NotEq()], [constant(0.0)])
+        return ast.IfExp(nonzero, ast.BinOp(dividend, ast.Div(), divisor), constant(float("nan")))
+
+
+def _comparisons(test: g.Test) -> Iterator[g.Compare]:
+    match test:
+        case g.Compare():
+            yield test
+        case g.Not(operand):
+            yield from _comparisons(operand)
+        case g.All(operands) | g.AnyOf(operands):
+            for operand in operands:
+                yield from _comparisons(operand)
+
+
+def _may_be_undefined(test: g.Test) -> bool:
+    return any(_may_be_nan(c.left) or _may_be_nan(c.right) for c in _comparisons(test))
+
+
+def _may_be_nan(value: g.Value) -> bool:
+    """Whether a number can be NaN over finite ones.
+
+    One sum or product of finite numbers can overflow, but only an operation on what has overflowed
+    can be NaN, and a division by zero is.
+    """
+    match value:
+        case g.Operation(operator, left, right):
+            return operator == "/" or _may_overflow(left) or _may_overflow(right)
+        case g.Negation(operand):
+            return _may_be_nan(operand)
+        case _:
+            return False
+
+
+def _may_overflow(value: g.Value) -> bool:
+    while isinstance(value, g.Negation):
+        value = value.operand
+    return isinstance(value, g.Operation)

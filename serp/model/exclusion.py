@@ -1,0 +1,209 @@
+"""Whether conditions exclude each other, whatever the state: predicates, and intervals of numbers.
+
+Comparisons are brought to the form `expression < number`, with equal expressions recognised as such
+(`(> (- (x) (y)) 2)` and `(< (x) (+ (y) 1))` exclude each other). What is found is certain up to
+rounding; not everything that is contradictory is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+
+from serp.model import ground as g
+
+Pair = tuple[g.Test, g.Test]
+_MIRRORED = {"<": ">", "<=": ">=", "=": "=", ">=": "<=", ">": "<"}
+_NEGATED = {"<": ">=", "<=": ">", ">=": "<", ">": "<="}
+_MOST_ALTERNATIVES = 32
+"""Alternatives of a disjunction that are tried."""
+
+
+def contradiction(tests: Iterable[g.Test], theta: Sequence[float]) -> Pair | None:
+    """Return two tests that cannot hold together, or None where none are found.
+
+    Both are the same where one test contradicts itself.
+
+    Args:
+        tests: A conjunction.
+        theta: The values of the literals.
+    """
+    known = _Known(theta)
+    later: list[g.AnyOf] = []
+    for test in tests:
+        if pair := known.add(test, later):
+            return pair
+    for alternatives in later:
+        if len(alternatives.operands) <= _MOST_ALTERNATIVES:
+            pairs = [known.copy().add(operand, []) for operand in alternatives.operands]
+            if all(pairs):
+                return next((p for p in pairs if p and p[0] != p[1]), pairs[0])
+    return None
+
+
+def threshold(test: g.Test, theta: Sequence[float]) -> tuple[int, float] | None:
+    """Return the fluent and the number of a comparison of one with the other; None for others."""
+    if isinstance(test, g.Compare):
+        form = _difference(test, theta)
+        if len(form.terms) == 1:
+            ((atom, factor),) = form.terms.items()
+            if isinstance(atom, int):
+                return atom, float(-form.constant / factor)
+    return None
+
+
+@dataclass
+class _Bounds:
+    """What is known of an expression: bounds with the tests that say so."""
+
+    low: tuple[Fraction, bool, g.Test] | None = None  # value, whether strict, test
+    high: tuple[Fraction, bool, g.Test] | None = None
+    excluded: dict[Fraction, g.Test] = field(default_factory=dict)
+
+    def add(self, operator: str, value: Fraction, test: g.Test) -> Pair | None:
+        if operator == "!=":
+            self.excluded[value] = test
+        if operator in (">", ">=", "="):
+            new = (value, operator == ">", test)
+            if self.low is None or new[:2] > self.low[:2]:
+                self.low = new
+        if operator in ("<", "<=", "="):
+            new = (value, operator == "<", test)
+            if self.high is None or (-value, new[1]) > (-self.high[0], self.high[1]):
+                self.high = new
+        if self.low is None or self.high is None:
+            return None
+        if self.low[0] > self.high[0]:
+            return self.low[2], self.high[2]
+        if self.low[0] == self.high[0]:
+            if self.low[1] or self.high[1]:
+                return self.low[2], self.high[2]
+            if self.low[0] in self.excluded:
+                return self.low[2], self.excluded[self.low[0]]
+        return None
+
+
+class _Known:
+    """What a conjunction says of predicates and of expressions."""
+
+    def __init__(self, theta: Sequence[float]) -> None:
+        self.theta = theta
+        self.truths: dict[int, tuple[bool, g.Test]] = {}
+        self.bounds: dict[Hashable, _Bounds] = {}
+
+    def copy(self) -> _Known:
+        other = _Known(self.theta)
+        other.truths = dict(self.truths)
+        other.bounds = {
+            key: _Bounds(b.low, b.high, dict(b.excluded)) for key, b in self.bounds.items()
+        }
+        return other
+
+    def add(
+        self,
+        test: g.Test,
+        later: list[g.AnyOf],
+        *,
+        holds: bool = True,
+        told: g.Test | None = None,
+    ) -> Pair | None:
+        """Add a test, or its negation; return what excludes each other.
+
+        Args:
+            test: The test.
+            later: Takes the disjunctions, which are to be looked at last.
+            holds: Whether the test holds or its negation.
+            told: The test as the file has it, where that is a negation.
+        """
+        told = test if told is None else told
+        match test:
+            case g.Constant(value):
+                return (told, told) if value != holds else None
+            case g.Not(operand):
+                return self.add(operand, later, holds=not holds, told=told)
+            case g.Holds(fluent):
+                known = self.truths.setdefault(fluent, (holds, told))
+                return (known[1], told) if known[0] != holds else None
+            case g.Compare():
+                return self._compare(test, told, holds=holds)
+            case g.All(operands) | g.AnyOf(operands) if isinstance(test, g.All) == holds:
+                pairs = (self.add(operand, later, holds=holds) for operand in operands)
+                return next((pair for pair in pairs if pair), None)
+            case g.All(operands) | g.AnyOf(operands):
+                if not holds:
+                    operands = tuple(g.Not(operand, test.place) for operand in operands)
+                later.append(g.AnyOf(operands, test.place))
+                return None
+
+    def _compare(self, test: g.Compare, told: g.Test, *, holds: bool) -> Pair | None:
+        operator = test.operator if holds else _NEGATED.get(test.operator, "!=")
+        form = _difference(test, self.theta)
+        if not form.terms:
+            return None if _is_true(operator, form.constant) else (told, told)
+        first = min(form.terms, key=repr)
+        factor = form.terms[first]
+        key = frozenset((atom, k / factor) for atom, k in form.terms.items())
+        if factor < 0:
+            operator = _MIRRORED.get(operator, operator)
+        return self.bounds.setdefault(key, _Bounds()).add(operator, -form.constant / factor, told)
+
+
+def _is_true(operator: str, difference: Fraction) -> bool:
+    return {
+        "<": difference < 0,
+        "<=": difference <= 0,
+        "=": difference == 0,
+        "!=": difference != 0,
+        ">=": difference >= 0,
+        ">": difference > 0,
+    }[operator]
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """A sum of atoms, each times a factor, and a constant. An atom is a fluent or a product."""
+
+    terms: dict[Hashable, Fraction]
+    constant: Fraction
+
+    def plus(self, other: _Linear, factor: Fraction) -> _Linear:
+        terms = dict(self.terms)
+        for atom, k in other.terms.items():
+            total = terms.get(atom, Fraction(0)) + k * factor
+            if total:
+                terms[atom] = total
+            else:
+                terms.pop(atom, None)
+        return _Linear(terms, self.constant + other.constant * factor)
+
+    @property
+    def key(self) -> Hashable:
+        return frozenset(self.terms.items()), self.constant
+
+
+def _difference(test: g.Compare, theta: Sequence[float]) -> _Linear:
+    return _linear(test.left, theta).plus(_linear(test.right, theta), Fraction(-1))
+
+
+def _linear(value: g.Value, theta: Sequence[float]) -> _Linear:
+    match value:
+        case g.Read(fluent):
+            return _Linear({fluent: Fraction(1)}, Fraction(0))
+        case g.ParameterRef(parameter):
+            return _Linear({}, Fraction(repr(float(theta[parameter]))))  # as it is written
+        case g.Negation(operand):
+            return _Linear({}, Fraction(0)).plus(_linear(operand, theta), Fraction(-1))
+        case g.Elapsed():
+            return _Linear({"elapsed": Fraction(1)}, Fraction(0))
+        case g.Operation(operator, left, right):
+            one, other = _linear(left, theta), _linear(right, theta)
+            if operator in "+-":
+                return one.plus(other, Fraction(1 if operator == "+" else -1))
+            nothing = _Linear({}, Fraction(0))
+            if not other.terms and (operator == "*" or other.constant):
+                factor = other.constant
+                return nothing.plus(one, factor if operator == "*" else 1 / factor)
+            if operator == "*" and not one.terms:
+                return nothing.plus(other, one.constant)
+            return _Linear({(operator, one.key, other.key): Fraction(1)}, Fraction(0))

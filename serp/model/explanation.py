@@ -1,0 +1,90 @@
+"""Saying why, in the words of the domain file."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from serp._util.numbers import percent
+from serp.model import ground as g
+from serp.model.emit import Site
+from serp.model.flags import UNSAFE, risk_of
+from serp.model.transition_model import TransitionModel, Vector
+
+
+def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> str:
+    """Say why a ground action is not applicable.
+
+    That is the failed precondition with the values that it reads, the effects that contradict
+    each other or give no number, or the condition that divides by zero.
+    """
+    passed, _ = model.trace(state, action)
+    name = model.actions[action].name
+    for site in passed:
+        if site.what == "failed" and isinstance(site.item, g.Test):
+            return f"{name}: {_quote(site)} does not hold{_values(model, state, site.item)}"
+        if site.what == "conflict":
+            return f"{name}: {_quote(site)} contradicts another effect"
+        if site.what == "undefined" and isinstance(site.item, g.Test):
+            through = "" if site.schema is model.actions[action] else f" of {_of(site.schema)}"
+            return f"{name}: {_quote(site)}{through} is neither true nor false, it has no value"
+        if site.what == "undefined":
+            what = site.schema.name if site.schema else "the reward"
+            return f"{name}: {what} gives no finite number"
+    return f"{name} is applicable"
+
+
+def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
+    """Say which effect makes `(unsafe)` true one step ahead, and how likely that is.
+
+    Nothing is said of how likely where the file as written flags the action. Where several outcomes
+    do damage, the effect is that of the likeliest of them.
+    """
+    name = model.actions[action].name
+    _, flags = model.transition(np.asarray(state, dtype=np.float64).tolist(), action)
+    likely = "" if flags & UNSAFE else f"{percent(risk_of(flags))} risk of "
+    passed, _ = model.trace(state, action)
+    for site in passed:
+        if isinstance(site.item, g.SetBoolean) and site.item.target == g.UNSAFE_TARGET:
+            through = "" if site.schema is model.actions[action] else f" through {_of(site.schema)}"
+            return f"{name}: {likely}{_quote(site)}{through}"
+    return f"{name} is not predicted unsafe"
+
+
+def unsafe_ahead(safe_steps: int) -> str:
+    """Say that something unsafe, or too risky, follows a first step that is safe.
+
+    Args:
+        safe_steps: Control periods before that on the best path, at least 1.
+    """
+    periods = f"{safe_steps} control period{'' if safe_steps == 1 else 's'}"
+    return f"safe for {periods}, then nothing is left that is predicted safe"
+
+
+def _of(schema: g.GroundSchema | None) -> str:
+    return f"{schema.kind.value} {schema.name}" if schema is not None else "the goal"
+
+
+def _quote(site: Site) -> str:
+    place = site.item.place if isinstance(site.item, _PLACED) else None
+    if place is None:
+        assert site.schema is not None
+        place = site.schema.place
+    return f"`{place.text}` (line {place.line})"
+
+
+def _values(model: TransitionModel, state: Vector, test: g.Test) -> str:
+    """The values that a test reads, in parentheses; empty where it reads none."""
+    names = {"unsafe": g.UNSAFE_TARGET, "terminal": g.TERMINAL_TARGET}
+    parts = []
+    for index in dict.fromkeys(g.fluents_of(test)):
+        if index < 0:
+            parts.append(next(name for name, target in names.items() if target == index))
+            continue
+        fluent = model.fluents[index]
+        value = float(state[index])
+        shown = f"{value:.4g}" if fluent.numeric else ("true" if value else "false")
+        parts.append(f"{fluent.name} = {shown}")
+    return f" ({', '.join(parts)})" if parts else ""
+
+
+_PLACED = (g.Holds, g.Compare, g.Not, g.All, g.AnyOf, g.SetBoolean, g.SetNumber)

@@ -1,0 +1,239 @@
+"""What the files say of the objects, and which ground predicates and functions may vary."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterator, Mapping, Sequence
+
+from serp.pddl import syntax as x
+from serp.pddl.source import DomainError, Place
+
+Binding = Mapping[str, str]
+Key = tuple[str, ...]
+"""A ground predicate or function: its name and the objects."""
+
+MAX_GROUND_SCHEMAS = 50_000
+_FLUENTS_EACH = 4
+_BINDINGS_EACH = 20
+_RAISE = (
+    "or raise the limit: `--max-ground-schemas N` of `serp check` and `serp plan`, in Python "
+    "`load_domain(..., max_ground_schemas=N)`"
+)
+
+
+class InstantiationBudget:
+    """How large a domain may become before it is refused.
+
+    Attributes:
+        ground_schemas: Most ground actions, processes and events together.
+        fluents: Most fluents, four for each of these.
+        bindings: Most bindings that are tried, 20 for each of these.
+    """
+
+    def __init__(self, ground_schemas: int = MAX_GROUND_SCHEMAS) -> None:
+        self.ground_schemas = ground_schemas
+        self.fluents = _FLUENTS_EACH * ground_schemas
+        self.bindings = _BINDINGS_EACH * ground_schemas
+        self.instances = 0
+        self.work = 0
+
+    def count_binding(self, place: Place) -> None:
+        """Count one binding of a variable.
+
+        Raises:
+            DomainError: There are too many.
+        """
+        self.work += 1
+        if self.work > self.bindings:
+            raise DomainError(
+                f"instantiation takes more than {self.bindings} bindings",
+                place,
+                "use fewer objects, more specific types, or fewer parameters and quantifiers; "
+                + _RAISE,
+            )
+
+    def count_instance(self, schema: x.Schema, facts: Facts) -> None:
+        """Count one ground action, process or event.
+
+        Raises:
+            DomainError: There are too many.
+        """
+        self.instances += 1
+        if self.instances > self.ground_schemas:
+            bindings = 1
+            for parameter in schema.parameters:
+                bindings *= len(facts.objects_of(parameter.types))
+            raise DomainError(
+                f"the domain instantiates to more than {self.ground_schemas} ground actions, "
+                f"processes and events; `{schema.name}` alone has up to {bindings} over these "
+                "objects",
+                schema.place,
+                "use fewer objects, more specific types, or static predicates in the "
+                f"precondition; {_RAISE}",
+            )
+
+    def check_fluents(self, count: int, declaration: x.Declaration) -> None:
+        """Compare a number of fluents with the limit.
+
+        Raises:
+            DomainError: There are too many.
+        """
+        if count > self.fluents:
+            raise DomainError(
+                f"the domain has more than {self.fluents} fluents over these objects",
+                declaration.place,
+                f"use fewer objects, more specific types or fewer parameters; {_RAISE}",
+            )
+
+
+class Facts:
+    """What is stated, and what of it may be otherwise in a later state.
+
+    There are two kinds of worlds. In a *closed* one the states are those that the problem's
+    `:init` leads to: only what an instance that can apply changes may vary
+    (`serp.model.reachability` finds that out). In an *observed* one a state may be any: only what
+    `:init` states, no effect changes and no observation supplies is constant.
+
+    Args:
+        domain: The parsed domain.
+        problem: The parsed problem, if there is one.
+        supplied: None for a closed world, which needs a problem with an `:init`; else the names of
+            the fluents that are known to be observed, such as `door-open hall`.
+
+    Attributes:
+        objects: All objects.
+        true: The predicates that hold at the start.
+        values: The numbers at the start.
+        closed: Whether the world is closed.
+        varying: Names of which every instance may vary.
+        free: Further predicates and functions that may vary; it grows.
+        changed: Names that some effect changes.
+    """
+
+    def __init__(
+        self,
+        domain: x.DomainSyntax,
+        problem: x.ProblemSyntax | None,
+        supplied: Collection[str] | None,
+    ) -> None:
+        self.domain = domain
+        self.objects = problem.objects if problem else domain.constants
+        self.position = {name: k for k, name in enumerate(self.objects)}
+        self.true: set[Key] = set()
+        self.values: dict[Key, x.Number] = {}
+        if problem:
+            self.true = {key_of(a.name, a.arguments, {}) for a in problem.true_atoms}
+            self.values = {key_of(f.name, f.arguments, {}): n for f, n in problem.values}
+        self._members: dict[Sequence[str], tuple[str, ...]] = {}
+        self._sets: dict[Sequence[str], frozenset[str]] = {}
+        self.closed = supplied is None and problem is not None and problem.has_init
+        self.changed = _changed_names(domain)
+        stated = {key[0] for key in itertools.chain(self.true, self.values)}
+        declared = domain.declarations.values()
+        if self.closed:
+            names = {d.name for d in declared if d.numeric and d.name not in stated | self.changed}
+        else:
+            names = set(domain.declarations) - (stated - self.changed)
+        self.varying = frozenset(names | {x.REWARD, x.UNSAFE, x.TERMINAL})
+        self.free = {tuple(name.split()) for name in supplied or ()}
+
+    def varies(self, key: Key) -> bool:
+        """Whether a ground predicate or function may have another value than at the start."""
+        return key[0] in self.varying or key in self.free
+
+    def free_missing_numbers(self, budget: InstantiationBudget) -> None:
+        """Let functions vary that some effect changes and `:init` gives no value: they start at 0.
+
+        Raises:
+            DomainError: There are too many.
+        """
+        for declaration in self.domain.declarations.values():
+            if declaration.numeric and declaration.name in self.changed - self.varying:
+                for key in self.keys_of(declaration):
+                    if key not in self.values:
+                        self.free.add(key)
+                        budget.check_fluents(len(self.free), declaration)
+
+    def objects_of(self, types: Sequence[str]) -> tuple[str, ...]:
+        """Return the objects of one of the types, in the order of the files."""
+        found = self._members.get(types)
+        if found is None:
+            is_a = self.domain.is_a
+            found = tuple(
+                o.name for o in self.objects.values() if any(is_a(o.type, t) for t in types)
+            )
+            self._members[types] = found
+        return found
+
+    def members(self, types: Sequence[str]) -> frozenset[str]:
+        """Return the objects of one of the types, as a set."""
+        found = self._sets.get(types)
+        if found is None:
+            found = self._sets[types] = frozenset(self.objects_of(types))
+        return found
+
+    def keys_of(self, declaration: x.Declaration) -> Iterator[Key]:
+        """Yield every instance of a declaration, in the order of the files."""
+        choices = [self.objects_of(p.types) for p in declaration.parameters]
+        for arguments in itertools.product(*choices):
+            yield (declaration.name, *arguments)
+
+    def in_order(self, keys: Collection[Key]) -> list[Key]:
+        """Sort tuples of a name and objects as `keys_of` yields them."""
+        position = self.position
+        return sorted(keys, key=lambda key: [position[name] for name in key[1:]])
+
+
+def bound(term: x.SchemaTerm, binding: Binding) -> str:
+    """Return the object that a term stands for."""
+    return binding[term.name] if term.is_variable else term.name
+
+
+def key_of(name: str, arguments: tuple[x.SchemaTerm, ...], binding: Binding) -> Key:
+    """Return a ground predicate or function."""
+    return (name, *(bound(term, binding) for term in arguments))
+
+
+def conjuncts(condition: x.Condition | None) -> Iterator[x.Condition]:
+    """Yield the parts of a conjunction, however it is nested."""
+    if isinstance(condition, x.Connective) and condition.operator == "and":
+        for operand in condition.operands:
+            yield from conjuncts(operand)
+    elif condition is not None:
+        yield condition
+
+
+def quantify(
+    facts: Facts,
+    budget: InstantiationBudget,
+    parameters: tuple[x.SchemaParameter, ...],
+    binding: Binding,
+    place: Place,
+) -> Iterator[Binding]:
+    """Yield the binding, extended by every choice of objects for the parameters.
+
+    Raises:
+        DomainError: Too many bindings have been tried.
+    """
+    names = [p.name for p in parameters]
+    for chosen in itertools.product(*(facts.objects_of(p.types) for p in parameters)):
+        budget.count_binding(place)
+        yield {**binding, **dict(zip(names, chosen, strict=True))}
+
+
+def _changed_names(domain: x.DomainSyntax) -> set[str]:
+    names: set[str] = set()
+
+    def collect(effects: tuple[x.Effect, ...]) -> None:
+        for effect in effects:
+            match effect:
+                case x.SetPredicate(atom):
+                    names.add(atom.name)
+                case x.ChangeFunction(_, function):
+                    names.add(function.name)
+                case x.When(_, inner) | x.ForallEffect(_, inner):
+                    collect(inner)
+
+    for schema in domain.schemas:
+        collect(schema.effects)
+    return names

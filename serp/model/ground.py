@@ -1,0 +1,266 @@
+"""The instantiated domain: fluents, parameters, and ground actions, processes and events.
+
+All names are resolved to positions here: a fluent is a column of the state, a literal is an entry
+of the parameter vector θ. Nothing from the files but places and printable names is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from serp.pddl.source import Place
+from serp.pddl.syntax import Change, Kind
+
+if TYPE_CHECKING:
+    from serp.model.goal_value import GoalValue
+
+REWARD_TARGET = -1
+UNSAFE_TARGET = -2
+TERMINAL_TARGET = -3
+
+
+@dataclass(frozen=True, slots=True)
+class Fluent:
+    """One column of a state.
+
+    Attributes:
+        name: Printable name without parentheses: `pole-angle`, `at robot1 kitchen`.
+        index: The column.
+        numeric: False for a predicate, whose value is 0 or 1.
+        symbol: Name of the declared predicate or function.
+        arguments: The objects.
+    """
+
+    name: str
+    index: int
+    numeric: bool
+    symbol: str
+    arguments: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One numeric literal of the files, an entry of θ.
+
+    Attributes:
+        index: Position in θ.
+        value: What is written in the file.
+        role: `effect`, `rate`, `condition`, `initial` (a static value of the problem), `metric`, or
+            `goal`: what reaching the goal is worth, which follows from the others.
+        place: Where it is written; that of the metric for the worth of the goal.
+    """
+
+    index: int
+    value: float
+    role: str
+    place: Place
+
+
+# Numeric expressions ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Read:
+    """The value of a fluent."""
+
+    fluent: int
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterRef:
+    """An entry of θ."""
+
+    parameter: int
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """`operator` is one of + - * /."""
+
+    operator: str
+    left: Value
+    right: Value
+
+
+@dataclass(frozen=True, slots=True)
+class Negation:
+    """The negative of a value."""
+
+    operand: Value
+
+
+@dataclass(frozen=True, slots=True)
+class Elapsed:
+    """The control period Δt, in a metric with `(total-time)`."""
+
+
+Value = Read | ParameterRef | Operation | Negation | Elapsed
+
+# Conditions ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """Always true or always false."""
+
+    value: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Holds:
+    """A predicate is true; `fluent` may be UNSAFE_TARGET or TERMINAL_TARGET."""
+
+    fluent: int
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Compare:
+    """`operator` is one of < <= = >= >."""
+
+    operator: str
+    left: Value
+    right: Value
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Not:
+    """Negation."""
+
+    operand: Test
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class All:
+    """Conjunction of two or more tests."""
+
+    operands: tuple[Test, ...]
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class AnyOf:
+    """Disjunction of two or more tests."""
+
+    operands: tuple[Test, ...]
+    place: Place
+
+
+Test = Constant | Holds | Compare | Not | All | AnyOf
+
+# Effects ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class SetBoolean:
+    """Makes a predicate (a fluent, UNSAFE_TARGET or TERMINAL_TARGET) true or false."""
+
+    target: int
+    value: bool
+    condition: Test
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class SetNumber:
+    """Changes a numeric fluent or REWARD_TARGET; in a process `value` is a rate."""
+
+    target: int
+    change: Change
+    value: Value
+    condition: Test
+    place: Place
+
+
+GroundEffect = SetBoolean | SetNumber
+
+
+@dataclass(frozen=True, slots=True)
+class GroundSchema:
+    """A ground action, process or event.
+
+    Attributes:
+        kind: Which of the three.
+        name: Printable name: `push-left`, `move robot1 kitchen`.
+        schema: Name of the schema.
+        arguments: The objects bound to its parameters.
+        preconditions: The conjuncts of the precondition, constants removed.
+        effects: Effects whose condition can hold.
+        place: Where the schema is defined.
+    """
+
+    kind: Kind
+    name: str
+    schema: str
+    arguments: tuple[str, ...]
+    preconditions: tuple[Test, ...]
+    effects: tuple[GroundEffect, ...]
+    place: Place
+
+
+@dataclass(frozen=True)
+class GroundMetric:
+    """The problem's metric where it is not `(reward)`: its change, signed, is the reward."""
+
+    maximize: bool
+    value: Value
+    place: Place
+
+
+@dataclass(frozen=True)
+class GroundModel:
+    """Everything that the transition model is compiled from."""
+
+    fluents: tuple[Fluent, ...]
+    parameters: tuple[Parameter, ...]
+    actions: tuple[GroundSchema, ...]
+    processes: tuple[GroundSchema, ...]
+    events: tuple[GroundSchema, ...]
+    goal: Test | None
+    goal_rewarded: bool
+    """Whether reaching the goal is a reward: the files know no `(reward)`."""
+    goal_worth: GoalValue | None
+    """How large that reward is; None: it is 1."""
+    metric: GroundMetric | None
+    initial: tuple[float, ...] | None
+    """Value of every fluent, or None where the problem leaves a number open."""
+    static: dict[str, float]
+    """Printable name → value of what the problem states and nothing changes."""
+
+
+def fluents_of(node: Test | Value) -> Iterator[int]:
+    """Yield the index of every fluent (or flag target) that a test or value reads."""
+    match node:
+        case Read(fluent) | Holds(fluent):
+            yield fluent
+        case Operation(_, left, right) | Compare(_, left, right):
+            yield from fluents_of(left)
+            yield from fluents_of(right)
+        case Negation(operand) | Not(operand):
+            yield from fluents_of(operand)
+        case All(operands) | AnyOf(operands):
+            for operand in operands:
+                yield from fluents_of(operand)
+        case _:
+            return
+
+
+def reads(schema: GroundSchema) -> set[int]:
+    """Return every fluent that the precondition or the effects read."""
+    found: set[int] = set()
+    for test in schema.preconditions:
+        found.update(fluents_of(test))
+    for effect in schema.effects:
+        found.update(fluents_of(effect.condition))
+        if isinstance(effect, SetNumber):
+            found.update(fluents_of(effect.value))
+    return found
+
+
+def writes(schema: GroundSchema) -> set[int]:
+    """Return every fluent and flag target that the effects change."""
+    return {effect.target for effect in schema.effects}

@@ -1,0 +1,365 @@
+"""Instantiation: schemas over objects → ground actions, processes and events.
+
+What cannot vary (see `serp.model.facts`) is a constant: it rules instances out, and takes no
+column of the state. Every other ground predicate and function is a fluent.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Collection, Iterable, Iterator, Mapping
+
+from serp.model import ground as g
+from serp.model.facts import (
+    MAX_GROUND_SCHEMAS,
+    Binding,
+    Facts,
+    InstantiationBudget,
+    Key,
+    bound,
+    conjuncts,
+    key_of,
+    quantify,
+)
+from serp.model.goal_value import UNBOUNDED, GoalValue, goal_value_of
+from serp.model.reachability import reachable
+from serp.pddl import syntax as x
+from serp.pddl.source import DomainError, Place
+
+_FLAGS = {x.UNSAFE: g.UNSAFE_TARGET, x.TERMINAL: g.TERMINAL_TARGET}
+_TRUE = g.Constant(True)
+
+
+def instantiate(
+    domain: x.DomainSyntax,
+    problem: x.ProblemSyntax | None = None,
+    *,
+    supplied: Collection[str] | None = None,
+    max_ground_schemas: int = MAX_GROUND_SCHEMAS,
+) -> g.GroundModel:
+    """Instantiate a domain over the objects of its problem (or over its constants).
+
+    Args:
+        domain: The parsed domain.
+        problem: The parsed problem, if there is one.
+        supplied: None where states are those that the problem's `:init` leads to. Else states are
+            observed and may be any; what is here names fluents that are observed although `:init`
+            states them and no effect changes them.
+        max_ground_schemas: Most ground actions, processes and events together; fluents may be four
+            times, bindings that are tried 20 times as many.
+
+    Raises:
+        DomainError: There are more instances or fluents than the limits allow, a number is read
+            that has no value, or the metric contradicts `(reward)`.
+    """
+    return _Instantiation(domain, problem, supplied, max_ground_schemas).run()
+
+
+class _Instantiation:
+    def __init__(
+        self,
+        domain: x.DomainSyntax,
+        problem: x.ProblemSyntax | None,
+        supplied: Collection[str] | None,
+        max_ground_schemas: int,
+    ) -> None:
+        self.domain = domain
+        self.problem = problem
+        self.budget = InstantiationBudget(max_ground_schemas)
+        self.facts = Facts(domain, problem, supplied)
+        self.parameters: list[g.Parameter] = []
+        self.parameter_at: dict[tuple[int, int], int] = {}
+
+    def run(self) -> g.GroundModel:
+        self.facts.free_missing_numbers(self.budget)
+        bindings = reachable(self.facts, self.budget)
+        self.fluents = self._fluents()
+        self.index = {(f.symbol, *f.arguments): f.index for f in self.fluents}
+        ground: dict[x.Kind, list[g.GroundSchema]] = {kind: [] for kind in x.Kind}
+        for schema in self.domain.schemas:
+            instances = (self._instance(schema, binding) for binding in bindings[schema.name])
+            ground[schema.kind] += [instance for instance in instances if instance is not None]
+        goal = self._goal()
+        metric = self._metric()
+        worth = self._worth(metric, ground) if goal is not None and metric is not None else None
+        return g.GroundModel(
+            fluents=self.fluents,
+            parameters=tuple(self.parameters),
+            actions=tuple(ground[x.Kind.ACTION]),
+            processes=tuple(ground[x.Kind.PROCESS]),
+            events=tuple(ground[x.Kind.EVENT]),
+            goal=goal,
+            goal_rewarded=goal is not None and x.REWARD not in self.domain.declarations,
+            goal_worth=worth,
+            metric=metric,
+            initial=self._initial(goal, metric, [s for kind in x.Kind for s in ground[kind]]),
+            static=self._static_values(),
+        )
+
+    # Fluents -----------------------------------------------------------------------------------
+
+    def _fluents(self) -> tuple[g.Fluent, ...]:
+        fluents: list[g.Fluent] = []
+        free: dict[str, list[Key]] = {}
+        for key in self.facts.free:
+            free.setdefault(key[0], []).append(key)
+        for declaration in self.domain.declarations.values():
+            name = declaration.name
+            if name in (x.REWARD, x.UNSAFE, x.TERMINAL):
+                continue
+            keys: Iterable[Key] = self.facts.in_order(free.get(name, ()))
+            if name in self.facts.varying:
+                keys = self.facts.keys_of(declaration)
+            for key in keys:
+                self.budget.check_fluents(len(fluents) + 1, declaration)
+                fluents.append(
+                    g.Fluent(" ".join(key), len(fluents), declaration.numeric, name, key[1:])
+                )
+        return tuple(fluents)
+
+    def _initial(
+        self, goal: g.Test | None, metric: g.GroundMetric | None, schemas: list[g.GroundSchema]
+    ) -> tuple[float, ...] | None:
+        """Return the initial state; None where numbers are missing that will be observed."""
+        if self.problem is None:
+            return None
+        facts = self.facts
+        initial: list[float] = []
+        missing: dict[str, list[str]] = {}
+        for fluent in self.fluents:
+            key = (fluent.symbol, *fluent.arguments)
+            if not fluent.numeric:
+                initial.append(1.0 if key in facts.true else 0.0)
+            elif key in facts.values:
+                initial.append(facts.values[key].value)
+            else:
+                initial.append(0.0)
+                missing.setdefault(fluent.symbol, []).append(fluent.name)
+        if missing and not facts.closed:
+            return None
+        used = {t for schema in schemas for t in (*g.reads(schema), *g.writes(schema))}
+        for node in (goal, metric.value if metric else None):
+            used.update(g.fluents_of(node) if node is not None else ())
+        for symbol, keys in missing.items():
+            names = [name for name in keys if self.index[tuple(name.split())] in used]
+            if not names:
+                continue
+            shown = ", ".join(f"`{name}`" for name in names[:3])
+            self.domain.declarations[symbol].place.warn(
+                f"{shown}{f' and {len(names) - 3} more' if len(names) > 3 else ''} "
+                f"{'starts' if len(names) == 1 else 'start'} at 0, for :init gives no value"
+            )
+        return tuple(initial)
+
+    def _static_values(self) -> dict[str, float]:
+        facts = self.facts
+        stated = {" ".join(key): 1.0 for key in facts.true if key not in self.index}
+        stated.update(
+            (" ".join(key), number.value)
+            for key, number in facts.values.items()
+            if key not in self.index
+        )
+        return stated
+
+    # Instances ---------------------------------------------------------------------------------
+
+    def _instance(self, schema: x.Schema, binding: Binding) -> g.GroundSchema | None:
+        preconditions: list[g.Test] = []
+        if schema.precondition is not None:
+            test = self._test(schema.precondition, binding)
+            if isinstance(test, g.Constant):
+                if not test.value:
+                    return None
+            elif isinstance(test, g.All):
+                preconditions.extend(test.operands)
+            else:
+                preconditions.append(test)
+        role = "rate" if schema.kind is x.Kind.PROCESS else "effect"
+        effects = tuple(self._effects(schema.effects, binding, _TRUE, role))
+        arguments = tuple(binding[p.name] for p in schema.parameters)
+        return g.GroundSchema(
+            kind=schema.kind,
+            name=" ".join((schema.name, *arguments)),
+            schema=schema.name,
+            arguments=arguments,
+            preconditions=tuple(preconditions),
+            effects=effects,
+            place=schema.place,
+        )
+
+    # Expressions -------------------------------------------------------------------------------
+
+    def _literal(self, number: x.Number, role: str) -> g.ParameterRef:
+        at = (id(number.place.source), number.place.start)
+        index = self.parameter_at.setdefault(at, len(self.parameters))
+        if index == len(self.parameters):
+            self.parameters.append(g.Parameter(index, number.value, role, number.place))
+        return g.ParameterRef(index)
+
+    def _value(self, expression: x.Expression, binding: Binding, role: str) -> g.Value:
+        match expression:
+            case x.Number():
+                return self._literal(expression, role)
+            case x.FunctionTerm(name, arguments, place):
+                key = key_of(name, arguments, binding)
+                if key in self.index:
+                    return g.Read(self.index[key])
+                if key not in self.facts.values:
+                    raise DomainError(
+                        f"`({' '.join(key)})` has no value",
+                        place,
+                        f"the problem gives values to other instances of `{name}`; add "
+                        f"`(= ({' '.join(key)}) ...)` to its :init",
+                    )
+                return self._literal(self.facts.values[key], "initial")
+            case x.TotalTime():
+                return g.Elapsed()
+            case x.Arithmetic(operator, operands, _):
+                values = [self._value(operand, binding, role) for operand in operands]
+                if len(values) == 1:
+                    return g.Negation(values[0])
+                result = values[0]
+                for value in values[1:]:
+                    result = g.Operation(operator, result, value)
+                return result
+
+    def _test(self, condition: x.Condition, binding: Binding) -> g.Test:
+        match condition:
+            case x.Atom(name, arguments, place):
+                if name in _FLAGS:
+                    return g.Holds(_FLAGS[name], place)
+                key = key_of(name, arguments, binding)
+                if key in self.index:
+                    return g.Holds(self.index[key], place)
+                return g.Constant(key in self.facts.true)
+            case x.SameObject(left, right, _):
+                return g.Constant(bound(left, binding) == bound(right, binding))
+            case x.NumericComparison(operator, left, right, place):
+                return g.Compare(
+                    operator,
+                    self._value(left, binding, "condition"),
+                    self._value(right, binding, "condition"),
+                    place,
+                )
+            case x.Connective(operator, operands, place):
+                return self._connective(operator, operands, place, binding)
+            case x.Quantified(operator, parameters, body, place):
+                tests = (
+                    self._test(body, inner) for inner in self._quantify(parameters, binding, place)
+                )
+                return _join(tests, place, conjunction=operator == "forall")
+
+    def _connective(
+        self, operator: str, operands: tuple[x.Condition, ...], place: Place, binding: Binding
+    ) -> g.Test:
+        tests = (self._test(operand, binding) for operand in operands)
+        if operator == "not":
+            return _negate(next(tests), place)
+        if operator == "imply":
+            premise = _negate(next(tests), place)
+            return _join(itertools.chain([premise], tests), place, conjunction=False)
+        return _join(tests, place, conjunction=operator == "and")
+
+    def _quantify(
+        self, parameters: tuple[x.SchemaParameter, ...], binding: Binding, place: Place
+    ) -> Iterator[Binding]:
+        return quantify(self.facts, self.budget, parameters, binding, place)
+
+    # Effects -----------------------------------------------------------------------------------
+
+    def _effects(
+        self, effects: tuple[x.Effect, ...], binding: Binding, condition: g.Test, role: str
+    ) -> Iterator[g.GroundEffect]:
+        for effect in effects:
+            match effect:
+                case x.SetPredicate(atom, value, place):
+                    key = key_of(atom.name, atom.arguments, binding)
+                    target = _FLAGS.get(atom.name, self.index.get(key))
+                    if target is not None:  # else it is so already, and never otherwise
+                        yield g.SetBoolean(target, value, condition, place)
+                case x.ChangeFunction(change, function, value, place):
+                    key = key_of(function.name, function.arguments, binding)
+                    target = g.REWARD_TARGET if function.name == x.REWARD else self.index[key]
+                    yield g.SetNumber(
+                        target, change, self._value(value, binding, role), condition, place
+                    )
+                case x.When(test, inner, place):
+                    joined = _join(
+                        [condition, self._test(test, binding)], test.place, conjunction=True
+                    )
+                    if joined != g.Constant(False):
+                        yield from self._effects(inner, binding, joined, role)
+                case x.ForallEffect(parameters, inner, place):
+                    for extended in self._quantify(parameters, binding, place):
+                        yield from self._effects(inner, extended, condition, role)
+
+    # Problem -----------------------------------------------------------------------------------
+
+    def _goal(self) -> g.Test | None:
+        goal = self.problem.goal if self.problem else None
+        if goal is None or not any(conjuncts(goal)):  # `()`, `(and)`: a task without a goal
+            return None
+        return self._test(goal, {})
+
+    def _worth(
+        self, metric: g.GroundMetric, ground: Mapping[x.Kind, list[g.GroundSchema]]
+    ) -> GoalValue:
+        """Return what the goal is worth beside a metric, and add it to the literals."""
+        worth = goal_value_of(len(self.parameters), metric, *(ground[kind] for kind in x.Kind))
+        written = [parameter.value for parameter in self.parameters]
+        if not worth.bounded(written, 1.0):
+            metric.place.warn(
+                "the numbers of the files do not bound what this gains in a step, so reaching the "
+                f"goal is worth {UNBOUNDED:,.0f}"
+            )
+        value = worth.value(written, 1.0)
+        self.parameters.append(g.Parameter(worth.parameter, value, "goal", metric.place))
+        return worth
+
+    def _metric(self) -> g.GroundMetric | None:
+        metric = self.problem.metric if self.problem else None
+        if metric is None:
+            return None
+        expression = metric.expression
+        if isinstance(expression, x.FunctionTerm) and expression.name == x.REWARD:
+            if not metric.maximize:
+                raise DomainError("`(reward)` is maximized, never minimized", metric.place)
+            return None
+        if x.REWARD in self.domain.declarations:
+            raise DomainError(
+                "the domain declares `(reward)`, so the metric can only be "
+                "`(:metric maximize (reward))`",
+                metric.place,
+            )
+        return g.GroundMetric(metric.maximize, self._value(expression, {}, "metric"), metric.place)
+
+
+def _negate(test: g.Test, place: Place) -> g.Test:
+    if isinstance(test, g.Constant):
+        return g.Constant(not test.value)
+    if isinstance(test, g.Not):
+        return test.operand
+    return g.Not(test, place)
+
+
+def _join(tests: Iterable[g.Test], place: Place, *, conjunction: bool) -> g.Test:
+    """Join tests, flattening the same connective and resolving constants.
+
+    Tests after one that decides are not looked at: a distance needs no value where no road is.
+    """
+    flat: list[g.Test] = []
+    same = g.All if conjunction else g.AnyOf
+    for test in tests:
+        if isinstance(test, g.Constant):
+            if test.value != conjunction:  # false in a conjunction, true in a disjunction: decides
+                return g.Constant(test.value)
+            continue
+        if isinstance(test, same):
+            flat.extend(test.operands)
+        else:
+            flat.append(test)
+    if not flat:
+        return g.Constant(conjunction)
+    if len(flat) == 1:
+        return flat[0]
+    return same(tuple(flat), place)

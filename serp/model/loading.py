@@ -1,0 +1,198 @@
+"""Loading a domain: files → parsed → instantiated → transition model."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from serp.model.facts import MAX_GROUND_SCHEMAS
+from serp.model.instantiate import instantiate
+from serp.model.transition_model import TransitionModel
+from serp.pddl.parser import parse_domain, parse_problem
+from serp.pddl.source import DomainError, DomainWarning, Source
+from serp.pddl.syntax import (
+    REWARD,
+    TERMINAL,
+    UNSAFE,
+    Atom,
+    Declaration,
+    DomainSyntax,
+    FunctionTerm,
+    Number,
+    ProblemSyntax,
+    SchemaTerm,
+)
+
+
+@dataclass(frozen=True)
+class Domain:
+    """A domain file with its optional problem file, checked and ready to be compiled.
+
+    Attributes:
+        name: The domain's name.
+        source: The domain file.
+        problem_source: The problem file, or None.
+        syntax: The domain as written.
+        problem_syntax: The problem as written, or None.
+        max_ground_schemas: Most ground actions, processes and events together.
+        supplied: None where the states are those that the problem's `:init` leads to; else states
+            are observed (see `observed`), and this names what of `:init` is observed as well.
+    """
+
+    name: str
+    source: Source
+    problem_source: Source | None
+    syntax: DomainSyntax = field(repr=False)
+    problem_syntax: ProblemSyntax | None = field(repr=False)
+    max_ground_schemas: int = MAX_GROUND_SCHEMAS
+    supplied: frozenset[str] | None = None
+
+    @property
+    def warnings(self) -> tuple[DomainWarning, ...]:
+        """What loading the files came upon that is no error: forms that other tools refuse."""
+        sources = [s for s in (self.source, self.problem_source) if s is not None]
+        return tuple(dict.fromkeys(w for source in sources for w in source.warnings))
+
+    def observed(self, supplied: Iterable[str] = ()) -> Domain:
+        """Return the same domain for states that an environment gives.
+
+        They may be others than those that the problem's `:init` leads to, so nothing is left out
+        of the model because it cannot be reached from there.
+
+        Args:
+            supplied: Names of fluents that are observed. Where `:init` states one that no effect
+                changes, its value there is the initial one, and not fixed.
+        """
+        problem, names = self.problem_syntax, set(supplied)
+        if self.supplied is None and problem is not None and problem.has_init:
+            return dataclasses.replace(self, supplied=frozenset()).observed(names)
+        if not names:
+            return self
+        varying = {fluent.name for fluent in self.model.fluents}
+        fixed = frozenset(n for n in names if n not in varying and self.declared(n) is not None)
+        if not fixed:
+            return self
+        return dataclasses.replace(self, supplied=frozenset(fixed) | (self.supplied or frozenset()))
+
+    def declared(self, name: str) -> Declaration | None:
+        """Return what declares a ground predicate or function; None where there is no such.
+
+        Args:
+            name: Name and objects, such as `door-open hall`.
+        """
+        symbol, *arguments = name.split() or [""]
+        declaration = self.syntax.declarations.get(symbol)
+        reserved = symbol in (REWARD, UNSAFE, TERMINAL)
+        if declaration is None or reserved or len(arguments) != len(declaration.parameters):
+            return None
+        problem = self.problem_syntax
+        objects = problem.objects if problem is not None else self.syntax.constants
+        for argument, parameter in zip(arguments, declaration.parameters, strict=True):
+            known = objects.get(argument)
+            if known is None or not any(self.syntax.is_a(known.type, t) for t in parameter.types):
+                return None
+        return declaration
+
+    def starting(self, values: Mapping[str, float | bool]) -> Domain:
+        """Return the same domain with other values in the problem's `:init`.
+
+        Args:
+            values: Name of a ground predicate or function → its value at the start.
+
+        Raises:
+            DomainError: There is no such name, or no problem; or the domain instantiates to too
+                many actions or fluents.
+        """
+        problem = self.problem_syntax
+        if problem is None:
+            raise DomainError(f"{self.source.name}: there is no problem file, hence no :init")
+        atoms = {(a.name, *(t.name for t in a.arguments)): a for a in problem.true_atoms}
+        numbers = {(f.name, *(t.name for t in f.arguments)): (f, n) for f, n in problem.values}
+        for name, value in values.items():
+            declaration = self.declared(name)
+            if declaration is None:
+                raise DomainError(f"{self.source.name}: there is no `{name}`")
+            given = Source("a given value", f"(= ({name}) {value:g})")
+            place = given.place(0, len(given.text))
+            symbol, *arguments = name.split()
+            key, terms = (symbol, *arguments), tuple(SchemaTerm(a, place) for a in arguments)
+            if declaration.numeric:
+                number = Number(float(value), place)
+                numbers[key] = (FunctionTerm(symbol, terms, place), number)
+            elif value:
+                atoms[key] = Atom(symbol, terms, place)
+            else:
+                atoms.pop(key, None)
+        started = dataclasses.replace(
+            problem,
+            true_atoms=tuple(atoms.values()),
+            values=tuple(numbers.values()),
+            has_init=True,
+        )
+        return dataclasses.replace(self, problem_syntax=started)
+
+    @functools.cached_property
+    def model(self) -> TransitionModel:
+        """The transition model, with control period 1 (see `TransitionModel.replace`).
+
+        Raises:
+            DomainError: The domain instantiates to too many actions or fluents.
+        """
+        return TransitionModel(
+            instantiate(
+                self.syntax,
+                self.problem_syntax,
+                supplied=self.supplied,
+                max_ground_schemas=self.max_ground_schemas,
+            )
+        )
+
+
+def problem_beside(domain_file: Path) -> Path:
+    """Return where the problem of a domain file is looked for if nobody says where it is."""
+    return domain_file.with_name(f"{domain_file.stem}-problem.pddl")
+
+
+def load_domain(
+    domain_file: str | Path,
+    problem_file: str | Path | None = None,
+    *,
+    observed: bool = False,
+    max_ground_schemas: int = MAX_GROUND_SCHEMAS,
+) -> Domain:
+    """Load a domain and, where there is one, its problem.
+
+    Args:
+        domain_file: The PDDL domain.
+        problem_file: The PDDL problem; without it, `<name>-problem.pddl` beside the domain file
+            `<name>.pddl` is taken if it exists.
+        observed: Whether an environment gives the states; else they are those that the problem's
+            `:init` leads to, and the model holds what can be reached from there.
+        max_ground_schemas: Most ground actions, processes and events together.
+
+    Raises:
+        DomainError: A file is missing, malformed, or uses what is not supported; the message
+            has file, line, column, the line with a caret, and what to do.
+    """
+    source = Source.read(domain_file)
+    domain_file = Path(domain_file)
+    syntax = parse_domain(source)
+    if problem_file is None:
+        sibling = problem_beside(domain_file)
+        problem_file = sibling if sibling.is_file() else None
+    problem_source = Source.read(problem_file) if problem_file is not None else None
+    problem = parse_problem(problem_source, syntax) if problem_source is not None else None
+    domain = Domain(
+        syntax.name,
+        source,
+        problem_source,
+        syntax,
+        problem,
+        max_ground_schemas,
+        frozenset() if observed else None,
+    )
+    domain.model  # noqa: B018  (instantiated now, so that every error in the files is met here)
+    return domain

@@ -1,0 +1,136 @@
+"""Running a generated transition function as machine code, by numba.
+
+The generated function is compiled alone, to a C callback; what loops over states (the lookahead,
+batches) is compiled once for all domains and calls it through its address. An edit of a domain file
+therefore costs the compilation of one small function, and none at all where only numbers changed.
+Both are cached on disk, see `serp._util.kept_code`.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from typing import Any, Final
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+from serp._util.compilation import cached_cfunc, cached_njit
+from serp.model.codegen import Generated
+from serp.model.interpreted import load_function
+
+_POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
+STEP_SIGNATURE = types.int64(_POINTER, types.int64, _POINTER, types.float64, _POINTER)
+"""Of every compiled transition function: state, action, data, Δt, out → flags."""
+
+STACK: Final = 256
+"""Numbers that compiled code keeps on the stack at most, see `stack_room`: 2 KB."""
+
+
+def structure_digest(generated: Generated) -> str:
+    """Return a digest of a generated function; literals of the domain do not enter it."""
+    return hashlib.sha256(ast.dump(generated.tree).encode()).hexdigest()[:24]
+
+
+def compile_native(generated: Generated) -> Any:
+    """Compile a generated `step` to a C callback; its `address` is what `call_step` takes.
+
+    The callback must be kept alive as long as the address is in use.
+    """
+    # The name of the file, of which there is none, is what the code is kept under.
+    function = load_function(generated, f"<model {structure_digest(generated)}>")
+    # `error_model`: divisions are guarded in the generated code, so no check is compiled in.
+    return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(function)
+
+
+def _pointer_to(typing_context, array, position):  # type: ignore[no-untyped-def]
+    """Return a pointer to one entry of a flat float64 array, for compiled code.
+
+    Loops over rows are written with pointers: unlike slices and array arguments they cost neither
+    reference counts nor checks for negative positions. The array has to be an argument of the
+    calling function, whose caller keeps it alive.
+    """
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        made = context.make_array(signature.args[0])(context, builder, arguments[0])
+        return builder.gep(made.data, [arguments[1]])
+
+    return _POINTER(array, position), generate
+
+
+def _call_step(typing_context, address, state, action, theta, dt, out):  # type: ignore[no-untyped-def]
+    """Call a compiled `step` from other compiled code.
+
+    Args (as seen by the caller): address of the callback (intp); pointers to the state, θ and the
+    copy of the state to change, see `pointer_to`; position of the action; Δt. Returns its flags
+    (int64).
+    """
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        real, integer = ir.DoubleType(), ir.IntType(64)
+        pointer = real.as_pointer()
+        kind = ir.FunctionType(integer, [pointer, integer, pointer, real, pointer])
+        callee = builder.inttoptr(arguments[0], kind.as_pointer())
+        return builder.call(callee, arguments[1:])
+
+    return types.int64(address, state, action, theta, dt, out), generate
+
+
+def _advanced(typing_context, pointer, count):  # type: ignore[no-untyped-def]
+    """Return a pointer so many entries further on, for compiled code."""
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.gep(arguments[0], [arguments[1]])
+
+    return _POINTER(pointer, count), generate
+
+
+def _stack_room(typing_context):  # type: ignore[no-untyped-def]
+    """Return a pointer to room for `STACK` numbers on the stack, for compiled code.
+
+    It is the same room whenever the compiled function asks, and gone when that function returns.
+    """
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return cgutils.alloca_once(builder, ir.DoubleType(), size=STACK)  # type: ignore[no-untyped-call]
+
+    return _POINTER(), generate
+
+
+advanced: Any = intrinsic(_advanced)
+pointer_to: Any = intrinsic(_pointer_to)
+call_step: Any = intrinsic(_call_step)
+stack_room: Any = intrinsic(_stack_room)
+
+
+@cached_njit(nogil=True)
+def step_batch(  # type: ignore[no-untyped-def]
+    address, states, actions, theta, dt, out, flags
+):
+    """Step a batch.
+
+    Args:
+        address: Address of the compiled `step`.
+        states: Flat `[B * F]` float64.
+        actions: `[B]` int64.
+        theta: θ.
+        dt: Control period, seconds.
+        out: Flat `[B * (F + 1)]` float64; receives next states, each followed by its reward.
+        flags: `[B]` int64; receives the flags.
+    """
+    batch = actions.shape[0]
+    width = states.shape[0] // max(batch, 1)
+    literals = pointer_to(theta, 0)
+    for row in range(batch):
+        state, target = pointer_to(states, row * width), pointer_to(out, row * (width + 1))
+        for column in range(width):
+            target[column] = state[column]
+        flags[row] = call_step(address, state, actions[row], literals, dt, target)
+
+
+def address_of(callback: Any) -> np.intp:
+    """Return the address of a compiled callback in the type that `call_step` expects."""
+    return np.intp(callback.address)

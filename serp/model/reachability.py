@@ -1,0 +1,362 @@
+"""Which instances can ever apply, and what they can change: relaxed reachability.
+
+Every ground predicate and function is taken to be either constant or free to have any value. An
+instance can apply where its precondition is not refuted by the constants; what it changes is free
+from then on. The least fixed point of this is found without trying every binding: positive atoms
+of a precondition are joined, and a fact that becomes possible is joined with those known before it
+(semi-naive evaluation, as in Helmert, "Concise finite-domain representations for PDDL planning
+tasks", Artificial Intelligence 173, 2009, section 6). Whatever else refutes a condition is watched.
+
+What is constant at the end is constant in every state in which all that is not free is as at the
+start, and no step leaves these states. On them the smaller model is exact. Comparisons of numbers
+refute nothing: the numbers of a file may be corrected.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from serp.model.facts import (
+    Binding,
+    Facts,
+    InstantiationBudget,
+    Key,
+    bound,
+    conjuncts,
+    key_of,
+    quantify,
+)
+from serp.pddl import syntax as x
+
+_Filters = Sequence[tuple[x.Condition, frozenset[str]]]
+
+
+def reachable(facts: Facts, budget: InstantiationBudget) -> dict[str, list[Binding]]:
+    """Find the instances that can apply; `facts.free` grows by what they change.
+
+    Returns:
+        Name of a schema → the bindings of its parameters, in the order of the files.
+
+    Raises:
+        DomainError: There are more instances, fluents or bindings than the budget allows.
+    """
+    return _Reachability(facts, budget).run()
+
+
+@dataclass(frozen=True, eq=False)
+class _Rule:
+    """A schema, its precondition taken apart.
+
+    Attributes:
+        schema: The schema.
+        atoms: Predicates that have to hold and that not every state may have: what is joined.
+        filters: Other conditions that never change, each with the parameters it hangs on.
+        rest: Conditions that may become possible while others become free.
+        seen: The arguments of all instances met.
+        instances: Those that can apply.
+    """
+
+    schema: x.Schema
+    atoms: tuple[x.Atom, ...]
+    filters: _Filters
+    rest: tuple[x.Condition, ...]
+    seen: set[Key] = field(default_factory=set)
+    instances: list[Key] = field(default_factory=list)
+
+
+@dataclass(slots=True, eq=False)
+class _Item:
+    """Effects under conditions; with a rule, an instance of it."""
+
+    conditions: tuple[x.Condition, ...]
+    effects: tuple[x.Effect, ...]
+    binding: Binding
+    rule: _Rule | None = None
+    applied: bool = False
+
+
+class _Reachability:
+    def __init__(self, facts: Facts, budget: InstantiationBudget) -> None:
+        self.facts = facts
+        self.budget = budget
+        moving = facts.varying | facts.changed | {key[0] for key in facts.free}
+        self.rules = [self._rule(schema, moving) for schema in facts.domain.schemas]
+        self.users: dict[tuple[str, int, str], list[tuple[_Rule, x.Atom]]] = {}
+        for rule in self.rules:
+            for atom in rule.atoms:
+                self.users.setdefault(_first_constant(atom), []).append((rule, atom))
+        self.settled = facts.changed <= facts.varying
+        self.any_effect_counts = any(map(_calculates, facts.domain.schemas))
+        self.possible: set[Key] = set()
+        self.index: dict[tuple[str, int, str], list[Key]] = {}
+        self.watched: dict[Key, list[_Item]] = {}
+        self.freed: deque[Key] = deque()
+
+    def run(self) -> dict[str, list[Binding]]:
+        for key in self.facts.in_order(self.facts.true | self.facts.free):
+            self._add(key)
+        for rule in self.rules:
+            self._join(rule, {}, rule.atoms, rule.filters)
+        while self.freed:
+            key = self.freed.popleft()
+            if key not in self.possible:
+                self._add(key)
+                for place in _places(key):
+                    for rule, atom in self.users.get(place, ()):
+                        binding = self._unified(rule, atom, key, {})
+                        if binding is not None:
+                            others = tuple(a for a in rule.atoms if a is not atom)
+                            self._join(rule, binding, others, rule.filters)
+            for item in self.watched.pop(key, ()):
+                self._try(item)
+        return {
+            rule.schema.name: [
+                dict(zip((p.name for p in rule.schema.parameters), key[1:], strict=True))
+                for key in self.facts.in_order(rule.instances)
+            ]
+            for rule in self.rules
+        }
+
+    def _rule(self, schema: x.Schema, moving: frozenset[str]) -> _Rule:
+        facts = self.facts
+        atoms: list[x.Atom] = []
+        filters: list[tuple[x.Condition, frozenset[str]]] = []
+        rest: list[x.Condition] = []
+        for part in conjuncts(schema.precondition):
+            if isinstance(part, x.NumericComparison):
+                continue
+            if isinstance(part, x.Atom):
+                if part.name not in facts.varying:
+                    atoms.append(part)
+                continue
+            names, variables = _mentioned(part)
+            if names.isdisjoint(moving):
+                filters.append((part, variables & {p.name for p in schema.parameters}))
+            else:
+                rest.append(part)
+        return _Rule(schema, tuple(atoms), filters, tuple(rest))
+
+    # Joining -----------------------------------------------------------------------------------
+
+    def _add(self, key: Key) -> None:
+        self.possible.add(key)
+        for place in _places(key):
+            self.index.setdefault(place, []).append(key)
+
+    def _join(
+        self, rule: _Rule, binding: Binding, atoms: tuple[x.Atom, ...], filters: _Filters
+    ) -> None:
+        """Try every instance that extends a binding and has its atoms among the facts."""
+        open_filters = []
+        for condition, needs in filters:
+            if not needs <= binding.keys():
+                open_filters.append((condition, needs))
+            elif self._barred(condition, binding, True) is not None:
+                return
+        tables: list[tuple[x.Atom, Sequence[Key]]] = []
+        for atom in atoms:
+            if all(t.name in binding or not t.is_variable for t in atom.arguments):
+                if key_of(atom.name, atom.arguments, binding) not in self.possible:
+                    return
+            else:
+                tables.append((atom, self._candidates(atom, binding)))
+        if tables:
+            best, table = min(tables, key=lambda pair: len(pair[1]))
+            others = tuple(atom for atom, _ in tables if atom is not best)
+            for fact in table:
+                self.budget.count_binding(rule.schema.place)
+                extended = self._unified(rule, best, fact, binding)
+                if extended is not None:
+                    self._join(rule, extended, others, open_filters)
+            return
+        for parameter in rule.schema.parameters:
+            if parameter.name not in binding:
+                for name in self.facts.objects_of(parameter.types):
+                    self.budget.count_binding(rule.schema.place)
+                    self._join(rule, {**binding, parameter.name: name}, (), open_filters)
+                return
+        arguments = tuple(binding[p.name] for p in rule.schema.parameters)
+        instance = (rule.schema.name, *arguments)
+        if instance not in rule.seen:
+            rule.seen.add(instance)
+            self._try(_Item(rule.rest, rule.schema.effects, binding, rule))
+
+    def _candidates(self, atom: x.Atom, binding: Binding) -> Sequence[Key]:
+        """Return facts among which are all that the atom, bound so far, can be."""
+        pattern = [binding.get(t.name) if t.is_variable else t.name for t in atom.arguments]
+        return min(
+            (
+                self.index.get((atom.name, i, name), ())
+                for i, name in enumerate(pattern)
+                if name is not None
+            ),
+            key=len,
+            default=self.index.get((atom.name, -1, ""), ()),
+        )
+
+    def _unified(self, rule: _Rule, atom: x.Atom, fact: Key, binding: Binding) -> Binding | None:
+        """Return the binding under which an atom is a fact; None where there is none."""
+        extended = dict(binding)
+        for term, name in zip(atom.arguments, fact[1:], strict=True):
+            meant = extended.setdefault(term.name, name) if term.is_variable else term.name
+            if meant != name:
+                return None
+        if len(extended) > len(binding):
+            for parameter in rule.schema.parameters:
+                chosen = extended.get(parameter.name)
+                if chosen is not None and chosen not in self.facts.members(parameter.types):
+                    return None
+        return extended
+
+    # Applying ----------------------------------------------------------------------------------
+
+    def _try(self, item: _Item) -> None:
+        """Apply effects if nothing bars their conditions, or watch what does."""
+        if item.applied:
+            return
+        for condition in item.conditions:
+            barring = self._barred(condition, item.binding, True)
+            if barring is not None:
+                for key in barring:
+                    self.watched.setdefault(key, []).append(item)
+                return
+        item.applied = True
+        if item.rule is not None:
+            self.budget.count_instance(item.rule.schema, self.facts)
+            arguments = (item.binding[p.name] for p in item.rule.schema.parameters)
+            item.rule.instances.append((item.rule.schema.name, *arguments))
+        if not self.settled:
+            self._apply(item.effects, item.binding)
+
+    def _apply(self, effects: tuple[x.Effect, ...], binding: Binding) -> None:
+        for effect in effects:
+            match effect:
+                case x.SetPredicate(atom, value):
+                    key = key_of(atom.name, atom.arguments, binding)
+                    if self.any_effect_counts or value != (key in self.facts.true):
+                        self._free(key)
+                case x.ChangeFunction(_, function):
+                    self._free(key_of(function.name, function.arguments, binding))
+                case x.When(condition, inner):
+                    self._try(_Item((condition,), inner, binding))
+                case x.ForallEffect(parameters, inner, place):
+                    for more in quantify(self.facts, self.budget, parameters, binding, place):
+                        self._apply(inner, more)
+
+    def _free(self, key: Key) -> None:
+        facts = self.facts
+        if not facts.varies(key):
+            facts.free.add(key)
+            self.freed.append(key)
+            self.budget.check_fluents(len(facts.free), facts.domain.declarations[key[0]])
+
+    # Conditions --------------------------------------------------------------------------------
+
+    def _barred(
+        self, condition: x.Condition, binding: Binding, wanted: bool
+    ) -> Sequence[Key] | None:
+        """Return what keeps a condition from being true (or false); None where it can be.
+
+        It cannot be before one of the returned constants is free, so never where there are none.
+        """
+        match condition:
+            case x.Atom(name, arguments):
+                key = key_of(name, arguments, binding)
+                possible = self.facts.varies(key) or (key in self.facts.true) == wanted
+                return None if possible else (key,)
+            case x.SameObject(left, right):
+                return None if (bound(left, binding) == bound(right, binding)) == wanted else ()
+            case x.NumericComparison():
+                return None
+            case x.Connective("not", (operand,)):
+                return self._barred(operand, binding, not wanted)
+            case x.Connective("imply", (premise, conclusion)):
+                sides = ((premise, not wanted), (conclusion, wanted))
+                return _joined((self._barred(c, binding, w) for c, w in sides), every=not wanted)
+            case x.Connective(operator, operands):
+                each = (self._barred(c, binding, wanted) for c in operands)
+                return _joined(each, every=(operator == "and") == wanted)
+            case x.Quantified(operator, parameters, body, place):
+                bindings = quantify(self.facts, self.budget, parameters, binding, place)
+                each = (self._barred(body, inner, wanted) for inner in bindings)
+                return _joined(each, every=(operator == "forall") == wanted)
+
+
+def _places(key: Key) -> Iterator[tuple[str, int, str]]:
+    """Yield where a fact is looked up: by its name, and by its name and each of its objects."""
+    yield key[0], -1, ""
+    for index, name in enumerate(key[1:]):
+        yield key[0], index, name
+
+
+def _first_constant(atom: x.Atom) -> tuple[str, int, str]:
+    """Return the place of `_places` at which every fact that the atom can be is looked up."""
+    for index, term in enumerate(atom.arguments):
+        if not term.is_variable:
+            return atom.name, index, term.name
+    return atom.name, -1, ""
+
+
+def _joined(parts: Iterable[Sequence[Key] | None], *, every: bool) -> Sequence[Key] | None:
+    """Join what bars the parts of a condition of which every one is needed, or any one."""
+    collected: list[Key] = []
+    for part in parts:
+        if every and part is not None:
+            return part
+        if not every:
+            if part is None:
+                return None
+            collected += part
+    return None if every else collected
+
+
+def _mentioned(condition: x.Condition) -> tuple[frozenset[str], frozenset[str]]:
+    """Return the predicates and the variables that a condition names; numbers are left out."""
+    names: set[str] = set()
+    variables: set[str] = set()
+    for part in _parts(condition):
+        terms: tuple[x.SchemaTerm, ...] = ()
+        if isinstance(part, x.Atom):
+            names.add(part.name)
+            terms = part.arguments
+        elif isinstance(part, x.SameObject):
+            terms = (part.left, part.right)
+        variables.update(term.name for term in terms if term.is_variable)
+    return frozenset(names), frozenset(variables)
+
+
+def _parts(condition: x.Condition) -> Iterator[x.Condition]:
+    yield condition
+    match condition:
+        case x.Connective(_, operands):
+            for operand in operands:
+                yield from _parts(operand)
+        case x.Quantified(_, _, body):
+            yield from _parts(body)
+
+
+def _calculates(schema: x.Schema) -> bool:
+    """Whether the condition of an effect calculates.
+
+    It may then have no result, so that the action is not applicable, whatever the effect is worth.
+    """
+
+    def calculating(effects: tuple[x.Effect, ...]) -> bool:
+        return any(
+            (
+                isinstance(effect, x.When)
+                and any(
+                    isinstance(part, x.NumericComparison)
+                    and (
+                        isinstance(part.left, x.Arithmetic) or isinstance(part.right, x.Arithmetic)
+                    )
+                    for part in _parts(effect.condition)
+                )
+            )
+            or (isinstance(effect, x.When | x.ForallEffect) and calculating(effect.effects))
+            for effect in effects
+        )
+
+    return calculating(schema.effects)

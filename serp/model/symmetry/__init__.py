@@ -1,0 +1,1 @@
+"""Permutations of objects that map a transition model onto itself."""

@@ -1,0 +1,158 @@
+"""Symmetries of a domain: permutations of objects and sign flips that map the model onto itself.
+
+A symmetry σ turns a state s into σs and an action a into σa, and the model predicts the same of
+both: step(σs, σa) = σ step(s, a), reward and flags included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from serp.model import ground as g
+from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
+from serp.model.transition_model import TransitionModel, Vector
+
+_TRANSITIONS = 1024
+"""How many predictions are compared with that of their mirror image."""
+_TOLERANCE = 1e-6
+"""Largest difference of two numbers that count as equal, beside 1 or beside their size."""
+
+
+@dataclass(frozen=True)
+class ModelSymmetry:
+    """A symmetry of a domain: (σs)[i] = signs[i] · s[columns[i]], and σa = actions[a].
+
+    Attributes:
+        objects: What takes whose place, objects that stay left out.
+        columns: A column of the state for each column.
+        signs: 1.0 or -1.0 for each column.
+        actions: The image of each ground action.
+    """
+
+    objects: Mapping[str, str]
+    columns: tuple[int, ...]
+    signs: tuple[float, ...]
+    actions: tuple[int, ...]
+
+    @property
+    def trivial(self) -> bool:
+        """Whether it changes neither states nor actions."""
+        return (
+            self.columns == tuple(range(len(self.columns)))
+            and self.actions == tuple(range(len(self.actions)))
+            and set(self.signs) <= {1.0}
+        )
+
+    def of_state(self, state: Vector) -> Vector:
+        """Return σs for a state `[F]`, or a batch `[..., F]`."""
+        image: Vector = state[..., list(self.columns)] * np.array(self.signs)
+        return image
+
+
+def cycles(mapping: Mapping[Any, Any]) -> str:
+    """Return a permutation in words: `left <-> right, a -> b -> c -> a`."""
+    told: list[str] = []
+    seen: set[Any] = set()
+    for start in mapping:
+        if start in seen or mapping[start] == start:
+            continue
+        cycle = [start]
+        while (following := mapping[cycle[-1]]) != start:
+            cycle.append(following)
+        seen.update(cycle)
+        names = [str(name) for name in cycle]
+        told.append(" <-> ".join(names) if len(cycle) == 2 else " -> ".join([*names, names[0]]))
+    return ", ".join(told)
+
+
+def permuted_columns(
+    fluents: Sequence[g.Fluent], objects: Mapping[str, str]
+) -> tuple[int, ...] | g.Fluent:
+    """Return the columns of σs for a permutation of objects, or a fluent that has no image."""
+    index = {(f.symbol, *f.arguments): f.index for f in fluents}
+    columns = [0] * len(fluents)
+    for fluent in fluents:
+        image = index.get((fluent.symbol, *(objects.get(o, o) for o in fluent.arguments)))
+        if image is None:
+            return fluent
+        columns[image] = fluent.index
+    return tuple(columns)
+
+
+def violation(model: TransitionModel, symmetry: ModelSymmetry, seed: int = 0) -> str | None:
+    """Return where a model contradicts a symmetry, in words, or None where it does not.
+
+    Predictions in random states are compared with those in their mirror images, to float accuracy.
+    The numbers are drawn from around 0 and around the literals of the files, where conditions
+    begin to hold.
+    """
+    rng = np.random.default_rng(seed)
+    count = len(model.actions)
+    if not count:
+        return None
+    for state in _random_states(model, max(8, _TRANSITIONS // count), rng):
+        image = symmetry.of_state(state)
+        chosen = range(count)
+        if count > _TRANSITIONS // 8:
+            chosen = rng.choice(count, _TRANSITIONS // 8, replace=False).tolist()
+        for action in chosen:
+            found = _difference(model, symmetry, state, image, action)
+            if found is not None:
+                return found
+    return None
+
+
+def _random_states(model: TransitionModel, count: int, rng: np.random.Generator) -> Vector:
+    numeric = np.array([fluent.numeric for fluent in model.fluents], dtype=np.bool_)
+    shape = (count, len(numeric))
+    literals = np.unique(np.abs(np.append(model.theta, 1.0)))
+    # Continuous draws: on a threshold itself, rounding may decide.
+    near = rng.choice(literals, shape) * rng.uniform(0.5, 1.5, shape)
+    numbers = np.where(rng.random(shape) < 0.5, near, rng.normal(size=shape))
+    numbers *= rng.choice((-1.0, 1.0), shape)
+    states: Vector = np.where(numeric, numbers, rng.integers(0, 2, shape))
+    return states
+
+
+def _difference(
+    model: TransitionModel, symmetry: ModelSymmetry, state: Vector, image: Vector, action: int
+) -> str | None:
+    """Return what the model predicts otherwise in the mirror image of a state, or None."""
+    here, flags = model.transition(state.tolist(), action)
+    there, image_flags = model.transition(image.tolist(), symmetry.actions[action])
+    name, image_name = model.actions[action].name, model.actions[symmetry.actions[action]].name
+    what = ""
+    # Where a step has no result, what is known of it may hang on the order of effects.
+    compared = (APPLICABLE | UNSAFE | TERMINAL) if flags & image_flags & APPLICABLE else APPLICABLE
+    if (flags ^ image_flags) & compared:
+        for bit, said in (
+            (APPLICABLE, "applicable"), (UNSAFE, "unsafe"), (TERMINAL, "terminal"),
+        ):  # fmt: skip
+            if (flags ^ image_flags) & compared & bit:
+                negation = ("", "not ") if flags & bit else ("not ", "")
+                what = f"`{name}` is {negation[0]}{said}, `{image_name}` is {negation[1]}{said}"
+                break
+    elif flags & APPLICABLE:
+        expected = symmetry.of_state(np.array(here[:-1]))
+        for fluent, wanted, got in zip(model.fluents, expected.tolist(), there, strict=False):
+            if not _same(wanted, got):
+                what = (
+                    f"after `{image_name}` the mirror image of what `{name}` does has "
+                    f"`{fluent.name}` {wanted:.6g}, the domain says {got:.6g}"
+                )
+                break
+        else:
+            if not _same(here[-1], there[-1]):
+                what = f"`{name}` is worth {here[-1]:.6g}, `{image_name}` {there[-1]:.6g}"
+    if not what:
+        return None
+    shown = ", ".join(f"{k} {v:.4g}" for k, v in model.values(state).items())
+    return f"{what}; seen from the state {shown} and its mirror image"
+
+
+def _same(one: float, other: float) -> bool:
+    return abs(one - other) <= _TOLERANCE * max(1.0, abs(one), abs(other))

@@ -1,0 +1,120 @@
+"""Numbers for what a model says: equal where two expressions mean the same.
+
+The order of conjuncts, effects and operands does not matter, nor whether `(< a b)` was written or
+`(> b a)`; floats are added and multiplied in another order then, so that equal means equal up to
+their rounding.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable, Iterator
+
+from serp.model import ground as g
+
+Seen = Callable[[int], int]
+"""What a fluent, by its column, is taken for."""
+
+
+class GaveUp(Exception):
+    """More was looked at than allowed."""
+
+
+class Work:
+    """Counts what was looked at.
+
+    Args:
+        most: So much may be; None: anything.
+    """
+
+    def __init__(self, most: int | None) -> None:
+        self.left = most
+
+    def count(self, amount: int = 1) -> None:
+        """Count some more.
+
+        Raises:
+            GaveUp: It is more than allowed.
+        """
+        if self.left is not None:
+            self.left -= amount
+            if self.left < 0:
+                raise GaveUp
+
+
+class Numbering:
+    """Gives out numbers, each key one.
+
+    Args:
+        ground: The model that expressions are from.
+        work: Counts them.
+    """
+
+    def __init__(self, ground: g.GroundModel, work: Work) -> None:
+        self.theta = [p.value for p in ground.parameters]
+        self.known: dict[Hashable, int] = {}
+        self.work = work
+
+    def number(self, *key: Hashable) -> int:
+        """Return the number of a key."""
+        self.work.count()
+        return self.known.setdefault(key, len(self.known))
+
+    def schema(self, schema: g.GroundSchema, seen: Seen) -> int:
+        """Return the number of what an action, process or event does, whatever its name."""
+        tests = sorted({self.test(test, seen) for test in schema.preconditions})
+        effects = sorted(self._effect(effect, seen) for effect in schema.effects)
+        return self.number(schema.kind, tuple(tests), tuple(effects))
+
+    def _effect(self, effect: g.GroundEffect, seen: Seen) -> int:
+        target = effect.target if effect.target < 0 else seen(effect.target)
+        condition = self.test(effect.condition, seen)
+        if isinstance(effect, g.SetBoolean):
+            return self.number("set", target, effect.value, condition)
+        return self.number(effect.change, target, self.value(effect.value, seen), condition)
+
+    def test(self, test: g.Test, seen: Seen) -> int:
+        """Return the number of a condition."""
+        match test:
+            case g.Constant(value):
+                return self.number("constant", value)
+            case g.Holds(fluent):
+                return self.number("holds", fluent if fluent < 0 else seen(fluent))
+            case g.Not(operand):
+                return self.number("not", self.test(operand, seen))
+            case g.Compare(operator, left, right):
+                sides = [self.value(left, seen), self.value(right, seen)]
+                if operator in (">", ">="):
+                    operator = operator.replace(">", "<")
+                    sides.reverse()
+                elif operator == "=":
+                    sides.sort()
+                return self.number(operator, *sides)
+            case g.All(operands) | g.AnyOf(operands):
+                joined = sorted({self.test(operand, seen) for operand in operands})
+                return self.number(type(test).__name__, tuple(joined))
+
+    def value(self, value: g.Value, seen: Seen) -> int:
+        """Return the number of a numeric expression."""
+        match value:
+            case g.Read(fluent):
+                return self.number("read", seen(fluent))
+            case g.ParameterRef(parameter):
+                return self.number("literal", self.theta[parameter])
+            case g.Elapsed():
+                return self.number("elapsed")
+            case g.Negation(operand):
+                return self.number("negative", self.value(operand, seen))
+            case g.Operation(operator, left, right):
+                if operator in "+*":
+                    terms = sorted(self.value(v, seen) for v in _terms(value, operator))
+                    return self.number(operator, tuple(terms))
+                return self.number(operator, self.value(left, seen), self.value(right, seen))
+
+
+def _terms(value: g.Value, operator: str) -> Iterator[g.Value]:
+    """Yield the operands of a sum or product of several."""
+    if isinstance(value, g.Operation) and value.operator == operator:
+        yield from _terms(value.left, operator)
+        yield from _terms(value.right, operator)
+    else:
+        yield value

@@ -1,0 +1,193 @@
+"""What a permutation of objects makes of a model: another model, or the same."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from itertools import pairwise
+
+from serp.model import ground as g
+from serp.model.symmetry.model_symmetry import ModelSymmetry, permuted_columns
+from serp.model.symmetry.numbering import Numbering, Seen, Work
+from serp.pddl.source import Place
+from serp.pddl.syntax import Change
+
+_ADDITIVE = (Change.INCREASE, Change.DECREASE)
+
+
+class Asymmetry(Exception):
+    """A permutation is no symmetry.
+
+    Attributes:
+        what: The reason, in words.
+        place: Where in the files, if anywhere.
+    """
+
+    def __init__(self, what: str, place: Place | None = None) -> None:
+        super().__init__(what)
+        self.what = what
+        self.place = place
+
+
+def symmetry_of(ground: g.GroundModel, objects: Mapping[str, str]) -> ModelSymmetry:
+    """Return what a permutation of objects makes of states and actions.
+
+    Raises:
+        Asymmetry: It does not map the model onto itself.
+    """
+    return Items(ground, Work(None)).apply(objects)
+
+
+class Items:
+    """The items of a model, ready for permutations to be applied.
+
+    Args:
+        ground: The model.
+        work: Counts what is looked at.
+
+    Attributes:
+        numbering: Numbers of all that was looked at.
+        schemas: Actions, processes and events.
+        mentions: The objects that each of them is about.
+        static: (symbol, *objects) of what is stated and never changes → its value.
+    """
+
+    def __init__(self, ground: g.GroundModel, work: Work) -> None:
+        self.ground = ground
+        self.work = work
+        self.numbering = Numbering(ground, work)
+        self.schemas = (*ground.actions, *ground.processes, *ground.events)
+        self.static = {tuple(name.split()): value for name, value in ground.static.items()}
+        self.same: Seen = int
+        self.numbers = [self.numbering.schema(s, self.same) for s in self.schemas]
+        self.named = {(s.kind, s.schema, s.arguments): k for k, s in enumerate(self.schemas)}
+        self.mentions = [self._mentions(schema) for schema in self.schemas]
+        self.plain: dict[int, list[int]] = {}
+        """Number → schemas without parameters that have it: they may take each other's place."""
+        for k, schema in enumerate(self.schemas):
+            if not schema.arguments:
+                self.plain.setdefault(self.numbers[k], []).append(k)
+
+    def _mentions(self, schema: g.GroundSchema) -> frozenset[str]:
+        touched = {f for f in (*g.reads(schema), *g.writes(schema)) if f >= 0}
+        fluents = self.ground.fluents
+        return frozenset(schema.arguments).union(*(fluents[f].arguments for f in touched))
+
+    @property
+    def objects(self) -> list[str]:
+        """Every object that fluents, items or static values name, in the order of appearance."""
+        found: dict[str, None] = {}
+        for fluent in self.ground.fluents:
+            found.update(dict.fromkeys(fluent.arguments))
+        for schema in self.schemas:
+            found.update(dict.fromkeys(schema.arguments))
+        for _, *arguments in self.static:
+            found.update(dict.fromkeys(arguments))
+        return list(found)
+
+    def apply(self, objects: Mapping[str, str]) -> ModelSymmetry:
+        """Return the symmetry that a permutation of objects is.
+
+        Raises:
+            Asymmetry: It is none.
+        """
+        fluents = self.ground.fluents
+        self.work.count(len(fluents) + len(self.schemas))
+        columns = permuted_columns(fluents, objects)
+        if isinstance(columns, g.Fluent):
+            raise Asymmetry(f"fluent `{columns.name}` has no mirror image")
+        places = [0] * len(fluents)
+        for column, source in enumerate(columns):
+            places[source] = column
+        for key, value in self.static.items():
+            image = (key[0], *(objects.get(o, o) for o in key[1:]))
+            if self.static.get(image) != value:
+                raise Asymmetry(f"({' '.join(key)}) is {value:g}, ({' '.join(image)}) is not")
+        images = self._images(objects, places.__getitem__)
+        self._same_order_of_events(images)
+        self._same_goal_and_metric(places.__getitem__)
+        return ModelSymmetry(
+            objects={name: image for name, image in objects.items() if name != image},
+            columns=columns,
+            signs=(1.0,) * len(columns),
+            actions=tuple(images[: len(self.ground.actions)]),
+        )
+
+    def _images(self, objects: Mapping[str, str], places: Seen) -> list[int]:
+        """Return the image of every schema."""
+        moved = {name for name, image in objects.items() if name != image}
+        images = list(range(len(self.schemas)))
+        for k, schema in enumerate(self.schemas):
+            if not schema.arguments or moved.isdisjoint(self.mentions[k]):
+                continue
+            arguments = tuple(objects.get(o, o) for o in schema.arguments)
+            image = self.named.get((schema.kind, schema.schema, arguments))
+            number = self.numbering.schema(schema, places)
+            if image is None or self.numbers[image] != number:
+                mirror = " ".join((schema.schema, *arguments))
+                raise Asymmetry(
+                    f"{schema.kind.value} `{schema.name}` and `{mirror}` are no mirror images",
+                    schema.place,
+                )
+            images[k] = image
+        for members in self.plain.values():
+            first = self.schemas[members[0]]
+            if moved.isdisjoint(self.mentions[members[0]]):
+                continue
+            others = self.plain.get(self.numbering.schema(first, places), [])
+            if len(others) != len(members):
+                raise Asymmetry(
+                    f"{first.kind.value} `{first.name}` has no mirror image", first.place
+                )
+            for k, image in zip(members, others, strict=True):
+                images[k] = image
+        return images
+
+    def _same_order_of_events(self, images: Sequence[int]) -> None:
+        """Events fire in file order: where the mirror image fires them in another, it matters not.
+
+        Two neighbours may change places when neither reads what the other writes, and what both
+        write comes to the same in either order.
+        """
+        start = len(self.schemas) - len(self.ground.events)
+        order = images[start:]
+        if all(a < b for a, b in pairwise(order)):
+            return
+        for i, later in enumerate(order):
+            self.work.count(len(order) - i)
+            for j in range(i + 1, len(order)):
+                if order[j] < later and self.numbers[order[j]] != self.numbers[later]:
+                    one, other = self.schemas[start + i], self.schemas[start + j]
+                    if not _independent(one, other):
+                        raise Asymmetry(
+                            f"event `{one.name}` fires before `{other.name}`, their mirror images "
+                            "the other way round, and the order matters",
+                            other.place,
+                        )
+
+    def _same_goal_and_metric(self, places: Seen) -> None:
+        goal, metric, number = self.ground.goal, self.ground.metric, self.numbering
+        if goal is not None and number.test(goal, places) != number.test(goal, self.same):
+            raise Asymmetry("the goal is not its own mirror image")
+        if metric is not None and (
+            number.value(metric.value, places) != number.value(metric.value, self.same)
+        ):
+            raise Asymmetry("the metric is not its own mirror image", metric.place)
+
+
+def _independent(one: g.GroundSchema, other: g.GroundSchema) -> bool:
+    """Whether two events come to the same in either order."""
+    if g.writes(one) & g.reads(other) or g.writes(other) & g.reads(one):
+        return False
+    ways: dict[int, set[Hashable]] = {}
+    for effect in (*one.effects, *other.effects):
+        ways.setdefault(effect.target, set()).add(_way(effect))
+    shared = g.writes(one) & g.writes(other)
+    return all(len(ways[t]) == 1 and ways[t] != {Change.ASSIGN} for t in shared)
+
+
+def _way(effect: g.GroundEffect) -> Hashable:
+    if isinstance(effect, g.SetBoolean):
+        return effect.value
+    if effect.change in _ADDITIVE:
+        return "add"
+    return effect.change if effect.change is Change.ASSIGN else "scale"

@@ -1,0 +1,1 @@
+"""PDDL text: reading it with the place of every word, and editing it."""

@@ -1,0 +1,52 @@
+"""Refusing effects that can never happen together.
+
+Increases and decreases of one function commute, and so do scalings. An assignment beside either, or
+one beside the other, has no defined result (PDDL 2.1, definition 8): a schema that always asks for
+both could never be carried out, which nobody means to write.
+"""
+
+from __future__ import annotations
+
+from serp.pddl.source import DomainError
+from serp.pddl.syntax import Change, ChangeFunction, Effect, ForallEffect, Number, When
+
+_ADDITIVE = {Change.INCREASE, Change.DECREASE}
+_SCALING = {Change.SCALE_UP, Change.SCALE_DOWN}
+
+
+def refuse_contradictions(effects: tuple[Effect, ...]) -> None:
+    """Check effects that happen together, and those under each `when` and `forall`.
+
+    Effects whose conditions or objects differ may exclude each other: what they come to is found
+    out when they are applied.
+
+    Raises:
+        DomainError: Two effects always contradict each other.
+    """
+    changes: dict[tuple[str, ...], list[ChangeFunction]] = {}
+    for effect in effects:
+        match effect:
+            case When(_, inner) | ForallEffect(_, inner):
+                refuse_contradictions(inner)
+            case ChangeFunction(_, function):
+                key = (function.name, *(argument.name for argument in function.arguments))
+                for first in changes.setdefault(key, []):
+                    if _contradict(first, effect):
+                        raise DomainError(
+                            f"`{effect.place.text}` contradicts `{first.place.text}` in line "
+                            f"{first.place.line}: both would have to happen at once",
+                            effect.place,
+                            "write one effect, or put them under conditions that exclude each "
+                            "other (`when`)",
+                        )
+                changes[key].append(effect)
+
+
+def _contradict(first: ChangeFunction, second: ChangeFunction) -> bool:
+    both = {first.change, second.change}
+    if both == {Change.ASSIGN}:
+        values = first.value, second.value
+        if isinstance(values[0], Number) and isinstance(values[1], Number):
+            return values[0].value != values[1].value
+        return False
+    return not (both <= _ADDITIVE or both <= _SCALING)

@@ -1,0 +1,290 @@
+"""Parsing typed lists and the declarations made of them: types, objects, predicates, functions."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from serp.pddl.sexpr import Group, Node, Word
+from serp.pddl.source import DomainError, Place, did_you_mean
+from serp.pddl.syntax import OBJECT, Declaration, ObjectDeclaration, SchemaParameter
+
+TOTAL_TIME = "total-time"
+_NAME = re.compile(r"[a-z][a-z0-9_\-]*\Z")
+_VARIABLE = re.compile(r"\?[a-z][a-z0-9_\-]*\Z")
+
+
+def is_name(word: Word) -> bool:
+    """Whether a word is a plain PDDL name."""
+    return _NAME.match(word.text) is not None
+
+
+def expect_name(node: Node, what: str) -> Word:
+    """Return the node as a plain PDDL name.
+
+    Raises:
+        DomainError: It is a list, or holds characters that PDDL names do not have.
+    """
+    if not isinstance(node, Word):
+        raise DomainError(f"expected {what}, found a list", node.place)
+    if not is_name(node):
+        raise DomainError(
+            f"`{node.text}` is not a name for {what}",
+            node.place,
+            "names begin with a letter and go on with letters, digits, `-` and `_`",
+        )
+    return node
+
+
+def expect_group(node: Node, what: str) -> Group:
+    """Return the node as a parenthesised list.
+
+    Raises:
+        DomainError: It is a single word.
+    """
+    if isinstance(node, Word):
+        raise DomainError(f"expected {what} in parentheses, found `{node.text}`", node.place)
+    return node
+
+
+def typed_list(
+    nodes: Sequence[Node], what: str, *, variables: bool
+) -> list[tuple[Word, tuple[Word, ...]]]:
+    """Split `a b - t c` into (name, type names) pairs; no type names where none is written.
+
+    Args:
+        nodes: The items of the list.
+        what: What the names stand for, for messages.
+        variables: Whether the names must be variables (`?x`).
+
+    Raises:
+        DomainError: A name is malformed, a `-` has no type after it, or no variable before it.
+    """
+    pairs: list[tuple[Word, tuple[Word, ...]]] = []
+    waiting: list[Word] = []
+    index = 0
+    while index < len(nodes):
+        node = nodes[index]
+        if isinstance(node, Word) and node.text.startswith("-"):
+            type_node, index = after_dash(nodes, index, "a type")
+            types = _type_names(type_node)
+            if not waiting:
+                problem = f"`- {type_node.place.text}` without {what} before it"
+                if variables:
+                    raise DomainError(problem, node.place)
+                node.place.warn(problem)
+            pairs += [(word, types) for word in waiting]
+            waiting = []
+            continue
+        if variables:
+            if not isinstance(node, Word) or not _VARIABLE.match(node.text):
+                shown = node.text if isinstance(node, Word) else "a list"
+                raise DomainError(
+                    f"expected a variable for {what}, found `{shown}`",
+                    node.place,
+                    "variables begin with `?`, as in `?robot`",
+                )
+            waiting.append(node)
+        else:
+            waiting.append(expect_name(node, what))
+        index += 1
+    return pairs + [(word, ()) for word in waiting]
+
+
+def after_dash(nodes: Sequence[Node], index: int, what: str) -> tuple[Node, int]:
+    """Return what follows a `-`, and the index behind it; `-type` without a blank is warned of.
+
+    Raises:
+        DomainError: Nothing follows.
+    """
+    dash = nodes[index]
+    if isinstance(dash, Word) and dash.text != "-":
+        place = dash.place
+        place.warn(f"`{place.text}` is read as `- {dash.text[1:]}`, which other tools may not do")
+        return Word(dash.text[1:], place.source.place(place.start + 1, place.end)), index + 1
+    if index + 1 == len(nodes):
+        raise DomainError(f"`-` without {what} after it", dash.place)
+    return nodes[index + 1], index + 2
+
+
+def _type_names(node: Node) -> tuple[Word, ...]:
+    if isinstance(node, Word):
+        return (expect_name(node, "a type"),)
+    if node.head != "either" or len(node.items) < 2:
+        raise DomainError("expected a type or `(either type ...)`", node.place)
+    return tuple(expect_name(item, "a type") for item in node.items[1:])
+
+
+def declared_again(word: Word, what: str, *, same: bool) -> None:
+    """Warn of a second declaration that says the same as the first.
+
+    Raises:
+        DomainError: It says something else.
+    """
+    problem = f"{what} `{word.text}` is declared twice"
+    if not same:
+        raise DomainError(problem, word.place, "the two differ; leave one of them out")
+    word.place.warn(problem)
+
+
+def parse_types(group: Group) -> dict[str, str]:
+    """Parse `(:types ...)` into type → parent.
+
+    A parent that is not declared itself is a child of `object`, as other PDDL tools have it. A type
+    that is declared both below `object` and below another type is below the other.
+
+    Raises:
+        DomainError: A type is its own ancestor, or has several parents.
+    """
+    parents: dict[str, str] = {}
+    places: dict[str, Place] = {}
+    mentioned: list[str] = []
+    for word, types in typed_list(group.items[1:], "a type", variables=False):
+        if len(types) > 1:
+            raise DomainError("a type has one parent; `either` is for parameters", word.place)
+        parent = types[0].text if types else OBJECT
+        if word.text == OBJECT:
+            if types:
+                raise DomainError("`object` is the root of all types", word.place)
+            continue
+        if (known := parents.get(word.text)) is not None:
+            declared_again(word, "type", same=known == parent or OBJECT in (known, parent))
+            parent = known if parent == OBJECT else parent
+        parents[word.text] = parent
+        places[word.text] = word.place
+        mentioned.append(parent)
+    for parent in mentioned:
+        if parent != OBJECT:
+            parents.setdefault(parent, OBJECT)
+    for name in places:
+        seen: set[str] = set()
+        current = parents[name]
+        while current != OBJECT and current not in seen:
+            if current == name:
+                raise DomainError(f"type `{name}` is its own ancestor", places[name])
+            seen.add(current)
+            current = parents[current]
+    return parents
+
+
+def check_type(word: Word, parents: dict[str, str]) -> str:
+    """Return the name of a declared type.
+
+    Raises:
+        DomainError: There is no such type.
+    """
+    if word.text != OBJECT and word.text not in parents:
+        raise DomainError(
+            f"unknown type `{word.text}`", word.place, did_you_mean(word.text, [*parents, OBJECT])
+        )
+    return word.text
+
+
+def parse_parameters(
+    nodes: Sequence[Node], parents: dict[str, str], *, positional: bool = False
+) -> tuple[SchemaParameter, ...]:
+    """Parse a typed list of variables.
+
+    Args:
+        nodes: The items of the list.
+        parents: Type → parent.
+        positional: Whether each variable stands for a place in a list of arguments, as in the
+            declaration of a predicate, so that a repeated one is another place.
+
+    Raises:
+        DomainError: A variable is malformed or repeated with another type, or a type is unknown.
+    """
+    parameters: dict[str, SchemaParameter] = {}
+    for word, types in typed_list(nodes, "a parameter", variables=True):
+        names = tuple(check_type(t, parents) for t in types) or (OBJECT,)
+        name = word.text
+        if name in parameters:
+            declared_again(word, "parameter", same=positional or parameters[name].types == names)
+            if positional:
+                name = f"{name}-{len(parameters) + 1}"
+        parameters[name] = SchemaParameter(name, names, word.place)
+    return tuple(parameters.values())
+
+
+def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, ObjectDeclaration]:
+    """Parse `(:constants ...)` or `(:objects ...)`.
+
+    Raises:
+        DomainError: A name is repeated with another type, or its type is unknown or more than one.
+    """
+    objects: dict[str, ObjectDeclaration] = {}
+    for word, types in typed_list(group.items[1:], "an object", variables=False):
+        if len(types) > 1:
+            raise DomainError("an object has one type", word.place)
+        type_name = check_type(types[0], parents) if types else OBJECT
+        if word.text in objects:
+            declared_again(word, "object", same=objects[word.text].type == type_name)
+        objects[word.text] = ObjectDeclaration(word.text, type_name, word.place)
+    return objects
+
+
+def parse_declarations(
+    group: Group, parents: dict[str, str], *, numeric: bool
+) -> dict[str, Declaration]:
+    """Parse `(:predicates ...)` or `(:functions ...)`.
+
+    Raises:
+        DomainError: A declaration is malformed or repeated with other parameters, or a function
+            is not numeric.
+    """
+    what = "function" if numeric else "predicate"
+    declared: dict[str, Declaration] = {}
+    index = 1
+    while index < len(group.items):
+        node = group.items[index]
+        if numeric and isinstance(node, Word) and node.text.startswith("-"):
+            index = _after_number_type(group, index)
+            continue
+        index += 1
+        if numeric and isinstance(node, Word):
+            node = without_parentheses(expect_name(node, "a function"))
+        item = expect_group(node, f"a {what}")
+        if not item.items:
+            raise DomainError(f"empty declaration of a {what}", item.place)
+        word = expect_name(item.items[0], f"a {what}")
+        if numeric and word.text == TOTAL_TIME and len(item.items) == 1:
+            item.place.warn("`(total-time)` is there without being declared")
+            continue
+        if word.text in RESERVED_WORDS:
+            raise DomainError(f"`{word.text}` is a word of PDDL and cannot be a {what}", word.place)
+        parameters = parse_parameters(item.items[1:], parents, positional=True)
+        if word.text in declared:
+            known = declared[word.text].parameters
+            same = [p.types for p in known] == [p.types for p in parameters]
+            declared_again(word, what, same=same)
+        declared[word.text] = Declaration(word.text, parameters, numeric, item.place)
+    return declared
+
+
+def without_parentheses(word: Word) -> Group:
+    """Return the function that a bare name means, with a warning."""
+    word.place.warn(f"`{word.text}` is read as `({word.text})`, which other tools may not do")
+    return Group((word,), word.place)
+
+
+def _after_number_type(group: Group, index: int) -> int:
+    dash = group.items[index]
+    if index == 1:
+        raise DomainError("`-` needs functions before it and `number` after it", dash.place)
+    following, index = after_dash(group.items, index, "`number`")
+    if not isinstance(following, Word) or following.text != "number":
+        raise DomainError(
+            "functions with values other than numbers are not supported",
+            following.place,
+            "write `- number`, or a predicate with one more parameter",
+        )
+    return index
+
+
+RESERVED_WORDS = frozenset(
+    (
+        *("and", "or", "not", "imply", "forall", "exists", "when", "either", "preference"),
+        *("assign", "increase", "decrease", "scale-up", "scale-down"),
+        *("define", "domain", "problem", "number", "object", TOTAL_TIME),
+    )
+)

@@ -1,0 +1,270 @@
+"""The abstract syntax of a domain and a problem as written, before instantiation.
+
+Every node keeps its place in the file, so that later messages, explanations and corrections can
+point at it. Names follow PDDL 2.1 (Fox & Long, 2003) and PDDL+ (Fox & Long, 2006).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from serp.pddl.source import Place
+
+REWARD = "reward"
+UNSAFE = "unsafe"
+TERMINAL = "terminal"
+OBJECT = "object"
+
+
+@dataclass(frozen=True, slots=True)
+class SchemaParameter:
+    """A typed variable; `types` holds more than one name only for `(either ...)`."""
+
+    name: str
+    types: tuple[str, ...]
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class SchemaTerm:
+    """An argument: a variable (`?x`) or the name of an object."""
+
+    name: str
+    place: Place
+
+    @property
+    def is_variable(self) -> bool:
+        """Whether the term starts with `?`."""
+        return self.name.startswith("?")
+
+
+# Numeric expressions ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A literal."""
+
+    value: float
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionTerm:
+    """The value of a numeric fluent."""
+
+    name: str
+    arguments: tuple[SchemaTerm, ...]
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Arithmetic:
+    """`operator` is one of + - * /; a single operand under `-` is a negation."""
+
+    operator: str
+    operands: tuple[Expression, ...]
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class TotalTime:
+    """`(total-time)`, in a metric only."""
+
+    place: Place
+
+
+Expression = Number | FunctionTerm | Arithmetic | TotalTime
+
+# Conditions ------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Atom:
+    """A predicate applied to terms."""
+
+    name: str
+    arguments: tuple[SchemaTerm, ...]
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class SameObject:
+    """`(= a b)` over objects."""
+
+    left: SchemaTerm
+    right: SchemaTerm
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class NumericComparison:
+    """`operator` is one of < <= = >= >."""
+
+    operator: str
+    left: Expression
+    right: Expression
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Connective:
+    """`operator` is `and`, `or`, `not` (one operand) or `imply` (two)."""
+
+    operator: str
+    operands: tuple[Condition, ...]
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Quantified:
+    """`operator` is `forall` or `exists`."""
+
+    operator: str
+    parameters: tuple[SchemaParameter, ...]
+    body: Condition
+    place: Place
+
+
+Condition = Atom | SameObject | NumericComparison | Connective | Quantified
+
+# Effects ---------------------------------------------------------------------------------------
+
+
+class Change(Enum):
+    """How a numeric effect changes its fluent."""
+
+    ASSIGN = "assign"
+    INCREASE = "increase"
+    DECREASE = "decrease"
+    SCALE_UP = "scale-up"
+    SCALE_DOWN = "scale-down"
+
+
+@dataclass(frozen=True, slots=True)
+class SetPredicate:
+    """Makes a predicate true or false."""
+
+    atom: Atom
+    value: bool
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeFunction:
+    """Changes a numeric fluent. In a process, `value` is the rate (the factor beside `#t`)."""
+
+    change: Change
+    function: FunctionTerm
+    value: Expression
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class When:
+    """A conditional effect; nesting is refused by the parser."""
+
+    condition: Condition
+    effects: tuple[Effect, ...]
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class ForallEffect:
+    """An effect for every binding of the parameters."""
+
+    parameters: tuple[SchemaParameter, ...]
+    effects: tuple[Effect, ...]
+    place: Place
+
+
+Effect = SetPredicate | ChangeFunction | When | ForallEffect
+
+# Definitions -----------------------------------------------------------------------------------
+
+
+class Kind(Enum):
+    """What a schema describes."""
+
+    ACTION = "action"
+    PROCESS = "process"
+    EVENT = "event"
+
+
+@dataclass(frozen=True, slots=True)
+class Schema:
+    """An `(:action ...)`, `(:process ...)` or `(:event ...)` as written."""
+
+    kind: Kind
+    name: str
+    parameters: tuple[SchemaParameter, ...]
+    precondition: Condition | None
+    effects: tuple[Effect, ...]
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class Declaration:
+    """A declared predicate (`numeric` False) or function (`numeric` True)."""
+
+    name: str
+    parameters: tuple[SchemaParameter, ...]
+    numeric: bool
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectDeclaration:
+    """A constant of the domain or an object of the problem."""
+
+    name: str
+    type: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class DomainSyntax:
+    """A parsed domain file."""
+
+    name: str
+    parents: dict[str, str]
+    """Type → its parent; the root `object` is not a key."""
+    constants: dict[str, ObjectDeclaration]
+    declarations: dict[str, Declaration]
+    """Predicates and functions by name, in file order."""
+    schemas: tuple[Schema, ...]
+    place: Place
+
+    def is_a(self, type_name: str, ancestor: str) -> bool:
+        """Whether `type_name` is `ancestor` or one of its descendants."""
+        current: str | None = type_name
+        while current is not None:
+            if current == ancestor:
+                return True
+            current = self.parents.get(current)
+        return ancestor == OBJECT
+
+
+@dataclass(frozen=True)
+class Metric:
+    """`(:metric maximize|minimize expression)`."""
+
+    maximize: bool
+    expression: Expression
+    place: Place
+
+
+@dataclass(frozen=True)
+class ProblemSyntax:
+    """A parsed problem file."""
+
+    name: str
+    objects: dict[str, ObjectDeclaration]
+    true_atoms: tuple[Atom, ...]
+    values: tuple[tuple[FunctionTerm, Number], ...]
+    goal: Condition | None
+    metric: Metric | None
+    place: Place
+    has_init: bool
+    """Whether there is an `:init`, so that what it does not state is false."""

@@ -1,0 +1,69 @@
+"""Which of two actions is better: the order that every part of planning and deciding goes by.
+
+An action that the file does not flag and whose risk is accepted comes first, then one that the file
+does not flag, then one that it flags. Among equals the path with the least risk comes first, then
+the one that stays free of risk for longer, then the one that is worth most.
+
+The first four functions run in CPython and are compiled by numba; none calls another.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.model.flags import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, UNSAFE
+
+Promise = tuple[int, float, int, float]
+"""What a path promises: (-rank, -risk, steps, value), larger where the path is better."""
+
+
+def hazard(flags: int, accepted: float) -> float:
+    """Return the risk of one step, `serp.model.flags.risk_of`; 0 where it is accepted."""
+    risk = (flags >> RISK_SHIFT) * RISK_UNIT
+    if flags & UNSAFE:
+        return 1.0
+    return risk if risk > accepted else 0.0
+
+
+def marked(flags: int, risk: float) -> int:
+    """Return the flags of a step with RISKY where it has a risk by `hazard`."""
+    return flags | RISKY if risk > 0.0 and not flags & UNSAFE else flags
+
+
+def rank_of(flags: int) -> int:
+    """Return 0 for a step whose risk is accepted, 1 where it is not, 2 where the file flags it."""
+    if flags & UNSAFE:
+        return 2
+    return 1 if flags & RISKY else 0
+
+
+def promise(rank: int, risk: float, steps: int, value: float) -> Promise:
+    """Return what a path promises.
+
+    Args:
+        rank: `rank_of` its first control period; the smaller is better.
+        risk: Probability that something unsafe happens on it; the smaller is better.
+        steps: Control periods before the first one with a risk; the larger is better.
+        value: Discounted sum of rewards; the larger is better.
+    """
+    return -rank, -risk, steps, value
+
+
+def free_of_risk(flags: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return whether steps are applicable, not flagged by the file, and of a risk that is accepted.
+
+    They are what is meant by a safe action.
+    """
+    free: NDArray[np.bool_] = (flags & (APPLICABLE | UNSAFE | RISKY)) == APPLICABLE
+    return free
+
+
+def of_best_rank(flags: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which of some applicable actions have the smallest `rank_of` among them."""
+    applicable: NDArray[np.bool_] = (flags & APPLICABLE) != 0
+    for worse in (UNSAFE | RISKY, UNSAFE):
+        better: NDArray[np.bool_] = applicable & ((flags & worse) == 0)
+        if better.any():
+            return better
+    return applicable

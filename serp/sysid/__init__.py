@@ -1,0 +1,1 @@
+"""System identification: regressions that estimate a transition model from observed transitions."""

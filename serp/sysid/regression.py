@@ -1,0 +1,184 @@
+"""Robust linear regression towards what is believed already, with honest standard errors.
+
+Huber's weights while the fit settles, then rejection of what is far out (Huber & Ronchetti,
+"Robust Statistics", 2009, chapters 4 and 7); a ridge whose centre is the prior belief; standard
+errors by the sandwich over blocks of neighbouring rows (Liang & Zeger, Biometrika 73, 1986), which
+holds where errors are unequal and depend on each other, as those of a wrong model do.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.model.transition_model import Vector
+
+_HUBER = 2.0
+_FAR_OUT = 6.0
+_TRIMMED = 0.02  # the share of rows that may be anything without widening the scale
+_FEW = 10  # so few rows of a group: none of them is called an outlier
+_ROUNDS = 10
+_SAME = 1e-3  # of a column that others do not explain; below it, they say the same thing
+_SMALLEST = 1e-10  # of the range of the target: below it everything is rounding
+
+
+@dataclass(frozen=True)
+class Regression:
+    """A fitted linear model.
+
+    Attributes:
+        coefficients: `[K]`.
+        errors: `[K]` standard errors; the width of the prior where the rows say nothing.
+        residuals: `[n]`.
+        weights: `[n]`, 0 (rejected) to 1.
+    """
+
+    coefficients: Vector
+    errors: Vector
+    residuals: Vector
+    weights: Vector
+
+
+def regress(
+    columns: Vector,
+    target: Vector,
+    *,
+    centre: Vector,
+    width: Vector,
+    groups: NDArray[np.int64],
+    blocks: NDArray[np.int64],
+    unit: float,
+    reject: bool = True,
+) -> Regression:
+    """Fit `target ≈ columns @ coefficients`.
+
+    Args:
+        columns: `[n, K]`.
+        target: `[n]`.
+        centre: `[K]` where a coefficient stays that the rows do not speak about.
+        width: `[K]` standard deviation of the prior around it.
+        groups: `[n]` rows whose errors are of one size have one number.
+        blocks: `[n]` rows whose errors depend on each other have one number.
+        unit: Range of the target's quantity, which tells rounding from error.
+        reject: Whether rows far out are left out in the end, rather than only weighed down.
+    """
+    number = len(columns)
+    weights = np.ones(number)
+    coefficients = centre.copy()
+    least = _SMALLEST * unit
+    scale = least
+    members = [np.flatnonzero(groups == group) for group in np.unique(groups)]
+    for turn in range(_ROUNDS):
+        before = coefficients
+        residuals = target - columns @ coefficients
+        if turn:
+            limits = robust_scales(residuals, members, least)
+            weights = np.minimum(1.0, _HUBER * limits / np.maximum(np.abs(residuals), least))
+            if reject and turn > 2:
+                weights[np.abs(residuals) > _FAR_OUT * limits] = 0.0
+            total = max(float(weights.sum()), 1.0)
+            scale = max(float(np.sqrt((weights * residuals**2).sum() / total)), least)
+        else:
+            scale = max(float(np.sqrt(np.mean(target**2))) if number else least, least)
+        coefficients = _solve(columns, residuals, weights, coefficients, centre, width, scale)
+        if turn > 3 and np.abs(coefficients - before).max(initial=0.0) <= 1e-9 * max(
+            float(np.abs(coefficients).max(initial=0.0)), 1e-300
+        ):
+            break
+    residuals = target - columns @ coefficients
+    errors = _errors(columns, residuals, weights, width, scale, blocks)
+    return Regression(coefficients, errors, residuals, weights)
+
+
+def independent(columns: Vector, width: Vector) -> list[int]:
+    """Return the columns that say something which those before them do not, the largest first.
+
+    Two literals multiplied with each other can only be estimated together: one of them is.
+    """
+    left = columns * width
+    norms = np.linalg.norm(left, axis=0)
+    chosen: list[int] = []
+    alive = norms > 0.0
+    for _ in range(columns.shape[1]):
+        sizes = np.where(alive, np.linalg.norm(left, axis=0), 0.0)
+        best = int(np.argmax(sizes)) if len(sizes) else -1
+        if best < 0 or sizes[best] <= _SAME * max(float(norms[best]), 1e-300):
+            break
+        chosen.append(best)
+        alive[best] = False
+        direction = left[:, best] / sizes[best]
+        left = left - np.outer(direction, direction @ left)
+        alive &= np.linalg.norm(left, axis=0) > _SAME * norms
+    return sorted(chosen)
+
+
+def robust_scales(residuals: Vector, members: Sequence[NDArray[np.int64]], least: float) -> Vector:
+    """Return the size of the errors of each row's group, `[n]`, whatever a few rows are like.
+
+    The larger of the median's and of the root mean square of all but the largest 2 %: where an
+    effect that is rare makes all the error, it is no outlier. `members` are the rows of each group.
+    """
+    scales = np.empty(len(residuals))
+    for rows in members:
+        sizes = np.sort(np.abs(residuals[rows]))
+        if len(sizes) < _FEW:
+            scales[rows] = np.inf
+            continue
+        kept = sizes[: int(np.ceil(len(sizes) * (1.0 - _TRIMMED)))]
+        half = len(sizes) // 2
+        middle = 1.4826 * float((sizes[half] + sizes[-1 - half]) / 2)  # the median, quickly
+        scales[rows] = max(middle, float(np.sqrt(np.mean(kept**2))), least)
+    return scales
+
+
+def _solve(
+    columns: Vector,
+    residuals: Vector,
+    weights: Vector,
+    before: Vector,
+    centre: Vector,
+    width: Vector,
+    scale: float,
+) -> Vector:
+    """Return the coefficients of least weighted squares with the prior, from those before.
+
+    By the normal equations; what they lose in digits the next round regains.
+    """
+    scaled = columns * (width / scale)
+    weighed = scaled * weights[:, None]
+    matrix = weighed.T @ scaled + np.eye(len(before))
+    slope = weighed.T @ (residuals / scale) - (before - centre) / width
+    size = np.sqrt(np.diag(matrix))
+    step: Vector = np.linalg.solve(matrix / np.outer(size, size), slope / size) / size
+    return before + step * width
+
+
+def _errors(
+    columns: Vector,
+    residuals: Vector,
+    weights: Vector,
+    width: Vector,
+    scale: float,
+    blocks: NDArray[np.int64],
+) -> Vector:
+    """Return the standard errors, in units of the prior's width while they are computed."""
+    count = columns.shape[1]
+    used = int((weights > 0).sum())
+    if count == 0 or used <= count + 1:
+        return np.full(count, np.inf)
+    scaled = columns * width / scale
+    bread = np.linalg.pinv((scaled * weights[:, None]).T @ scaled + np.eye(count), hermitian=True)
+    scores = scaled * (weights * residuals / scale)[:, None]
+    _, which = np.unique(blocks, return_inverse=True)
+    number = int(which.max()) + 1
+    if number < 3 * count + 5:  # too few blocks to tell: every row by itself
+        number, which = len(scores), np.arange(len(scores))
+    sums = np.zeros((number, count))
+    np.add.at(sums, which, scores)
+    factor = used / (used - count) * number / max(number - 1, 1)
+    covariance = bread @ (sums.T @ sums * factor + np.eye(count)) @ bread
+    errors: Vector = np.sqrt(np.maximum(np.diag(covariance), 0.0)) * width
+    return errors

@@ -1,0 +1,294 @@
+"""Observed transitions made ready for regression, and what a model without events says of them.
+
+What a literal means shows before events clamp, assign and reset; so predictions here are those of
+effects and processes alone, and entries that an event changes are left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.model import ground as g
+from serp.model.flags import APPLICABLE, TERMINAL
+from serp.model.transition_model import TransitionModel, Vector
+from serp.pddl.syntax import Change
+
+BLOCK = 20
+"""Consecutive transitions whose errors are taken to depend on each other."""
+
+_RARE = 0.005  # the share of values at either end that may be anything
+_FAR = 5.0  # times the range of all others
+_SCARCE = 12  # rows
+_AT_A_STOP = 1e-9  # of a fluent's range: the observed value is the one that an event assigns
+
+
+@dataclasses.dataclass(frozen=True)
+class RegressionData:
+    """Transitions that a model can be compared with.
+
+    Attributes:
+        states: `[N, F]`.
+        actions: `[N]` positions of ground actions of the model.
+        next_states: `[N, F]`.
+        blocks: `[N]` number of the stretch of neighbouring transitions that a row belongs to.
+        scale: `[F]` range of each fluent that was observed, in its unit; 1 where it never varied.
+        positions: `[N]` where a row stands among the transitions that the sample was taken from.
+        left_out: Reason → how many transitions are left out for it.
+    """
+
+    states: Vector
+    actions: NDArray[np.int64]
+    next_states: Vector
+    blocks: NDArray[np.int64]
+    scale: Vector
+    positions: NDArray[np.intp]
+    left_out: Mapping[str, int]
+
+    @property
+    def skipped(self) -> int:
+        """Transitions left out."""
+        return sum(self.left_out.values())
+
+    def __len__(self) -> int:
+        return len(self.actions)
+
+    def part(self, most: int) -> RegressionData:
+        """Return at most about `most` rows: whole blocks, evenly spread."""
+        if len(self) <= most:
+            return self
+        number = int(self.blocks[-1]) + 1
+        chosen = np.unique(np.linspace(0, number - 1, max(1, most // BLOCK)).astype(np.int64))
+        rows = np.isin(self.blocks, chosen)
+        return dataclasses.replace(
+            self,
+            states=self.states[rows],
+            actions=self.actions[rows],
+            next_states=self.next_states[rows],
+            blocks=self.blocks[rows],
+            positions=self.positions[rows],
+        )
+
+
+def regression_data(
+    model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
+) -> RegressionData:
+    """Return the transitions that the model can be compared with.
+
+    Args:
+        model: The transition model.
+        states: `[N, F]` before the actions, in order of time.
+        actions: `[N]`.
+        next_states: `[N, F]` after them.
+    """
+    number = len(actions)
+    blocks = np.arange(number) // BLOCK
+    rows, left_out = _usable(model, states, actions, next_states)
+    if any(action.preconditions for action in model.actions):
+        flow = Flow(model.ground, model.dt)
+        plausible = rows
+        rows = rows[np.isfinite(flow.predict(states[rows], actions[rows], model.theta)).all(1)]
+        left_out["an action that the file calls not applicable there"] = len(plausible) - len(rows)
+    seen = np.concatenate((states[rows], next_states[rows]))
+    scale = np.ptp(seen, axis=0) if len(rows) else np.ones(states.shape[1])
+    return RegressionData(
+        states=states[rows],
+        actions=actions[rows],
+        next_states=next_states[rows],
+        blocks=blocks[rows],
+        scale=np.where(scale > 0, scale, 1.0),
+        positions=rows,
+        left_out={reason: count for reason, count in left_out.items() if count},
+    )
+
+
+def usable_rows(
+    model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
+) -> NDArray[np.intp]:
+    """Return the rows of actions that the model knows, without what only a fault can be.
+
+    Args:
+        model: The transition model.
+        states: `[N, F]` before the actions.
+        actions: `[N]`.
+        next_states: `[N, F]` after them.
+    """
+    return _usable(model, states, actions, next_states)[0]
+
+
+def _usable(
+    model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
+) -> tuple[NDArray[np.intp], dict[str, int]]:
+    """Return the usable rows, and how many others there are by reason."""
+    known = (actions >= 0) & (actions < len(model.actions))
+    finite = np.isfinite(states).all(1) & np.isfinite(next_states).all(1)
+    rows = np.flatnonzero(known & finite)
+    plausible = rows[_plausible(states[rows]) & _plausible(next_states[rows])]
+    return plausible, {
+        "an action that the file does not know": int((~known).sum()),
+        "a value that is no finite number": int((known & ~finite).sum()),
+        "a value far beyond all others of its fluent": len(rows) - len(plausible),
+    }
+
+
+def _plausible(values: Vector) -> NDArray[np.bool_]:
+    """Return which rows hold no value that only a fault can be, `[n]`.
+
+    One such value would be the range of its fluent, against which every other one is measured.
+    """
+    if not len(values):
+        return np.ones(0, dtype=np.bool_)
+    low, middle, high = np.quantile(values, (_RARE, 0.5, 1.0 - _RARE), axis=0)
+    span = np.where(high > low, high - low, np.inf)
+    plausible: NDArray[np.bool_] = np.all(np.abs(values - middle) <= _FAR * span, axis=1)
+    return plausible
+
+
+class Flow:
+    """Effects and processes of a ground model, without its events.
+
+    Runs in CPython: some 3 µs a row, and nothing has to be compiled for a model that is tried.
+
+    Args:
+        ground: The model.
+        dt: Control period.
+        processes: Whether the processes go on as well.
+        compiled: A transition model of this ground model that is compiled anyway; it is used then,
+            with the same results.
+
+    Attributes:
+        ground, dt: The same, the model whole.
+    """
+
+    def __init__(
+        self,
+        ground: g.GroundModel,
+        dt: float,
+        *,
+        processes: bool = True,
+        compiled: TransitionModel | None = None,
+    ) -> None:
+        self.ground = ground
+        self.dt = dt
+        self._compiled = compiled if processes and compiled is not None else None
+        bare = dataclasses.replace(ground, events=(), goal=None, metric=None)
+        if not processes:
+            bare = dataclasses.replace(bare, processes=())
+        self._model = TransitionModel(bare, dt=dt)
+        self._last: tuple[Vector, bytes, Vector] | None = None
+
+    def predict(self, states: Vector, actions: NDArray[np.int64], theta: Vector) -> Vector:
+        """Return what the model says, `[N, F]`; NaN in rows that have no next state.
+
+        Args:
+            states: `[N, F]`.
+            actions: `[N]`.
+            theta: `[P]` literals.
+        """
+        if self._compiled is not None:
+            return _flowed(self._compiled.replace(theta=theta), states, actions)
+        return predictions(self._model.replace(theta=theta), states, actions)
+
+    def predict_all(self, sample: RegressionData, theta: Vector) -> Vector:
+        """Return what the model says of a whole sample, `[N, F]`; the last answer is kept."""
+        key = theta.tobytes()
+        if self._last is None or self._last[0] is not sample.states or self._last[1] != key:
+            predicted = self.predict(sample.states, sample.actions, theta)
+            self._last = sample.states, key, predicted
+        return self._last[2]
+
+    def undisturbed(self, sample: RegressionData, theta: Vector) -> NDArray[np.bool_]:
+        """Return which entries of the next states no event has changed, `[N, F]`.
+
+        Left out is what the model's own events change in its prediction, and what was observed
+        exactly at a value that an event assigns. Where hardly anything would be left after an
+        action, only the latter: then it is the model that is wrong.
+
+        Args:
+            sample: The transitions.
+            theta: `[P]` literals.
+        """
+        free = np.ones(sample.states.shape, dtype=np.bool_)
+        if not self.ground.events:
+            return free
+        for column, literal in self._stops:
+            gap = np.abs(sample.next_states[:, column] - theta[literal])
+            free[:, column] &= gap > _AT_A_STOP * sample.scale[column]
+        before = self.predict_all(sample, theta)
+        after = predictions(self._whole.replace(theta=theta), sample.states, sample.actions)
+        kept: NDArray[np.bool_] = free & (before == after)
+        for action in np.unique(sample.actions):
+            rows = sample.actions == action
+            scarce = rows[:, None] & (kept[rows].sum(0) < _SCARCE)
+            kept[scarce] = free[scarce]
+        return kept
+
+    @functools.cached_property
+    def _whole(self) -> TransitionModel:
+        return self._compiled or TransitionModel(self.ground, dt=self.dt)
+
+    @functools.cached_property
+    def _stops(self) -> list[tuple[int, int]]:
+        """The (fluent, literal) of events that assign a number."""
+        return [
+            (effect.target, effect.value.parameter)
+            for event in self.ground.events
+            for effect in event.effects
+            if isinstance(effect, g.SetNumber)
+            and effect.target >= 0
+            and effect.change is Change.ASSIGN
+            and isinstance(effect.value, g.ParameterRef)
+        ]
+
+
+def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
+    """Return the next states `[N, F]` that a model predicts; NaN where none."""
+    return predicted_steps(model, states, actions)[:, :-2]
+
+
+def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
+    """Return next states, rewards and ends (0 or 1) as a model predicts them; NaN where none.
+
+    By CPython where the model is not compiled yet, with the same results.
+
+    Returns:
+        `[N, F + 2]`: the fluents, the reward, the end.
+    """
+    if model.compiled:
+        predicted, flags = _carried_out(model.native_step(), model, states, actions)
+    else:
+        steps = zip(states.tolist(), actions.tolist(), strict=True)
+        rows = [model.transition(state, action) for state, action in steps]
+        predicted = np.array([out for out, _ in rows]).reshape(len(rows), states.shape[1] + 1)
+        flags = np.array([flag for _, flag in rows], dtype=np.int64)
+    steps_ahead = np.column_stack((predicted, (flags & TERMINAL) != 0))
+    return np.where((flags & APPLICABLE != 0)[:, None], steps_ahead, np.nan)
+
+
+def _flowed(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
+    """As `predictions`, of effects and processes alone."""
+    predicted, flags = _carried_out(model.native_flow(), model, states, actions)
+    # As in a whole step, there is no result where the reward is no number.
+    fine = (flags & APPLICABLE != 0) & np.isfinite(predicted[:, -1])
+    return np.where(fine[:, None], predicted[:, :-1], np.nan)
+
+
+def _carried_out(
+    callback: Any, model: TransitionModel, states: Vector, actions: NDArray[np.int64]
+) -> tuple[Vector, NDArray[np.int64]]:
+    """Return what a compiled function makes of states, `[N, F + 1]`, and its flags `[N]`."""
+    from serp.model.native import address_of, step_batch
+
+    batch, width = states.shape
+    out = np.empty((batch, width + 1))
+    flags = np.empty(batch, dtype=np.int64)
+    step_batch(
+        address_of(callback), np.ascontiguousarray(states).reshape(-1),
+        np.ascontiguousarray(actions), model.data, model.dt, out.reshape(-1), flags,
+    )  # fmt: skip
+    return out, flags

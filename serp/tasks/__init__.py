@@ -1,0 +1,1 @@
+"""Tasks: an environment, its domain file, and the maps between them."""

@@ -1,0 +1,133 @@
+"""Tasks that are not installed: named by a module or a Python file, and a function in it."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from serp.errors import SerpError, TaskError
+from serp.pddl.source import did_you_mean
+from serp.tasks.task import Task
+
+FORMS = "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"
+
+
+def own_task(name: str) -> Task:
+    """Return the task that `--task` names.
+
+    What is named is a `serp.Task`, or a function without arguments that returns one. A file that
+    holds one task need not say which. Modules are looked for among those that are installed, then
+    in the working directory; importing one runs it.
+
+    Args:
+        name: `FILE.py`, `FILE.py:FUNCTION` or `MODULE:FUNCTION`.
+
+    Raises:
+        TaskError: There is no such file, module or function, it fails, or it gives no task.
+    """
+    where, colon, attribute = name.rpartition(":") if not name.endswith(".py") else (name, "", "")
+    if not where or (colon and not attribute):
+        raise TaskError(f"--task {name}: expected {FORMS}")
+    module = _import(Path(where)) if where.endswith(".py") else _import_module(where, Path())
+    found = _named(module, attribute, name) if attribute else _only(module, name)
+    if isinstance(found, Task):
+        return found
+    if not callable(found):
+        raise TaskError(f"--task {name}: `{attribute}` is a {type(found).__name__}, no serp.Task")
+    try:
+        made = found()
+    except SerpError:
+        raise
+    except Exception as error:
+        raise _failed(f"--task {name}: making the task failed", error) from error
+    if not isinstance(made, Task):
+        raise TaskError(f"--task {name}: it returned {type(made).__name__}, no serp.Task")
+    return made
+
+
+def _import(file: Path) -> ModuleType:
+    """Import a file as a module of its name, so that other processes can do so too."""
+    if not file.is_file():
+        raise TaskError(f"--task {file}: there is no such file")
+    module = _import_module(file.stem, file.parent)
+    if not module.__file__ or Path(module.__file__).resolve() != file.resolve():
+        raise TaskError(
+            f"--task {file}: another module is called `{file.stem}` ({module.__file__}); "
+            "give the file another name"
+        )
+    return module
+
+
+def _import_module(name: str, folder: Path) -> ModuleType:
+    place = str(folder.resolve())
+    if place not in sys.path:
+        sys.path.append(place)  # last: nothing that is installed is hidden by a file of its name
+    importlib.invalidate_caches()
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is None or not f"{name}.".startswith(f"{error.name}."):
+            raise _failed(f"--task {name}: importing it failed", error) from error
+        raise TaskError(
+            f"--task {name}: there is no module `{error.name}`, neither installed nor in {place}"
+        ) from None
+    except Exception as error:
+        raise _failed(f"--task {name}: importing it failed", error) from error
+
+
+def _named(module: ModuleType, attribute: str, name: str) -> Any:
+    found: Any = module
+    for part in attribute.split("."):
+        try:
+            found = getattr(found, part)
+        except AttributeError:
+            names = [n for n in dir(found) if not n.startswith("_")]
+            raise TaskError(
+                f"--task {name}: {module.__file__} has no `{attribute}`; "
+                f"{did_you_mean(part, names)}"
+            ) from None
+    return found
+
+
+def _only(module: ModuleType, name: str) -> Any:
+    """Return the one task of a file: a `serp.Task`, or a function that says it returns one."""
+    found = {
+        key: value
+        for key, value in vars(module).items()
+        if isinstance(value, Task) or _makes_task(value, module)
+    }
+    if len(found) == 1:
+        return next(iter(found.values()))
+    which = ", ".join(f"`--task {name}:{key}`" for key in found)
+    raise TaskError(
+        f"--task {name}: which task? Write {which}"
+        if found
+        else f"--task {name}: it holds no serp.Task, and no function `-> serp.Task`; name the "
+        f"function: `--task {name}:FUNCTION`"
+    )
+
+
+def _makes_task(value: Any, module: ModuleType) -> bool:
+    if not inspect.isfunction(value) or value.__module__ != module.__name__:
+        return False
+    returns = value.__annotations__.get("return")
+    return returns is Task or returns in ("Task", "serp.Task")
+
+
+def _failed(what: str, error: Exception) -> TaskError:
+    """Return an error that names the line where another one arose."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return TaskError(f"{what}: {error.filename}:{error.lineno}:{error.offset}: {error.msg}")
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if frame.filename != __file__ and not frame.filename.startswith("<frozen")
+    ]
+    outside = [frame for frame in frames if "importlib" not in frame.filename]
+    place = f"{outside[-1].filename}:{outside[-1].lineno}: " if outside else ""
+    return TaskError(f"{what}: {place}{type(error).__name__}: {error}")

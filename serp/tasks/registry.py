@@ -1,0 +1,120 @@
+"""Finding tasks by name: installed packages offer them under the entry-point group `serp.tasks`."""
+
+from __future__ import annotations
+
+import dataclasses
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+
+from serp.errors import SerpError, TaskError
+from serp.model.loading import Domain, load_domain
+from serp.pddl.source import did_you_mean
+from serp.tasks.task import Task
+
+GROUP = "serp.tasks"
+
+
+def task_entries() -> dict[str, EntryPoint]:
+    """Return the offered tasks by name, without importing them."""
+    return {entry.name: entry for entry in entry_points(group=GROUP)}
+
+
+def load_task(name: str) -> Task:
+    """Return the task that an installed package offers under a name.
+
+    Raises:
+        TaskError: There is none, or the package that offers it fails.
+    """
+    entries = task_entries()
+    if name not in entries:
+        raise TaskError(
+            f"there is no task `{name}`; {did_you_mean(name, entries) or 'none is installed'}\n"
+            "  one of your own: --task FILE.py:FUNCTION, or in Python the serp.Task itself"
+        )
+    entry = entries[name]
+    try:
+        made = entry.load()()
+    except SerpError:
+        raise
+    except Exception as error:
+        raise TaskError(
+            f"task `{name}` ({entry.value}) cannot be made: {type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(made, Task):
+        raise TaskError(f"`{entry.value}` returned {type(made).__name__}, no serp.Task")
+    return made
+
+
+def find_domain_file(domain: str) -> Path | None:
+    """Return the file that `--domain` means.
+
+    That is a path, or `domains/NAME.pddl` or `NAME.pddl` in the working directory, or a variant
+    `NAME.pddl` that lies beside the domain file of an installed task; None where the name is left
+    to the installed tasks.
+    """
+    path = Path(domain)
+    if path.suffix == ".pddl" or len(path.parts) > 1:
+        return path  # loading it says what is wrong with it, if it is not there
+    for candidate in (Path("domains") / f"{domain}.pddl", Path(f"{domain}.pddl")):
+        if candidate.is_file():
+            return candidate
+    return None if domain in task_entries() else _shipped_beside(domain)
+
+
+def find_task(domain: str) -> Task:
+    """Return the task that `--domain` means.
+
+    A file belongs to the task that is named like the domain in it, or like the file up to a
+    hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`).
+
+    Raises:
+        TaskError: There is no such file, or no task for it.
+        DomainError: The file is wrong.
+    """
+    path = find_domain_file(domain)
+    if path is None:
+        return load_task(domain)
+    loaded = load_domain(path, observed=True)
+    task = task_of(loaded, path)
+    if task is None:
+        raise TaskError(
+            f"{path}: no task is installed for domain `{loaded.name}` "
+            f"({did_you_mean(loaded.name, task_entries()) or 'none is installed'}); with an "
+            "environment of your own, write a serp.Task and name it: --task FILE.py:FUNCTION, or "
+            "call serp.plan_and_learn"
+        )
+    return task
+
+
+def _shipped_beside(name: str) -> Path | None:
+    """Return the file of that name beside the domain file of an installed task; None for none.
+
+    Raises:
+        TaskError: The package that offers the task fails.
+    """
+    entries = task_entries()
+    for task in _shortened(name):
+        if task in entries:
+            own = load_task(task).domain
+            if isinstance(own, str | Path):
+                path = Path(own).with_name(f"{name}.pddl")
+                return path if path.is_file() else None
+    return None
+
+
+def task_of(domain: Domain, path: Path) -> Task | None:
+    """Return the installed task that a domain file belongs to, with that domain; None for none.
+
+    Raises:
+        TaskError: The package that offers it fails.
+    """
+    entries = task_entries()
+    for name in (domain.name, path.stem, *_shortened(domain.name), *_shortened(path.stem)):
+        if name in entries:
+            return dataclasses.replace(load_task(name), domain=domain, problem=None)
+    return None
+
+
+def _shortened(name: str) -> list[str]:
+    parts = name.split("-")
+    return ["-".join(parts[:k]) for k in range(len(parts) - 1, 0, -1)]

@@ -1,0 +1,114 @@
+"""What is learned from: the reward of an observed step, by the domain file, the environment, both.
+
+The planner always goes by the rewards of the domain file. The learner goes by those that the task
+declares (`Task.reward`), unless the setting `training.reward` says otherwise.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from serp.errors import SettingsError
+from serp.model.transition_model import StateError, Vector
+
+if TYPE_CHECKING:
+    from serp.settings import Settings
+    from serp.tasks.task import BoundTask
+
+Source = Literal["domain", "environment", "sum"]
+
+
+class Judged(NamedTuple):
+    """What an observed step was worth.
+
+    Attributes:
+        reward: What is learned from.
+        domain_reward: R(s') of the domain file; 0 where the file has no say in the step.
+        unsafe: Whether the file says of the observed step that it was unsafe.
+    """
+
+    reward: float
+    domain_reward: float
+    unsafe: bool
+
+
+class Judge:
+    """Judges the observed steps of a task.
+
+    Args:
+        task: The task.
+        settings: All settings; `training.reward` says what is learned from.
+
+    Attributes:
+        source: What is learned from.
+
+    Raises:
+        SettingsError: The domain's rewards are to be learned from, and it gives none.
+    """
+
+    def __init__(self, task: BoundTask, settings: Settings) -> None:
+        self.source = source_of(task.rewarded_by, settings)
+        self._model = task.model
+        if self.source != "environment" and not task.model.rewarding:
+            raise SettingsError(
+                f"training: reward is {self.source}, but the domain of task {task.name} says "
+                "nothing about reward; let an action or event `(increase (reward) ...)`, or set "
+                "training.reward=environment"
+            )
+
+    def __call__(self, state: Vector, ground: int, next_state: Vector, env_reward: float) -> Judged:
+        """Judge an observed step.
+
+        Args:
+            state: State `[F]` before the step.
+            ground: Ground action that was executed; -1 where the model does not know it.
+            next_state: State `[F]` after it.
+            env_reward: The environment's reward.
+
+        Raises:
+            StateError: The domain's reward is learned from, and the file cannot judge this step.
+        """
+        try:
+            judged = self._model.judge(state, ground, next_state)
+        except StateError:
+            if self.source != "environment":
+                raise
+            return Judged(env_reward, 0.0, False)
+        if self.source == "environment":
+            reward = env_reward
+        elif self.source == "domain":
+            reward = judged.reward
+        else:
+            reward = judged.reward + env_reward
+        return Judged(reward, judged.reward, judged.unsafe)
+
+
+def source_of(declared: Literal["domain", "environment"], settings: Settings) -> Source:
+    """Return what is learned from.
+
+    Args:
+        declared: What the task declares; see `serp.tasks.task.declared_reward`.
+        settings: All settings.
+    """
+    choice = settings.training.reward
+    return declared if choice == "task" else choice
+
+
+def said_of(source: Source, *, in_file: bool) -> str:
+    """Return what the learner learns from in words, to follow "the learner learns from".
+
+    Args:
+        source: What it learns from.
+        in_file: Whether the domain file gives rewards.
+    """
+    match source:
+        case "domain":
+            return "the rewards of the domain file"
+        case "sum":
+            return "the environment's reward plus those of the domain file"
+    if not in_file:
+        return "the environment's reward; the domain file gives none"
+    return (
+        "the environment's reward; the rewards of the domain file guide the planner "
+        "only (training.reward=sum or domain lets the learner learn from them)"
+    )

@@ -1,0 +1,370 @@
+"""Symmetries of a task: what it declares, checked against the domain and against what is observed.
+
+A task that looks the same in a mirror teaches twice as much: what was learned on the left is known
+on the right. The domain file often shows it (`left` and `right` are two objects to which the same
+happens); how the raw observation looks in the mirror only the task knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from serp.errors import TaskError
+from serp.learning.symmetry_group import Element, SymmetryGroup
+from serp.model.symmetry.automorphisms import find_symmetries
+from serp.model.symmetry.model_symmetry import ModelSymmetry, cycles, permuted_columns, violation
+from serp.model.symmetry.permutation import Asymmetry, symmetry_of
+from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.pddl.source import did_you_mean
+
+if TYPE_CHECKING:
+    from serp.planning.action_map import ActionMap
+    from serp.tasks.task import BoundTask
+
+_ADVICE = "correct the symmetry, take it out of the task, or set learner.symmetry to false"
+_TOLERANCE = 1e-4
+"""Observations are float32 as a rule; groundings divide, and take angles."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Symmetry:
+    """A transformation that a task looks the same under, most often a mirror.
+
+    Soccer, where everything on the left can happen on the right::
+
+        Symmetry(objects={"left": "right"}, observation_signs=(1, -1, 1, ...))
+
+    Cart-pole, whose fluents are positive to the right and change their signs::
+
+        Symmetry(
+            flip=("cart-position", "cart-velocity", "pole-angle", "pole-velocity"),
+            actions={"push-left": "push-right"},
+            observation_signs=(-1, -1, -1, -1),
+        )
+
+    A mapping that does not come back to where it began is closed: `{"left": "right"}` exchanges
+    both, `{"a": "b", "b": "c"}` sends c to a.
+
+    Attributes:
+        objects: Object of the domain → the object that takes its place in the mirror.
+        flip: Numeric fluents that change their signs.
+        actions: Ground action → its mirror image, by name. Needed where `objects` does not tell; an
+            action that is not named has none but itself. An environment action that the domain does
+            not mention goes by its number.
+        observation_signs: Sign of every number of the mirrored observation; None: all are 1.
+        observation_order: Which number of the observation stands in every place of the mirrored
+            one, before its sign; None: its own. Without both, it is not known how an observation
+            looks in the mirror, and only a learner that sees the state alone uses the symmetry.
+    """
+
+    objects: Mapping[str, str] = field(default_factory=dict)
+    flip: Sequence[str] = ()
+    actions: Mapping[str | int, str | int] = field(default_factory=dict)
+    observation_signs: Sequence[float] | None = None
+    observation_order: Sequence[int] | None = None
+
+    def __str__(self) -> str:
+        told = [cycles(_closed(self.objects)), cycles(_closed(self.actions))]
+        told += [f"-{name}" for name in self.flip]
+        return ", ".join(text for text in told if text) or "of the observation alone"
+
+
+@dataclass(frozen=True)
+class TaskSymmetry:
+    """A declared symmetry, resolved for one task.
+
+    Attributes:
+        name: In words.
+        model: What it does to the state and to the ground actions.
+        actions: The image of every environment action.
+        columns, signs: What it does to the flat observation; both None where that is not declared.
+    """
+
+    name: str
+    model: ModelSymmetry
+    actions: tuple[int, ...]
+    columns: tuple[int, ...] | None
+    signs: tuple[float, ...] | None
+
+    def check_grounding(self, task: BoundTask, observation: Vector, state: Vector) -> None:
+        """Refuse the symmetry where grounding the mirrored observation gives another state.
+
+        Args:
+            task: The task.
+            observation: Flat, as it was observed.
+            state: Its grounding.
+
+        Raises:
+            TaskError: The mirrored observation's state is not the mirrored state.
+        """
+        if self.columns is None or self.signs is None:
+            return
+        mirrored = task.observations.raw(observation[list(self.columns)] * np.array(self.signs))
+        expected, got = self.model.of_state(state), task.ground(mirrored)
+        wrong = np.abs(expected - got) > _TOLERANCE * np.maximum(1.0, np.abs(expected))
+        if wrong.any():
+            k = int(wrong.argmax())
+            raise TaskError(
+                f"task {task.name}: symmetry {self.name}: an observation was mirrored, and its "
+                f"grounding has `{task.model.fluents[k].name}` {got[k]:.6g} where the mirrored "
+                f"state has {expected[k]:.6g}; the observation was {observation.tolist()}; "
+                f"{_ADVICE}"
+            )
+
+    def element(self, inputs: str) -> Element | None:
+        """Return what it does to what the learner sees; None where that is not known.
+
+        Args:
+            inputs: `observation`, `state` or `both`, as in the settings of the training.
+        """
+        state = Element(self.model.columns, self.model.signs, self.actions)
+        if inputs == "state":
+            return state
+        if self.columns is None or self.signs is None:
+            return None
+        if inputs == "observation":
+            return Element(self.columns, self.signs, self.actions)
+        width = len(self.columns)
+        return Element(
+            self.columns + tuple(width + c for c in state.columns),
+            self.signs + state.signs,
+            self.actions,
+        )
+
+
+def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tuple[str, ...]]:
+    """Return the symmetries that a task declares and its domain has.
+
+    The domain file is the expert's: an edit of one side alone is no mistake. What the file does not
+    have is left out.
+
+    Returns:
+        The symmetries, and a line for each that was left out, with the reason.
+
+    Raises:
+        TaskError: A declaration makes no sense, whatever the domain.
+    """
+    declared = task.task.symmetries
+    if not isinstance(declared, Sequence) or not all(isinstance(s, Symmetry) for s in declared):
+        raise TaskError(
+            f"task {task.name}: symmetries must be a tuple of serp.Symmetry, not {declared!r}"
+        )
+    found, left_out = [], []
+    for number, symmetry in enumerate(declared, 1):
+        try:
+            found.append(_resolve(task, symmetry))
+        except _Unfit as error:
+            left_out.append(f"The symmetry {error.name} is not used: {error}")
+        except _Wrong as error:
+            raise TaskError(
+                f"task {task.name}: symmetry {number} ({error.name}): {error}; {_ADVICE}"
+            ) from None
+    return tuple(found), tuple(left_out)
+
+
+def symmetry_group(
+    task: BoundTask, declared: Iterable[TaskSymmetry], inputs: str
+) -> SymmetryGroup | None:
+    """Return the symmetries of what the learner sees and does; None where there are none.
+
+    A learner that sees the state alone also has those that the domain shows by itself.
+
+    Args:
+        task: The task.
+        declared: What `declared_symmetries` returned.
+        inputs: `observation`, `state` or `both`.
+    """
+    elements = [e for s in declared if (e := s.element(inputs)) is not None]
+    if inputs == "state":
+        for model in find_symmetries(task.model.ground).generators:
+            try:
+                actions = _environment_actions(task.actions, model, {})
+            except _Wrong:  # nothing that the user said: what cannot be used is left
+                continue
+            elements.append(Element(model.columns, model.signs, actions))
+    if not elements:
+        return None
+    group = SymmetryGroup(len(elements[0].columns), task.actions.size, elements)
+    return group if len(group) > 1 else None
+
+
+class _Wrong(Exception):
+    """A declared symmetry makes no sense."""
+
+    name = ""
+
+
+class _Unfit(_Wrong):
+    """A declared symmetry is none of this domain file: another file may have it."""
+
+
+def _resolve(task: BoundTask, symmetry: Symmetry) -> TaskSymmetry:
+    name = ""
+    try:
+        objects, pairs = _closed(symmetry.objects), _closed(symmetry.actions)
+        name = str(symmetry)
+        model = _model_symmetry(task.model, objects, pairs, symmetry.flip)
+        contradiction = violation(task.model, model)
+        if contradiction is not None:
+            raise _Unfit(f"the domain contradicts it: {contradiction}")
+        numbers = {a: b for a, b in pairs.items() if not isinstance(a, str)}
+        actions = _environment_actions(task.actions, model, numbers)
+        columns, signs = _of_observation(task.observation_size, symmetry)
+    except _Wrong as error:
+        error.name = name or repr(symmetry)
+        raise
+    return TaskSymmetry(name, model, actions, columns, signs)
+
+
+def _closed(mapping: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return a permutation, chains of it closed.
+
+    Raises:
+        _Wrong: Two things have the same image, or it is no mapping.
+    """
+    if not isinstance(mapping, Mapping):
+        raise _Wrong(f"expected a mapping such as {{'left': 'right'}}, not {mapping!r}")
+    closed = dict(mapping)
+    sources = {image: source for source, image in mapping.items()}
+    if len(sources) != len(mapping):
+        twice = next(i for s, i in mapping.items() if sources[i] != s)
+        raise _Wrong(f"two things become `{twice}`")
+    for end in mapping.values():
+        if end not in mapping:
+            start = end
+            while start in sources:
+                start = sources[start]
+            closed[end] = start
+    return closed
+
+
+def _model_symmetry(
+    model: TransitionModel,
+    objects: Mapping[str, str],
+    pairs: Mapping[str | int, str | int],
+    flip: Sequence[str],
+) -> ModelSymmetry:
+    known = {o for fluent in model.fluents for o in fluent.arguments}
+    known.update(o for action in model.actions for o in action.arguments)
+    for name in objects:
+        if name not in known:
+            raise _Unfit(
+                f"no fluent or action of the domain is about an object `{name}`; "
+                f"{did_you_mean(str(name), known) or 'none is about any object'}"
+            )
+    columns = permuted_columns(model.fluents, objects)
+    if not isinstance(columns, tuple):
+        raise _Unfit(f"fluent `{columns.name}` has no mirror image")
+    if isinstance(flip, str) or not isinstance(flip, Sequence):
+        raise _Wrong(f"flip must be names of fluents, not {flip!r}")
+    signs = [1.0] * len(columns)
+    index = {fluent.name: fluent for fluent in model.fluents}
+    for name in flip:
+        if name not in index:
+            raise _Unfit(f"unknown fluent `{name}`; {did_you_mean(str(name), index)}")
+        if not index[name].numeric:
+            raise _Wrong(f"`{name}` is true or false and has no sign")
+        signs[index[name].index] = -1.0
+    actions = _ground_actions(model, objects, pairs, plain=not flip)
+    return ModelSymmetry(
+        {o: i for o, i in objects.items() if o != i}, columns, tuple(signs), actions
+    )
+
+
+def _ground_actions(
+    model: TransitionModel,
+    objects: Mapping[str, str],
+    pairs: Mapping[str | int, str | int],
+    *,
+    plain: bool,
+) -> tuple[int, ...]:
+    """Return the image of every ground action."""
+    if plain and not pairs:
+        try:
+            return symmetry_of(model.ground, objects).actions
+        except Asymmetry as error:
+            where = f"{error.place}: " if error.place else ""
+            raise _Unfit(f"the domain contradicts it: {where}{error.what}") from None
+    named = {(a.schema, a.arguments): k for k, a in enumerate(model.actions)}
+    images = []
+    for action in model.actions:
+        arguments = tuple(objects.get(o, o) for o in action.arguments)
+        image = named.get((action.schema, arguments))
+        if image is None:
+            raise _Unfit(f"action `{action.name}` has no mirror image")
+        images.append(image)
+    for name, to in pairs.items():
+        if isinstance(name, str) != isinstance(to, str):
+            raise _Wrong(f"actions: `{name}` and `{to}`: give both by name, or both by number")
+        if isinstance(name, str) and isinstance(to, str):
+            try:
+                images[model.action_index(name)] = model.action_index(to)
+            except StateError as error:
+                raise _Unfit(f"actions: {error}") from None
+    if len(set(images)) != len(images):
+        twice = next(k for k in images if images.count(k) > 1)
+        raise _Wrong(f"two actions become `{model.actions[twice].name}`")
+    return tuple(images)
+
+
+def _environment_actions(
+    actions: ActionMap, model: ModelSymmetry, numbers: Mapping[Any, Any]
+) -> tuple[int, ...]:
+    """Return the image of every environment action."""
+    images: list[int | None] = [None] * actions.size
+    for ground, image in enumerate(model.actions):
+        here, there = actions.environment_action[ground], actions.environment_action[image]
+        if images[here] not in (None, there):
+            raise _Unfit(
+                f"`{actions.name(here)}` is one action of the environment with two mirror images"
+            )
+        images[here] = there
+    for number, to in numbers.items():
+        for action in (number, to):
+            if (
+                isinstance(action, bool)
+                or not isinstance(action, int | np.integer)
+                or not (0 <= action < actions.size)
+            ):
+                raise _Wrong(f"actions: the environment has no action {action!r}")
+            if actions.modelled[action]:
+                raise _Wrong(f"actions: call action {action} `{actions.name(int(action))}`")
+        images[int(number)] = int(to)
+    if None in images:
+        missing = images.index(None)
+        raise _Unfit(
+            f"the domain does not mention the environment's action {missing}; say what it becomes, "
+            f"as in actions={{{missing}: {missing}}}"
+        )
+    resolved = tuple(image for image in images if image is not None)
+    if len(set(resolved)) != len(resolved):
+        twice = next(a for a in resolved if resolved.count(a) > 1)
+        raise _Wrong(f"two actions of the environment become `{actions.name(twice)}`")
+    return resolved
+
+
+def _of_observation(
+    size: int, symmetry: Symmetry
+) -> tuple[tuple[int, ...], tuple[float, ...]] | tuple[None, None]:
+    order, signs = symmetry.observation_order, symmetry.observation_signs
+    if order is None and signs is None:
+        return None, None
+    columns = _numbers(range(size) if order is None else order)
+    if sorted(columns) != list(range(size)):
+        raise _Wrong(f"observation_order must name each of the {size} places once, not {order!r}")
+    factors = _numbers((1,) * size if signs is None else signs)
+    if len(factors) != size or not {1.0, -1.0}.issuperset(factors):
+        raise _Wrong(f"observation_signs must be {size} times 1 or -1, not {signs!r}")
+    return tuple(int(c) for c in columns), factors
+
+
+def _numbers(values: Any) -> tuple[float, ...]:
+    """Return a sequence as numbers; nothing where it is none."""
+    try:
+        return tuple(float(value) for value in values)
+    except (TypeError, ValueError):
+        return ()

@@ -1,0 +1,65 @@
+"""Says when the environment does not come back."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+from serp.tasks.task import BoundTask
+
+
+class Watchdog:
+    """Watches an environment from a thread of its own, and says once that a call takes long.
+
+    Used as a context manager around what calls the environment. An environment that holds Python's
+    global lock all the while cannot be watched.
+
+    Args:
+        task: The task with the environment.
+        seconds: What takes longer than this is reported; infinity: nothing is.
+        step: Returns the number of the env step that is under way.
+        say: Takes the line, in the thread that watches.
+    """
+
+    def __init__(
+        self,
+        task: BoundTask,
+        seconds: float,
+        step: Callable[[], int],
+        say: Callable[[str], None],
+    ) -> None:
+        self._task = task
+        self._seconds = seconds
+        self._step = step
+        self._say = say
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="serp watchdog", daemon=True)
+
+    def __enter__(self) -> Self:
+        if math.isfinite(self._seconds):
+            self._thread.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._over.wait(min(1.0, self._seconds / 4)):
+            call = self._task.call
+            if call is not None and time.monotonic() - call.since >= self._seconds:
+                self._say(
+                    f"The environment has not come back for {self._seconds:g} s: {call.what}, env "
+                    f"step {self._step():,}. This is said once; two Ctrl-C stop at once."
+                )
+                return

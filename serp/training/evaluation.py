@@ -1,0 +1,274 @@
+"""Evaluating a policy: the learner within the vetoes or alone, the planner alone, the mixture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from serp._util.numbers import seed_of, whole
+from serp.control.arbiter import Decision
+from serp.control.decision_counts import DecisionCounts
+from serp.errors import SettingsError
+from serp.model.transition_model import Vector
+from serp.pddl.source import did_you_mean
+from serp.runs.summary import WINDOW
+from serp.tasks.task import BoundTask
+from serp.training.agent import Agent
+from serp.training.policies import Policy
+
+EPISODES: Final = 100
+"""Episodes of an evaluation where nothing else is said."""
+ENOUGH: Final = WINDOW
+"""With fewer episodes than these, mean and interval say little."""
+CONFIDENCE: Final = 0.95
+_SEEDS = 2  # spawn key of the environment's seeds
+_DRAWS = 3  # spawn key of the draws of whose turn it is
+_Policy = Callable[[Vector, Vector], Decision]  # (state, input of the learner) → decision
+_Begin = Callable[[np.random.SeedSequence], _Policy]  # seed of an episode's draws → its policy
+
+
+@dataclass(frozen=True)
+class EvaluationResult:
+    """Returns of a policy over some episodes.
+
+    Attributes:
+        policy: Which; see `serp.training.policies.Policy`.
+        meaning: The same in words, as the strategy of the agent has it.
+        returns: The environment's return of each episode.
+        lengths: Steps of each episode.
+        terminated: Episodes that the environment ended (others met a limit).
+        unsafe_executed: Executed actions that the domain file flags unsafe.
+        vetoes: Proposals refused.
+    """
+
+    policy: str
+    meaning: str
+    returns: tuple[float, ...]
+    lengths: tuple[int, ...]
+    terminated: int
+    unsafe_executed: int
+    vetoes: int
+
+    @property
+    def mean(self) -> float:
+        """Mean return."""
+        return float(np.mean(self.returns))
+
+    @property
+    def interval(self) -> tuple[float, float] | None:
+        """Ends of the 95 % confidence interval of the mean (Student's t); None for one episode."""
+        if len(self.returns) < 2:
+            return None
+        from scipy.stats import t  # takes half a second to import
+
+        error = float(np.std(self.returns, ddof=1)) / math.sqrt(len(self.returns))
+        reach = float(t.ppf((1.0 + CONFIDENCE) / 2.0, len(self.returns) - 1)) * error
+        return self.mean - reach, self.mean + reach
+
+    @property
+    def warning(self) -> str | None:
+        """What to beware of: few episodes; None for nothing."""
+        count = len(self.returns)
+        if count >= ENOUGH:
+            return None
+        return (
+            f"These are few episodes ({count}): mean and interval are rough. Take at least "
+            f"{ENOUGH}."
+        )
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON values: the fields, and statistics of the returns.
+
+        These are mean, its 95 % confidence interval, standard deviation (0 for one episode), median
+        and extremes.
+        """
+        returns = np.array(self.returns)
+        return {
+            **{k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()},
+            "episodes": len(self.returns),
+            "mean": float(returns.mean()),
+            "confidence_interval": None if self.interval is None else list(self.interval),
+            "warning": self.warning,
+            "std": float(returns.std(ddof=1)) if len(returns) > 1 else 0.0,
+            "median": float(np.median(returns)),
+            "min": float(returns.min()),
+            "max": float(returns.max()),
+        }
+
+
+class Step(NamedTuple):
+    """One step of a policy.
+
+    Attributes:
+        number: Which step of the episode, from 1.
+        observation: What the environment showed, as it gave it.
+        state: The state `[F]` that this was grounded to, and decided on.
+        decision: What was done, who did it and why.
+        reward: The environment's reward.
+        terminated: Whether the environment ended the episode here.
+        truncated: Whether the environment cut it off here.
+        last: Whether it is over, by one of these or by the limit `training.episode_steps`.
+        info: What the environment says besides.
+    """
+
+    number: int
+    observation: Any
+    state: Vector
+    decision: Decision
+    reward: float
+    terminated: bool
+    truncated: bool
+    last: bool
+    info: dict[str, Any]
+
+
+class Episode(NamedTuple):
+    """An episode that stands at its beginning, right after the reset.
+
+    Attributes:
+        number: Which episode, from 1.
+        info: What the environment said at the reset.
+        steps: Its steps, each carried out when it is asked for.
+    """
+
+    number: int
+    info: dict[str, Any]
+    steps: Iterator[Step]
+
+
+def play(
+    agent: Agent,
+    task: BoundTask,
+    policy: Policy = "serp",
+    *,
+    episodes: int = EPISODES,
+    seed: int = 0,
+) -> Iterator[Episode]:
+    """Run a policy without exploring or learning; no random state of the agent changes.
+
+    The next episode begins when it is asked for, whether or not the one before was finished.
+
+    Args:
+        agent: The agent.
+        task: The task, in an environment that nobody else uses.
+        policy: Which; see `serp.training.policies.Policy`.
+        episodes: How many episodes, at least 1.
+        seed: Seed of the environment; other than any that training uses.
+
+    Raises:
+        SettingsError: There is no such policy, no episode is asked for, or the seed is none.
+        TaskError: The grounding failed (while steps are asked for).
+        EnvironmentFailure: The environment raised or gave NaN (likewise).
+    """
+    policies = _policies(agent)
+    if not isinstance(policy, str) or policy not in policies:
+        raise SettingsError(f"there is no policy `{policy}`; {did_you_mean(str(policy), policies)}")
+    count = whole(episodes, 1)
+    if count is None:
+        raise SettingsError(
+            f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
+        )
+    return _play(agent, task, policies[policy], count, seed_of(seed))
+
+
+def _play(
+    agent: Agent, task: BoundTask, begin: _Begin, episodes: int, seed: int
+) -> Iterator[Episode]:
+    for episode in range(episodes):
+        raw, info = task.reset(seed=episode_seed(seed, episode))
+        decide = begin(np.random.SeedSequence(entropy=seed, spawn_key=(_DRAWS, episode)))
+        yield Episode(episode + 1, info, _steps(agent, task, decide, raw))
+
+
+def episode_seed(seed: int, episode: int) -> int:
+    """Return the environment's seed for an episode, from 0, of an evaluation."""
+    sequence = np.random.SeedSequence(entropy=seed, spawn_key=(_SEEDS, episode))
+    return int(sequence.generate_state(1)[0])
+
+
+def outcome_of(info: Mapping[str, Any]) -> str:
+    """Return what the environment says of how an episode ended; empty where it says nothing."""
+    outcome = info.get("outcome")
+    return outcome if isinstance(outcome, str) else ""
+
+
+def _steps(agent: Agent, task: BoundTask, decide: _Policy, raw: Any) -> Iterator[Step]:
+    number, last = 0, False
+    while not last:
+        seen, number = raw, number + 1
+        state, x = agent.perceive(seen)
+        decision = decide(state, x)
+        raw, reward, terminated, truncated, info = task.step(decision.action)
+        limit = number >= agent.settings.training.episode_steps
+        last = terminated or truncated or limit
+        yield Step(number, seen, state, decision, reward, terminated, truncated, last, info)
+
+
+def evaluate(
+    agent: Agent,
+    task: BoundTask,
+    policy: Policy = "serp",
+    *,
+    episodes: int = EPISODES,
+    seed: int = 0,
+    on_episode: Callable[[], None] = lambda: None,
+) -> EvaluationResult:
+    """Measure a policy; see `play`, which takes the same arguments and raises the same errors.
+
+    `on_episode` is called at the end of each episode.
+    """
+    returns: list[float] = []
+    lengths: list[int] = []
+    ended = 0
+    tally = DecisionCounts()
+    for episode in play(agent, task, policy, episodes=episodes, seed=seed):
+        total, length = 0.0, 0
+        for step in episode.steps:
+            total += step.reward
+            length = step.number
+            tally.count(step.decision)
+            ended += step.terminated
+        returns.append(total)
+        lengths.append(length)
+        on_episode()
+    return EvaluationResult(
+        policy, meaning_of(agent, policy), tuple(returns), tuple(lengths), ended,
+        tally.unsafe_executed, tally.vetoes,
+    )  # fmt: skip
+
+
+def meaning_of(agent: Agent, policy: Policy) -> str:
+    """Say in words what a policy of an agent does."""
+    arbiter, strategy = agent.arbiter, agent.arbiter.strategy
+    if policy == "planner":
+        return "the planner alone"
+    if policy == "learner":
+        return f"{strategy.alone} alone, no veto"
+    instead = "the planner's"
+    if arbiter.settings.after_veto == "learner":
+        instead = "the learner's best that is not"
+    chosen = strategy.choice if policy == "serp" else f"as in training: {strategy.turns}"
+    return f"{chosen}, within the vetoes: a refused choice gives way to {instead}"
+
+
+def other_in_training(agent: Agent) -> str | None:
+    """Say in words who acts in training, where that is not the policy `serp`; else None."""
+    strategy = agent.arbiter.strategy
+    return None if strategy.turns == strategy.choice else strategy.turns
+
+
+def _policies(agent: Agent) -> dict[str, _Begin]:
+    def in_turns(draws: np.random.SeedSequence) -> _Policy:
+        strategy = agent.arbiter.strategy.forked(draws)
+        return lambda state, x: agent.decide_in_turns(state, x, strategy)
+
+    return {
+        "serp": lambda draws: agent.decide_greedily,
+        "planner": lambda draws: lambda state, x: agent.arbiter.plan(state),
+        "learner": lambda draws: agent.decide_alone,
+        "training": in_turns,
+    }

@@ -1,0 +1,93 @@
+"""A rehearsal without an environment: what acting and learning call is compiled before it begins.
+
+Loops are compiled when they are first called. Without a rehearsal the robot would stand still for
+seconds after its first observation, and again where it first learns.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+
+from serp.adaptation.adaptation import ModelAdaptation
+from serp.adaptation.adapted_model import AdaptedModel
+from serp.adaptation.residual.solvers import accumulate_waves
+from serp.learning.dqn import DQN
+from serp.planning.lookahead import Lookahead
+from serp.sysid.transitions import GOES_ON, OVER
+from serp.training.agent import Agent
+
+_OBSERVED: Final = 140
+"""Made-up steps that the correction observes: with more than a hundred all of it is in use, and
+random features with more than sixty of one action."""
+_WHOLE: Final = 10
+"""The first of them lead from whole numbers to whole numbers, whose outcomes are counted."""
+_REMEMBERED: Final = 4
+"""Made-up steps that the learner remembers."""
+_ROOM: Final = 64
+
+
+def rehearse(agent: Agent) -> None:
+    """Call once what an agent's steps will call, with made-up states; the agent stays as it was.
+
+    Args:
+        agent: The agent.
+    """
+    random = np.random.default_rng(0)
+    fluents = agent.task.model.fluents
+    states = random.normal(size=(_OBSERVED + 1, len(fluents)))
+    predicates = [k for k, fluent in enumerate(fluents) if not fluent.numeric]
+    states[:, predicates] = states[:, predicates] > 0
+    states[: _WHOLE + 1] = np.round(states[: _WHOLE + 1])
+    if isinstance(agent.arbiter.planner, Lookahead):
+        _rehearse_learning(agent, states[0])
+    if agent.outlook is not None:
+        agent.outlook.rehearse()
+    if agent.task.model.compiled and agent.task.model.actions:
+        _rehearse_correction(agent, states)
+
+
+def _rehearse_correction(agent: Agent, states: np.ndarray[Any, np.dtype[np.float64]]) -> None:
+    seed = np.random.SeedSequence(0)
+    correction = ModelAdaptation(agent.task.model, agent.settings.correction, seed)
+    model, often = correction.model, 0
+    if isinstance(model, AdaptedModel):
+        changed = [sum(len(view.targets) for view in views) for views in model.views]
+        often = changed.index(max(changed))
+        model.rehearse(states[0])
+        one = np.zeros(1)  # where events have the last word, nothing is seen that leads there
+        accumulate_waves(one, one, one, np.zeros((3, 3)), np.zeros((3, 1)))
+    for step, (state, following) in enumerate(pairwise(states)):
+        action = often if step % 2 else step // 2 % len(model.actions)
+        ending = OVER if step == _OBSERVED - 1 else GOES_ON
+        correction.observe(state, action, following, ending)
+
+
+def _rehearse_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
+    arbiter, learner = agent.arbiter, agent.learner
+    forecast = arbiter.forecast(state)
+    settings = dataclasses.replace(
+        learner.settings,
+        buffer_size=max(_ROOM, learner.settings.failing_window),
+        protected_early=min(_ROOM, learner.settings.protected_early),
+        protected_failing=min(_ROOM, learner.settings.protected_failing),
+        learning_starts=0,
+    )
+    stand_in = DQN(
+        learner.input_size, learner.action_count, settings, 0, learner.symmetry, learner.guided
+    )
+    stand_in.margin_weight = arbiter.strategy.margin_weight
+    x = np.zeros(learner.input_size)
+    guidance = arbiter.strategy.guidance(forecast, 0, forecast)
+    allowed = arbiter.strategy.allowed(forecast, arbiter.admissible(forecast))
+    for step in range(_REMEMBERED):
+        ended = step == _REMEMBERED - 1
+        stand_in.remember(x, 0, 0.0, x, ended, False, None if ended else allowed, ended, guidance)
+        stand_in.propose_greedily(x)
+    stand_in.member_q(x)
+    stand_in.target_q(x)
+    if settings.updates_per_step > 0:
+        stand_in.pretrain(1)

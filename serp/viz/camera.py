@@ -1,0 +1,94 @@
+"""Pictures of a task's environment, by Gymnasium's render modes `rgb_array` and `rgb_array_list`.
+
+An environment that lists `rgb_array_list` itself draws several pictures a step; of all others every
+step gives one.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+from numpy.typing import NDArray
+
+from serp._util.numbers import real
+from serp.errors import EnvironmentFailure, TaskError
+from serp.tasks.task import BoundTask
+from serp.training.run import Run
+
+ONE: Final = "rgb_array"
+SEVERAL: Final = "rgb_array_list"
+Picture = NDArray[np.uint8]
+
+
+def render_mode_of(run: Run) -> str:
+    """Return the render mode that shows most of a run's environment.
+
+    Raises:
+        TaskError: The environment offers no pictures.
+    """
+    with run.environment(ONE) as task:
+        modes = task.env.metadata.get("render_modes") or ()
+        if SEVERAL in modes:
+            return SEVERAL
+        if ONE in modes:
+            return ONE
+        raise TaskError(
+            f"task {task.name}: the environment draws no pictures; it needs the render mode "
+            f"`{ONE}`, and among metadata['render_modes'] are {', '.join(modes) or 'none'}"
+        )
+
+
+class Camera:
+    """Takes the pictures of an environment that was made with one of the two modes.
+
+    Args:
+        task: The task.
+    """
+
+    def __init__(self, task: BoundTask) -> None:
+        self._task = task
+        self._several = task.env.render_mode == SEVERAL
+        self._rate = real(task.env.metadata.get("render_fps"))
+
+    def take(self) -> list[Picture]:
+        """Return the pictures since the last call, each uint8 of shape `(height, width, 3)`.
+
+        Raises:
+            EnvironmentFailure: The environment cannot draw, or gave something else.
+        """
+        name = self._task.name
+        try:
+            seen: Any = self._task.env.render()
+        except DependencyNotInstalled as error:
+            raise EnvironmentFailure(
+                f"task {name}: the environment cannot draw: {error} (what serp's own environments "
+                "need comes with pip install 'serp[render]')"
+            ) from error
+        except (Exception, SystemExit) as error:
+            raise EnvironmentFailure(
+                f"task {name}: render failed: {type(error).__name__}: {error}"
+            ) from error
+        pictures = seen if self._several and isinstance(seen, list) else [seen]
+        return [self._checked(picture) for picture in pictures]
+
+    def _checked(self, picture: Any) -> Picture:
+        array = np.asarray(picture)
+        if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3 or not array.size:
+            raise EnvironmentFailure(
+                f"task {self._task.name}: render returned {type(picture).__name__} "
+                f"{getattr(array, 'shape', '')} of {array.dtype}; a picture is uint8 of shape "
+                "(height, width, 3)"
+            )
+        return array
+
+    def period(self, count: int) -> float:
+        """Return for how long each of the pictures of one step stands, s of the task's time.
+
+        One picture stands for a control period. Of several, the environment's `render_fps` says it;
+        where there is none, they share the control period.
+        """
+        if self._several and self._rate is not None and self._rate > 0:
+            return 1.0 / self._rate
+        return self._task.model.dt / max(count, 1)

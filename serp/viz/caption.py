@@ -1,0 +1,183 @@
+"""The band below the pictures of an episode: who acts, what is done, what was refused and why."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import matplotlib
+from PIL import Image, ImageDraw, ImageFont
+
+from serp._util import colours
+from serp.control.arbiter import Actor
+
+BACKGROUND: Final = "#16191F"
+INK: Final = "#F2F4F7"
+FAINT: Final = "#A9B0BB"
+DARK: Final = "#16191F"
+ON: Final = {Actor.PLANNER: INK, Actor.LEARNER: DARK, Actor.EXPLORATION: INK, Actor.FALLBACK: DARK}
+"""The colour of writing on an actor's colour."""
+PAIRS: Final = (
+    (BACKGROUND, INK),
+    (BACKGROUND, FAINT),
+    (colours.REFUSED, INK),
+    (INK, DARK),
+    *((colours.ACTORS[actor], ON[actor]) for actor in Actor),
+)
+"""Every background with the writing on it."""
+LINES: Final = 2
+"""Lines of what stands out in red."""
+_SMALLEST, _LARGEST = 12, 26
+_GAP = "   "
+_CHARACTERS = 44  # ems that a picture is wide, where the letters' size can follow from that
+
+
+class Cell(NamedTuple):
+    """A decision in the strip of the last ones.
+
+    Attributes:
+        actor: Who acted.
+        refused: Whether somebody else's proposal had been refused.
+    """
+
+    actor: Actor
+    refused: bool
+
+
+class Mark(NamedTuple):
+    """What stands out in red.
+
+    Attributes:
+        what: What was refused, or done though it is unsafe or risky.
+        why: The reason, in the words of the domain file.
+    """
+
+    what: str
+    why: str
+
+
+class Caption(NamedTuple):
+    """What a band says.
+
+    Attributes:
+        actor: Who acts; None before the first decision.
+        action: Name of what is done.
+        facts: Episode, step, return; where room is short, the first ones are left out.
+        marks: What stands out in red; empty for nothing.
+        strip: The decisions so far, the newest last.
+        outcome: How the episode ended; empty while it runs, or where nothing is said of it.
+    """
+
+    actor: Actor | None
+    action: str
+    facts: tuple[str, ...]
+    marks: tuple[Mark, ...] = ()
+    strip: Sequence[Cell] = ()
+    outcome: str = ""
+
+
+class CaptionBand:
+    """Draws captions, all of one size.
+
+    Args:
+        width: Pixels.
+
+    Attributes:
+        size: Width and height, pixels.
+    """
+
+    def __init__(self, width: int) -> None:
+        letters = min(max(width // _CHARACTERS, _SMALLEST), _LARGEST)
+        fonts = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
+        self._plain = ImageFont.truetype(fonts / "DejaVuSans.ttf", letters)
+        self._bold = ImageFont.truetype(fonts / "DejaVuSans-Bold.ttf", letters)
+        self._pad = letters // 2
+        self._line = round(1.5 * letters)
+        self._cell = max(4, letters // 3)
+        self._strip = round(0.6 * letters)
+        height = 3 * self._pad + (1 + LINES) * self._line + self._strip
+        self.size = (width, height + height % 2)  # videos want even numbers
+
+    def draw(self, caption: Caption) -> Image.Image:
+        """Return the band of a caption, RGB."""
+        image = Image.new("RGB", self.size, BACKGROUND)
+        draw = ImageDraw.Draw(image)
+        self._draw_decision(draw, caption)
+        self._draw_strip(draw, caption.strip)
+        self._draw_marks(draw, caption.marks)
+        return image
+
+    def _draw_decision(self, draw: ImageDraw.ImageDraw, caption: Caption) -> None:
+        width, pad = self.size[0], self._pad
+        middle = pad + self._line // 2
+        left, right = pad, width - pad
+        if caption.actor is not None:
+            actor = caption.actor
+            left = self._draw_label(
+                draw, left, actor.value.upper(), colours.ACTORS[actor], ON[actor]
+            )
+        if caption.outcome:
+            word = _cut(self._bold, caption.outcome.upper(), width // 3)
+            right -= round(self._bold.getlength(word)) + 2 * pad
+            self._draw_label(draw, right, word, INK, DARK)
+            right -= pad
+        # What is done comes before the figures, where there is room for one of them only.
+        action = _cut(self._bold, caption.action, right - left)
+        draw.text((left, middle), action, fill=INK, font=self._bold, anchor="lm")
+        room = right - left - self._bold.getlength(action) - 2 * pad
+        facts = list(caption.facts)
+        while facts and self._plain.getlength(_GAP.join(facts)) > room:
+            del facts[0]
+        draw.text((right, middle), _GAP.join(facts), fill=FAINT, font=self._plain, anchor="rm")
+
+    def _draw_label(
+        self, draw: ImageDraw.ImageDraw, left: int, word: str, colour: str, ink: str
+    ) -> int:
+        """Write a word on a plate; return where there is room again."""
+        pad = self._pad
+        end = left + self._bold.getlength(word) + 2 * pad
+        draw.rounded_rectangle((left, pad, end, pad + self._line - 2), pad // 2, fill=colour)
+        draw.text((left + pad, pad + self._line // 2), word, fill=ink, font=self._bold, anchor="lm")
+        return round(end) + pad
+
+    def _draw_strip(self, draw: ImageDraw.ImageDraw, strip: Sequence[Cell]) -> None:
+        top = self._pad + self._line + self._pad // 2
+        count = (self.size[0] - 2 * self._pad) // self._cell
+        for place, cell in enumerate(strip[-count:] if count else ()):
+            left, below = self._pad + place * self._cell, top + self._strip
+            right = left + self._cell - 2
+            draw.rectangle((left, top, right, below), fill=colours.ACTORS[cell.actor])
+            if cell.refused:  # not by colour alone: it stands out of the row
+                upper = (left, top - self._pad // 2, right, top + self._strip // 2)
+                draw.rectangle(upper, fill=colours.REFUSED)
+
+    def _draw_marks(self, draw: ImageDraw.ImageDraw, marks: tuple[Mark, ...]) -> None:
+        if not marks:
+            return
+        width, height = self.size
+        pad, line = self._pad, self._line
+        top = height - LINES * line - pad // 2
+        draw.rectangle((0, top - pad // 2, width, height), fill=colours.REFUSED)
+        room = width - 2 * pad
+        for number, mark in enumerate(marks[:LINES]):
+            middle = top + number * line + line // 2
+            what = _cut(self._bold, mark.what, room)
+            draw.text((pad, middle), what, fill=INK, font=self._bold, anchor="lm")
+            if len(marks) == 1:  # the reason has a line of its own
+                why, place = _cut(self._plain, mark.why, room), (pad, middle + line)
+            else:
+                used = round(self._bold.getlength(what)) + 2 * pad
+                why, place = _cut(self._plain, mark.why, room - used), (pad + used, middle)
+            draw.text(place, why, fill=INK, font=self._plain, anchor="lm")
+
+
+def _cut(font: ImageFont.FreeTypeFont, text: str, room: float) -> str:
+    """Return as much of a text as there is room for."""
+    if font.getlength(text) <= room:
+        return text
+    length = bisect.bisect_right(
+        range(len(text)), room, key=lambda count: font.getlength(text[:count] + "…")
+    )
+    return text[: length - 1] + "…" if length else ""

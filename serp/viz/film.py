@@ -1,0 +1,265 @@
+"""A film of a policy: pictures with captions, each with the time that it stands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from PIL import Image
+
+from serp._util.numbers import real
+from serp.control.arbiter import Actor
+from serp.control.decision_counts import DecisionCounts
+from serp.errors import SettingsError
+from serp.model.explanation import why_unsafe
+from serp.model.flags import RISKY, UNSAFE
+from serp.tasks.task import BoundTask
+from serp.training.agent import Agent
+from serp.training.evaluation import Episode, Step, outcome_of, play
+from serp.training.policies import Policy
+from serp.viz.camera import Camera, Picture
+from serp.viz.caption import Caption, CaptionBand, Cell, Mark
+
+HOLD: Final = 1.5
+"""A mark stays for so long on the screen, or until the next, s."""
+END: Final = 1.0
+"""The last picture of an episode stands longer by this, s."""
+_WHOSE: Final = {
+    Actor.PLANNER: "the planner's",
+    Actor.LEARNER: "the learner's",
+    Actor.EXPLORATION: "a random",
+    Actor.FALLBACK: "the fallback's",
+}
+_STRIP = 500  # decisions that a caption carries along
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilmSettings:
+    """How a film is made.
+
+    Attributes:
+        policy: Which; see `serp.training.policies.Policy`.
+        episodes: How many episodes.
+        seed: Seed of the environment; the episodes are those of `evaluate` with this seed.
+        speed: How much faster than real time, > 0.
+        fps: Most frames a second, at least 1. Where there would be more, pictures are left out,
+            but neither the first and last of an episode nor the first after a veto.
+        width: Most pixels that a picture is wide; None for no limit. Never enlarged.
+        height: The same of the height, caption not included.
+    """
+
+    policy: Policy = "serp"
+    episodes: int = 3
+    seed: int = 0
+    speed: float = 1.0
+    fps: float = 50.0
+    width: int | None = None
+    height: int | None = None
+
+    def __post_init__(self) -> None:
+        for name, least in (("speed", 0.0), ("fps", 1.0)):
+            value = real(getattr(self, name))
+            if value is None or value < least or value == 0.0:
+                what = "greater than 0" if least == 0.0 else "at least 1"
+                raise SettingsError(f"{name} must be {what}, not {getattr(self, name)!r}")
+
+
+class Frame(NamedTuple):
+    """A frame of a film.
+
+    Attributes:
+        image: Picture and caption, RGB; all frames of a film have one size.
+        seconds: How long it stands.
+        caption: What its caption says.
+        step: The step that it shows the result of; None right after a reset.
+    """
+
+    image: Image.Image
+    seconds: float
+    caption: Caption
+    step: Step | None
+
+
+class EpisodeResult(NamedTuple):
+    """What came of an episode.
+
+    Attributes:
+        number: Which one, from 1.
+        steps: Its length.
+        total: The environment's return.
+        vetoes: Proposals refused.
+        unsafe: Executed actions that the domain file flags unsafe.
+        outcome: How the environment says that it ended; may be empty.
+    """
+
+    number: int
+    steps: int
+    total: float
+    vetoes: int
+    unsafe: int
+    outcome: str
+
+
+def film(
+    agent: Agent,
+    task: BoundTask,
+    settings: FilmSettings,
+    on_episode: Callable[[EpisodeResult], None] | None = None,
+) -> Iterator[Frame]:
+    """Play a policy and film it, frame by frame as they are asked for.
+
+    Args:
+        agent: The agent.
+        task: The task, in an environment that nobody else uses, made with a render mode of
+            `serp.viz.camera`.
+        settings: How.
+        on_episode: Called at the end of each episode.
+
+    Raises:
+        SettingsError: There is no such policy, or no episode is asked for.
+        SerpError: Environment or grounding failed (while frames are asked for).
+    """
+    episodes = play(agent, task, settings.policy, episodes=settings.episodes, seed=settings.seed)
+    return _Filming(agent, task, settings, on_episode).frames(episodes)
+
+
+def marks_of(agent: Agent, step: Step) -> tuple[Mark, ...]:
+    """Return what is to be marked in a step: a veto with its reason, what is done at a risk."""
+    decision, arbiter = step.decision, agent.arbiter
+    names = arbiter.actions
+    marks = []
+    if decision.vetoed:
+        name = names.name(decision.proposed)
+        why = arbiter.explain(decision, step.state)
+        whose = _WHOSE[decision.proposed_by]
+        marks.append(Mark(f"Refused in step {step.number}: {whose} {name}", _without(name, why)))
+    if int(decision.forecast.flags[decision.action]) & (UNSAFE | RISKY):
+        name = names.name(decision.action)
+        ground = int(decision.forecast.ground[decision.action])
+        why = why_unsafe(arbiter.model, step.state, ground)
+        what = "Unsafe" if decision.unsafe else "Risky"
+        marks.append(Mark(f"{what}, executed in step {step.number}: {name}", _without(name, why)))
+    return tuple(marks)
+
+
+def _without(name: str, explanation: str) -> str:
+    return explanation.removeprefix(f"{name}: ")
+
+
+class _Filming:
+    """Puts one film together."""
+
+    def __init__(
+        self,
+        agent: Agent,
+        task: BoundTask,
+        settings: FilmSettings,
+        on_episode: Callable[[EpisodeResult], None] | None,
+    ) -> None:
+        self._agent = agent
+        self._settings = settings
+        self._on_episode = on_episode
+        self._camera = Camera(task)
+        self._band: CaptionBand | None = None
+        self._size = (0, 0)
+        self._due = 0.0  # frames that the pictures so far are worth, less those shown
+        self._marks: tuple[Mark, ...] = ()
+        self._marked = 0.0  # how long the mark still stands, s
+
+    def frames(self, episodes: Iterator[Episode]) -> Iterator[Frame]:
+        for episode in episodes:
+            yield from self._film(episode)
+
+    def _film(self, episode: Episode) -> Iterator[Frame]:
+        self._marked = 0.0
+        strip: list[Cell] = []
+        total, tally = 0.0, DecisionCounts()
+        start = Caption(None, "start", (f"episode {episode.number}",))
+        # All that belongs to the reset is one moment.
+        for picture in self._camera.take()[-1:]:
+            yield from self._shoot(picture, self._camera.period(1), start, None, always=True)
+        for step in episode.steps:
+            decision = step.decision
+            total += step.reward
+            tally.count(decision)
+            strip.append(Cell(decision.executed_by, decision.vetoed))
+            marks = marks_of(self._agent, step)
+            if marks:
+                self._marks, self._marked = marks, HOLD
+            caption = Caption(
+                decision.executed_by,
+                self._agent.task.actions.name(decision.action),
+                (
+                    f"episode {episode.number}",
+                    f"step {step.number}",
+                    f"return {_signed(total)}",
+                ),
+                strip=tuple(strip[-_STRIP:]),
+            )
+            ended = caption._replace(outcome=outcome_of(step.info) if step.last else "")
+            pictures = self._camera.take()
+            period = self._camera.period(len(pictures))
+            for k, picture in enumerate(pictures):
+                end = step.last and k == len(pictures) - 1
+                yield from self._shoot(
+                    picture, period, ended if end else caption, step,
+                    always=end or (bool(marks) and k == 0), end=end,
+                )  # fmt: skip
+            if step.last and self._on_episode is not None:
+                outcome = outcome_of(step.info)
+                counts = tally.vetoes, tally.unsafe_executed
+                self._on_episode(
+                    EpisodeResult(episode.number, step.number, total, *counts, outcome)
+                )
+
+    def _shoot(
+        self,
+        picture: Picture,
+        period: float,
+        caption: Caption,
+        step: Step | None,
+        *,
+        always: bool,
+        end: bool = False,
+    ) -> Iterator[Frame]:
+        """Make the frame of a picture, if one is due."""
+        period /= self._settings.speed
+        self._due += period * self._settings.fps
+        if not always and self._due < 1.0 - 1e-9:
+            return
+        self._due = min(max(self._due - 1.0, 0.0), 1.0)
+        seconds = max(period, 1.0 / self._settings.fps) + (END if end else 0.0)
+        if self._marked > 0.0:
+            caption = caption._replace(marks=self._marks)
+            seconds = max(seconds, self._marked) if end else seconds
+            self._marked -= seconds
+        yield Frame(self._compose(picture, caption), seconds, caption, step)
+
+    def _compose(self, picture: Picture, caption: Caption) -> Image.Image:
+        image = Image.fromarray(picture)
+        if self._band is None:
+            self._size = self._fitting(image.size)
+            self._band = CaptionBand(self._size[0])
+        if image.size != self._size:
+            image = image.resize(self._size, Image.Resampling.HAMMING)
+        width, height = self._size
+        frame = Image.new("RGB", (width, height + self._band.size[1]))
+        frame.paste(image)
+        frame.paste(self._band.draw(caption), (0, height))
+        return frame
+
+    def _fitting(self, size: tuple[int, int]) -> tuple[int, int]:
+        """Return the size of the pictures: within the limits, even numbers, as videos want them."""
+        limits = (self._settings.width or math.inf, self._settings.height or math.inf)
+        scale = min(1.0, limits[0] / size[0], limits[1] / size[1])
+        return (_even(scale * size[0]), _even(scale * size[1]))
+
+
+def _even(length: float) -> int:
+    return max(2, 2 * round(length / 2))
+
+
+def _signed(value: float) -> str:
+    return f"{value + 0.0:+.2f}".replace("-", "−")

@@ -1,0 +1,146 @@
+"""Watching a trained policy: in a window, or on a film in a file."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from serp._util.durable_files import aside_of, cannot_write, sync_folder, what_is_kept
+from serp.errors import SerpError
+from serp.training.run import Run
+from serp.viz.camera import render_mode_of
+from serp.viz.film import EpisodeResult, FilmSettings, Frame, film
+from serp.viz.gif import write_gif
+from serp.viz.video import find_ffmpeg, write_mp4
+from serp.viz.window import Window
+
+KINDS: Final = (".gif", ".mp4")
+"""What the name of a film ends in."""
+OnEpisode = Callable[[EpisodeResult], None]
+
+
+class FilmFile(NamedTuple):
+    """A film that was written.
+
+    Attributes:
+        path: The file.
+        frames: How many it has.
+        seconds: How long it lasts.
+        size: Bytes.
+    """
+
+    path: Path
+    frames: int
+    seconds: float
+    size: int
+
+
+def write_film(
+    run: Run, path: Path, settings: FilmSettings, on_episode: OnEpisode | None = None
+) -> FilmFile:
+    """Play a run's policy and write a film of it; nothing is left where that fails.
+
+    Args:
+        run: The run.
+        path: The file, whose name ends in one of `KINDS`; replaced where it exists.
+        settings: How the film is made.
+        on_episode: Called at the end of each episode.
+
+    Raises:
+        MissingExtra: It is an MP4, and imageio-ffmpeg is not installed.
+        RunError: The file cannot be written, or the run not be read.
+        SerpError: The task cannot be loaded or draws no pictures, or its environment failed.
+    """
+    kind = path.suffix.lower()
+    if kind not in KINDS:
+        raise SerpError(f"{path}: a film is a GIF or an MP4; name a file that ends in one of them")
+    if kind == ".mp4":
+        find_ffmpeg()  # before a minute is spent on pictures
+    write = write_gif if kind == ".gif" else write_mp4
+    seconds = 0.0
+
+    def counted(frames: Iterator[Frame]) -> Iterator[Frame]:
+        nonlocal seconds
+        for frame in frames:
+            seconds += frame.seconds
+            yield frame
+
+    with (
+        _no_screen(),
+        _moved_into_place(path) as aside,
+        _filmed(run, settings, on_episode) as frames,
+    ):
+        count = write(aside, counted(frames))
+    return FilmFile(path, count, seconds, path.stat().st_size)
+
+
+def show_film(
+    run: Run, settings: FilmSettings, title: str, on_episode: OnEpisode | None = None
+) -> bool:
+    """Play a run's policy in a window; return whether it was shown to its end.
+
+    Raises:
+        MissingExtra: pygame is not installed.
+        NoDisplay: There is no screen.
+        SerpError: The run or task cannot be loaded or draws no pictures, or its environment failed.
+    """
+    with Window(title) as window:
+        width, height = window.limits
+        within = dataclasses.replace(
+            settings,
+            width=min(settings.width or width, width),
+            height=min(settings.height or height, height),
+        )
+        with _filmed(run, within, on_episode) as frames:
+            return window.show(frames)
+
+
+@contextlib.contextmanager
+def _filmed(
+    run: Run, settings: FilmSettings, on_episode: OnEpisode | None
+) -> Iterator[Iterator[Frame]]:
+    agent = run.agent
+    with run.environment(render_mode_of(run)) as task:
+        yield film(agent, task, settings, on_episode)
+
+
+@contextlib.contextmanager
+def _no_screen() -> Iterator[None]:
+    """Let environments that draw with SDL look for no screen, unless the user says which."""
+    name = "SDL_VIDEODRIVER"
+    if name in os.environ:
+        yield
+        return
+    os.environ[name] = "dummy"
+    try:
+        yield
+    finally:
+        del os.environ[name]
+
+
+@contextlib.contextmanager
+def _moved_into_place(path: Path) -> Iterator[Path]:
+    """Give a file beside `path`; what was written there takes its place, flushed to the disk.
+
+    Raises:
+        RunError: That failed; the former file is whole.
+    """
+    aside = aside_of(path)
+    try:
+        try:
+            aside.touch()  # a folder that cannot be written is noticed before all work
+            yield aside
+            with open(aside, "rb+") as file:
+                os.fsync(file.fileno())
+            os.replace(aside, path)
+            sync_folder(path.parent)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                aside.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise cannot_write(path, error, what_is_kept(path)) from error

@@ -1,0 +1,148 @@
+"""Compilation is told of, is left out of the time of training, and a rehearsal changes nothing."""
+
+from __future__ import annotations
+
+import io
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import cfunc, njit, types
+
+from serp._util.compile_time import compile_seconds, compiled_loops, working_time
+from serp.settings import resolve
+from serp.training.compile_progress import show_compiling
+from serp.training.run import plan_and_learn
+from serp.training.trainer import Trainer
+from tests.serp.sample_tasks import Corridor, corridor
+from tests.serp.training.test_run import without_pictures
+
+
+def compile_something() -> float:
+    """Compile a loop that calls another, and a callback; return the seconds that it took."""
+    begin = time.monotonic()
+
+    @njit
+    def inner(x):  # type: ignore[no-untyped-def]
+        return x + 1.0
+
+    @njit
+    def outer(x):  # type: ignore[no-untyped-def]
+        return inner(x)
+
+    outer(1.0)
+
+    @cfunc(types.float64(types.float64))
+    def callback(x):  # type: ignore[no-untyped-def]
+        return x * 2.0
+
+    return time.monotonic() - begin
+
+
+def test_a_clock_of_work_stands_still_while_something_is_compiled() -> None:
+    loops, seconds, work = compiled_loops(), compile_seconds(), working_time()
+    took = compile_something()
+    counted = compile_seconds() - seconds
+    assert compiled_loops() - loops == 2  # what is compiled for another one is part of it
+    assert 0.7 * took < counted <= took
+    assert working_time() - work < 0.5 * took
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_compilation_is_shown_where_there_is_any(
+    terminal: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    quiet, idle, shown = io.StringIO(), io.StringIO(), io.StringIO()
+    monkeypatch.setattr(shown, "isatty", lambda: terminal, raising=False)
+    with show_compiling(stream=idle), show_compiling(stream=quiet, quiet=True):
+        pass
+    with show_compiling(stream=shown):
+        compile_something()
+    assert (quiet.getvalue(), idle.getvalue()) == ("", "")
+    text = shown.getvalue()
+    assert "Compiling, once: loop 1, 0.0 s so far" in text
+    assert ("loop 2" in text) == terminal  # plain lines come every few seconds
+    assert "Compiled 2 loops in " in text.splitlines()[-1]
+    assert ("\r" in text) == terminal
+
+
+class Stalling(Corridor):
+    """Something is compiled in the middle of the second episode."""
+
+    took = 0.0
+    resets = 0
+
+    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        if self.steps == 1 and self.resets == 2:
+            Stalling.took = compile_something()
+        return super().step(action)
+
+    def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
+        self.resets += 1
+        return super().reset(**options)
+
+
+@without_pictures()
+def test_compilation_is_no_time_of_training(tmp_path: Path) -> None:
+    task = corridor(tmp_path, Stalling)
+    options: dict[str, Any] = {"out": tmp_path / "run", "quiet": True}
+    rare = {"training": {"checkpoint_seconds": 9e9}}
+    run = plan_and_learn(task, settings=rare, episodes=2, **options)
+    first, second = run.metrics["wall_time"]
+    assert second - first < 0.5 * Stalling.took  # of its own the episode takes some milliseconds
+    assert run.summary["wall_time"] == second
+    compiled = run.summary["compile_seconds"]
+    assert compiled > 0.7 * Stalling.took
+    again = plan_and_learn(task, episodes=4, resume=True, **options).summary
+    assert again["compile_seconds"] > compiled + 0.7 * Stalling.took
+
+
+@pytest.mark.parametrize("preset", ["paper", "default"])
+@pytest.mark.parametrize("strategy", ["mixture", "residual", "dqfd", "restrict"])
+def test_a_rehearsal_changes_nothing(tmp_path: Path, preset: str, strategy: str) -> None:
+    task = corridor(tmp_path)
+    found = []
+    for rehearsed in (True, False):
+        settings = resolve(preset, task.settings, {"guide": {"strategy": strategy}})
+        trainer = Trainer(task.bind(), settings, 2)
+        if rehearsed:
+            trainer.prepare()
+        rows = [trainer.run_episode()._replace(wall_time=0.0) for _ in range(3)]
+        arrays, meta = trainer.state_dict()
+        del meta["wall_time"]
+        found.append((rows, {k: np.asarray(a).tobytes() for k, a in arrays.items()}, meta))
+    assert found[0] == found[1]
+
+
+TRAINING = """
+import gc
+from numba.core.registry import CPUDispatcher
+from serp.tasks.registry import find_task
+from serp.settings import resolve
+from serp.training.trainer import Trainer
+
+def compiled():
+    loops = [one for one in gc.get_objects() if isinstance(one, CPUDispatcher)]
+    return {(one.py_func.__qualname__, *map(str, one.overloads)) for one in loops if one.overloads}
+
+task = find_task("cliff")
+trainer = Trainer(task.bind(), resolve("default", task.settings, {}), 5)
+trainer.prepare()
+before = compiled()
+while trainer.env_steps < 600:
+    trainer.run_episode()
+print(sorted(compiled() - before))
+"""
+
+
+def test_nothing_is_left_to_compile_once_a_training_has_begun() -> None:
+    # In a process of its own: in this one other tests have called the loops.
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", TRAINING], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"

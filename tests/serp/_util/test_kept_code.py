@@ -1,0 +1,125 @@
+"""The folder of compiled code: healed where it is damaged, left alone where others can write."""
+
+from __future__ import annotations
+
+import os
+import stat
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from serp._util.kept_code import cache_folder
+from serp.errors import Notice
+from serp.model.codegen import generate_step
+from serp.model.native import compile_native
+from tests.generated import Texts, load_texts
+
+HEATER = Texts(
+    "(define (domain d) (:functions (heat)) (:action warm :effect (increase (heat) 0.5)))", None
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    path = tmp_path / "new"
+    monkeypatch.setenv("SERP_CACHE_DIR", str(path))
+    return path
+
+
+def test_the_folder_is_made_for_its_owner_alone(folder: Path) -> None:
+    compile_native(generate_step(load_texts(HEATER).model.ground))
+    assert cache_folder() == folder
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert [stat.S_IMODE(file.stat().st_mode) for file in folder.iterdir()] == [0o600]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda content: b"",
+        lambda content: b"not what it was",
+        lambda content: content[:10],
+        lambda content: content[: len(content) // 2],
+        lambda content: content[:-1],
+        lambda content: content[:1000] + bytes([content[1000] ^ 1]) + content[1001:],
+        lambda content: content + b" ",
+    ],
+)
+def test_damaged_code_is_removed_compiled_anew_and_spoken_of(
+    folder: Path, damage: Callable[[bytes], bytes]
+) -> None:
+    ground = load_texts(HEATER).model.ground
+    compile_native(generate_step(ground))
+    (file,) = folder.iterdir()
+    file.write_bytes(damage(file.read_bytes()))
+    with pytest.warns(Notice, match="was damaged; it is compiled anew"):
+        assert compile_native(generate_step(ground)).cache_hits == 0
+    assert list(folder.iterdir()) == [file]
+    assert compile_native(generate_step(ground)).cache_hits == 1
+
+
+def test_code_of_another_version_is_replaced_in_silence(folder: Path) -> None:
+    ground = load_texts(HEATER).model.ground
+    compile_native(generate_step(ground))
+    (file,) = folder.iterdir()
+    whole = file.read_bytes()
+    begin = whole.index(b"\n") + 1
+    file.write_bytes(whole[:begin] + bytes(32) + whole[begin + 32 :])
+    assert compile_native(generate_step(ground)).cache_hits == 0
+    assert file.read_bytes()[: begin + 32] == whole[: begin + 32]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="folders have no such modes there")
+def test_a_folder_that_others_can_write_is_not_used(folder: Path) -> None:
+    folder.mkdir()
+    folder.chmod(0o777)
+    ground = load_texts(HEATER).model.ground
+    with pytest.warns(Notice, match="others can write: chmod go-w"):
+        compile_native(generate_step(ground))
+    assert compile_native(generate_step(ground)).cache_hits == 0
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.skipif(
+    sys.platform == "win32" or os.getuid() != 0, reason="only root may give a folder away"
+)
+def test_a_folder_of_another_user_is_not_used(folder: Path) -> None:
+    folder.mkdir(mode=0o755)
+    os.chown(folder, 12_345, 12_345)
+    with pytest.warns(Notice, match="belongs to another user"):
+        compile_native(generate_step(load_texts(HEATER).model.ground))
+    assert not list(folder.iterdir())
+
+
+def test_a_folder_that_cannot_be_made_does_not_stop_anything(folder: Path) -> None:
+    folder.write_text("")
+    with pytest.warns(Notice, match="cannot be kept"):
+        compile_native(generate_step(load_texts(HEATER).model.ground))
+
+
+def test_every_command_works_with_a_cache_of_empty_files_and_says_so_in_one_line(
+    tmp_path: Path,
+) -> None:
+    """Of models and loops alike; each zero-length file once stopped every command for good."""
+    domain = tmp_path / "heater.pddl"
+    domain.write_text(HEATER.domain)
+    environment = {**os.environ, "SERP_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "-m", "serp", "plan", "--domain", str(domain), "--state", "heat=0"]
+
+    def planned() -> subprocess.CompletedProcess[str]:
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+    first = planned()
+    assert first.returncode == 0, first.stderr
+    files = list((tmp_path / "cache").iterdir())
+    for file in files:
+        file.write_bytes(b"")
+    again = planned()
+    assert (again.returncode, again.stdout) == (0, first.stdout)
+    assert again.stderr.splitlines() == [
+        f"Note: compiled code in {tmp_path / 'cache'} was damaged; it is compiled anew"
+    ]
+    assert all(file.stat().st_size for file in files)

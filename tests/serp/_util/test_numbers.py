@@ -1,0 +1,79 @@
+"""Numbers as users give them, and shares as they are shown."""
+
+from __future__ import annotations
+
+import math
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp._util.numbers import percent, real, seed_of, truth, whole
+from serp.errors import SettingsError
+
+NO_NUMBERS: list[Any] = [None, True, np.True_, "3", [3], np.array([3]), Decimal(3), 1j, math.nan]
+
+
+@pytest.mark.parametrize("value", [3, np.int64(3), np.uint8(3)])
+def test_whole_numbers_become_ints(value: Any) -> None:
+    assert whole(value, 0) == 3
+    assert type(whole(value, 0)) is int
+    assert whole(value, 4) is None
+    assert type(real(value)) is int
+
+
+@pytest.mark.parametrize("value", [0.5, np.float32(0.5), np.float64(0.5), Fraction(1, 2)])
+def test_numbers_become_floats_and_are_not_whole(value: Any) -> None:
+    assert real(value) == 0.5
+    assert type(real(value)) is float
+    assert whole(value, 0) is None
+
+
+@pytest.mark.parametrize("value", NO_NUMBERS)
+def test_what_is_no_number_is_none(value: Any) -> None:
+    assert whole(value, 0) is None
+    assert real(value) is None
+    assert real(value, infinite=True) is None
+
+
+def test_infinities_count_where_they_may() -> None:
+    for value in (math.inf, -math.inf, np.float32(math.inf)):
+        assert real(value) is None
+        assert real(value, infinite=True) == value
+    assert real(10**400) is None
+
+
+def test_truth_values_are_no_numbers_and_numbers_no_truth_values() -> None:
+    assert truth(np.False_) is False
+    assert truth(True) is True
+    for value in (0, 1.0, "true", None):
+        assert truth(value) is None
+
+
+@pytest.mark.parametrize("value", [1.5, None, -1, "3", True, np.float64(2)])
+def test_what_is_no_seed_is_refused_with_its_value(value: Any) -> None:
+    with pytest.raises(SettingsError, match="the seed must be a whole number, 0 or more, not "):
+        seed_of(value)
+
+
+def test_any_whole_number_is_a_seed() -> None:
+    assert seed_of(np.int64(7)) == 7
+    assert seed_of(2**200) == 2**200
+
+
+@pytest.mark.parametrize(
+    ("share", "two", "three"),
+    [
+        (0.0, "0 %", "0 %"),
+        (1e-6, "< 0.01 %", "< 0.001 %"),
+        (0.00123, "0.12 %", "0.123 %"),
+        (0.05, "5 %", "5 %"),
+        (0.1234, "12 %", "12.3 %"),
+        (0.9999, "100 %", "100 %"),
+        (12.3456, "1,235 %", "1,235 %"),
+    ],
+)
+def test_shares_are_shown_with_significant_digits(share: float, two: str, three: str) -> None:
+    assert (percent(share, 2), percent(share)) == (two, three)

@@ -1,0 +1,138 @@
+"""Links, pipes and folders in a run that came from somebody else."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+
+import numpy as np
+import pytest
+
+from serp._util.durable_files import write_durably
+from serp._util.json_files import read_json
+from serp._util.regular_files import read_regular
+from serp.errors import RunError, SerpError
+from serp.pddl.source import Source
+from serp.runs.checkpoint import NEWEST, PREVIOUS, load_newest
+from serp.runs.folder import DECISIONS, METRICS, SUMMARY, RunFolder
+from serp.runs.lock import LOCK
+from serp.runs.reading import read_metrics
+from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
+from serp.runs.tables import Table
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no such files there")
+
+READ = [
+    "config.json",
+    "domain.pddl",
+    "domain-problem.pddl",
+    METRICS,
+    DECISIONS,
+    NEWEST,
+    PREVIOUS,
+    LOCK,
+]
+WRITTEN = [SUMMARY, f"{SUMMARY}.aside", f"{NEWEST}.aside", f"{PREVIOUS}.aside", "report.md"]
+KINDS = {
+    "link": lambda path, target: path.symlink_to(target),
+    "relative link": lambda path, target: path.symlink_to(f"../{target.name}"),
+    "dangling link": lambda path, target: path.symlink_to(target.with_name("nowhere")),
+    "link to itself": lambda path, target: path.symlink_to(path),
+    "link to a device": lambda path, target: path.symlink_to("/dev/zero"),
+    "hard link": lambda path, target: path.hardlink_to(target),
+    "pipe": lambda path, target: os.mkfifo(path),
+    "folder": lambda path, target: path.mkdir(),
+}
+
+
+def use(path):
+    """Everything that is done with a run."""
+    with RunFolder.open(path, writing=True) as run:
+        run.domain_file.read_text()
+        run.resume()
+        load_newest(path)
+        run.decisions.append((0,) * len(DECISIONS_COLUMNS))
+        run.save_checkpoint({"x": np.arange(3)}, {})
+        run.write_summary({"episodes": 1})
+        run.write("report.md", "what came of it")
+        run.read_summary()
+        read_metrics(path / METRICS)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_file_outside_of_a_run_is_read_waited_for_or_written(tmp_path, kind):
+    secret = tmp_path / "secret"
+    for name in [*READ, *WRITTEN]:
+        path = tmp_path / f"run-{name}"
+        with RunFolder.create(path, {"seed": 1}, [("d.pddl", "(define (domain d))")]) as run:
+            run.save_checkpoint({}, {})
+            run.save_checkpoint({}, {})
+        original = path / name
+        content = original.read_bytes() if original.exists() else b"{}"
+        original.unlink(missing_ok=True)
+        secret.write_bytes(content)
+        KINDS[kind](original, secret)
+        if name == PREVIOUS:
+            (path / NEWEST).unlink()
+        # What is only read may have another name; what is written aside replaces what was there.
+        harmless = name in WRITTEN and (kind != "folder" or name == f"{PREVIOUS}.aside")
+        harmless |= kind == "hard link" and name not in (METRICS, DECISIONS, LOCK)
+        expected = contextlib.nullcontext() if harmless else pytest.raises(RunError, match=name)
+        with expected:
+            use(path)
+        assert secret.read_bytes() == content, name
+        assert sorted(os.listdir(tmp_path)) == sorted(["secret", path.name]), name
+        secret.unlink()
+        path.rename(tmp_path.parent / f"{tmp_path.name}-{path.name}")
+
+
+@pytest.mark.parametrize("kind", ["link", "link to itself", "pipe", "folder"])
+def test_what_is_read_elsewhere_is_a_regular_file_too(tmp_path, kind):
+    target = tmp_path / "target"
+    target.write_text("{}")
+    path = tmp_path / "x.json"
+    KINDS[kind](path, target)
+    with pytest.raises(RunError, match="is a link, a folder, a pipe or a device"):
+        read_regular(path)
+    with pytest.raises(RunError, match="is a link, a folder, a pipe or a device"):
+        read_json(path, "")
+
+
+def test_writing_replaces_a_link_and_leaves_its_target(tmp_path):
+    target = tmp_path / "target"
+    target.write_text("old")
+    (tmp_path / "x").symlink_to(target)
+    (tmp_path / "x.aside").symlink_to(target)
+    write_durably(tmp_path / "x", "new")
+    assert (target.read_text(), (tmp_path / "x").read_text()) == ("old", "new")
+    assert not (tmp_path / "x").is_symlink()
+
+
+def test_events_are_not_written_through_a_link(tmp_path):
+    pytest.importorskip("tensorboard")
+    from serp.runs.tensorboard import EventWriter
+
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "tensorboard").symlink_to("elsewhere")
+    with pytest.raises(RunError, match="tensorboard is a link"):
+        EventWriter(tmp_path)
+    assert not os.listdir(tmp_path / "elsewhere")
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        lambda path: read_json(path, "Restore it."),
+        read_metrics,
+        lambda path: Table(path, METRICS_COLUMNS),
+        Source.read,
+    ],
+)
+def test_a_file_of_any_size_is_refused_at_once(tmp_path, read):
+    """Sparse files cost nothing to send: 64 GiB of zeros behind what the file begins with."""
+    path = tmp_path / "file"
+    path.write_text(",".join(METRICS_COLUMNS) + "\n")
+    os.truncate(path, 1 << 36)
+    with pytest.raises(SerpError, match="bytes"):
+        read(path)

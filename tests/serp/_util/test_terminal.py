@@ -1,0 +1,84 @@
+"""Whatever a text holds, a terminal shows it and does nothing else."""
+
+from __future__ import annotations
+
+import io
+import re
+import unicodedata
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp._util.terminal import open_console, visible
+from serp.cli.failures import say
+from serp.cli.output import print_table
+from serp.cli.root import serp
+from serp.compare.progress import Display, RemainingTime
+from serp.training.progress import open_progress
+from tests.serp.training.test_progress import Terminal
+
+HOSTILE = "a\x1b]0;owned\x07b\x9b2Jc\u202ed\u2066e\r\x7f\u2028\U000e0041[red]f[/red]"
+SHOWN = r"a\x1b]0;owned\x07b\x9b2Jc\u202ed\u2066e\r\x7f\u2028\U000e0041[red]f[/red]"
+HIDDEN = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2028\u2066-\u2069\U000e0041]")
+
+
+@given(st.text())
+def test_nothing_hidden_is_left_and_what_is_shown_is_left_alone(text: str) -> None:
+    shown = visible(text)
+    assert not [
+        c for c in shown
+        if c not in "\n\t" and unicodedata.category(c) in ("Cc", "Cf", "Cs", "Zl", "Zp")
+    ]  # fmt: skip
+    assert visible(shown) == shown
+    kept = [c for c in text if unicodedata.category(c)[0] in "LMNPS" or c in " \n\t"]
+    assert [c for c in shown if c in kept] or not kept
+
+
+def test_escapes_are_those_that_programmers_know() -> None:
+    assert visible(HOSTILE) == SHOWN
+    ordinary = "ρ ≥ 0.5\tmove a b, naïve 漢字 🤖\n"
+    assert visible(ordinary) == ordinary
+
+
+def without_codes(text: str) -> str:
+    """What a terminal shows, without rich's own styles and movements."""
+    return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]|\r", "", text)
+
+
+def test_no_way_out_passes_control_characters_or_markup_on(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    terminal = Terminal()
+    console = open_console(terminal, force_terminal=True, width=200)
+    console.print(HOSTILE)
+    print_table(console, ("", HOSTILE), [("", HOSTILE)])
+    with open_progress(title=HOSTILE, stream=terminal) as progress:
+        progress.note(HOSTILE)
+    lines = io.StringIO()
+    with open_progress(stream=lines) as progress:
+        progress.note(HOSTILE)
+    say(HOSTILE, head="Error: ")
+    with Display(RemainingTime([], 1, 1), 0, quiet=False) as display:
+        display.say(HOSTILE)
+    error = capsys.readouterr().err
+    assert error.count(SHOWN) == 2
+    for written in (terminal.getvalue(), lines.getvalue(), error):
+        assert not HIDDEN.search(without_codes(written))
+    assert without_codes(terminal.getvalue()).count(SHOWN) >= 5
+    assert SHOWN in lines.getvalue()
+
+
+def test_what_a_file_holds_is_shown_and_not_done(tmp_path: Path) -> None:
+    """A comment, a name and the name of the file itself."""
+    wrong = tmp_path / "\x1b[2Jwrong.pddl"
+    wrong.write_text(
+        "; \x1b]0;owned\x07\n(define (domain d)\n (:functions (x)) (:action a :parameters ()"
+        " :precondition (and) :effect (and (increase (\u202ey) 1)))) ; \x1b[31m\u202e\n"
+    )
+    done = CliRunner().invoke(serp, ["check", str(wrong)])
+    assert done.exit_code == 1
+    assert not HIDDEN.search(done.output)
+    assert r"\x1b[2Jwrong.pddl: wrong" in done.output

@@ -1,0 +1,425 @@
+"""What is learned of one-step errors, seen in what the corrected model predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.adaptation.adaptation import ModelAdaptation
+from serp.model.transition_model import Vector
+from tests.generated.profile import examples
+from tests.serp.sysid.worlds import (
+    FLEET,
+    ICE,
+    PLANE,
+    any_state,
+    corrected,
+    correction,
+    error,
+    plus,
+    teach,
+)
+
+World = Callable[[Vector, int], Vector]
+PUSH, REST = 0, 1
+
+
+def linear_world(state: Vector, action: int) -> Vector:
+    """A spring with friction; the push works on it."""
+    p, v = state
+    return np.array([p + 0.12 * v, v + (0.3 if action == PUSH else 0.0) - 0.1 * p - 0.2 * v])
+
+
+def pendulum(state: Vector, action: int) -> Vector:
+    p, v = state
+    return np.array([p + 0.1 * v, v + (0.3 if action == PUSH else 0.0) - 0.5 * np.sin(p)])
+
+
+def as_written(state: Vector, action: int) -> Vector:
+    return np.array([state[0] + 0.1 * state[1], state[1]])
+
+
+def typical(of: ModelAdaptation, world: World, seed: int = 99, states: int = 200) -> Vector:
+    """`[F]` root mean squared error of the model in use, in states not seen before."""
+    rng = np.random.default_rng(seed)
+    errors = []
+    for _ in range(states):
+        state, action = any_state(of.model, rng), int(rng.integers(len(of.model.actions)))
+        errors.append(error(of, state, action, world(state, action)))
+    rmse: Vector = np.sqrt(np.square(errors).mean(axis=0))
+    return rmse
+
+
+def corrects_nothing(of: ModelAdaptation) -> bool:
+    """Whether the model in use predicts the bits of the one written."""
+    model = corrected(of)
+    rng = np.random.default_rng(5)
+    states = np.array([any_state(model, rng) for _ in range(50)])
+    return all(
+        model.step(states, action).state.tobytes()
+        == model.written.step(states, action).state.tobytes()
+        for action in range(len(model.actions))
+    )
+
+
+# What can be learned ---------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 2**32))
+@examples(8)
+def test_a_linear_error_is_learned_exactly_from_few_samples(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    weights, constants = rng.normal(size=(2, 2)), rng.normal(size=(2, 2))
+
+    def world(state: Vector, action: int) -> Vector:
+        return as_written(state, action) + weights @ state + constants[action]
+
+    of = correction(PLANE, seed=seed % 1000)
+    teach(of, world, rng, 30)
+    written = np.sqrt(np.square(weights @ [1.0, 1.0]).mean())
+    assert (typical(of, world) < 1e-2 * max(1.0, written)).all()
+    teach(of, world, rng, 200)
+    assert (typical(of, world) < 1e-3).all()
+
+
+def test_a_nonlinear_error_is_learned_with_waves_only() -> None:
+    straight, wavy = (correction(PLANE, nonlinear=choice) for choice in (False, True))
+    for of in (straight, wavy):
+        teach(of, pendulum, np.random.default_rng(0), 600)
+    assert typical(straight, pendulum)[1] > 0.05
+    assert typical(wavy, pendulum)[1] < 0.02
+    assert typical(wavy, pendulum)[0] < 1e-6  # where the file is right it stays
+
+
+def test_different_things_are_learned_where_different_predicates_hold() -> None:
+    def world(state: Vector, action: int) -> Vector:
+        icy, p, v = state
+        push = (0.5 if action == PUSH else 0.0) * (0.2 if icy else 1.0)
+        return np.array([icy, p + 0.1 * v, v + push - (0.0 if icy else 0.3 * v)])
+
+    of = correction(ICE)
+    teach(of, world, np.random.default_rng(0), 300)
+    assert (typical(of, world) < 1e-3).all()
+
+
+@pytest.mark.parametrize("share", [0.2, 0.05])
+def test_a_mode_that_is_seldom_met_is_learned_too(share: float) -> None:
+    def world(state: Vector, action: int) -> Vector:
+        icy, p, v = state
+        return np.array([icy, p, v + (0.0 if icy else 0.5 - 0.3 * v)])
+
+    def draw(rng: np.random.Generator) -> Vector:
+        return np.array([float(rng.random() < share), *rng.normal(size=2)])
+
+    of = correction(ICE, nonlinear=False)
+    rng = np.random.default_rng(0)
+    teach(of, world, rng, int(150 / share), draw=draw)
+    for icy in (0.0, 1.0):
+        state = np.array([icy, 0.3, -0.4])
+        assert (error(of, state, PUSH, world(state, PUSH)) < 1e-2).all()
+
+
+def test_what_is_learned_of_one_object_is_known_of_all_of_its_type() -> None:
+    """Ada alone is driven: a metre, and a tenth of her place off her battery."""
+    of = correction(FLEET)
+    model = corrected(of)
+    column = {fluent.name: fluent.index for fluent in model.fluents}
+
+    def world(state: Vector, action: int) -> Vector:
+        after = np.asarray(model.written.step(state, action).state)
+        if model.actions[action].schema == "drive":
+            (who,) = model.actions[action].arguments
+            after[column[f"place {who}"]] += 1.3
+            after[column[f"battery {who}"]] -= 0.1 * state[column[f"place {who}"]]
+        return after
+
+    rng = np.random.default_rng(0)
+    teach(of, world, rng, 150, actions=(model.action_index("drive ada"),))
+    for name in ("drive ada", "drive bob", "drive cid"):
+        action = model.action_index(name)
+        for _ in range(10):
+            state = any_state(model, rng)
+            assert (error(of, state, action, world(state, action)) < 0.01).all(), name
+
+
+def test_what_the_world_does_by_itself_is_known_for_an_action_hardly_tried() -> None:
+    def world(state: Vector, action: int) -> Vector:
+        p, v = state
+        return np.array([p + 0.1 * v, v + (0.3 if action == PUSH else 0.0) - 0.4 * p])
+
+    of = correction(PLANE)
+    rng = np.random.default_rng(0)
+    teach(of, world, rng, 100, actions=(PUSH,))
+    teach(of, world, rng, 3, actions=(REST,))
+    # Three samples alone do not tell three weights of a state they have not been near.
+    for state in (np.array([2.0, -1.0]), np.array([-2.0, 2.0])):
+        assert error(of, state, REST, world(state, REST))[1] < 0.02
+
+
+def test_inputs_that_do_not_change_do_no_harm() -> None:
+    text = PLANE.replace("(v))", "(v) (hour) (goal) (mass))", 1).replace(
+        ":parameters () :precondition (and) :effect (and))",
+        ":parameters () :precondition (and)"
+        " :effect (and (increase (hour) 0) (increase (goal) 0) (increase (mass) 0)))",
+    )
+    of = correction(text)
+    names = [fluent.name for fluent in of.model.fluents]
+    p, v = names.index("p"), names.index("v")
+    fixed = {names.index("hour"): 1e5, names.index("goal"): 1e5 + 1e-9, names.index("mass"): 0.5}
+
+    def draw(rng: np.random.Generator) -> Vector:
+        state = rng.normal(size=len(names))
+        for column, value in fixed.items():
+            state[column] = value
+        return state
+
+    def world(state: Vector, action: int) -> Vector:
+        after = state.copy()
+        after[[p, v]] = linear_world(state[[p, v]], action)
+        return after
+
+    rng = np.random.default_rng(0)
+    teach(of, world, rng, 300, draw=draw)
+    for _ in range(20):
+        state = draw(rng)
+        assert (error(of, state, PUSH, world(state, PUSH)) < 1e-3).all()
+        state[names.index("hour")] += 1.0  # and where they do change nothing is made of it
+        assert (error(of, state, PUSH, world(state, PUSH)) < 1e-2).all()
+
+
+@pytest.mark.parametrize("world", [linear_world, pendulum])
+@pytest.mark.parametrize("offset", [5e6, -1.7e9])
+def test_how_far_from_0_a_fluent_is_makes_no_difference(world: World, offset: float) -> None:
+    """A coordinate of a map, a time in seconds: what matters is how it varies."""
+    errors = []
+    for origin in (np.zeros(2), np.array([offset, 0.0])):
+        of = correction(PLANE)
+
+        def draw(rng: np.random.Generator, origin: Vector = origin) -> Vector:
+            return origin + [0.1, 1.0] * rng.normal(size=2)
+
+        def seen(state: Vector, action: int, origin: Vector = origin) -> Vector:
+            return origin + world(state - origin, action)
+
+        rng = np.random.default_rng(0)
+        teach(of, seen, rng, 200, draw=draw)
+        state = np.array([draw(rng) for _ in range(50)])
+        errors.append(
+            np.max([error(of, s, a, seen(s, a)) for s in state for a in (PUSH, REST)], axis=0)
+        )
+    rounding = 4 * np.spacing(abs(offset))
+    assert (errors[1] <= 2 * errors[0] + rounding).all()
+    assert errors[1][1] < 1e-2
+
+
+# No regret -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-12, 0.05])
+def test_a_file_that_is_right_stays_in_charge(noise: float) -> None:
+    for seed in range(3):
+        of = correction(PLANE)
+        rng = np.random.default_rng(seed)
+        teach(of, lambda s, a: as_written(s, a) + noise * rng.normal(size=2), rng, 500)  # noqa: B023
+        assert typical(of, as_written).max() <= 0.3 * noise
+        if noise < 1e-6:
+            assert corrects_nothing(of)
+
+
+def test_what_cannot_be_foreseen_is_not_corrected() -> None:
+    of = correction(PLANE)
+    rng = np.random.default_rng(1)
+    teach(of, lambda s, a: as_written(s, a) + rng.normal(size=2), rng, 500)
+    assert (typical(of, as_written) < 0.3).all()
+
+
+def test_one_number_is_not_corrected_beside_another_that_cannot_be_foreseen() -> None:
+    """Weighed against each other they would lead a plan astray; once both can be, both are."""
+    of, rng = correction(PLANE), np.random.default_rng(1)
+
+    def half_known(state: Vector, action: int) -> Vector:
+        return np.array([linear_world(state, action)[0], state[1] + rng.normal()])
+
+    teach(of, half_known, rng, 600)
+    assert corrects_nothing(of)
+    assert not corrected(of).block.active
+    resumed = correction(PLANE)
+    resumed.load_state_dict(*of.state_dict())
+    for each in (of, resumed):
+        teach(each, linear_world, np.random.default_rng(2), 2_000)
+    assert typical(of, linear_world)[0] < 1e-6
+    assert corrected(of).block.active
+    published, expected = corrected(resumed).block.contents(), corrected(of).block.contents()
+    assert {name: array.tobytes() for name, array in published.items()} == {
+        name: array.tobytes() for name, array in expected.items()
+    }
+
+
+def test_outcomes_are_not_counted_beside_a_number_that_cannot_be_foreseen() -> None:
+    of, rng = correction(ICE), np.random.default_rng(1)
+
+    def melts(noise: float) -> World:
+        return lambda s, a: np.array([0.0, s[1], s[2] + noise * rng.normal()])
+
+    teach(of, melts(0.0), rng, 100)
+    assert corrected(of).block.chancy
+    teach(of, melts(1.0), rng, 900)
+    assert corrects_nothing(of)
+
+
+@given(seed=st.integers(0, 2**32), outliers=st.booleans())
+@examples(8)
+def test_whatever_happens_the_file_does_hardly_better(seed: int, outliers: bool) -> None:
+    """Random worlds, right ones and wrong ones, over all samples after the first few."""
+    rng = np.random.default_rng(seed)
+    weights = rng.normal(size=(2, 2)) * rng.choice([0.0, 0.1, 1.0], size=(2, 1))
+    bend, noise = rng.choice([0.0, 1.0]), rng.choice([0.0, 0.02])
+
+    def world(state: Vector, action: int) -> Vector:
+        off = weights @ state + bend * np.sin(3.0 * state) + noise * rng.normal(size=2)
+        after: Vector = as_written(state, action) + off
+        if outliers and rng.random() < 0.01:
+            after[rng.integers(2)] += 1000.0 * rng.normal()
+        return after
+
+    of = correction(PLANE)
+    errors = teach(of, world, rng, 400)[50:]
+    states, actions = of.experience.states[50:], of.experience.actions[50:]
+    written = corrected(of).written.step(states, actions).state
+    by_file = np.abs(written - of.experience.next_states[50:])
+    usual = by_file < 20.0  # leave the outliers themselves out
+    for column in range(2):
+        ours = errors[usual[:, column], column]
+        assert ours.mean() <= 1.1 * by_file[usual[:, column], column].mean() + 1e-9
+
+
+# What must not be believed ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("nonlinear", [False, True])
+def test_outliers_do_not_poison(nonlinear: bool) -> None:
+    """One reading in a hundred is off by a thousand times; it is seen before and after a step."""
+    for seed in range(3):
+        of = correction(PLANE, nonlinear=nonlinear)
+        rng = np.random.default_rng(seed)
+        teach(of, linear_world, rng, 40)
+        true = seen = rng.normal(size=2)
+        for step in range(500):
+            action = int(rng.integers(2))
+            true = linear_world(true, action) if step % 25 else rng.normal(size=2)
+            before, seen = seen, true.copy()
+            if rng.random() < 0.01:
+                seen[rng.integers(2)] += 1000.0 * rng.normal()
+            if step % 25:
+                of.observe(before, action, seen, False)
+        assert (typical(of, linear_world) < 1e-3).all()
+
+
+def test_an_outlier_among_the_first_samples_is_outgrown() -> None:
+    """It is known for one from the sixth sample of an action on."""
+    for first in range(11, 40, 7):
+        of = correction(PLANE)
+        rng = np.random.default_rng(first)
+        teach(of, linear_world, rng, first)
+        state = rng.normal(size=2)
+        of.observe(state, first % 2, plus(linear_world(state, first % 2), 0.0, 1000.0), False)
+        of.observe(plus(state, 1000.0, 0.0), first % 2, linear_world(state, first % 2), False)
+        teach(of, linear_world, rng, 200)
+        assert (typical(of, linear_world) < 1e-2).all(), first
+
+
+@pytest.mark.parametrize("column", [0, 1])
+@pytest.mark.parametrize("size", [100.0, 1e3, 1e12, 1e50])
+def test_a_wild_reading_among_the_first_samples_of_an_action_is_forgotten(
+    size: float, column: int
+) -> None:
+    """Once there are ten, it is as if it had never been read."""
+    wild = np.zeros(2)
+    wild[column] = size
+    for before in range(5):
+        of = correction(PLANE)
+        rng = np.random.default_rng(before)
+        teach(of, linear_world, rng, before, actions=(PUSH,))
+        state = rng.normal(size=2)
+        of.observe(state, PUSH, linear_world(state, PUSH) + wild, False)
+        of.observe(state + wild, PUSH, linear_world(state, PUSH), False)
+        teach(of, linear_world, rng, 8 - before, actions=(PUSH,))
+        for _ in range(20):
+            state = any_state(of.model, rng)
+            assert (error(of, state, PUSH, linear_world(state, PUSH)) < 1e-2).all(), before
+
+
+def test_a_number_beyond_all_measure_is_no_sample_however_large() -> None:
+    for size in (1e6, 1e12, 1e50):
+        of = correction(PLANE)
+        rng = np.random.default_rng(0)
+        teach(of, linear_world, rng, 20, actions=(PUSH,))
+        state = rng.normal(size=2)
+        of.observe(state, PUSH, plus(linear_world(state, PUSH), 0.0, size), False)
+        state = rng.normal(size=2)
+        assert (error(of, state, PUSH, linear_world(state, PUSH)) < 1e-2).all(), size
+
+
+@pytest.mark.parametrize("before", [0, 30, 100])
+@pytest.mark.parametrize("worth", [np.nan, np.inf, -np.inf, 1e200, 1e308])
+def test_what_is_no_number_teaches_nothing(before: int, worth: float) -> None:
+    clean, spoilt = correction(PLANE), correction(PLANE)
+    rngs = np.random.default_rng(3), np.random.default_rng(3)
+    for of, rng in zip((clean, spoilt), rngs, strict=True):
+        teach(of, linear_world, rng, before)
+        for column in range(2):
+            good, bad = np.array([0.3, -0.2]), np.array([0.3, -0.2])
+            bad[column] = worth
+            if of is spoilt:
+                of.observe(good, PUSH, bad, False)
+                of.observe(bad, PUSH, good, False)
+                of.observe(bad, REST, bad, False)
+        teach(of, linear_world, rng, 60)
+    states = np.random.default_rng(4).normal(size=(50, 2))
+    for action in (PUSH, REST):
+        expected = clean.model.step(states, action).state
+        assert spoilt.model.step(states, action).state.tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("first", [linear_world, as_written])
+@pytest.mark.parametrize("before", [400, 1000])
+def test_after_a_lasting_change_of_the_world_it_learns_again(first: World, before: int) -> None:
+    """Whether the file was right before or something was learned beside it."""
+
+    def other(state: Vector, action: int) -> Vector:
+        return plus(first(state, action), 0.0, 0.5)
+
+    of = correction(PLANE)
+    rng = np.random.default_rng(0)
+    teach(of, first, rng, before)
+    assert typical(of, first).max() < 1e-3
+    teach(of, other, rng, 300)
+    assert typical(of, other)[1] < 0.1
+    assert typical(of, other)[0] < 1e-3
+
+
+def test_a_world_that_changes_while_outliers_come_is_learned_again() -> None:
+    of = correction(PLANE)
+    rng = np.random.default_rng(0)
+
+    def spoilt(world: World) -> World:
+        def step(state: Vector, action: int) -> Vector:
+            after = world(state, action)
+            if rng.random() < 0.01:
+                after[rng.integers(2)] += 1000.0 * rng.normal()
+            return after
+
+        return step
+
+    def other(state: Vector, action: int) -> Vector:
+        return plus(linear_world(state, action), 0.0, 0.5)
+
+    teach(of, linear_world, rng, 40)
+    teach(of, spoilt(linear_world), rng, 400)
+    assert typical(of, linear_world).max() < 1e-3
+    teach(of, spoilt(other), rng, 400)
+    assert typical(of, other).max() < 0.1

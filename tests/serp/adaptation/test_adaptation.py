@@ -1,0 +1,455 @@
+"""What each env step teaches, what none does, and that a run continued equals one never stopped."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.adaptation.adaptation import ModelAdaptation
+from serp.adaptation.settings import MODES, AdaptationSettings
+from serp.control.model_confidence import ModelConfidence
+from serp.errors import RunError
+from serp.runs import checkpoint
+from serp.settings import resolve
+from serp.sysid.transitions import CUT_OFF, OVER
+from serp.tasks.registry import load_task
+from serp.tasks.task import Task
+from serp.training.trainer import Trainer
+from tests.generated.profile import examples
+from tests.serp.sample_tasks import SMALL
+from tests.serp.sysid import worlds
+from tests.serp.sysid.rolls import DOMAINS, from_text
+from tests.serp.sysid.worlds import (
+    EDGE,
+    FLEET,
+    ICE,
+    PLANE,
+    any_state,
+    corrected,
+    correction,
+    plus,
+)
+
+PAIR = """(define (domain pair)
+  (:functions (x) (v))
+  (:action push :parameters () :precondition (and) :effect (and (increase (x) 0.4)))
+  (:action rest :parameters () :precondition (and) :effect (and (increase (x) 0.1))))
+"""
+
+Saved = tuple[dict[str, Any], dict[str, Any]]
+Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], bool]
+
+
+def bits(saved: Saved) -> tuple[dict[str, bytes], str]:
+    """What was saved, as it would be on disk."""
+    arrays, meta = saved
+    return (
+        {name: a.tobytes() + str((a.dtype, a.shape)).encode() for name, a in arrays.items()},
+        json.dumps(meta, sort_keys=True),
+    )
+
+
+def steps_of(of: ModelAdaptation, count: int, seed: int) -> list[Step]:
+    """Steps of a nonlinear world: predicates that flip, noise, outliers, unknown actions."""
+    rng = np.random.default_rng(seed)
+    numeric = np.array([fluent.numeric for fluent in of.model.fluents])
+    mixing = np.random.default_rng(1).normal(size=(len(numeric), len(numeric)))
+    steps: list[Step] = []
+    for _ in range(count):
+        state, action = any_state(of.model, rng), int(rng.integers(-1, len(of.model.actions)))
+        moved = state + 0.1 * np.sin(mixing @ state) + 0.05 * action
+        after = np.where(numeric, moved + 0.01 * rng.normal(size=len(state)), state)
+        flips = ~numeric & (rng.random(len(state)) < 0.2)
+        after[flips] = 1.0 - after[flips]
+        if rng.random() < 0.02:
+            after[rng.integers(len(state))] = rng.choice([1e3, np.nan, np.inf])
+        steps.append((state, action, after, bool(rng.random() < 0.1)))
+    return steps
+
+
+def observe(of: ModelAdaptation, steps: list[Step]) -> None:
+    for step in steps:
+        of.observe(*step)
+
+
+def test_what_is_recorded_is_the_same_by_machine_code() -> None:
+    by_python, native = (correction(FLEET, mode="off") for _ in range(2))
+    native.model.native_step()
+    assert native.model.compiled and not by_python.model.compiled
+    steps = steps_of(native, 300, seed=4)
+    for of in (by_python, native):
+        observe(of, steps)
+    assert bits(native.state_dict()) == bits(by_python.state_dict())
+    assert not by_python.model.compiled
+
+
+# Resuming --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", [PLANE, ICE, FLEET], ids=["plane", "ice", "fleet"])
+@pytest.mark.parametrize("mode", MODES)
+def test_resumed_equals_uninterrupted_bit_for_bit(tmp_path: Path, text: str, mode: str) -> None:
+    def new() -> ModelAdaptation:
+        return correction(text, mode, seed=5)
+
+    whole = new()
+    steps = steps_of(whole, 300, 2)
+    observe(whole, steps)
+    resumed = new()
+    for number, (start, end) in enumerate([(0, 1), (1, 40), (40, 170), (170, 171), (171, 300)]):
+        observe(resumed, steps[start:end])
+        checkpoint.save(tmp_path / str(number), *resumed.state_dict())
+        resumed = new()
+        resumed.load_state_dict(*checkpoint.load(tmp_path / str(number)))
+    assert bits(resumed.state_dict()) == bits(whole.state_dict())
+    states = np.array([any_state(whole.model, np.random.default_rng(k)) for k in range(20)])
+    for action in range(len(whole.model.actions)):
+        expected = whole.model.step(states, action)
+        for ours, theirs in zip(resumed.model.step(states, action), expected, strict=True):
+            assert np.asarray(ours).tobytes() == np.asarray(theirs).tobytes()
+    assert resumed.tried.tolist() == whole.tried.tolist()
+
+
+@given(before=st.integers(0, 130), after=st.integers(0, 60), seed=st.integers(0, 99))
+@examples(12)
+def test_resumed_anywhere_equals_uninterrupted(before: int, after: int, seed: int) -> None:
+    whole, resumed = correction(ICE), correction(ICE)
+    steps = steps_of(whole, before + after, seed)
+    observe(whole, steps[:before])
+    resumed.load_state_dict(*whole.state_dict())
+    for of in (whole, resumed):
+        observe(of, steps[before:])
+    assert bits(resumed.state_dict()) == bits(whole.state_dict())
+
+
+def test_what_is_restored_replaces_what_was_learned_before() -> None:
+    one, other = correction(ICE), correction(ICE)
+    observe(one, steps_of(one, 150, 3))
+    observe(other, steps_of(other, 80, 4))
+    saved = one.state_dict()
+    other.load_state_dict(*saved)
+    assert bits(other.state_dict()) == bits(saved)
+    more = steps_of(one, 60, 5)
+    for of in (one, other):
+        observe(of, more)
+    assert bits(other.state_dict()) == bits(one.state_dict())
+
+
+def test_what_is_saved_does_not_change_afterwards() -> None:
+    of = correction(ICE)
+    steps = steps_of(of, 120, 3)
+    observe(of, steps[:60])
+    saved = of.state_dict()
+    before = bits(saved)
+    observe(of, steps[60:])
+    assert bits(saved) == before
+
+
+def test_equal_seeds_give_equal_bits_and_others_draw_other_waves() -> None:
+    def saved(seed: int) -> tuple[dict[str, bytes], str]:
+        of = correction(PLANE, seed=seed)
+        rng = np.random.default_rng(0)
+        for _ in range(150):
+            state = rng.normal(size=2)
+            of.observe(state, int(rng.integers(2)), state + np.sin(3.0 * state), False)
+        return bits(of.state_dict())
+
+    assert saved(1) == saved(1)
+    assert saved(1) != saved(2)
+
+
+def test_another_domains_correction_is_refused() -> None:
+    saved = correction(FLEET).state_dict()
+    with pytest.raises(RunError):
+        correction(PLANE).load_state_dict(*saved)
+
+
+# What teaches ----------------------------------------------------------------------------------
+
+
+def test_every_env_step_counts_and_nothing_across_a_reset() -> None:
+    """A training with falls and a time limit: each transition is one of the environment's own."""
+    task = cartpole("empty")
+    changes: dict[str, dict[str, Any]] = {
+        **{section: dict(values) for section, values in SMALL.items()},
+        "training": {"episode_steps": 40, "checkpoint_seconds": 0.0},
+        "correction": {"mode": "residual"},
+        "arbiter": {"rho": 1.0},
+    }
+    with task.bind() as bound:
+        trainer = Trainer(bound, resolve("default", task.settings, changes), 3)
+        lengths = [trainer.run_episode().length for _ in range(12)]
+    of = trainer.agent.correction
+    seen = of.experience
+    assert len(seen) == sum(lengths) == trainer.env_steps
+    ends = np.flatnonzero(seen.ended)
+    assert ends.tolist() == (np.cumsum(lengths) - 1).tolist()
+    assert min(lengths) < 40 == max(lengths)  # it fell, and it was stopped
+    # Within an episode each step begins where the last one ended, after it somewhere else.
+    follows = (seen.states[1:] == seen.next_states[:-1]).all(axis=1)
+    assert (follows == ~seen.ended[:-1]).all()
+    dynamics = seen.next_states[:, 0] - seen.states[:, 0] - 0.02 * seen.states[:, 1]
+    assert np.abs(dynamics).max() < 1e-6  # no jump from a fall to a start
+
+
+def test_steps_that_end_an_episode_teach_too() -> None:
+    ended, going = correction(PLANE), correction(PLANE)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        state = rng.normal(size=2)
+        ended.observe(state, 0, plus(state, 0.0, 0.3), True)
+        going.observe(state, 0, plus(state, 0.0, 0.3), False)
+    state = np.array([0.1, 0.2])
+    assert corrected(ended).block.active
+    expected = going.model.step(state, 0).state
+    assert ended.model.step(state, 0).state.tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_an_action_that_the_model_does_not_know_is_recorded_and_teaches_nothing(mode: str) -> None:
+    of = correction(PLANE, mode)
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        of.observe(rng.normal(size=2), -1, rng.normal(size=2), False)
+    assert len(of.experience) == 100
+    assert of.tried.tolist() == [0, 0]
+    assert not of.skill.reliable
+    states = rng.normal(size=(20, 2))
+    expected = from_text(PLANE).model.replace(dt=0.1).step(states, 0)
+    assert of.model.step(states, 0).state.tobytes() == expected.state.tobytes()
+
+
+def test_where_an_event_has_the_last_word_nothing_is_learned() -> None:
+    """A clamp hides what effects have done: any error below it says nothing."""
+    text = """(define (domain clamp) (:functions (x))
+      (:action down :parameters () :precondition (and) :effect (and (decrease (x) 0.5)))
+      (:event floor :parameters () :precondition (and (< (x) 0.25))
+        :effect (and (assign (x) 0.25))))"""
+    of = correction(text)
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        of.observe(rng.uniform(0.26, 0.7, size=1), 0, np.array([0.25]), False)
+    states = rng.uniform(0.26, 3.0, size=(50, 1))
+    expected = corrected(of).written.step(states, 0).state
+    assert of.model.step(states, 0).state.tobytes() == expected.tobytes()
+    for _ in range(100):  # above it, something else is found
+        state = rng.uniform(1.0, 3.0, size=1)
+        of.observe(state, 0, state - 0.125, False)
+    assert of.model.step(np.array([2.0]), 0).state[0] == pytest.approx(1.875, abs=1e-3)
+    assert of.model.step(np.array([0.3]), 0).state[0] == 0.25
+
+
+def test_where_an_action_is_not_applicable_nothing_is_learned() -> None:
+    text = """(define (domain gate) (:predicates (open)) (:functions (x))
+      (:action go :parameters () :precondition (and (open)) :effect (and (increase (x) 1)))
+      (:action shut :parameters () :precondition (and) :effect (and (not (open)))))"""
+    of = correction(text)
+    rng = np.random.default_rng(0)
+    shut = next(f.index for f in of.model.fluents if f.name == "open")
+    for _ in range(60):
+        state = rng.normal(size=2)
+        state[shut] = 0.0
+        after = rng.normal(size=2)
+        after[shut] = 0.0
+        of.observe(state, 0, after, False)
+    state[shut] = 1.0
+    expected = corrected(of).written.step(state, 0).state
+    assert of.model.step(state, 0).state.tobytes() == expected.tobytes()
+    assert of.tried.tolist() == [60, 0]
+
+
+def test_doubt_forgets_what_was_tried_and_nothing_else() -> None:
+    of = correction(PLANE)
+    tried = of.tried  # the planner holds on to it
+    observe(of, [step for step in steps_of(of, 60, 0) if np.isfinite(step[2]).all()])
+    assert tried.min() > 0
+    state = np.array([0.1, 0.2])
+    before = of.model.step(state, 0).state
+    of.doubt()
+    assert of.tried is tried and tried.tolist() == [0, 0]
+    assert of.model.step(state, 0).state.tobytes() == before.tobytes()
+    assert len(of.experience) > 0
+
+
+def test_trust_grows_until_ten_episodes_have_ended() -> None:
+    lucky, unlucky, off = correction(PLANE), correction(PLANE), correction(PLANE, "off")
+    rng = np.random.default_rng(0)
+    for step in range(1, 400):
+        state = rng.normal(size=2)
+        for of, next_state in (
+            (lucky, plus(state, 0.3 * state[1], 0.2)),
+            (unlucky, rng.normal(size=2)),
+            (off, rng.normal(size=2)),
+        ):
+            of.observe(state, 0, next_state, step % 20 == 0)
+        assert off.trust is ModelConfidence.OPEN
+        assert unlucky.trust is (ModelConfidence.GROWING if step < 200 else ModelConfidence.OPEN)
+        assert step < 100 or lucky.trust is ModelConfidence.RELIABLE
+    again = correction(PLANE)
+    again.load_state_dict(*unlucky.state_dict())
+    assert again.trust is ModelConfidence.OPEN
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize("mode", ["off", "residual"])
+def test_rewards_and_ends_are_compared_as_fluents_are(mode: str, compiled: bool) -> None:
+    of = correction(EDGE, mode)
+    if compiled:
+        of.model.native_step()
+    state = of.model.state({"x": -2.0, "y": 1.0, "wet": False})
+    for step in range(10):  # one step further lies the pit
+        of.observe(state, 0, state, OVER if step < 3 else CUT_OFF, -0.5)
+    rows = {row.fluent: row for row in of.monitor.rows()}
+    assert rows["terminal"].written[2:] == (10, 3, 0)
+    assert rows["reward"].written.bias == pytest.approx(-0.5 + 5.1)
+    for name in ("terminal", "reward"):  # the corrected model is told apart from the file
+        assert (rows[name].corrected == rows[name].written) == (mode == "off")
+    assert of.experience.ended.all() and of.experience.over.sum() == 3
+    assert (of.experience.rewards == -0.5).all()
+
+
+def test_skill_and_monitor_are_of_the_model_in_use() -> None:
+    on, off = correction(PLANE), correction(PLANE, "off")
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        state = rng.normal(size=2)
+        for of in (on, off):
+            of.observe(state, 0, plus(state, 0.3 * state[1], 0.2), False)
+    assert on.skill.reliable and not off.skill.reliable
+    for of, gains in ((on, True), (off, False)):
+        for row in of.monitor.rows():
+            if row.action == "push" and row.fluent in ("p", "v"):
+                assert row.samples == 200
+                assert (row.corrected.rmse < 0.5 * row.written.rmse) == gains
+
+
+# What is not corrected -------------------------------------------------------------------------
+
+
+def test_switched_off_the_model_is_the_written_one() -> None:
+    written = from_text(PLANE).model
+    of = ModelAdaptation(written, AdaptationSettings(mode="off"), np.random.SeedSequence(0))
+    assert of.model is written
+    observe(of, [step for step in steps_of(of, 60, 0) if np.isfinite(step[2]).all()])
+    assert of.model is written and of.notice is None
+    assert len(of.experience) == len(of.experience.states) > 50
+    assert of.tried.sum() > 30
+    again = ModelAdaptation(written, AdaptationSettings(mode="off"), np.random.SeedSequence(0))
+    again.load_state_dict(*of.state_dict())
+    assert bits(again.state_dict()) == bits(of.state_dict())
+
+
+def test_a_model_too_large_to_compile_is_used_as_written_and_that_is_said(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
+    of = correction(PLANE, "full")
+    written = of.model
+    assert type(written) is type(from_text(PLANE).model)
+    assert of.notice is not None
+    observe(of, [step for step in steps_of(of, 100, 0) if np.isfinite(step[2]).all()])
+    assert of.model is written
+
+
+def test_a_domain_without_fluents_has_nothing_to_correct() -> None:
+    of = correction("(define (domain nothing) (:action wait))", "full")
+    for _ in range(40):
+        of.observe(np.zeros(0), 0, np.zeros(0), False)
+    assert of.tried.tolist() == [40]
+    again = correction("(define (domain nothing) (:action wait))", "full")
+    again.load_state_dict(*of.state_dict())
+    assert bits(again.state_dict()) == bits(of.state_dict())
+
+
+# In a training ---------------------------------------------------------------------------------
+
+
+def cartpole(variant: str) -> Task:
+    file = DOMAINS / f"cartpole-{variant}.pddl"
+    return dataclasses.replace(load_task("cartpole"), domain=file, problem=None)
+
+
+def trained(folder: Path, mode: str, stops: tuple[int, ...]) -> tuple[list[int], Any, str]:
+    """Train with a new trainer after each stop; return lengths, arrays and meta."""
+    changes: dict[str, dict[str, Any]] = {
+        **{section: dict(values) for section, values in SMALL.items()},
+        "correction": {"mode": mode, "tries": 4},
+        "training": {"episode_steps": 60, "checkpoint_seconds": 0.0},
+        "arbiter": {"rho": 0.5},
+    }
+    lengths: list[int] = []
+    for number, stop in enumerate(stops):
+        task = cartpole("empty")
+        with task.bind() as bound:
+            trainer = Trainer(bound, resolve("default", task.settings, changes), 11)
+            if number:
+                trainer.load_state_dict(*checkpoint.load(folder / str(number - 1)))
+            while trainer.episode < stop:
+                lengths.append(trainer.run_episode().length)
+            arrays, meta = trainer.state_dict()
+            checkpoint.save(folder / str(number), arrays, meta)
+    del meta["wall_time"]
+    told, rest = bits((arrays, json.loads(json.dumps(meta, default=lambda v: v.item()))))
+    return lengths, told, rest
+
+
+@pytest.mark.parametrize("mode", ["residual", "full"])
+def test_a_training_resumed_equals_one_never_interrupted(tmp_path: Path, mode: str) -> None:
+    whole, cut = tmp_path / "whole", tmp_path / "cut"
+    for folder in (whole, cut):
+        folder.mkdir()
+    assert trained(cut, mode, (1, 2, 4, 6)) == trained(whole, mode, (6,))
+
+
+def test_the_planner_of_a_training_sees_what_was_learned() -> None:
+    task = cartpole("empty")
+    changes = {**SMALL, "correction": {"mode": "residual", "tries": 0}}
+    with task.bind() as bound:
+        trainer = Trainer(bound, resolve("default", task.settings, changes), 3)
+        state = np.array([0.0, 0.0, 0.1, 0.0])
+        before = trainer.agent.arbiter.planner.forecast(state).value.tobytes()
+        trainer.run_episode()
+        trainer.run_episode()
+        assert trainer.agent.correction.model is not bound.model
+        assert trainer.agent.arbiter.planner.forecast(state).value.tobytes() != before
+
+
+def test_worlds_that_the_tests_rely_on() -> None:
+    """The shipped files are all corrected in the tests: none is too large for that."""
+    assert len(worlds.SHIPPED) > 10
+    assert all(worlds.shipped(name).compiles for name in worlds.SHIPPED)
+
+
+def test_new_literals_do_not_take_away_what_is_known_of_actions_not_tried_lately() -> None:
+    of = correction(PAIR, "full")
+    rng = np.random.default_rng(0)
+
+    def world(state: np.ndarray[Any, Any], action: int, push: float) -> np.ndarray[Any, Any]:
+        return state + np.array([(push, 0.1)[action] + 0.2 * state[1], -0.2 * state[1]])
+
+    def error(action: int) -> float:
+        states = np.random.default_rng(1).normal(size=(50, 2))
+        return float(
+            np.mean(
+                [
+                    abs(np.array(of.model.transition(s.tolist(), action)[0][:2]) - world(s, 1, 0.3))
+                    for s in states
+                ]
+            )
+        )
+
+    for step in range(1, 2_100):
+        action = int(rng.integers(2)) if step <= 900 else 0
+        state = rng.normal(size=2)
+        of.observe(state, action, world(state, action, 0.3 if step <= 1_100 else 0.2), False)
+        if step == 900:
+            known = error(1)
+    assert known < 0.01
+    assert error(1) < 2.0 * known + 1e-3

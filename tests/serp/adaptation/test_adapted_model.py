@@ -1,0 +1,249 @@
+"""The corrected model: what it adds to the file, and what it never takes away."""
+
+from __future__ import annotations
+
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.adaptation.adapted_model import AdaptedModel
+from serp.adaptation.parameter_buffer import LINEAR, OWN, WAVY
+from serp.model.flags import APPLICABLE, UNSAFE
+from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.planning.lookahead import Lookahead
+from serp.planning.replanner import MonitorReplanner
+from serp.planning.settings import PlannerSettings
+from tests.generated import random_states
+from tests.generated.profile import examples
+from tests.serp.sysid import worlds
+from tests.serp.sysid.rolls import from_text
+from tests.serp.sysid.worlds import MILD, WILD, publish
+
+SEEDS = (1, 4, 6)
+"""Of generated domains."""
+
+
+def model_of(name: str) -> TransitionModel:
+    if name == "edge":
+        return worlds.edge()
+    return worlds.generated(int(name)) if name.isdigit() else worlds.shipped(name)
+
+
+MODELS = [*worlds.SHIPPED, "edge", *map(str, SEEDS)]
+
+
+def states_and_actions(model: TransitionModel, count: int, seed: int) -> tuple[Vector, list[int]]:
+    random = Random(seed)
+    states = random_states(random, model, count)
+    return states, [random.randrange(len(model.actions)) for _ in range(count)]
+
+
+def everything(model: TransitionModel, states: Vector, actions: list[int]) -> list[object]:
+    """Bits of what a model says of steps, machine code and CPython, flags included."""
+    batch = model.step(states, actions)
+    told: list[object] = [np.asarray(column).tobytes() for column in batch]
+    for state, action in zip(states, actions, strict=True):
+        out, flags = model.transition(state.tolist(), action)
+        told += [np.array(out).tobytes() if flags & APPLICABLE else None, flags]
+    return told
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("active", [False, True])
+def test_with_nothing_learned_it_is_the_written_model(name: str, active: bool) -> None:
+    written = model_of(name)
+    model = AdaptedModel(written)
+    model.block.active = active  # corrected by nothing all the same
+    states, actions = states_and_actions(written, 60, 3)
+    assert everything(model, states, actions) == everything(written, states, actions)
+    for state, action in zip(states[:5], actions, strict=False):
+        assert model.trace(state, action) == written.trace(state, action)
+
+
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("numbers", [MILD, WILD], ids=["mild", "wild"])
+def test_machine_code_and_cpython_give_the_same_bits(name: str, numbers: tuple[float, ...]) -> None:
+    model = AdaptedModel(model_of(name))
+    publish(model, np.random.default_rng(7), numbers)
+    states, actions = states_and_actions(model, 60, 4)
+    batch = model.step(states, actions)
+    for row, (state, action) in enumerate(zip(states, actions, strict=True)):
+        single = model.step(state, action)
+        assert batch.state[row].tobytes() == single.state.tobytes()
+        assert np.float64(batch.reward[row]).tobytes() == np.float64(single.reward).tobytes()
+        assert bool(batch.unsafe[row]) == single.unsafe
+        assert bool(batch.terminal[row]) == single.terminal
+        assert bool(batch.applicable[row]) == single.applicable
+        assert batch.risk[row] == single.risk
+        # A trace runs the effects one by one, in Python.
+        _, flags = model.trace(state, action)
+        if single.applicable:
+            assert bool(flags & UNSAFE) == (single.risk > 0.0)
+
+
+@given(name=st.sampled_from(MODELS), seed=st.integers(0, 2**32), wild=st.booleans())
+@examples(80)
+def test_what_the_file_flags_unsafe_stays_flagged_whatever_is_learned(
+    name: str, seed: int, wild: bool
+) -> None:
+    written = model_of(name)
+    model = AdaptedModel(written)
+    rng = np.random.default_rng(seed)
+    publish(model, rng, WILD if wild else MILD)
+    states, actions = states_and_actions(written, 8, seed)
+    flagged = np.zeros(len(states), dtype=bool)
+    for k, (state, action) in enumerate(zip(states, actions, strict=True)):
+        _, by_file = written.transition(state.tolist(), action)
+        _, now = model.transition(state.tolist(), action)
+        flagged[k] = bool(by_file & UNSAFE)
+        assert now & UNSAFE >= by_file & UNSAFE
+        assert model.trace(state, action)[1] & UNSAFE >= by_file & UNSAFE
+    batch = model.step(states, actions)
+    assert (batch.unsafe | ~batch.applicable)[flagged].all()
+    forecast = Lookahead(model, PlannerSettings(depth=1)).forecast(states[0])
+    for action in range(len(written.actions)):
+        _, by_file = written.transition(states[0].tolist(), action)
+        assert forecast.flags[action] & UNSAFE >= by_file & UNSAFE
+
+
+@given(name=st.sampled_from(MODELS), seed=st.integers(0, 2**32))
+@examples(60)
+def test_a_step_that_leads_to_no_finite_numbers_is_not_applicable(name: str, seed: int) -> None:
+    model = AdaptedModel(model_of(name))
+    publish(model, np.random.default_rng(seed), WILD)
+    outcome = model.step(*states_and_actions(model, 30, seed))
+    assert np.isfinite(outcome.state[outcome.applicable]).all()
+    assert np.isfinite(outcome.reward[outcome.applicable]).all()
+
+
+# What a correction adds ------------------------------------------------------------------------
+
+
+def plane() -> AdaptedModel:
+    return AdaptedModel(from_text(worlds.PLANE).model.replace(dt=0.5))
+
+
+def test_weights_are_added_to_what_the_file_says() -> None:
+    model = plane()
+    (view,) = model.views[0]
+    group = model.block.groups[view.key]
+    group.kinds[0] = LINEAR
+    rng = np.random.default_rng(0)
+    group.linear[0] = rng.normal(size=group.linear[0].shape)
+    model.block.active = True
+    for state in rng.normal(size=(20, 2)):
+        expected = model.written.step(state, 0).state
+        expected[list(view.targets)] += group.linear[0] @ [1.0, *state[list(view.inputs)]]
+        np.testing.assert_allclose(model.step(state, 0).state, expected, rtol=0, atol=1e-12)
+        np.testing.assert_array_equal(
+            model.step(state, 1).state, model.written.step(state, 1).state
+        )
+
+
+def test_waves_are_added_to_what_the_file_says() -> None:
+    model = plane()
+    (view,) = model.views[0]
+    group = model.block.groups[view.key]
+    rng = np.random.default_rng(0)
+    group.kinds[0] = WAVY
+    group.waves = len(group.phase)
+    group.linear[-1] = rng.normal(size=group.linear[-1].shape)
+    for weights in (group.amplitude, group.frequency, group.phase, group.centre, group.shrink):
+        weights[:] = rng.normal(size=weights.shape)
+    model.block.active = True
+    for state in rng.normal(size=(20, 2)):
+        inputs = state[list(view.inputs)]
+        features = np.cos(group.phase + group.frequency @ ((inputs - group.centre) * group.shrink))
+        expected = model.written.step(state, 0).state
+        expected[list(view.targets)] += group.linear[-1] @ [1.0, *inputs]
+        expected[list(view.targets)] += group.amplitude @ features
+        size = np.abs(group.amplitude).sum()
+        np.testing.assert_allclose(model.step(state, 0).state, expected, rtol=0, atol=2e-3 * size)
+
+
+def test_a_mode_has_weights_of_its_own() -> None:
+    model = AdaptedModel(from_text(worlds.ICE).model)
+    (view,) = model.views[0]
+    group = model.block.groups[view.key]
+    model.block.active = True
+    group.modes = 1
+    group.codes[1] = 1.0  # what is `icy`
+    group.kinds[1] = OWN
+    group.linear[1, :, 0] = 7.0
+    numeric = [fluent.index for fluent in model.fluents if fluent.numeric]
+    dry, icy = np.array([0.0, 0.5, 0.25]), np.array([1.0, 0.5, 0.25])
+    np.testing.assert_array_equal(model.step(dry, 0).state, dry)
+    np.testing.assert_array_equal(model.step(icy, 0).state[numeric], icy[numeric] + 7.0)
+
+
+def test_events_look_at_the_corrected_state() -> None:
+    model = AdaptedModel(worlds.edge())
+    state = model.state({"x": 0.5, "y": 0.0, "wet": False})
+    assert not model.step(state, "left").unsafe
+    shift(model, "left", "x", -3.0)
+    outcome = model.step(state, "left")
+    assert outcome.terminal
+    # The file does not flag it, and so it is no more than a risk, if a certain one.
+    assert not outcome.unsafe and outcome.risk == 1.0
+    assert outcome.reward == pytest.approx(-5.1)
+    sites, flags = model.trace(state, model.action_index("left"))
+    assert flags & UNSAFE
+    assert "pit" in {site.schema.schema for site in sites if site.schema is not None}
+
+
+def shift(model: AdaptedModel, action: str, fluent: str, by: float) -> None:
+    """Let an action change a fluent by so much more than the file says."""
+    column = next(f.index for f in model.fluents if f.name == fluent)
+    for view in model.views[model.action_index(action)]:
+        if column in view.targets:
+            group, target = model.block.groups[view.key], view.targets.index(column)
+            group.kinds[:, target] = LINEAR
+            group.linear[0, target, 0] = by
+    model.block.active = True
+
+
+def test_where_only_the_file_flags_a_step_the_reason_is_the_files() -> None:
+    model = AdaptedModel(worlds.edge())
+    state = model.state({"x": -2.5, "y": 0.0, "wet": False})
+    shift(model, "left", "x", 5.0)
+    outcome = model.step(state, "left")
+    assert outcome.unsafe
+    # By the correction alone nothing would happen.
+    assert model.values(outcome.state)["x"] == 1.5 and not outcome.terminal
+    sites, flags = model.trace(state, model.action_index("left"))
+    assert flags & UNSAFE
+    assert "pit" in {site.schema.schema for site in sites if site.schema is not None}
+
+
+def test_the_lookahead_sees_a_change_at_once_and_both_forms_agree() -> None:
+    model = AdaptedModel(worlds.edge())
+    settings = PlannerSettings(depth=3)
+    lookahead = Lookahead(model, settings)
+    graph = MonitorReplanner(
+        model, depth=3, discount=settings.discount, max_nodes=settings.max_nodes
+    )
+    state = model.state({"x": 0.5, "y": 0.0, "wet": False})
+    values = []
+    for by in (0.0, -1.25, -3.0, 0.5):
+        shift(model, "left", "x", by)
+        single, batch = lookahead.forecast(state), lookahead.forecast_batch(state[None])
+        drawn = graph.plan(state).forecast
+        for column in ("value", "safe_steps", "reward", "flags"):
+            expected = getattr(single, column).tobytes()
+            assert getattr(batch, column)[0].tobytes() == expected
+            assert getattr(drawn, column).tobytes() == expected
+        assert single.choice == int(batch.choice[0]) == drawn.choice
+        values.append(single.value.tobytes())
+    assert values[0] == values[3] != values[2]
+    model.block.active = False
+    plain = Lookahead(model.written, settings).forecast(state)
+    assert lookahead.forecast(state).value.tobytes() == plain.value.tobytes()
+
+
+def test_it_cannot_be_given_other_literals() -> None:
+    model = plane()
+    with pytest.raises(StateError, match="corrected model"):
+        model.replace(dt=0.1)

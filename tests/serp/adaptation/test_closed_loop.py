@@ -1,0 +1,43 @@
+"""A planner that corrects its model while it acts, from files that say nothing or the reverse."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from serp.compare.algorithms import find_algorithm, merged
+from serp.settings import resolve
+from serp.tasks.registry import load_task
+from serp.training.trainer import Trainer
+from tests.serp.sysid.rolls import DOMAINS
+
+SEEDS = (2000, 2001, 2002)
+
+
+def returns(
+    variant: str, seed: int, episodes: int, tries: int, mode: str = "residual"
+) -> list[int]:
+    """Returns of the planner alone, from its first step on."""
+    file = DOMAINS / f"cartpole-{variant}.pddl"
+    task = dataclasses.replace(load_task("cartpole"), domain=file, problem=None)
+    changes = {"correction": {"mode": mode, "tries": tries}}
+    settings = resolve("default", task.settings, merged(find_algorithm("mrp").changes, changes))
+    with task.bind() as bound:
+        trainer = Trainer(bound, settings, seed)
+        return [int(trainer.run_episode().return_) for _ in range(episodes)]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_from_a_file_without_dynamics_the_pole_stands_in_the_first_episode(seed: int) -> None:
+    assert returns("empty", seed, 1, tries=3) == [500]
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_from_a_file_with_the_pushes_reversed_it_stands_by_the_second(seed: int) -> None:
+    assert returns("reversed", seed, 2, tries=4)[1] == 500
+
+
+def test_without_correction_neither_works() -> None:
+    for variant in ("empty", "reversed"):
+        assert max(returns(variant, SEEDS[0], 2, tries=3, mode="off")) < 100

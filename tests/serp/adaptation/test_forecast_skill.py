@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from serp.adaptation.forecast_skill import ForecastSkill
+from tests.serp.sysid.worlds import plus
+
+
+def told(skill: ForecastSkill, steps: int, share: float, seed: int = 0) -> None:
+    """Steps of which such a share of the change is foreseen."""
+    rng = np.random.default_rng(seed)
+    for _ in range(steps):
+        state, change = rng.normal(size=(2, 2))
+        skill.observe(state, state + share * change, state + change)
+
+
+@pytest.mark.parametrize("predicted, reliable", [(0.0, True), (1.0, False)])
+def test_what_never_changed_is_foreseen_unless_it_was_said_to_change(
+    predicted: float, reliable: bool
+) -> None:
+    skill = ForecastSkill(2)
+    for k in range(50):
+        state = np.array([0.0, float(k)])
+        skill.observe(state, plus(state, predicted, 1.0), plus(state, 0.0, 1.0))
+    assert skill.reliable == reliable
+
+
+@pytest.mark.parametrize("share, reliable", [(1.0, True), (0.7, True), (0.66, False), (0.0, False)])
+def test_reliable_is_who_foresees_nine_tenths_of_every_fluent(share: float, reliable: bool) -> None:
+    skill = ForecastSkill(2)
+    told(skill, 100, share)
+    assert skill.reliable == reliable  # of the squared change
+
+
+def test_one_fluent_that_is_not_foreseen_is_enough() -> None:
+    skill = ForecastSkill(2)
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        state, change = rng.normal(size=(2, 2))
+        skill.observe(state, plus(state, change[0], 0.0), state + change)
+    assert not skill.reliable
+
+
+def test_nobody_is_reliable_before_enough_was_seen() -> None:
+    skill = ForecastSkill(2)
+    assert not skill.reliable
+    told(skill, 10, 1.0)
+    assert not skill.reliable
+    told(skill, 30, 1.0)
+    assert skill.reliable
+
+
+def test_it_is_of_late() -> None:
+    skill = ForecastSkill(2)
+    told(skill, 1000, 1.0)
+    assert skill.reliable
+    told(skill, 50, 0.0)
+    assert not skill.reliable
+    told(skill, 1000, 1.0)
+    assert skill.reliable
+
+
+@pytest.mark.parametrize("worth", [np.nan, np.inf, -np.inf, 1e308])
+def test_what_is_no_number_is_left_out(worth: float) -> None:
+    clean, spoilt = ForecastSkill(2), ForecastSkill(2)
+    for skill in (clean, spoilt):
+        told(skill, 50, 0.9)
+    good, bad = np.array([1.0, 2.0]), np.array([1.0, worth])
+    for steps in ((good, good, bad), (good, bad, good), (bad, good, good), (bad, good, bad)):
+        spoilt.observe(*steps)
+    assert clean.steps == spoilt.steps
+    assert clean.means.tobytes() == spoilt.means.tobytes()
+
+
+def test_resumed_equals_uninterrupted() -> None:
+    whole, resumed = ForecastSkill(2), ForecastSkill(2)
+    told(whole, 37, 0.7)
+    resumed.load_state_dict(*whole.state_dict())
+    for skill in (whole, resumed):
+        told(skill, 20, 0.3, seed=1)
+    assert whole.steps == resumed.steps
+    assert whole.means.tobytes() == resumed.means.tobytes()
+
+
+def test_one_surprise_is_forgotten() -> None:
+    """A fluent that rests, and once did what nobody foresaw, does not tell against all others."""
+    skill = ForecastSkill(2)
+    for step in range(3_000):
+        state = np.array([float(step), 0.0])
+        moved = np.array([step + 1.0, 5.0 if step == 40 else 0.0])
+        skill.observe(state, np.array([step + 1.0, 0.0]), moved)
+        assert step != 41 or not skill.reliable
+    assert skill.reliable

@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+import pytest
+
+from serp.adaptation.adapted_model import AdaptedModel
+from serp.adaptation.parameter_buffer import MODES
+from serp.errors import RunError
+from tests.serp.sysid import worlds
+from tests.serp.sysid.rolls import from_text
+from tests.serp.sysid.worlds import FLEET, ICE, MILD, PLANE, any_state, publish
+
+NAMES = ["soccer", "cartpole", "cliff", "1"]
+
+
+def bits(model: AdaptedModel) -> dict[str, bytes]:
+    """What is published, to the bit."""
+    return {name: array.tobytes() for name, array in model.block.contents().items()}
+
+
+def new(name: str) -> AdaptedModel:
+    return AdaptedModel(worlds.generated(1) if name == "1" else worlds.shipped(name))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_was_published_can_be_published_again_elsewhere(name: str) -> None:
+    one, other = new(name), new(name)
+    publish(one, np.random.default_rng(1), MILD)
+    publish(other, np.random.default_rng(2), MILD)
+    saved = one.block.contents()
+    other.block.restore(saved)
+    assert bits(other) == bits(one)
+    rng = np.random.default_rng(3)
+    states = np.array([any_state(one, rng) for _ in range(30)])
+    for action in range(len(one.actions)):
+        expected = one.step(states, action)
+        for ours, theirs in zip(other.step(states, action), expected, strict=True):
+            assert np.asarray(ours).tobytes() == np.asarray(theirs).tobytes()
+
+
+def test_what_is_saved_holds_no_addresses_of_this_process() -> None:
+    model = new("cartpole")
+    saved = model.block.contents()
+    program = model._program
+    callbacks = (program.native, program.native_flow, program.native_settle)
+    addresses = np.array([callback.address for callback in callbacks], dtype=float)
+    assert not any(np.isin(addresses, array).any() for array in saved.values())
+    assert np.isin(addresses, model.block.array).all()
+
+
+def test_what_is_saved_is_a_copy() -> None:
+    model = new("cartpole")
+    saved = model.block.contents()
+    before = bits(model)
+    publish(model, np.random.default_rng(1), MILD)
+    assert {name: array.tobytes() for name, array in saved.items()} == before != bits(model)
+
+
+def test_restoring_changes_the_model_where_it_is() -> None:
+    """Whoever holds the array, a planner say, sees what was restored."""
+    model, other = new("cartpole"), new("cartpole")
+    array = model.block.array
+    publish(other, np.random.default_rng(1), MILD)
+    model.block.restore(other.block.contents())
+    assert model.block.array is array and model.data is array
+    assert model.block.active
+
+
+@pytest.mark.parametrize("text", [PLANE, ICE])
+def test_what_belongs_to_another_domain_is_refused_and_changes_nothing(text: str) -> None:
+    model = AdaptedModel(from_text(text).model)
+    publish(model, np.random.default_rng(1), MILD)
+    before = bits(model)
+    for other in (from_text(FLEET).model, worlds.shipped("cartpole"), worlds.shipped("cliff")):
+        with pytest.raises(RunError, match="another domain"):
+            model.block.restore(AdaptedModel(other).block.contents())
+    assert bits(model) == before
+
+
+def test_what_belongs_to_a_file_with_other_numbers_is_refused() -> None:
+    """Else the step would be flagged by what another file says."""
+    written = worlds.shipped("cartpole")
+    model = AdaptedModel(written)
+    before = bits(model)
+    other = AdaptedModel(written.replace(theta=1.5 * written.theta))
+    with pytest.raises(RunError, match="another domain"):
+        model.block.restore(other.block.contents())
+    assert bits(model) == before
+
+
+def test_what_compiled_code_indexes_with_is_no_part_of_what_is_saved() -> None:
+    """Where anything lies follows from the domain; of the rest each number is checked."""
+    model = new("soccer")
+    saved = model.block.contents()
+    header = model.block.array.copy()
+    for name, array in saved.items():
+        for value in (-1.0, 2.0**45, np.nan):
+            if array.dtype == np.bool_ or not array.size:
+                continue
+            whole = array.dtype == np.int64
+            forged = {**saved, name: np.full_like(array, np.nan_to_num(value) if whole else value)}
+            with contextlib.suppress(RunError):
+                model.block.restore(forged)
+            modes = [group.modes for group in model.block.groups.values()]
+            assert set(modes) <= set(range(MODES + 1)), (name, value)
+            assert np.isfinite(model.block.array).all()
+    model.block.restore(saved)
+    assert model.block.array.tobytes() == header.tobytes()

@@ -1,0 +1,15 @@
+from __future__ import annotations
+
+import pytest
+
+from tests.serp.compare import contest
+
+
+@pytest.fixture
+def guests(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Algorithms from outside are installed: those of `contest`, and one that is broken."""
+    found = contest.guests()
+    broken = type(found["lazy"])("broken", "tests.serp.comparison.nosuch:make", "serp.algorithms")
+    monkeypatch.setattr(
+        "serp.compare.algorithms.algorithm_entries", lambda: {**found, "broken": broken}
+    )

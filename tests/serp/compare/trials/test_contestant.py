@@ -1,0 +1,88 @@
+"""What a trial asks of an algorithm: greedy actions, alone and within the vetoes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from serp.compare.algorithms import find_algorithm
+from serp.compare.trials.contestant import Contestant, flagged, make_contestant
+from serp.compare.trials.external_env import ExternalEnv
+from serp.compare.trials.trial import trial_settings
+from serp.errors import RunError
+from tests.serp.compare.contest import OWN, Drawing, walk
+
+PLACES = [np.array([x, 0.2]) for x in range(-2, 4)]
+
+
+def trained(folder: Path, name: str, env_steps: int = 60) -> tuple[Contestant, Any]:
+    task = walk(folder)
+    algorithm = find_algorithm(name)
+    bound = task.bind()
+    contender = make_contestant(algorithm, bound, trial_settings(algorithm, task, {}), 0)
+    contender.train(env_steps, lambda transition: None)
+    return contender, bound
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_alone_it_does_what_the_agent_does_alone_and_vetoed_nothing_unsafe(
+    tmp_path: Path, name: str
+) -> None:
+    contender, _ = trained(tmp_path, name)
+    agent = contender.agent
+    seen = [agent.perceive(place) for place in PLACES]
+    states, inputs = [state for state, _ in seen], np.stack([x for _, x in seen])
+    alone = contender.alone(states, inputs)
+    assert alone.shape == (len(PLACES),)
+    for (state, x), action in zip(seen, alone, strict=True):
+        assert agent.decide_alone(state, x).action == action
+        decision = contender.vetoed(state, x)
+        assert not decision.unsafe
+        assert decision.admissible[decision.action]
+    wanted = [(int(action), bool(a.unsafe)) for action, a in zip(
+        alone, (agent.decide_alone(state, x) for state, x in seen), strict=True)]  # fmt: skip
+    assert flagged(agent.arbiter, states, alone) == wanted
+
+
+def test_one_from_outside_is_held_by_the_same_vetoes(tmp_path: Path, guests: None) -> None:
+    contender, _ = trained(tmp_path, "drawing")
+    assert contender.terms["who acts"] == "chance"
+    states = [contender.agent.perceive(place)[0] for place in PLACES]
+    for place, state in zip(PLACES, states, strict=True):
+        x = contender.agent.perceive(place)[1]
+        assert contender.alone([state], x[np.newaxis]).tolist() == [1]
+        decision = contender.vetoed(state, x)
+        assert decision.proposed == 1
+        assert not decision.unsafe
+
+
+def test_what_one_from_outside_chooses_is_one_of_the_actions(
+    tmp_path: Path, guests: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A negative number is no last action, and 1.5 no 1."""
+    contender, bound = trained(tmp_path, "drawing")
+    state, x = contender.agent.perceive(PLACES[0])
+    for wrong in ([-1], [4], [1.5], [[1]], [True], [], None):
+        monkeypatch.setattr(Drawing, "act", lambda self, inputs, given=wrong: given)
+        with pytest.raises(RunError, match="`drawing` failed: .*1 whole numbers 0 ... 3 are want"):
+            contender.vetoed(state, x)
+    env = ExternalEnv(bound, contender.agent, 0, lambda transition: None)
+    env.reset()
+    for action in (-1, 4, 1.5):
+        with pytest.raises(gym.error.InvalidAction, match="is no action of Discrete"):
+            env.step(action)  # type: ignore[arg-type]
+    env.step(np.int64(3))
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_what_it_is_like_is_said_for_the_table_of_what_differs(tmp_path: Path, name: str) -> None:
+    contender, _ = trained(tmp_path, name, env_steps=1)
+    terms = contender.terms
+    assert set(terms) == {"learner", "learned from", "planner", "who acts", "vetoes"}
+    alone = name in ("dqn", "dqn-paper")
+    assert (terms["planner"] == "none") == (terms["vetoes"] == "none") == alone
+    assert (terms["learner"] == "none") == (terms["learned from"] == "none") == (name == "mrp")

@@ -1,0 +1,94 @@
+"""A planner's view and a learner whose values are known, to see what a strategy makes of both."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.control.strategies.strategy import Mask, Situation, Strategy, Values
+from serp.learning.dqn import Proposal
+from serp.model.flags import APPLICABLE
+from serp.planning.action_map import ActionForecast
+from serp.planning.forecast import SAFE
+
+
+def forecast(values: Sequence[float]) -> ActionForecast:
+    """What the planner thinks of actions that are all applicable and safe."""
+    value = np.array(values, dtype=np.float64)
+    count = len(value)
+    return ActionForecast(
+        choice=int(value.argmax()),
+        ground=np.arange(count),
+        value=value,
+        path_risk=np.zeros(count),
+        safe_steps=np.full(count, SAFE),
+        reward=np.zeros(count),
+        flags=np.full(count, APPLICABLE),
+    )
+
+
+def situation(
+    values: Sequence[float],
+    admissible: Sequence[bool] | None = None,
+    explorable: Sequence[bool] | None = None,
+) -> Situation:
+    """A state in which the plans from each action on are worth so much."""
+    allowed = np.ones(len(values), bool) if admissible is None else np.array(admissible)
+    return Situation(
+        forecast(values), allowed, None if explorable is None else np.array(explorable)
+    )
+
+
+class Known:
+    """A learner whose values are given; it explores where an action to be explored is given.
+
+    Attributes:
+        asked: How often it was asked to propose.
+        explorable, among, base: What it was last asked with.
+    """
+
+    def __init__(
+        self,
+        q: Sequence[float],
+        target: Sequence[float] | None = None,
+        explored: int | None = None,
+        members: Sequence[Sequence[float]] | None = None,
+    ) -> None:
+        self.q = np.array(q, dtype=np.float32)
+        self.members = np.array([q] if members is None else members, dtype=np.float32)
+        self.target = self.q if target is None else np.array(target, dtype=np.float32)
+        self.explored = explored
+        self.asked = 0
+        self.explorable: NDArray[np.bool_] | None = None
+        self.among: NDArray[np.bool_] | None = None
+        self.base: Values | None = None
+
+    def propose(
+        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
+        self.explorable = explorable
+        if self.explored is None:
+            return self.propose_greedily(among=among, base=base)
+        self.asked, self.among, self.base = self.asked + 1, among, base
+        return Proposal(self.explored, True, None)
+
+    def propose_greedily(
+        self, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
+        self.asked, self.among, self.base = self.asked + 1, among, base
+        q = self.q if base is None else (self.q + base).astype(np.float32)
+        choice = q if among is None or not among.any() else np.where(among, q, -np.inf)
+        return Proposal(int(choice.argmax()), False, q)
+
+    def member_q(self) -> Values:
+        return self.members
+
+    def target_q(self) -> Values:
+        return self.target
+
+
+def learner_acts(strategy: Strategy) -> bool:
+    """Whether the learner is asked next, all else equal."""
+    return strategy.propose(situation([1.0, 0.0]), Known([0.0, 1.0])) is not None

@@ -1,0 +1,14 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from serp.model.transition_model import TransitionModel
+from tests.serp.sysid.truth import robots
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> TransitionModel:
+    """The world of `robots`, for tests of what people are shown."""
+    return robots(tmp_path)

@@ -1,0 +1,151 @@
+"""Whatever is found of whatever file: what the repaired file is, and what it says."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from serp.diagnosis.findings import (
+    EffectTerm,
+    Findings,
+    MissingEffect,
+    ObservedOutcome,
+    OutcomeFinding,
+)
+from serp.diagnosis.repair.repair import repair
+from serp.model.loading import Domain
+from serp.pddl.portability import outside_portable_subset
+from serp.sysid.candidate_effects import may_change
+from serp.sysid.lifted_features import WORLD, Lens, Lifted, Lifting
+from serp.sysid.parameter_dependencies import parameter_dependencies
+from serp.sysid.regression_data import predictions
+from tests.serp.diagnosis.repairing import kept, literal, logic, of, written
+from tests.serp.diagnosis.test_estimation import FLEET, ROBOTS
+from tests.serp.sysid.rolls import DOMAINS, from_text
+from tests.serp.sysid.test_parameter_fit import CARTS
+from tests.serp.sysid.truth import predictions_with
+
+SHIPPED = ("cartpole", "cartpole-no-velocity", "landing", "soccer", "cliff")
+EXACT = 1e-7  # a standard error that leaves all digits
+
+
+@functools.cache
+def domain_of(name: str) -> Domain:
+    if name == "carts":
+        return from_text(CARTS)
+    if name == "fleet":
+        return from_text(FLEET, ROBOTS)
+    return from_text((DOMAINS / f"{name}.pddl").read_text(encoding="utf-8"))
+
+
+@functools.cache
+def lifting_of(name: str) -> Lifting:
+    return Lifting(domain_of(name).model.ground)
+
+
+# Two digits, so that nothing is lost where it is written, and none that is about 0 or 1.
+NUMBERS = st.integers(-400, 400).map(lambda k: k / 100).filter(lambda x: 0.05 < abs(x - 1) < 3.5)
+NUMBERS = NUMBERS.filter(lambda x: abs(x) > 0.05)
+
+
+@st.composite
+def terms_of(
+    draw: st.DrawFn, lens: Lens, numeric: Sequence[Lifted], own: str
+) -> tuple[EffectTerm, ...]:
+    """Terms in the words of a schema."""
+    factors = draw(
+        st.lists(
+            st.lists(st.sampled_from(numeric), max_size=2).map(sorted).map(tuple),
+            min_size=1, max_size=3, unique=True,
+        )
+    )  # fmt: skip
+    terms = []
+    for these in factors:
+        value = draw(NUMBERS)
+        if [f.name for f in these] == [own] and lens.schema != WORLD:
+            value = draw(st.sampled_from([1.0, value]))
+        terms.append(EffectTerm(value, EXACT, tuple(f.name for f in these)))
+    return tuple(terms)
+
+
+@st.composite
+def findings_of(draw: st.DrawFn, name: str) -> Findings:
+    """Anything that could be found of a file."""
+    domain, lifting = domain_of(name), lifting_of(name)
+    model = domain.model
+    known = parameter_dependencies(model.ground)
+    some = draw(st.sets(st.integers(0, len(known) - 1), max_size=4)) if known else set()
+    literals = [
+        literal(domain, k, value, EXACT)
+        for k in sorted(some)
+        if abs((value := draw(NUMBERS)) - known[k].parameter.value) > 0.05
+    ]
+    numeric = {f.symbol for f in model.fluents if f.numeric}
+    lenses = [lifting.schema(s) for s in dict.fromkeys(a.schema for a in model.actions)]
+    lenses += [lifting.world(s) for s in sorted(numeric)]
+    missing: dict[tuple[str, str], MissingEffect] = {}
+    for lens in draw(st.lists(st.sampled_from(lenses), max_size=4)):
+        words = [f for f in lens.view if f.symbol in numeric]
+        target = draw(st.sampled_from(lens.targets))
+        if lens.schema != WORLD and not may_change(lifting, lens, target):
+            continue
+        place = next((a.place for a in model.actions if a.schema == lens.schema), None)
+        terms = draw(terms_of(lens, words, target.name))
+        missing[lens.schema, target.name] = MissingEffect(
+            lens.schema, place, target.name, terms, lens.schema == WORLD, 1234, 1.0
+        )
+    return of(*literals, missing=tuple(missing.values()))
+
+
+@pytest.mark.parametrize("name", ["carts", "fleet", *SHIPPED])
+@settings(max_examples=6, deadline=None)
+@given(data=st.data())
+def test_the_file_stays_and_says_what_was_found(name: str, data: st.DataObject) -> None:
+    domain = domain_of(name)
+    found = data.draw(findings_of(name))
+    repaired = repair(domain, found)
+    new = written(domain, repaired)
+    assert kept(domain.source.text, repaired.text)
+    assert logic(new) == logic(domain)
+    assert not outside_portable_subset(new.source) or outside_portable_subset(domain.source)
+    assert bool(repaired.repairs) == bool(found.literals or found.missing)
+    model, again = domain.model.replace(dt=0.1), new.model.replace(dt=0.1)
+    rng = np.random.default_rng(0)
+    states = rng.uniform(-2.0, 2.0, size=(30, len(model.fluents)))
+    states = np.where([f.numeric for f in model.fluents], states, states > 0.0)
+    actions = rng.integers(len(model.actions), size=30)
+    told = predictions_with(model, found, states, actions)
+    assert predictions(again, states, actions) == pytest.approx(
+        told, rel=1e-3, abs=1e-9, nan_ok=True
+    )
+
+
+@settings(max_examples=15, deadline=None)
+@given(data=st.data())
+def test_chance_changes_comments_alone(data: st.DataObject) -> None:
+    name = data.draw(st.sampled_from(["cliff", "soccer", "fleet"]))
+    domain = domain_of(name)
+    outcomes = []
+    for action in {a.schema: a for a in domain.model.actions}.values():
+        likely = data.draw(st.lists(st.floats(0.0, 1.0), max_size=4))
+        kinds = [
+            ObservedOutcome((("f x", float(k)),) * (k % 3), p, 0.02, k == 0)
+            for k, p in enumerate(likely)
+        ]
+        if kinds:
+            outcomes.append(OutcomeFinding(action.schema, action.place, tuple(kinds), 77, 0.1))
+    repaired = repair(domain, of(outcomes=tuple(outcomes)))
+    assert len(repaired.repairs) == len(outcomes)
+    rest = iter(domain.source.text.splitlines(keepends=True))
+    expected = next(rest, None)
+    for line in repaired.text.splitlines(keepends=True):
+        if line == expected:
+            expected = next(rest, None)
+        else:
+            assert line.lstrip().startswith(";")
+    assert expected is None

@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from serp._util.figures import render
+from serp.diagnosis.diagnosis import Diagnosis, make_diagnosis
+from serp.diagnosis.findings import Findings
+from serp.diagnosis.plots import PANELS, draw_diagnosis, panels_of
+from serp.model.transition_model import TransitionModel
+from serp.sysid.regression_data import predictions
+from tests.serp.diagnosis.repairing import taken
+from tests.serp.sysid.rolls import DOMAINS, from_text, on_ice
+from tests.serp.sysid.truth import (
+    found,
+    literal,
+    missing,
+    predictions_with,
+    recorded,
+    states_of,
+)
+
+
+def pictured(model: TransitionModel, truth: Findings) -> Diagnosis:
+    states, actions = states_of(model, 300)
+    after = predictions_with(model, truth, states, actions)
+    column = next(f.index for f in model.fluents if f.name == "lit r1")
+    after[::7, column] = 1.0 - after[::7, column]  # a predicate that does not always do so
+    return make_diagnosis(recorded(model, states, actions, after), truth)
+
+
+def all_wrong(model: TransitionModel) -> Findings:
+    return found(
+        literal(model, 0, 2.5), missing(model, "battery ?r", {("warmth",): 0.2}),
+        missing(model, "warmth", {(): 0.1}, schema="", rate=True),
+        missing(model, "place ?r", {(): 0.1}, schema="", rate=True),
+        missing(model, "battery ?r", {(): 0.1}, schema="", rate=True),
+    )  # fmt: skip
+
+
+def test_the_most_costly_pairs_are_drawn_and_no_more_than_can_be_read(
+    model: TransitionModel,
+) -> None:
+    diagnosis = pictured(model, all_wrong(model))
+    assert sum(row.cost > 0 for row in diagnosis.fits) > PANELS
+    chosen = panels_of(diagnosis)
+    assert chosen == list(diagnosis.fits[:PANELS])
+    figure = draw_diagnosis(diagnosis)
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles == [f"{row.action}: {row.fluent}" for row in chosen]
+
+
+def test_numbers_are_points_and_predicates_are_tables(model: TransitionModel) -> None:
+    diagnosis = pictured(model, found(literal(model, 0, 2.5)))
+    figure = draw_diagnosis(diagnosis)
+    by_title = {axes.get_title(loc="left"): axes for axes in figure.axes}
+    points = by_title["drive r1: place r1"].collections
+    assert len(points) == 2
+    estimated = np.asarray(points[1].get_offsets())
+    np.testing.assert_allclose(estimated[:, 0], estimated[:, 1])
+    by_file = np.asarray(points[0].get_offsets())
+    np.testing.assert_allclose(by_file[:, 0] + 1.0, by_file[:, 1])
+    table = by_title["light r1: lit r1"]
+    assert not table.collections
+    shares = [float(text.get_text().split()[0]) for text in table.texts if "%" in text.get_text()]
+    columns = len(table.get_xticks())
+    assert sum(shares) == pytest.approx(100 * columns, abs=columns * 2)
+    assert {label.get_text() for label in table.get_yticklabels()} <= {"stays", "true", "false"}
+
+
+def test_equal_diagnoses_give_equal_bytes(model: TransitionModel) -> None:
+    drawn = pictured(model, found(literal(model, 0, 2.5)))
+    first, second = (render(draw_diagnosis(drawn), "svg") for _ in range(2))
+    assert first == second
+
+
+def test_a_right_file_is_drawn_by_what_moves(model: TransitionModel) -> None:
+    states, actions = states_of(model, 100)
+    after = predictions(model, states, actions)
+    diagnosis = make_diagnosis(recorded(model, states, actions, after), found())
+    assert panels_of(diagnosis)
+    assert all(row.change > 0 for row in panels_of(diagnosis))
+    assert len(draw_diagnosis(diagnosis).axes) == len(panels_of(diagnosis))
+    still = make_diagnosis(recorded(model, states, actions, states), found())
+    assert render(draw_diagnosis(still), "png")
+
+
+def test_rewards_and_ends_have_panels() -> None:
+    domain = from_text((DOMAINS / "cliff.pddl").read_text(encoding="utf-8"))
+    diagnosis = make_diagnosis(taken(domain, on_ice(domain, 0, steps=300)), found())
+    titles = {axes.get_title(loc="left") for axes in draw_diagnosis(diagnosis).axes}
+    assert any("reward" in title for title in titles) and any("terminal" in t for t in titles)

@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from serp import load_domain
+from serp.diagnosis.findings import EffectTerm, Findings, MissingEffect, ParameterFinding
+from serp.diagnosis.wording import measured, remarks, rounded, terms
+from serp.model.transition_model import TransitionModel
+from tests.serp.sysid.truth import chances, found, literal, missing, robots
+
+CARTPOLE = Path(__file__).parents[3] / "domains" / "cartpole.pddl"
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> TransitionModel:
+    return robots(tmp_path)
+
+
+def texts(findings: Findings, model: TransitionModel) -> list[str]:
+    return [remark.text for remark in remarks(findings, model.ground)]
+
+
+def line_of(text: str, model: TransitionModel) -> int:
+    source = model.actions[0].place.source.text
+    return source[: source.index(text)].count("\n") + 1
+
+
+def test_a_literal_and_what_is_missing_beside_it_are_told_together() -> None:
+    model = load_domain(CARTPOLE).model
+    parameter = model.parameters[1]
+    action = model.actions[0]
+    findings = found(
+        ParameterFinding(parameter, "push-left", "pole-velocity", 0.29, 0.2103, 0.021, 412, 0.5),
+        MissingEffect(
+            "push-left", action.place, "pole-velocity",
+            (EffectTerm(0.3123, 0.02, ("pole-angle",)),), False, 412, 0.25,
+        ),
+    )  # fmt: skip
+    (remark,) = remarks(findings, model.ground)
+    assert remark.text == (
+        "`push-left`, line 38: `(increase (pole-velocity) 0.29)`; observed 0.21 ± 0.02 in 412 "
+        "steps; plus 0.31 × pole-angle that the file does not mention"
+    )
+    assert remark.cost == 0.75
+    assert remark.line == 38
+    assert len(remark.findings) == 2
+
+
+def test_the_most_costly_comes_first(model: TransitionModel) -> None:
+    findings = found(
+        literal(model, 0, 2.0, cost=0.2),
+        missing(model, "warmth", {(): 3.0}, schema="", rate=True, cost=0.7),
+        chances(model, "light", ({}, 1.0, False), cost=0.5),
+    )
+    told = remarks(findings, model.ground)
+    assert [remark.cost for remark in told] == [0.7, 0.5, 0.2]
+    assert [remark.schema for remark in told] == ["", "light", "drive"]
+
+
+def test_a_literal_among_others_is_named(model: TransitionModel) -> None:
+    effect = "(decrease (battery ?r) (+ 0.2 (* 0.1 (place ?r))))"
+    findings = found(
+        literal(model, 1, 0.4, fluent="battery"), literal(model, 2, 0.3, fluent="battery")
+    )
+    assert texts(findings, model) == [
+        f"`drive`, line {line_of(effect, model)}: `{effect}`; observed 0.40 ± 0.02 for 0.2 in 412 "
+        "steps; observed 0.30 ± 0.02 for 0.1 in 412 steps"
+    ]
+
+
+def test_a_literal_that_agrees_is_left_out(model: TransitionModel) -> None:
+    assert texts(found(literal(model, 0, 1.53)), model) == []
+    assert len(texts(found(literal(model, 0, 1.55)), model)) == 1
+    exact = literal(model, 0, 1.5 + 1e-13, error=0.0)
+    assert texts(found(exact), model) == []
+
+
+def test_what_is_missing_beside_a_right_literal_is_told_with_it(model: TransitionModel) -> None:
+    findings = found(
+        literal(model, 0, 1.51), missing(model, "place ?r", {("warmth", "battery ?r"): -0.4})
+    )
+    (text,) = texts(findings, model)
+    assert text.endswith(
+        "`(increase (place ?r) 1.5)`, as observed; plus −0.40 × warmth × (battery ?r) that the "
+        "file does not mention"
+    )
+
+
+def test_what_the_file_is_silent_of(model: TransitionModel) -> None:
+    line = line_of("(:action drive", model)
+    assert texts(found(missing(model, "warmth", {("place ?r",): 0.5, (): -2.0})), model) == [
+        f"`drive`, line {line}: `(warmth)` changes by 0.50 × (place ?r) − 2.00, which the file "
+        "does not mention (412 steps)"
+    ]
+    (text,) = texts(found(missing(model, "place ?r", {(): 0.5})), model)
+    assert "changes by 0.50, beyond what the file says" in text
+    (text,) = texts(found(missing(model, "place ?robot", {(): 0.5}, schema="", rate=True)), model)
+    assert text == (
+        "whatever the action: `(place ?robot)` changes by 0.50 per unit of time, which the file "
+        "does not mention (412 steps)"
+    )
+
+
+def test_outcomes_are_told_with_how_often_they_come(model: TransitionModel) -> None:
+    line = line_of("(:action drive", model)
+    finding = chances(
+        model, "drive", ({"place": 1.5}, 0.334, True), ({}, 0.333, False),
+        ({"place": -1.0, "lit ?r": -1.0}, 0.333, False),
+    )  # fmt: skip
+    assert texts(found(finding), model) == [
+        f"`drive`, line {line}: does what the file says ((place) +1.5) in 33 ± 2 % of 412 steps; "
+        "instead nothing changes in 33 ± 2 %, (place) −1 and (lit ?r) becomes false in 33 ± 2 %"
+    ]
+    (text,) = texts(found(chances(model, "light", ({"lit": 1.0}, 1.0, False))), model)
+    assert "never does what the file says, in none of 412 steps; instead (lit) becomes true" in text
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (0.2103, 0.021, "0.21 ± 0.02"),
+        (0.2103, 0.0134, "0.210 ± 0.013"),
+        (-1234.5, 30.0, "−1,230 ± 30"),
+        (15.8, 0.0, "15.8"),
+        (15.8, float("inf"), "15.8"),
+        (3.0, 0.5, "3.0 ± 0.5"),
+    ],
+)
+def test_a_value_has_the_digits_that_its_error_leaves(
+    value: float, error: float, shown: str
+) -> None:
+    assert measured(value, error) == shown
+    assert rounded(value, error) == shown.split(" ")[0]
+
+
+def test_a_coefficient_is_never_shown_as_nothing() -> None:
+    assert rounded(0.004, 0.5) == "0.004"
+    assert terms([EffectTerm(-0.5, 0.1, ("a",)), EffectTerm(0.25, 0.01, ("a", "b c"))]) == (
+        "−0.50 × a + 0.250 × a × (b c)"
+    )
+    assert terms([]) == "0"

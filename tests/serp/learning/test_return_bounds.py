@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.learning.return_bounds import ReturnBounds
+
+REWARDS = st.floats(-10, 10)
+
+
+@given(
+    discount=st.floats(0, 0.99),
+    going_on=st.lists(REWARDS, max_size=40),
+    last=REWARDS,
+)
+def test_no_return_of_the_rewards_seen_lies_outside(
+    discount: float, going_on: list[float], last: float
+) -> None:
+    bounds = ReturnBounds(discount)
+    for reward in going_on:
+        bounds.observe(reward, terminated=False)
+    bounds.observe(last, terminated=True)
+    for start in range(len(going_on) + 1):
+        rewards = [*going_on[start:], last]
+        value = sum(discount**k * reward for k, reward in enumerate(rewards))
+        assert bounds.lower - 1e-9 <= value <= bounds.upper + 1e-9
+
+
+@given(discount=st.floats(0, 0.99), low=REWARDS, high=REWARDS, last=REWARDS)
+def test_bounds_are_reached(discount: float, low: float, high: float, last: float) -> None:
+    bounds = ReturnBounds(discount)
+    for reward in (low, high):
+        bounds.observe(reward, terminated=False)
+    bounds.observe(last, terminated=True)
+    for_ever = [reward / (1 - discount) for reward in (low, high)]
+    assert bounds.lower == pytest.approx(min(*for_ever, last))
+    assert bounds.upper == pytest.approx(max(*for_ever, last))
+
+
+def test_a_fall_counts_once() -> None:
+    bounds = ReturnBounds(0.9)
+    for reward in (0.0, 0.7, 1.0):
+        bounds.observe(reward, terminated=False)
+    bounds.observe(-1.0, terminated=True)
+    assert (bounds.lower, bounds.upper) == (-1.0, pytest.approx(10.0))
+
+
+def test_unbounded_before_any_reward() -> None:
+    bounds = ReturnBounds(0.9)
+    assert (bounds.lower, bounds.upper) == (-math.inf, math.inf)
+
+
+@given(st.lists(st.tuples(REWARDS, st.booleans())))
+def test_continues_from_its_state(seen: list[tuple[float, bool]]) -> None:
+    bounds = ReturnBounds(0.9)
+    for reward, terminated in seen:
+        bounds.observe(reward, terminated)
+    other = ReturnBounds(0.9)
+    other.load_state(bounds.state())
+    assert (other.lower, other.upper) == (bounds.lower, bounds.upper)
+    assert other.state() == bounds.state()

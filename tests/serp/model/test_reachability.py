@@ -1,0 +1,113 @@
+"""What a problem's initial state leads to, and what is left out because nothing leads to it."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+from hypothesis import given
+
+from serp.pddl import syntax as x
+from serp.pddl.source import DomainError
+from tests.generated import Generated, Texts, examples, load_texts, models
+
+LIFT = """(define (domain lift)
+  (:types floor)
+  (:predicates (at ?f - floor) (above ?f ?g - floor) (stop ?f - floor) (broken))
+  (:functions (cost) (time ?f ?g - floor))
+  (:action up :parameters (?f ?g - floor)
+    :precondition (and (at ?f) (above ?f ?g) (stop ?g) (not (broken)))
+    :effect (and (not (at ?f)) (at ?g) (increase (cost) (time ?f ?g)))))"""
+FLOORS = """(define (problem p) (:domain lift) (:objects f0 f1 f2 f3 - floor)
+  (:init (at f0) (stop f0) (stop f2) (stop f3) (above f0 f1) (above f0 f2) (above f1 f2)
+    (above f0 f3) (above f2 f3) (above f1 f3)
+    (= (time f0 f2) 4) (= (time f2 f3) 3) {}))"""
+
+
+def test_a_number_is_needed_only_where_an_instance_that_can_be_reached_reads_it() -> None:
+    texts = Texts(LIFT, FLOORS.format("(= (time f0 f3) 6)"))
+    model = load_texts(texts).model  # nobody stops at f1, so its times are of no interest
+    assert [a.name for a in model.actions] == ["up f0 f2", "up f0 f3", "up f2 f3"]
+    assert [f.name for f in model.fluents] == ["at f0", "at f2", "at f3", "cost"]
+    for message, domain in (
+        ("`(time f0 f3)` has no value", load_texts(Texts(LIFT, FLOORS.format("")))),
+        ("`(time f1 f2)` has no value", load_texts(texts).observed()),  # it may be seen at f1
+    ):
+        with pytest.raises(DomainError) as caught:
+            _ = domain.model
+        assert caught.value.problem == message
+
+
+def test_a_number_that_is_missing_starts_at_0_with_a_warning() -> None:
+    domain = load_texts(Texts(LIFT, FLOORS.format("(= (time f0 f3) 6)")))
+    assert domain.model.initial_state is not None
+    assert domain.model.values(domain.model.initial_state)["cost"] == 0.0
+    (warning,) = domain.warnings
+    assert warning.text == "`cost` starts at 0, for :init gives no value"
+    stated = load_texts(Texts(LIFT, FLOORS.format("(= (time f0 f3) 6) (= (cost) 2)")))
+    assert stated.model.initial_state is not None and not stated.warnings
+
+
+def test_a_predicate_that_nobody_states_and_nothing_changes_takes_no_columns() -> None:
+    objects = " ".join(f"o{k}" for k in range(25))
+    texts = Texts(
+        "(define (domain d) (:predicates (link4 ?a ?b ?c ?d) (on)) (:action go"
+        " :parameters (?a ?b ?c ?d) :precondition (link4 ?a ?b ?c ?d) :effect (on))"
+        " (:action rest :effect (on)))",
+        f"(define (problem p) (:domain d) (:objects {objects}) (:init))",
+    )
+    model = load_texts(texts).model
+    assert [f.name for f in model.fluents] == ["on"]
+    assert [a.name for a in model.actions] == ["rest"]
+    with pytest.raises(DomainError, match="--max-ground-schemas N"):
+        _ = load_texts(texts).observed().model
+
+
+@pytest.mark.parametrize(
+    ("condition", "leads"),
+    [
+        ("(and (p1) (q))", False),  # nothing makes q true
+        ("(and (p1) (not (q)))", True),
+        ("(or (q) (p1))", True),  # first neither holds, then one does
+        ("(imply (start) (p1))", True),
+        ("(and (p1) (not (start)))", True),  # `start` is deleted
+        ("(exists (?o) (and (mark ?o) (not (= ?o b))))", True),  # through a conditional effect
+        ("(exists (?o) (and (mark ?o) (= ?o b)))", False),
+        ("(forall (?o) (mark ?o))", False),
+        ("(forall (?o) (or (mark ?o) (= ?o b)))", True),
+        ("(> (count) 1000000)", True),  # numbers rule nothing out
+    ],
+)
+def test_what_leads_to_an_action_may_itself_have_to_be_reached(condition: str, leads: bool) -> None:
+    texts = Texts(
+        "(define (domain d) (:constants a b) (:functions (count))"
+        " (:predicates (start) (p0) (p1) (q) (mark ?o))"
+        f" (:action last :precondition {condition} :effect (increase (count) 1))"
+        " (:action third :effect (forall (?o) (when (and (p1) (not (= ?o b))) (mark ?o))))"
+        " (:action second :precondition (p0) :effect (and (p1) (not (start)) (not (q))))"
+        " (:action first :precondition (start) :effect (p0)))",
+        "(define (problem p) (:domain d) (:init (start) (= (count) 0)))",
+    )
+    names = [action.name for action in load_texts(texts).model.actions]
+    assert names == [*(["last"] if leads else []), "third", "second", "first"]
+
+
+@given(models())
+@examples(60)
+def test_whatever_can_be_done_from_the_initial_state_on_is_in_the_model(
+    generated: Generated,
+) -> None:
+    problem, model = generated.domain.problem_syntax, generated.model
+    if problem is None or model.initial_state is None:
+        return
+    random = Random(0)
+    known = {action.name for action in model.actions}
+    every = list(generated.oracle.instances(x.Kind.ACTION))
+    state = model.initial_state
+    for _ in range(6):
+        spelled = generated.spelled(state)
+        possible = [name for name in every if generated.oracle.step(spelled, name).applicable]
+        assert known.issuperset(possible)
+        if not possible:
+            return
+        state = model.step(state, random.choice(possible)).state

@@ -1,0 +1,378 @@
+"""What is wrong is refused where it stands, with what to do about it.
+
+In the texts, `«` and `»` enclose the place that the message must name; they are taken out before
+the text is read.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from serp.model.instantiate import instantiate
+from serp.model.loading import load_domain
+from serp.pddl.parser import parse_domain, parse_problem
+from serp.pddl.source import DomainError, Source, did_you_mean
+from tests.serp.pddl.rendering import caret_text, check_rendering
+
+DOMAIN = """\
+(define (domain robots)
+  (:requirements :adl :numeric-fluents)
+  (:types robot - mobile mobile place)
+  (:constants home - place r2 - robot)
+  (:predicates (at ?r - robot ?p - place) (open ?p - place) (tired) (unsafe) (terminal))
+  (:functions (charge ?r - robot) (speed) (reward))
+  %s)
+"""
+PROBLEM = """\
+(define (problem errand)
+  (:domain robots)
+  (:objects hall - place)
+  %s)
+"""
+
+
+def action(effect: str = "(tired)", precondition: str = "(and)") -> str:
+    return DOMAIN % (
+        f"(:action go :parameters (?r - robot ?p - place)\n    :precondition {precondition}"
+        f"\n    :effect {effect})"
+    )
+
+
+def process(effect: str) -> str:
+    return DOMAIN % f"(:process run :parameters () :precondition (and) :effect {effect})"
+
+
+def problem(section: str) -> str:
+    return PROBLEM % section
+
+
+LONG = "\n 1" * 150
+
+
+# fmt: off
+IN_DOMAIN = {
+    # Parentheses and words
+    "never closed": ("(define (domain d)«»", "a `)` is missing: `(define` of line 1", ""),
+    "never closed, inside": (DOMAIN.replace("%s)", "(:action go«»"), "2 `)` are missing", ""),
+    "one too many": ("(define (domain d))\n«)»", "text after the end", "one `)` too many"),
+    "closing first": ("«)»", "`)` without a `(`", ""),
+    "second definition": ("(define (domain d)) «(»define (domain e))", "text after the end", ""),
+    "no parentheses": ("«hello»", "text outside of parentheses", "begins with `(define`"),
+    "too deep": ("(" * 100 + "«(»", "nested deeper than 100", ""),
+    "odd space": ("(define«\u00a0»(domain d))", "U+00A0", "replace it with a space"),
+    # The whole
+    "no define": ("«(domain d)»", "begins with `(define`", ""),
+    "empty define": ("«(define)»", "expected `(domain name)`", ""),
+    "no name": ("(define «(domain)»)", "expected `(domain name)`", ""),
+    "problem instead": ("(define «(problem d)»)", "this is a problem file", ""),
+    "domain name": ("(define (domain «../d»))", "`../d` is not a name", "begin with a letter"),
+    "unknown section": (DOMAIN % "«(:actoin go)»", "`:actoin` is not supported",
+                        "did you mean `:action`?"),
+    "durative action": (DOMAIN % "«(:durative-action go)»", "`:durative-action` is not supported",
+                        "an action, and a process"),
+    "derived": (DOMAIN % "«(:derived (tired) (and))»", "`:derived` is not supported", "an event"),
+    "list as section": (DOMAIN % "«((:action go))»", "`()` is not supported in a domain", ""),
+    "word as section": (DOMAIN % "«:action»", "expected a section in parentheses", ""),
+    "section twice": (DOMAIN % "«(:types car)»", "a second `:types`", "merge the two"),
+    "list as requirement": ("(define (domain d) (:requirements «(:typing)»))",
+                            "expected a requirement", ""),
+    # Types, objects, predicates, functions
+    "type twice": ("(define (domain d) (:types a - b «a» - c))", "type `a` is declared twice", ""),
+    "type cycle": ("(define (domain d) (:types a - b «b» - c c - b))", "`b` is its own anc", ""),
+    "object with parent": ("(define (domain d) (:types «object» - a))", "the root of all", ""),
+    "two parents": ("(define (domain d) (:types «a» - (either b c)))", "a type has one parent", ""),
+    "dash first": ("(define (domain d) (:predicates (p «-» a)))", "`- a` without a parameter", ""),
+    "dash last": ("(define (domain d) (:types a «-»))", "`-` without a type after it", ""),
+    "odd type list": ("(define (domain d) (:types a - «(both b c)»))", "expected a type or", ""),
+    "unknown type": ("(define (domain d) (:types robot) (:constants a - «robto»))",
+                     "unknown type `robto`", "did you mean `robot`?"),
+    "object twice": ("(define (domain d) (:types t) (:constants a - t «a»))",
+                     "object `a` is declared twice", "leave one of them out"),
+    "object of two types": ("(define (domain d) (:types b c) (:constants «a» - (either b c)))",
+                            "an object has one type", ""),
+    "number as object": ("(define (domain d) (:constants «4»))", "not a name for an object",
+                         "begin with a letter"),
+    "empty predicate": ("(define (domain d) (:predicates «()»))", "empty declaration", ""),
+    "word as predicate": ("(define (domain d) (:predicates «p»))",
+                          "expected a predicate in parentheses, found `p`", ""),
+    "predicate twice": ("(define (domain d) (:predicates (p) («p» ?x)))", "declared twice", ""),
+    "predicate and function": ("(define (domain d) (:predicates (p)) (:functions «(p)»))",
+                               "both a predicate and a function", ""),
+    "keyword as predicate": ("(define (domain d) (:predicates («when»)))", "a word of PDDL", ""),
+    "parameter without ?": ("(define (domain d) (:predicates (p «x»)))",
+                            "expected a variable", "begin with `?`"),
+    "parameter twice": (
+        "(define (domain d) (:types t) (:action go :parameters (?x - t «?x»)))",
+        "parameter `?x` is declared twice", ""),
+    "constraint": (DOMAIN % "«(:constraint slow :condition)»", "expected `(:constraint NAME", ""),
+    "object fluent": ("(define (domain d) (:types t) (:functions (f) - «t»))",
+                      "other than numbers", "write `- number`"),
+    "reward as predicate": ("(define (domain d) (:predicates «(reward)»))",
+                            "reserved and must be a function", ""),
+    "unsafe as function": ("(define (domain d) (:functions «(unsafe)»))",
+                           "reserved and must be a predicate", ""),
+    "terminal of something": ("(define (domain d) (:predicates «(terminal ?x)»))",
+                              "takes no parameters", ""),
+    # Schemas
+    "no schema name": (DOMAIN % "«(:action)»", "`:action` without a name", ""),
+    "schema twice": (DOMAIN % "(:action go) (:event «go»)", "`go` is defined twice", "must differ"),
+    "unknown field": (DOMAIN % "(:action go «:preconditon» (and))", "`:preconditon` is not supp",
+                      ":precondition"),
+    "field twice": (DOMAIN % "(:action go :effect () «:effect» ())", "a second `:effect`", ""),
+    "field without value": (DOMAIN % "(:action go «:effect»)", "`:effect` without a value", ""),
+    "word as effect": (action("«tired»"), "expected the value of `:effect` in paren", ""),
+    # Conditions
+    "unknown predicate": (action(precondition="(and («opne» ?p))"), "unknown predicate `opne`",
+                          "did you mean `open`?"),
+    "undeclared flag": ("(define (domain d) (:action go :effect («unsafe»)))",
+                        "unknown predicate `unsafe`", "declare it: `(:predicates ... (unsafe))`"),
+    "unknown variable": (action(precondition="(open «?q»)"), "unknown variable `?q`",
+                         "known here: `?p`, `?r`"),
+    "unknown object": (action(precondition="(open «homr»)"), "unknown object `homr`",
+                       "did you mean `home`?"),
+    "list as argument": (action(precondition="(open «(home)»)"), "found a list", ""),
+    "too few arguments": (action(precondition="«(at ?r)»"), "takes 2 arguments, found 1",
+                          "declared as (at ?r - robot ?p - place)"),
+    "wrong type": (action(precondition="(open «?r»)"), "`?r` is of type `robot`, but", ""),
+    "function as condition": (action(precondition="(«speed»)"), "`speed` is a function", ""),
+    "number as condition": (action(precondition="(and «4»)"), "expected a condition", ""),
+    "two negated": (action(precondition="«(not (tired) (tired))»"), "`not` takes 1 condition", ""),
+    "imply of one": (action(precondition="«(imply (tired))»"), "`imply` takes 2 conditions", ""),
+    "quantifier": (action(precondition="«(forall (?x - robot))»"), "a list of variables and one",
+                   "write `(forall (?x - type) ...)`"),
+    "three compared": (action(precondition="«(< 1 2 3)»"), "`<` compares two things", ""),
+    "object and number": (action(precondition="(= «?r» 4)"), "expected a number", ""),
+    "preference": (action(precondition="«(preference a (tired))»"), "preferences", "(reward)"),
+    "timed condition": (action(precondition="(and «(over all (tired))»)"), "timed conditions",
+                        "a process"),
+    # Numbers
+    "argument without ()": (action("(increase (speed) «charge»)"), "expected a number", ""),
+    "root": (action("(increase (speed) (^ (speed) «0.5»))"), "`^` to the power of 0.5", "1 to 8"),
+    "powers of powers": (
+        action("(increase (speed) «(^ (^ (^ (^ (speed) 8) 8) 8) 8)»)"),
+        "more than 512 numbers", "a function of its own",
+    ),
+    "unknown function": (action("(increase (speed) («sped»))"), "unknown function `sped`",
+                         "did you mean `speed`?"),
+    "predicate as number": (action("(increase (speed) («tired»))"), "`tired` is a predicate", ""),
+    "too large": (action("(increase (speed) «1e400»)"), "too large a number", ""),
+    "one added": (action("(increase (speed) «(+ 1)»)"), "`+` takes two or more operands", ""),
+    "three subtracted": (action("(increase (speed) «(- 1 2 3)»)"), "`-` takes one or two", ""),
+    "reading the reward": (action("(increase (speed) «(reward)»)"), "cannot be read", ""),
+    "time outside": (action("(increase (speed) (* «#t» 2))"), "factor of a rate in a process",
+                     "(:process"),
+    "total time": (action("(increase (speed) «(total-time)»)"), "only in a metric", ""),
+    "endless sum": (action(f"(increase (speed) «(+{LONG})»)"), "more than 100", ""),
+    # Effects
+    "choice": (action("«(or (tired) (open ?p))»"), "`or` is not supported in an effect",
+               "deterministic"),
+    "nested when": (action("(when (tired) «(when (open ?p) (tired))»)"), "`when` inside `when`",
+                    "both conditions under `and`"),
+    "nested when, deeper": (
+        action("(when (tired) (forall (?x - robot) (and «(when (tired) (tired))»)))"),
+        "`when` inside `when`", ""),
+    "when of one": (action("«(when (tired))»"), "one condition and one effect", ""),
+    "unsafe made false": (action("«(not (unsafe))»"), "can only be made true", "every step"),
+    "negated twice": (action("(not («not» (tired)))"), "unknown predicate `not`", ""),
+    "two deleted": (action("«(not (tired) (tired))»"), "`not` takes one predicate", ""),
+    "reward assigned": (action("«(assign (reward) 1)»"), "only be increased or decreased", ""),
+    "reward scaled": (action("«(scale-up (reward) 2)»"), "only be increased or decreased", ""),
+    "no value": (action("«(increase (speed))»"), "a function and a value", ""),
+    "predicate increased": (action("(increase («tired») 1)"), "`tired` is a predicate", ""),
+    "number increased": (action("(increase «4» 1)"), "expected a function in parentheses", ""),
+    "wrong type increased": (action("(increase (charge «?p») 1)"), "`?p` is of type `place`", ""),
+    # Processes
+    "rate without #t": (process("(increase (speed) «(speed)»)"), "rate times `#t`",
+                        "write `(* #t rate)`"),
+    "assignment in a process": (process("«(assign (speed) #t)»"), "only increase or decrease", ""),
+    "predicate in a process": (process("«(tired)»"), "only increases and decreases", "(:event"),
+    "when in a process": (process("«(when (tired) (increase (speed) #t))»"),
+                          "`when` is not supported in a process", "under :precondition"),
+}
+
+IN_PROBLEM = {
+    "domain instead": ("(define «(domain d)»)", "this is a domain file", ""),
+    "no domain name": (problem("").replace("(:domain robots)", "«(:domain)»"),
+                       "expected `(:domain name)`", ""),
+    "unknown section": (problem("«(:inti)»"), "`:inti` is not supported in a problem",
+                        "did you mean `:init`?"),
+    "section twice": (problem("(:init) «(:init)»"), "a second `:init`", "merge"),
+    "constraints": (problem("«(:constraints (and))»"), "`:constraints` is not supported",
+                    "an event that sets `(unsafe)`"),
+    "unknown type": (problem("").replace("- place", "- «plaec»"), "unknown type `plaec`",
+                     "did you mean `place`?"),
+    "constant of another type": (problem("").replace("hall", "«home» - robot hall"),
+                                 "`home` is a constant of type `place`", ""),
+    "unknown object": (problem("(:init (open «hal»))"), "unknown object `hal`", "`hall`?"),
+    "unknown predicate": (problem("(:init («opn» hall))"), "unknown predicate `opn`", "`open`?"),
+    "variable": (problem("(:init (open «?x»))"), "unknown variable `?x`", "no variable is bound"),
+    "word as fact": (problem("(:init «tired»)"), "expected a fact in parentheses", ""),
+    "compound fact": (problem("(:init «(and (tired))»)"), "expected a predicate over objects", ""),
+    "negated number": (problem("(:init «(not (= (speed) 1))»)"), "`not` takes one predicate", ""),
+    "true and false": (problem("(:init (tired) «(not (tired))»)"), "also stated true", ""),
+    "flag": (problem("(:init «(unsafe)»)"), "starts false in every step", ""),
+    "reward": (problem("(:init (= (reward) «5»))"), "starts at 0", ""),
+    "two values": (problem("(:init (= (speed) 1) «(= (speed) 2)»)"), "a second value", ""),
+    "expression as value": (problem("(:init (= (speed) «(+ 1 2)»))"), "expected a number", ""),
+    "expression valued": (problem("(:init (= «(+ 1 2)» 3))"), "expected a function", ""),
+    "value of two": (problem("(:init «(= (speed) 1 2)»)"), "expected `(= (function) number)`", ""),
+    "timed literal": (problem("(:init «(at 5 (tired))»)"), "timed initial literals", "a clock"),
+    "goal of two": (problem("«(:goal (tired) (tired))»"), "expected `(:goal condition)`", ""),
+    "goal": (problem("(:goal (and («tird»)))"), "unknown predicate `tird`", "`tired`?"),
+    "metric": (problem("«(:metric maximize)»"), "expected `(:metric", ""),
+    "metric sense": (problem("(:metric «maximise» (reward))"), "expected maximize or minimize", ""),
+    "metric beside reward": (problem("«(:metric minimize (speed))»"), "declares `(reward)`", ""),
+    "reward minimized": (problem("«(:metric minimize (reward))»"), "never minimized", ""),
+    "violations": (problem("(:metric minimize («is-violated» a))"), "unknown func", "known"),
+}
+# fmt: on
+
+
+def marked(text: str) -> tuple[str, int, int, str]:
+    """Take the marks out: the text, line and column of the place, and what is shown of it."""
+    before, inside, after = re.fullmatch("([^«]*)«([^»]*)»([^»]*)", text, re.DOTALL).groups()  # type: ignore[union-attr]
+    line = before.count("\n") + 1
+    column = len(before.rsplit("\n", 1)[-1]) + 1
+    return before + inside + after, line, column, inside.split("\n")[0]
+
+
+def check(error: DomainError, file: str, text: str, says: str, advises: str) -> None:
+    plain, line, column, shown = marked(text)
+    assert (error.file, error.line, error.column) == (file, line, column), str(error)
+    assert says in error.problem
+    assert advises in error.advice
+    assert error.source_line is not None
+    check_rendering(error, plain)
+    assert caret_text(error) == (shown if shown.isprintable() else " ")
+
+
+@pytest.mark.parametrize("name", IN_DOMAIN)
+def test_what_is_wrong_in_a_domain_is_refused_in_its_place(name: str) -> None:
+    text, says, advises = IN_DOMAIN[name]
+    with pytest.raises(DomainError) as caught:
+        instantiate(parse_domain(Source("robots.pddl", marked(text)[0])))
+    check(caught.value, "robots.pddl", text, says, advises)
+
+
+@pytest.mark.parametrize("name", IN_PROBLEM)
+def test_what_is_wrong_in_a_problem_is_refused_in_its_place(name: str) -> None:
+    text, says, advises = IN_PROBLEM[name]
+    domain = parse_domain(Source("robots.pddl", DOMAIN % "(:action go :effect (open home))"))
+    with pytest.raises(DomainError) as caught:
+        instantiate(domain, parse_problem(Source("errand.pddl", marked(text)[0]), domain))
+    check(caught.value, "errand.pddl", text, says, advises)
+
+
+def test_the_skeletons_themselves_are_fine() -> None:
+    domain = parse_domain(Source("robots.pddl", action()))
+    instantiate(domain, parse_problem(Source("errand.pddl", problem("(:init)")), domain))
+    instantiate(parse_domain(Source("robots.pddl", process("(increase (speed) #t)"))))
+
+
+def test_a_missing_static_value_is_told_where_it_is_read() -> None:
+    text = DOMAIN % "(:action go :parameters (?r - robot) :precondition (> «(charge ?r)» 1))"
+    domain = parse_domain(Source("robots.pddl", marked(text)[0]))
+    given = "(:objects r3 - robot) (:init (= (charge r2) 4))"
+    source = Source("errand.pddl", problem(given).replace("(:objects hall - place)", ""))
+    with pytest.raises(DomainError) as caught:
+        instantiate(domain, parse_problem(source, domain))
+    check(caught.value, "robots.pddl", text, "`(charge r3)` has no value", "(= (charge r3) ...)")
+
+
+# Files -----------------------------------------------------------------------------------------
+
+
+def test_an_empty_file_and_one_of_comments(tmp_path: Path) -> None:
+    path = tmp_path / "d.pddl"
+    for text in ("", "\n\n", "; nothing\n;; here", "\ufeff"):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(DomainError, match="holds no PDDL definition") as caught:
+            load_domain(path)
+        assert (caught.value.file, caught.value.line, caught.value.column) == (str(path), 1, 1)
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(DomainError, match="there is no such file") as caught:
+        load_domain(tmp_path / "none.pddl")
+    assert str(tmp_path / "none.pddl") in str(caught.value)
+    for folder in (tmp_path, ".", "/", ""):
+        with pytest.raises(DomainError, match="cannot be read"):
+            load_domain(folder)
+    good = tmp_path / "d.pddl"
+    good.write_text("(define (domain d))")
+    with pytest.raises(DomainError, match="there is no such file"):
+        load_domain(good, tmp_path / "none.pddl")
+    latin = tmp_path / "latin.pddl"
+    latin.write_bytes("(define (domain d)) ; für".encode("latin-1"))
+    with pytest.raises(DomainError, match="byte 23 is not valid UTF-8") as caught:
+        load_domain(latin)
+    assert caught.value.advice == "save the file as UTF-8"
+
+
+def test_line_ends_tabs_and_a_byte_order_mark_move_no_place(tmp_path: Path) -> None:
+    path = tmp_path / "d.pddl"
+    text = "(define (domain d)\n\t(:predicates (p))\n\t(:action a\n\t\t:effect (q)))\n"
+    for encoded in (
+        text.encode(),
+        text.replace("\n", "\r\n").encode(),
+        b"\xef\xbb\xbf" + text.encode(),
+    ):
+        path.write_bytes(encoded)
+        with pytest.raises(DomainError) as caught:
+            load_domain(path)
+        assert (caught.value.line, caught.value.column) == (4, 12)
+        assert caught.value.source_line == "  :effect (q)))"
+        assert caret_text(caught.value) == "q"
+        path.write_bytes(encoded.replace(b"(q)", b"(p)"))
+        assert [a.name for a in load_domain(path).model.actions] == ["a"]
+
+
+def test_the_problem_beside_the_domain_is_found(tmp_path: Path) -> None:
+    (tmp_path / "d.pddl").write_text("(define (domain d) (:predicates (p ?x)))")
+    assert load_domain(tmp_path / "d.pddl").problem_source is None
+    (tmp_path / "d-problem.pddl").write_text("(define (problem e) (:objects o1 o2))")
+    (tmp_path / "other.pddl").write_text("(define (problem e) (:objects o3))")
+    fluents = [f.name for f in load_domain(tmp_path / "d.pddl").model.fluents]
+    assert fluents == ["p o1", "p o2"]
+    other = load_domain(tmp_path / "d.pddl", tmp_path / "other.pddl")
+    assert [f.name for f in other.model.fluents] == ["p o3"]
+    assert other.problem_source is not None
+    assert other.problem_source.name == str(tmp_path / "other.pddl")
+
+
+def test_control_characters_reach_no_terminal() -> None:
+    with pytest.raises(DomainError) as caught:
+        parse_domain(Source("d.pddl", "(define (domain \x1b[31mred\x07))"))
+    assert all(c.isprintable() for c in str(caught.value).replace("\n", ""))
+    assert caret_text(caught.value) == " [31mred "
+
+
+def test_case_does_not_matter() -> None:
+    domain = parse_domain(Source("d.pddl", "(DEFINE (DOMAIN D) (:Predicates (P)) (:ACTION A))"))
+    assert (domain.name, list(domain.declarations)) == ("d", ["p"])
+
+
+@pytest.mark.parametrize(
+    ("number", "value"),
+    [("1", 1), ("-1", -1), ("+1.5", 1.5), (".5", 0.5), ("5.", 5), ("1e3", 1e3), ("-2.5E-1", -0.25)],
+)
+def test_numbers(number: str, value: float) -> None:
+    text = f"(define (domain d) (:functions (f)) (:action a :effect (assign (f) {number})))"
+    assert instantiate(parse_domain(Source("d.pddl", text))).parameters[0].value == value
+
+
+@pytest.mark.parametrize("word", ["1e", "0x10", "1_000", "nan", "inf", "--1", "1e5.5", "٣", "1,5"])
+def test_words_that_are_no_numbers(word: str) -> None:
+    text = f"(define (domain d) (:functions (f)) (:action a :effect (assign (f) {word})))"
+    with pytest.raises(DomainError, match="expected a number"):
+        parse_domain(Source("d.pddl", text))
+
+
+def test_advice_lists_a_few_known_names_when_none_is_close() -> None:
+    assert did_you_mean("sped", ["speed", "charge"]) == "did you mean `speed`?"
+    assert did_you_mean("xyz", ["speed", "charge"]) == "known here: `charge`, `speed`"
+    assert did_you_mean("xyz", [f"f{k}" for k in range(20)]).endswith("`f15` and 12 more")
+    assert did_you_mean("xyz", []) == ""

@@ -1,0 +1,105 @@
+"""Forms that are no standard PDDL but in wide use: they load, with a warning each."""
+
+from __future__ import annotations
+
+import pytest
+
+from serp.model.loading import Domain
+from tests.generated import Texts, load_texts
+
+DOMAIN = """(define (domain car)
+  (:requirements :typing)
+  (:types vehicle - object boat - vehicle lake - object)
+  (:constants here there - lake)
+  (:predicates (at ?x - boat ?y - lake) (linked ?x ?y) (unsafe))
+  (:functions (speed) (limit) (fuel ?x - boat))
+  (:action row :parameters (?x - boat ?y - lake)
+    :precondition (and (at ?x ?y) (< (speed) 5))
+    :effect (and (increase (speed) (* (limit) (limit))) (not (at ?x ?y))))
+  (:event slow :parameters (?x - boat)
+    :precondition (not (and (> (speed) (- 0 (limit))) (>= (fuel ?x) 0)))
+    :effect (unsafe)))"""
+PROBLEM = """(define (problem lake)
+  (:domain car)
+  (:objects ferry - boat)
+  (:init (at ferry here) (= (speed) 0) (= (limit) 2) (= (fuel ferry) 1))
+  (:goal (not (at ferry here)))
+  (:metric minimize (speed)))"""
+
+# What to write in the stead of what, and the warning.
+FORMS = {
+    "no blank after the dash": ("boat - vehicle", "boat -vehicle", "read as `- vehicle`"),
+    "nor in a parameter": ("(?x - boat ?y - lake)", "(?x -boat ?y - lake)", "read as `- boat`"),
+    "nor before number": (") (fuel ?x - boat)", ") (fuel ?x - boat) -number", "`- number`"),
+    "a type twice": ("boat - vehicle", "boat - vehicle boat - object", "type `boat` is declared"),
+    "a constant twice": ("here there", "here here there", "object `here` is declared twice"),
+    "a predicate twice": ("(linked ?x ?y)", "(linked ?x ?y) (linked ?a ?b)", "declared twice"),
+    "a function twice": (
+        "functions (speed)",
+        "functions (speed) (speed)",
+        "function `speed` is declared twice",
+    ),
+    "a variable twice": ("(linked ?x ?y)", "(linked ?x ?x)", "parameter `?x` is declared twice"),
+    "a parameter twice": ("(?x - boat)\n", "(?x - boat ?x - boat)\n", "parameter `?x` is decl"),
+    "an empty list": ("(:objects ferry", "(:objects - lake ferry", "`- lake` without an object"),
+    "a number as name": ("(problem lake)", "(problem 4)", "`4`: for other tools a name begins"),
+    "no name": ("(problem lake)", "(problem)", "other tools take one name"),
+    "an odd name": ("domain car", "domain 4.car", "`4.car`: for other tools"),
+    "another domain": ("(:domain car)", "(:domain ship)", "names domain `ship`, not `car`"),
+    "an idle requirement": (":typing", ":typing :durative-actions", "not needed: durative actions"),
+    "a strange requirement": (":typing", ":typng", "`:typng`; did you mean `:typing`?"),
+    "a declared clock": (
+        "(limit) (fuel ?x",
+        "(limit) (total-time) (fuel ?x",
+        "there without being declared",
+    ),
+    "a clock at 0": ("(= (limit) 2)", "(= (limit) 2) (= (total-time) 0)", "(total-time)` starts"),
+    "a power": ("(* (limit) (limit))", "(^ (limit) 2)", "`(^ (limit) 2)` is read as a product"),
+    "a bare declaration": (
+        "(:functions (speed)",
+        "(:functions speed",
+        "`speed` is read as `(speed",
+    ),
+    "a bare operand": ("(< (speed) 5)", "(< speed 5)", "`speed` is read as `(speed)`"),
+    "a bare target": ("(increase (speed)", "(increase speed", "`speed` is read as `(speed)`"),
+    "a bare value": ("(= (speed) 0)", "(= speed 0)", "`speed` is read as `(speed)`"),
+    "a bare metric": ("minimize (speed)", "minimize speed", "`speed` is read as `(speed)`"),
+    "a constraint": (
+        DOMAIN[DOMAIN.index("  (:event") : -1],
+        "  (:constraint slow :parameters (?x - boat)"
+        " :condition (and (> (speed) (- 0 (limit))) (>= (fuel ?x) 0)))",
+        "constraint `slow` is read as an event",
+    ),
+}
+
+
+def told(domain: Domain) -> list[str]:
+    """What the model comes to, apart from places."""
+    ground = domain.model.ground
+    state = domain.model.initial_state
+    assert state is not None
+    return [
+        str([fluent.name for fluent in ground.fluents]),
+        str([schema.name for schema in (*ground.actions, *ground.events)]),
+        str([domain.model.step(state, k) for k in range(len(ground.actions))]),
+        str(sorted(ground.static.items())),
+    ]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_form_in_wide_use_means_what_the_standard_one_does_and_is_warned_of(form: str) -> None:
+    standard, other, warning = FORMS[form]
+    texts = Texts(DOMAIN, PROBLEM)
+    assert standard in DOMAIN + PROBLEM
+    changed = Texts(DOMAIN.replace(standard, other, 1), PROBLEM.replace(standard, other, 1))
+    domain = load_texts(changed)
+    assert told(domain) == told(load_texts(texts))
+    (found,) = {w.text for w in domain.warnings}
+    assert warning in found
+    assert all(w.place is not None for w in domain.warnings)
+    assert not load_texts(texts).warnings
+
+
+def test_an_object_may_be_called_like_a_connective() -> None:
+    problem = "(define (problem p) (:objects b or - boat) (:init (= (speed) 0) (linked or or)))"
+    assert load_texts(Texts(DOMAIN, problem)).model.ground.static["linked or or"] == 1.0

@@ -1,0 +1,219 @@
+"""Broken files load or are refused with a place; nothing else happens, and soon."""
+
+from __future__ import annotations
+
+import ast
+import re
+import time
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.model.codegen import generate_step
+from serp.pddl.source import DomainError
+from tests.generated import FULL, Texts, examples, load_texts, write_texts
+from tests.generated.models import DOMAIN_FILE, PROBLEM_FILE
+from tests.serp.pddl.rendering import check_rendering
+
+REPOSITORY = Path(__file__).parents[3]
+TOKEN = re.compile(r"\s+|;[^\n]*|[()]|[^\s();]+")
+WORDS = (
+    *("(", ")", "()", "(and)", "and", "or", "not", "imply", "forall", "exists", "when", "either"),
+    *("=", "<", ">=", "+", "-", "*", "/", "#t", "0", "-1", "1e400", ".", "?", "?x", "object"),
+    *("assign", "increase", "scale-down", "reward", "unsafe", "terminal", "total-time", "define"),
+    *(":types", ":constants", ":predicates", ":functions", ":action", ":process", ":event"),
+    *(":parameters", ":precondition", ":effect", ":init", ":goal", ":metric", ":objects"),
+    *("class", "lambda", "import", "__import__", "exec", "s", "a", "n", "theta", "dt", "out"),
+    *("é", "x" * 5000, "\u00a0", "\ufeff", "\x00", "\x1b[2J", "'", '"', "\\", "{", "}", "`", "%s"),
+)
+CHARACTERS = "()?:;-#=. \t\r\n\x00\x1b\u00a0\u2028\ufefféa0"
+
+
+def shipped() -> list[Texts]:
+    texts = []
+    for path in sorted(
+        [*REPOSITORY.glob("domains/*.pddl"), *Path(__file__).parent.rglob("*.pddl")]
+    ):
+        if not path.stem.endswith("-problem"):
+            problem = path.with_name(f"{path.stem}-problem.pddl")
+            texts.append(
+                Texts(path.read_text(), problem.read_text() if problem.is_file() else None)
+            )
+    return texts
+
+
+SHIPPED = shipped()
+
+
+def damaged(text: str, random: Random) -> str:
+    """Drop, double, exchange, replace or insert a few tokens or characters."""
+    tokens = TOKEN.findall(text)
+    for _ in range(random.randint(1, 5)):
+        if not tokens:
+            break
+        at, other = random.randrange(len(tokens)), random.randrange(len(tokens))
+        match random.randrange(8):
+            case 0:
+                del tokens[at]
+            case 1:
+                tokens.insert(at, tokens[other])
+            case 2:
+                tokens[at], tokens[other] = tokens[other], tokens[at]
+            case 3:
+                tokens[at] = tokens[other]
+            case 4:
+                tokens[at] = random.choice(WORDS)
+            case 5:
+                tokens.insert(at, f" {random.choice(WORDS)} ")
+            case 6:
+                place = random.randint(0, len(tokens[at]))
+                added = random.choice(CHARACTERS)
+                tokens[at] = tokens[at][:place] + added + tokens[at][place:]
+            case 7:
+                place = random.randint(0, len(tokens[at]))
+                tokens[at] = tokens[at][:place] + tokens[at][place + 1 :]
+    return "".join(tokens)
+
+
+def load_or_refuse(texts: Texts) -> bool:
+    """Whether the texts load; what loads can be stepped, what does not says where it fails."""
+    started = time.monotonic()
+    try:
+        model = load_texts(texts).model
+    except DomainError as error:
+        assert error.file in (DOMAIN_FILE, PROBLEM_FILE)
+        text = texts.domain if error.file == DOMAIN_FILE else texts.problem
+        assert text is not None
+        check_rendering(error, text)
+        return False
+    finally:
+        assert time.monotonic() - started < 10.0
+    for state in (np.zeros(len(model.fluents)), np.ones(len(model.fluents))):
+        for action in range(min(len(model.actions), 5)):
+            outcome = model.step(state, action)
+            assert np.isfinite(outcome.state).all()
+            model.trace(state, action)
+    return True
+
+
+def damage(texts: Texts, random: Random) -> Texts:
+    if texts.problem is None or random.randint(0, 2):
+        return Texts(damaged(texts.domain, random), texts.problem)
+    return Texts(texts.domain, damaged(texts.problem, random))
+
+
+@pytest.mark.parametrize("block", range(4))
+def test_damaged_domains_load_or_are_refused(block: int) -> None:
+    loaded = 0
+    for seed in range(150):
+        random = Random(f"{block}/{seed}")
+        texts = random.choice(SHIPPED) if block % 2 else write_texts(random, FULL)
+        loaded += load_or_refuse(damage(texts, random))
+    assert 2 < loaded < 120  # some of the damage does no harm
+
+
+@given(st.randoms(use_true_random=False), st.sampled_from(SHIPPED))
+@examples(150)
+def test_any_damage_loads_or_is_refused(random: Random, texts: Texts) -> None:
+    load_or_refuse(damage(texts, random))
+
+
+@given(st.text(alphabet=st.characters(codec="utf-8"), max_size=80))
+@examples(150)
+def test_any_text_loads_or_is_refused(text: str) -> None:
+    assert not load_or_refuse(Texts(text, None))
+
+
+@given(st.lists(st.sampled_from(WORDS), max_size=40))
+@examples(150)
+def test_any_words_load_or_are_refused(words: list[str]) -> None:
+    body = " ".join(words)
+    load_or_refuse(Texts(f"(define (domain d) {body})", None))
+    load_or_refuse(Texts(f"(define (domain d) (:functions (x)) (:action a :effect {body}))", None))
+
+
+def test_every_cut_of_a_file_is_refused() -> None:
+    text = SHIPPED[-1].domain
+    for end in range(0, len(text.rstrip()), 7):
+        assert not load_or_refuse(Texts(text[:end], None))
+
+
+# Deep, long and many ---------------------------------------------------------------------------
+
+
+def over_and_over(wrapping: str, inner: str, times: int) -> str:
+    for _ in range(times):
+        inner = wrapping % inner
+    return inner
+
+
+COMPILED = [
+    over_and_over("(not (and (q) %s))", "(p)", 45),
+    f"(= (x) {over_and_over('(/ %s 3)', '(x)', 20)})",
+    f"(= (x) (+ {'1 ' * 100}))",
+]
+
+
+@pytest.mark.parametrize(
+    "condition",
+    [
+        *COMPILED,
+        over_and_over("(not %s)", "(p)", 90),
+        over_and_over("(imply %s (q))", "(p)", 90),
+        over_and_over("(or (q) (and (p) %s))", "(p)", 45),
+        over_and_over("(forall (?x) %s)", "(p)", 90),
+        f"(= (x) {over_and_over('(+ 1 %s)', '(x)', 90)})",
+        f"(= (x) {over_and_over('(- %s)', '(x)', 90)})",
+        f"(= (x) {over_and_over('(/ %s 3)', '(x)', 90)})",
+        f"(= (x) {over_and_over('(/ 3 %s)', '(x)', 90)})",
+        f"(and {'(p) ' * 3000})",
+        f"(or {'(not (q)) (p) ' * 1500})",
+    ],
+)
+def test_deep_and_wide_conditions_run(condition: str) -> None:
+    model = load_texts(
+        Texts(
+            "(define (domain d) (:constants o) (:predicates (p) (q)) (:functions (x))"
+            f" (:action a :precondition {condition} :effect (and (p) (when {condition} (q)))))",
+            None,
+        )
+    ).model
+    states = np.array([[1.0, 1.0, 0.5], [1.0, 0.0, 0.0], [0.0, 1.0, 100.0], [0.0, 0.0, 3.0]])
+    single = np.array([model.step(state, "a").state for state in states])
+    assert ast.unparse(generate_step(model.ground).tree)
+    if condition in COMPILED or not model.compiles:
+        assert model.step(states, "a").state.tobytes() == single.tobytes()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(" * 100_000,
+        ")" * 100_000,
+        "(define " + "(and " * 5_000 + ")" * 5_001,
+        f"(define (domain {'d' * 200_000}))",
+        "(define (domain d) " + "(:action a)" * 5_000 + ")",
+        f"(define (domain d) (:predicates (p {'?x ' * 5_000})))",
+        ";" * 1_000_000,
+        " " * 1_000_000,
+        f"(define (domain d) (:constants {' '.join(f'o{k}' for k in range(20_000))} oo o1))",
+    ],
+)
+def test_absurd_files_do_not_take_long(text: str) -> None:
+    load_or_refuse(Texts(text, None))
+
+
+def test_very_long_names_are_harmless() -> None:
+    name = "x" * 20_000
+    model = load_texts(
+        Texts(
+            f"(define (domain {name}) (:predicates (p-{name}))"
+            f" (:action {name} :effect (p-{name})))",
+            None,
+        )
+    ).model
+    assert model.step(np.zeros((2, 1)), name).state.tolist() == [[1.0], [1.0]]

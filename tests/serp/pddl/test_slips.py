@@ -1,0 +1,128 @@
+"""Slips that experts make: the message names the place and writes the line as it should be."""
+
+from __future__ import annotations
+
+import pytest
+
+from serp.pddl.parser import parse_domain
+from serp.pddl.source import DomainError, Source
+from tests.serp.pddl.rendering import check_rendering
+
+RIGHT = """\
+(define (domain robot)
+  (:requirements :strips :numeric-fluents :time)
+  (:predicates (held) (near) (unsafe) (terminal))
+  (:functions (x) (speed) (reward))
+
+  ; move
+  (:action go
+    :parameters ()
+    :precondition (and (near) (< (x) 9.5))
+    :effect (and
+      (increase (x) 1)
+      (decrease (reward) 0.5)))
+
+  (:action grab
+    :parameters ()
+    :precondition (and (near))
+    :effect (and (held) (not (near))))
+
+  (:event crash
+    :parameters ()
+    :precondition (and (> (x) 10))
+    :effect (and (unsafe) (terminal)))
+)
+"""
+CONDITION = "(< (x) 9.5)"
+BOTH = "(and (near) (< (x) 9.5))"
+EFFECT = "(increase (x) 1)"
+
+# What is right, the slip, the corrected form, and a part of the message.
+SLIPS = [
+    # A missing `)`: where the form should have ended
+    ("(< (x) 9.5))", "(< (x) 9.5)", "(< (x) 9.5))", "9:42: a `)` is missing: `(and` of line 9"),
+    (EFFECT, "(increase (x) 1", EFFECT, "11:22: a `)` is missing: `(increase` of line 11"),
+    ("(not (near))))", "(not (near)))", "(not (near))))", "17:38: a `)` is missing: `(:action gra"),
+    ("(terminal)))\n", "(terminal))\n", "(terminal)))", "22:38: a `)` is missing: `(:event crash`"),
+    ("(terminal)))\n)", "(terminal))", "(terminal))))", "22:38: 2 `)` are missing"),
+    ("(reward))", "(reward)", "(reward))", "4:35: a `)` is missing: `(:functions`"),
+    ("()\n    :precondition (and (near))\n", "(\n    :precondition (and (near))\n",
+     ":parameters ()", "15:18: a `)` is missing: `(` of line 15"),
+    # One too many
+    ("9.5))\n", "9.5)))\n", "9.5))", "9:43: this `)` is one too many: `:effect` in line 10"),
+    ("0.5)))", "0.5))))", "0.5)))", "12:32: this `)` is one too many: `(:action` in line 14"),
+    (EFFECT, "increase (x) 1)", EFFECT, "11:7: a `(` is missing before `increase`"),
+    # Comments of other languages
+    ("; move", "# move (it) )", "; move", "6:3: `#` begins no comment"),
+    ("; move", "//move", ";move", "6:3: `//` begins no comment"),
+    # Effects
+    (EFFECT, "(= (x) 1)", "(assign (x) 1)", "`=` is not supported in an effect"),
+    (EFFECT, "(set (x) 1)", "(assign (x) 1)", "`set` is not supported in an effect"),
+    (EFFECT, "(set (held) false)", "(not (held))", "a predicate is an effect by itself"),
+    (EFFECT, "(assign (held) true)", "(held)", "a predicate is an effect by itself"),
+    (EFFECT, "(increase (x) by 1)", EFFECT, "`increase` takes a function and a value"),
+    (EFFECT, "(x += 1)", EFFECT, "`+=` stands between"),
+    (EFFECT, "(if (near) (held) (unsafe))",
+     "(and (when (near) (held)) (when (not (near)) (unsafe)))", "it is called `when`"),
+    (EFFECT, "(when (near) (held) (unsafe))", "(when (near) (and (held) (unsafe)))",
+     "put several under `and`"),
+    ("(and (held) (not (near)))", "(held) (not (near))", "(and (held) (not (near)))",
+     "`:effect` takes one form, found 2"),
+    ("(and (held) (not (near)))", "((held) (not (near)))", "(and (held) (not (near)))",
+     "effects stand in a list without `and`"),
+    # Numbers
+    (EFFECT, "(increase (x) 0,5)", "(increase (x) 0.5)", "decimals have a point"),
+    (EFFECT, "(increase (x) ((speed) + 1))", "(+ (speed) 1)", "`+` stands between"),
+    (EFFECT, "(increase (x) (speed * 2))", "(* (speed) 2)", "the operator comes first"),
+    (EFFECT, "(increase (x) (1))", EFFECT, "a number has no parentheses"),
+    (EFFECT, "(increase (x) (abs (speed)))", None, "one where it is negative"),
+    (EFFECT, "(increase (x) (sqrt (speed)))", None, "compare squares"),
+    # Conditions
+    (CONDITION, "(x < 9.5)", CONDITION, "`<` stands between"),
+    (CONDITION, "((x) < 9,5)", CONDITION, "the operator comes first"),
+    (CONDITION, "(< (abs (x)) 9.5)", "(and (< (x) 9.5) (> (x) -9.5))", "`abs` is not supported"),
+    (CONDITION, "(< (speed) (abs (x)))", "(or (> (x) (speed)) (< (x) (- 0 (speed))))", "`abs`"),
+    (CONDITION, "(== (x) 9.5)", "(= (x) 9.5)", "`==` is no word of PDDL"),
+    (CONDITION, "(!= (x) 9.5)", "(not (= (x) 9.5))", "`!=` is no word of PDDL"),
+    (CONDITION, "(= (held) true)", "(held)", "a predicate is a condition by itself"),
+    (CONDITION, "(< 0 (x) 9.5)", "(and (< 0 (x)) (< (x) 9.5))", "`<` compares two things"),
+    (CONDITION, "(when (near) (held))", "(imply (near) (held))", "it is called `imply`"),
+    (BOTH, "(near) (< (x) 9.5)", BOTH, "`:precondition` takes one form, found 2"),
+    (BOTH, "((near) (< (x) 9.5))", BOTH, "conditions stand in a list without `and`"),
+    (BOTH, "((near))", "(near)", "one pair of parentheses too many"),
+    (BOTH, "(near && held)", "(and (near) (held))", "`&&` stands between"),
+    (BOTH, "(forall (?r - object) (near) (held))", "(forall (?r - object) (and (near) (held)))",
+     "put several under `and`"),
+    # Fields
+    (":effect (and (held)", ":effects (and (held)", ":effect (and (held)", "`:effects` is not sup"),
+    (":effect (and (held) (not (near)))", "(:effect (and (held) (not (near))))",
+     ":effect (and (held) (not (near)))", "is not supported in action `grab`"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("right", "slip", "corrected", "says"), SLIPS, ids=lambda text: str(text))
+def test_a_slip_is_named_and_the_corrected_line_is_right(
+    right: str, slip: str, corrected: str | None, says: str
+) -> None:
+    assert RIGHT.count(right) == 1
+    text = RIGHT.replace(right, slip)
+    with pytest.raises(DomainError) as caught:
+        parse_domain(Source("robot.pddl", text))
+    error = caught.value
+    check_rendering(error, text)
+    assert says in str(error)
+    if corrected is None:
+        assert not error.corrected_line
+        return
+    assert corrected in error.corrected_line
+    assert error.line is not None
+    lines = text.split("\n")
+    lines[error.line - 1] = error.corrected_line
+    parse_domain(Source("robot.pddl", "\n".join(lines)))
+
+
+def test_names_that_the_file_declares_are_no_slips() -> None:
+    text = """(define (domain d) (:predicates (set ?a) (if ?a) (near)) (:functions (abs ?a) (x))
+      (:constants o)
+      (:action a :precondition (and (if o) (< (abs o) 1)) :effect (and (set o) (if o))))"""
+    assert len(parse_domain(Source("d.pddl", text)).schemas) == 1

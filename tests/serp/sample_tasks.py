@@ -1,0 +1,150 @@
+"""A small real task to train on: a Gymnasium environment, its domain, and what can go wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from serp.tasks.task import Task
+
+CORRIDOR = """; A robot in a corridor, in metres: the goal to the right, a pit to the left.
+(define (domain corridor)
+  (:predicates (unsafe) (terminal))
+  (:functions (x) (reward))
+  (:action left
+    :parameters ()
+    :precondition (and (> (x) -4))
+    :effect (and (decrease (x) 1) (decrease (reward) 0.1)))
+  (:action right
+    :parameters ()
+    :precondition (and)
+    :effect (and (increase (x) 1) (decrease (reward) 0.1)))
+  (:action wait
+    :parameters ()
+    :precondition (and)
+    :effect (and (decrease (reward) 0.1)))
+  (:event pit
+    :parameters ()
+    :precondition (and (<= (x) -3))
+    :effect (and (unsafe) (terminal) (decrease (reward) 5)))
+  (:event goal
+    :parameters ()
+    :precondition (and (>= (x) 4))
+    :effect (and (terminal) (increase (reward) 5))))
+"""
+
+SMALL: Mapping[str, Mapping[str, Any]] = {
+    "planner": {"depth": 2},
+    "learner": {
+        "hidden": [8],
+        "batch_size": 8,
+        "buffer_size": 100,
+        "learning_starts": 10,
+        "protected_early": 10,
+        "protected_failing": 10,
+        "epsilon_steps": 60,
+        "pretrain_updates": 3,
+    },
+    "training": {"checkpoint_seconds": 0.0},
+}
+"""Settings that make a step cheap; the replay memory overflows soon."""
+
+
+class Corridor(gym.Env[NDArray[np.float64], int]):
+    """A noisy walk from the middle of a corridor, with a clock and weather that outlive episodes.
+
+    Actions: left, right, wait, dance (which the domain does not mention). A game lasts 30 ticks of
+    the clock, whatever the episodes; a step takes one, and so does a reset. The weather drifts.
+    """
+
+    observation_space = spaces.Box(-np.inf, np.inf, (2,), np.float64)
+
+    def __init__(self, start: int = 0) -> None:
+        self.first_action = start
+        self.action_space = spaces.Discrete(4, start=start)  # type: ignore[assignment]
+        self.x = 0
+        self.steps = 0
+        self.clock = 0
+        self.made = 0
+        self.weather = np.random.default_rng(5)
+        self.wind = 0.0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+        super().reset(seed=seed)
+        self.clock += 1
+        self.x, self.steps = int(self.np_random.integers(-1, 2)), 0
+        return self.seen(), self.info()
+
+    def step(self, action: int) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
+        action = int(action - self.first_action)
+        self.clock += 1
+        self.made += 1
+        self.steps += 1
+        self.wind = float(self.weather.normal())
+        if self.np_random.random() > 0.2:
+            self.x += (-1, 1, 0, 0)[action]
+        terminated = self.x <= -3 or self.x >= 4
+        reward = -0.1 + 0.01 * self.wind + (5.0 * np.sign(self.x) if terminated else 0.0)
+        return self.seen(), reward, terminated, self.steps >= 12, self.info()
+
+    def seen(self) -> NDArray[np.float64]:
+        return np.array([self.x, self.wind])
+
+    def info(self) -> dict[str, Any]:
+        return {"game": self.clock // 30}
+
+    def state_dict(self) -> dict[str, Any]:
+        return {"clock": self.clock, "weather": self.weather.bit_generator.state, "wind": self.wind}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        self.clock, self.wind = state["clock"], state["wind"]
+        self.weather.bit_generator.state = state["weather"]
+
+
+class CableCut(gym.Wrapper[NDArray[np.float64], int, NDArray[np.float64], int]):
+    """Raises at one step, counted from 1 over all episodes."""
+
+    def __init__(self, env: gym.Env[NDArray[np.float64], int], at: int) -> None:
+        super().__init__(env)
+        self.left = at
+
+    def step(self, action: int) -> tuple[NDArray[np.float64], Any, bool, bool, dict[str, Any]]:
+        self.left -= 1
+        if self.left == 0:
+            raise ConnectionError("cable cut")
+        return super().step(action)
+
+
+def corridor_file(folder: Path) -> Path:
+    """Write the domain and return where."""
+    file = folder / "corridor.pddl"
+    if not file.exists():
+        file.write_text(CORRIDOR, encoding="utf-8")
+    return file
+
+
+def corridor(
+    folder: Path, make_env: Callable[..., gym.Env[Any, Any]] = Corridor, **changes: Any
+) -> Task:
+    """The task, with the domain file in a folder.
+
+    Args:
+        folder: Where the domain file is written.
+        make_env: Another environment.
+        changes: Other fields of `Task`.
+    """
+    fields: dict[str, Any] = {
+        "make_env": make_env,
+        "domain": corridor_file(folder),
+        "ground": lambda seen: {"x": seen[0]},
+        "settings": {"*": SMALL},
+    }
+    return Task(**{**fields, **changes})

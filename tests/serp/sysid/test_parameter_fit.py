@@ -1,0 +1,217 @@
+"""Re-estimating literals."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from serp.sysid.parameter_dependencies import parameter_dependencies
+from serp.sysid.parameter_fit import ParameterEstimator, estimate_parameters
+from serp.sysid.regression_data import Flow, predictions
+from tests.serp.sysid.rolls import DT, balance, cartpole, from_text, imagined
+
+CARTS = """
+(define (domain carts)
+  (:requirements :typing :numeric-fluents :time :conditional-effects)
+  (:types cart)
+  (:constants a b - cart)
+  (:predicates (loaded ?c - cart) (unsafe))
+  (:functions (x ?c - cart) (v ?c - cart) (heat) (reward))
+  (:action push
+    :parameters (?c - cart)
+    :precondition (and)
+    :effect (and (increase (v ?c) 0.5)
+                 (when (and (loaded ?c)) (decrease (v ?c) 0.2))
+                 (increase (heat) (* 0.1 (* 3.0 (v ?c))))
+                 (decrease (reward) 0.25)))
+  (:action stop
+    :parameters (?c - cart)
+    :precondition (and (> (v ?c) -8.0))
+    :effect (and (assign (v ?c) 0.125)))
+  (:process roll
+    :parameters (?c - cart)
+    :precondition (and (< (x ?c) 9.0))
+    :effect (and (increase (x ?c) (* #t (* 1.0 (v ?c)))) (decrease (heat) (* #t 0.05))))
+  (:event wall
+    :parameters (?c - cart)
+    :precondition (and (> (x ?c) 1.5))
+    :effect (and (assign (x ?c) 1.5) (unsafe))))
+"""
+
+
+def carts_states(number: int, rng: np.random.Generator) -> np.ndarray:
+    model = from_text(CARTS).model
+    states = rng.uniform(-2.0, 2.0, size=(number, len(model.fluents)))
+    numeric = np.array([fluent.numeric for fluent in model.fluents])
+    return np.where(numeric, states, states > 0)
+
+
+def test_only_literals_that_change_fluents_are_estimated() -> None:
+    ground = from_text(CARTS).model.ground
+    found = {(i.schema, i.symbol, i.parameter.value) for i in parameter_dependencies(ground)}
+    assert found == {
+        ("push", "v", 0.5),
+        ("push", "v", 0.2),
+        ("push", "heat", 0.1),
+        ("push", "heat", 3.0),
+        ("stop", "v", 0.125),
+        ("roll", "x", 1.0),
+        ("roll", "heat", 0.05),
+    }
+
+
+def test_a_compiled_model_predicts_the_same() -> None:
+    model = from_text(CARTS).model.replace(dt=0.1)
+    rng = np.random.default_rng(2)
+    states, actions = carts_states(300, rng), rng.integers(len(model.actions), size=300)
+    states[0], states[1] = np.nan, -9.0  # no number; a precondition that fails
+    by_python = Flow(model.ground, model.dt).predict(states, actions, model.theta)
+    whole = predictions(model, states, actions)
+    assert not model.compiled
+    model.native_step()
+    native = Flow(model.ground, model.dt, compiled=model).predict(states, actions, model.theta)
+    assert native.tobytes() == by_python.tobytes()
+    assert predictions(model, states, actions).tobytes() == whole.tobytes()
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    st.lists(st.floats(-2.0, 2.0), min_size=5, max_size=5),
+    st.sampled_from([0.0, 0.01, 0.1]),
+    st.integers(0, 1_000),
+)
+def test_other_literals_are_recovered_within_their_errors(
+    values: list[float], noise: float, seed: int
+) -> None:
+    model = from_text(CARTS).model.replace(dt=0.1)
+    theta = model.theta.copy()
+    changed = [
+        i.parameter.index for i in parameter_dependencies(model.ground) if i.symbol != "heat"
+    ]
+    theta[changed] = values[: len(changed)]
+    rng = np.random.default_rng(seed)
+    seen = imagined(model.replace(theta=theta), carts_states(400, rng), rng, noise)
+    estimate, errors = estimate_parameters(model, seen.states, seen.actions, seen.next_states)
+    assert np.isfinite(errors[changed]).all()
+    gap = np.abs(estimate - theta)[changed]
+    assert (gap <= 5.0 * errors[changed] + 1e-6).all()
+    assert (errors[changed] <= 1.0 * noise + 1e-6).all()
+
+
+def test_of_a_product_of_literals_one_moves() -> None:
+    model = from_text(CARTS).model.replace(dt=0.1)
+    theta = model.theta.copy()
+    product = [
+        i.parameter.index for i in parameter_dependencies(model.ground) if i.schema == "push"
+    ][-2:]
+    theta[product[0]] *= 2.0
+    rng = np.random.default_rng(0)
+    seen = imagined(model.replace(theta=theta), carts_states(400, rng), rng)
+    estimate, errors = estimate_parameters(model, seen.states, seen.actions, seen.next_states)
+    assert np.isfinite(errors[product]).sum() == 1
+    assert estimate[product].prod() == pytest.approx(theta[product].prod(), rel=1e-4)
+
+
+def test_what_was_never_seen_stays_as_written() -> None:
+    model = from_text(CARTS).model.replace(dt=0.1)
+    rng = np.random.default_rng(0)
+    seen = imagined(model, carts_states(300, rng), rng)
+    pushed = seen.actions < 2
+    rows = (seen.states[pushed], seen.actions[pushed], seen.next_states[pushed])
+    estimate, errors = estimate_parameters(model.replace(theta=model.theta + 1.0), *rows)
+    stop = next(
+        i.parameter.index for i in parameter_dependencies(model.ground) if i.schema == "stop"
+    )
+    assert estimate[stop] == 0.125
+    assert errors[stop] == np.inf
+    rest = ~np.isfinite(errors)
+    assert (
+        estimate[rest] == [p.value for p in np.array(model.parameters, dtype=object)[rest]]
+    ).all()
+    none, unknown = estimate_parameters(model, *(r[:0] for r in rows))
+    assert (none == [p.value for p in model.parameters]).all()
+    assert np.isinf(unknown).all()
+
+
+def test_a_few_wild_observations_move_nothing() -> None:
+    model = from_text(CARTS).model.replace(dt=0.1)
+    rng = np.random.default_rng(3)
+    seen = imagined(model, carts_states(600, rng), rng, 0.01)
+    after = seen.next_states
+    wild = rng.choice(len(after), size=6, replace=False)
+    after[wild] += rng.normal(scale=100.0, size=after[wild].shape)
+    after[wild[0], 0] = np.nan
+    estimate, errors = estimate_parameters(model, seen.states, seen.actions, after)
+    known = np.isfinite(errors)
+    assert known.any()
+    assert (np.abs(estimate - model.theta)[known] <= 5.0 * errors[known] + 1e-6).all()
+
+
+def test_numbers_that_jump_by_chance_are_no_rates() -> None:
+    text = CARTS.replace("(assign (v ?c) 0.125)", "(increase (v ?c) 1)").replace("0.5", "1")
+    model = from_text(text).model
+    rng = np.random.default_rng(0)
+    states = np.zeros((400, len(model.fluents)))
+    columns = [f.index for f in model.fluents if f.symbol == "v"]
+    states[:, columns] = rng.integers(-3, 4, size=(400, len(columns)))
+    actions = np.zeros(400, dtype=np.int64)
+    after = states.copy()
+    after[:, columns[0]] += rng.integers(0, 2, size=400)
+    estimate, errors = estimate_parameters(model, states, actions, after)
+    push = next(
+        i.parameter.index for i in parameter_dependencies(model.ground) if i.schema == "push"
+    )
+    assert errors[push] == np.inf
+    after[:, columns[0]] = states[:, columns[0]] + 2.0
+    estimate, errors = estimate_parameters(model, states, actions, after)
+    assert estimate[push] == pytest.approx(2.0)
+
+
+WALL = """(define (domain wall)
+  (:requirements :numeric-fluents)
+  (:functions (gap))
+  (:action walk :parameters () :precondition (and) :effect (and (decrease (gap) 0.1)))
+  (:event touch :parameters () :precondition (and (< (gap) 0.2))
+    :effect (and (assign (gap) 0.2))))"""
+
+
+@pytest.mark.parametrize("written", ["0.05", "0.1", "0.3", "50"])
+def test_a_wall_hides_neither_too_much_nor_too_little(written: str) -> None:
+    rng = np.random.default_rng(0)
+    states = rng.uniform(0.2, 1.0, size=(300, 1))
+    seen = imagined(from_text(WALL).model, states, rng)
+    model = from_text(WALL.replace("0.1)", f"{written})")).model
+    estimate, errors = estimate_parameters(model, seen.states, seen.actions, seen.next_states)
+    (walk,) = (i.parameter.index for i in parameter_dependencies(model.ground))
+    assert np.isfinite(errors[walk])
+    assert estimate[walk] == pytest.approx(0.1, abs=1e-6)
+
+
+def test_the_real_cartpole_tells_signs_and_gravity() -> None:
+    experience, _ = balance(cartpole().source.text, 0, 500)
+    for name, sign in (("cartpole", 1.0), ("cartpole-reversed", -1.0)):
+        model = cartpole(name).model.replace(dt=DT)
+        theta, errors = estimate_parameters(
+            model, experience.states, experience.actions, experience.next_states
+        )
+        known = {p.value: theta[p.index] for p in model.parameters if np.isfinite(errors[p.index])}
+        assert known[0.195] == pytest.approx(sign * 0.195, abs=0.001)
+        assert known[0.29] == pytest.approx(sign * 0.293, abs=0.003)
+        assert known[15.8] == pytest.approx(15.77, abs=0.1)
+
+
+def test_a_few_hundred_steps_take_milliseconds() -> None:
+    experience, _ = balance(cartpole().source.text, 0, 500)
+    model = cartpole().model.replace(dt=DT)
+    estimator = ParameterEstimator(model.ground, model.dt)
+    rows = (experience.states, experience.actions, experience.next_states)
+    took = []
+    for _ in range(5):
+        start = time.process_time()
+        estimate_parameters(model, *rows, estimator=estimator)
+        took.append(time.process_time() - start)
+    assert min(took) < 0.1

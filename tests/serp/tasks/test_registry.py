@@ -1,0 +1,188 @@
+"""Tasks come from installed packages; domain files from where the user works."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from serp.errors import TaskError
+from serp.pddl.source import DomainError
+from serp.tasks.registry import find_domain_file, find_task, load_task, task_entries
+from tests.serp.sample_tasks import CORRIDOR
+
+THIRD_PARTY = """
+from pathlib import Path
+
+import numpy as np
+
+import serp
+from tests.serp.sample_tasks import Corridor
+
+DOMAIN = Path(__file__).parent / "corridor.pddl"
+
+
+def task():
+    return serp.Task(
+        name="corridor",
+        make_env=Corridor,
+        domain=DOMAIN,
+        ground=lambda seen: {"x": seen[0]},
+        description="walk to the goal",
+    )
+
+
+def broken():
+    raise RuntimeError("no licence")
+
+
+def other():
+    return {"not": "a task"}
+
+
+def wrong():
+    return serp.Task(make_env=Corridor, domain="nowhere.pddl", ground=dict).bind()
+"""
+
+ENTRY_POINTS = """
+[serp.tasks]
+corridor = third_party_lab:task
+broken = third_party_lab:broken
+other = third_party_lab:other
+wrong = third_party_lab:wrong
+missing = third_party_lab:nothing
+absent = third_party_laboratory:task
+
+[console_scripts]
+lab = third_party_lab:task
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An installed distribution that serp has never heard of."""
+    site = tmp_path / "site"
+    info = site / "third_party_lab-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: third-party-lab\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(ENTRY_POINTS)
+    (site / "third_party_lab.py").write_text(THIRD_PARTY)
+    (site / "corridor.pddl").write_text(CORRIDOR)
+    monkeypatch.syspath_prepend(str(site))
+    importlib.invalidate_caches()
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    yield work
+    sys.modules.pop("third_party_lab", None)
+
+
+def test_tasks_are_listed_without_importing_them(package: Path) -> None:
+    entries = task_entries()
+    assert {"cartpole", "corridor", "broken"} <= set(entries)
+    assert "lab" not in entries
+    assert "third_party_lab" not in sys.modules
+
+
+def test_the_task_of_an_installed_package_is_found_by_name(package: Path) -> None:
+    for task in (load_task("corridor"), find_task("corridor")):
+        bound = task.bind()
+        assert (bound.name, bound.domain.name) == ("corridor", "corridor")
+        assert task.description == "walk to the goal"
+        raw, _ = bound.reset(seed=0)
+        assert bound.ground(raw).shape == (1,)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("broken", r"task `broken` \(third_party_lab:broken\).*RuntimeError: no licence"),
+        ("other", "`third_party_lab:other` returned dict, no serp.Task"),
+        ("wrong", "nowhere.pddl"),
+        ("missing", r"task `missing` .*AttributeError"),
+        ("absent", r"task `absent` .*ModuleNotFoundError"),
+        ("coridor", "no task `coridor`; did you mean `corridor`"),
+    ],
+)
+def test_what_a_package_offers_wrongly_is_named(package: Path, name: str, said: str) -> None:
+    with pytest.raises(Exception, match=said) as caught:
+        load_task(name)
+    assert type(caught.value).__name__ in ("TaskError", "DomainError")
+
+
+# Domain files -------------------------------------------------------------------------------------
+
+
+def test_a_file_in_the_working_directory_comes_before_the_packages(package: Path) -> None:
+    (package / "corridor.pddl").write_text(CORRIDOR.replace("(<= (x) -3)", "(<= (x) -2)"))
+    assert find_domain_file("corridor") == Path("corridor.pddl")
+    model = find_task("corridor").bind().model
+    assert model.step([-1.0], "left").unsafe
+    (package / "domains").mkdir()
+    (package / "domains" / "corridor.pddl").write_text(CORRIDOR)
+    assert find_domain_file("corridor") == Path("domains/corridor.pddl")
+    assert not find_task("corridor").bind().model.step([-1.0], "left").unsafe
+
+
+def test_a_name_without_a_file_is_left_to_the_packages(package: Path) -> None:
+    assert find_domain_file("corridor") is None
+
+
+@pytest.mark.parametrize(
+    ("file", "name"),
+    [
+        ("mine/corridor.pddl", "corridor"),
+        ("corridor-with-less-pit.pddl", "corridor-with-less-pit"),
+        ("anything.pddl", "corridor"),
+        ("anything.pddl", "corridor-variant"),
+        ("corridor.pddl", "unheard-of"),
+    ],
+)
+def test_a_file_belongs_to_the_task_named_like_it_or_its_domain(
+    package: Path, file: str, name: str
+) -> None:
+    path = package / file
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(CORRIDOR.replace("(domain corridor)", f"(domain {name})"))
+    task = find_task(file)
+    assert task.name == "corridor"
+    assert task.load().name == name
+
+
+def test_a_problem_beside_the_file_is_taken(package: Path) -> None:
+    (package / "corridor.pddl").write_text(CORRIDOR)
+    (package / "corridor-problem.pddl").write_text(
+        "(define (problem p) (:domain corridor) (:init (= (x) 2)) (:goal (and)))"
+    )
+    model = find_task("corridor.pddl").bind().model
+    assert model.initial_state is not None
+    assert model.initial_state.tolist() == [2.0]
+
+
+def test_a_path_that_does_not_exist_is_named(package: Path) -> None:
+    for path in ("nowhere.pddl", "sub/corridor", "./corridor.pddl"):
+        with pytest.raises(DomainError, match="there is no such file"):
+            find_task(path)
+
+
+def test_a_file_that_belongs_to_no_task_says_what_to_do(package: Path) -> None:
+    (package / "zoo.pddl").write_text(CORRIDOR.replace("(domain corridor)", "(domain zoo)"))
+    with pytest.raises(TaskError, match=r"zoo.*no task is installed for domain `zoo`.*serp.Task"):
+        find_task("zoo.pddl")
+
+
+def test_a_variant_that_is_shipped_is_found_by_name_from_anywhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    task = find_task("cartpole-reversed")
+    assert (task.name, task.load().name) == ("cartpole", "cartpole-reversed")
+    file = find_domain_file("soccer-coarse")
+    assert file is not None
+    assert file.name == "soccer-coarse.pddl"
+    assert find_domain_file("cartpole") is None
+    with pytest.raises(TaskError, match="there is no task `cartpole-revrsed`"):
+        find_task("cartpole-revrsed")

@@ -1,0 +1,92 @@
+"""What is learned from: by the task, or as the user sets it."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+
+from serp.errors import SettingsError
+from serp.settings import resolve
+from serp.tasks.task import Task
+from serp.training.run import plan_and_learn
+from serp.training.trainer import Trainer
+from tests.serp.sample_tasks import CORRIDOR, corridor
+from tests.serp.training.test_run import everything, without_pictures
+
+BONUS = 100.0
+LEARNED = [("environment", "task"), ("environment", "domain"), ("environment", "sum"),
+           ("domain", "task"), ("domain", "environment"), ("domain", "sum")]  # fmt: skip
+
+
+def task_with_bonus(folder: Path, declared: str) -> Task:
+    """The corridor, whose file gives 100 for waiting; its environment gives nothing for it."""
+    begin = CORRIDOR.index("(:action wait")
+    text = CORRIDOR[:begin] + CORRIDOR[begin:].replace(
+        "(decrease (reward) 0.1)", f"(increase (reward) {BONUS:g})", 1
+    )
+    file = folder / "corridor.pddl"
+    file.write_text(text)
+    return corridor(folder, domain=file, reward=declared)
+
+
+@pytest.mark.parametrize(("declared", "learned"), LEARNED)
+def test_the_experts_reward_is_remembered_where_it_is_learned_from(
+    tmp_path: Path, declared: str, learned: str
+) -> None:
+    task = task_with_bonus(tmp_path, declared)
+    asked = {"training": {"reward": learned}, "learner": {"n_step": 1}}
+    trainer = Trainer(task.bind(), resolve("default", task.settings, asked), 3)
+    rows = [trainer.run_episode() for _ in range(3)]
+    remembered = trainer.agent.learner.replay.newest(trainer.env_steps).reward
+    assert len(remembered) == trainer.env_steps
+    source = declared if learned == "task" else learned
+    by_environment, by_domain = (
+        sum(row.return_ for row in rows), sum(row.domain_return or 0.0 for row in rows)
+    )  # fmt: skip
+    assert by_domain > BONUS  # the planner goes by it whatever the learner learns from
+    expected = {
+        "environment": by_environment,
+        "domain": by_domain,
+        "sum": by_environment + by_domain,
+    }
+    assert sum(remembered) == pytest.approx(expected[source], rel=1e-5)
+    assert (max(remembered) > 0.9 * BONUS) == (source != "environment")
+
+
+def test_rewards_that_the_file_does_not_give_cannot_be_learned_from(tmp_path: Path) -> None:
+    text = CORRIDOR.replace("(decrease (reward) 0.1)", "").replace("(decrease (reward) 5)", "")
+    file = tmp_path / "silent.pddl"
+    file.write_text(text.replace("(increase (reward) 5)", ""))
+    task = corridor(tmp_path, domain=file)
+    for learned in ("domain", "sum"):
+        settings = resolve("default", task.settings, {"training": {"reward": learned}})
+        with pytest.raises(SettingsError, match=f"reward is {learned}, but the domain of task"):
+            Trainer(task.bind(), settings, 0)
+    with pytest.raises(SettingsError, match="task, domain, environment or sum, not 'both'"):
+        resolve("default", task.settings, {"training": {"reward": "both"}})
+
+
+@without_pictures()
+def test_a_run_says_what_it_learns_from_and_keeps_to_it_when_resumed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    task = task_with_bonus(tmp_path, "environment")
+    asked = {"training": {"reward": "sum"}}
+    plan_and_learn(task, settings=asked, episodes=6, out=tmp_path / "whole")
+    said = "learner learns from the environment's reward plus those of the domain file."
+    assert said in capsys.readouterr().err
+    assert said in (tmp_path / "whole" / "report.md").read_text()
+    plan_and_learn(task, settings=asked, episodes=3, out=tmp_path / "cut", quiet=True)
+    plan_and_learn(
+        dataclasses.replace(task, reward="domain"), episodes=6, out=tmp_path / "cut", resume=True,
+        quiet=True,
+    )  # fmt: skip
+    whole, cut = everything(tmp_path / "whole"), everything(tmp_path / "cut")
+    assert whole[:3] == cut[:3]
+    config = json.loads((tmp_path / "whole" / "config.json").read_text())["config"]
+    assert (config["reward"], config["learned_from"]) == ("environment", "sum")
+    plan_and_learn(task, episodes=1, out=tmp_path / "plain", quiet=True)
+    assert "guide the planner only" in (tmp_path / "plain" / "report.md").read_text()

@@ -1,0 +1,543 @@
+"""A task fits together, or says what does not; no mistake in one is a traceback."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+from serp.errors import EnvironmentFailure, SerpError, TaskError
+from serp.model.loading import load_domain
+from serp.pddl.source import DomainError
+from serp.tasks.task import BoundTask, Task
+from tests.serp.sample_tasks import CORRIDOR, CableCut, Corridor, corridor, corridor_file
+
+
+class Odd(Corridor):
+    """An environment that returns what it is told to."""
+
+    def __init__(self, *, step: Any = None, reset: Any = None, **attributes: Any) -> None:
+        super().__init__()
+        self.answer, self.start = step, reset
+        for name, value in attributes.items():
+            setattr(self, name, value)
+
+    def step(self, action: int) -> Any:
+        return super().step(action) if self.answer is None else self.answer
+
+    def reset(self, **options: Any) -> Any:
+        return super().reset(**options) if self.start is None else self.start
+
+
+def odd(folder: Path, **attributes: Any) -> BoundTask:
+    return corridor(folder, lambda: Odd(**attributes)).bind()
+
+
+SEEN = np.array([0.0, 0.0])
+
+DOORS = """(define (domain doors)
+  (:types door) (:constants west east - door)
+  (:predicates (open ?d - door) (locked ?d - door) (unsafe))
+  (:functions (x) (limit))
+  (:action left :effect (decrease (x) 1))
+  (:action right :effect (increase (x) 1))
+  (:action wait)
+  (:event stuck :parameters (?d - door)
+    :precondition (and (open ?d) (locked ?d) (< (x) (limit))) :effect (unsafe)))"""
+DOORS_PROBLEM = """(define (problem p) (:domain doors)
+  (:init (locked west) (= (limit) 9) {}))"""
+
+# A task that fits --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stated", ["", "(open west)", "(open west) (= (x) 0)"])
+def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
+    tmp_path: Path, stated: str
+) -> None:
+    file = tmp_path / "doors.pddl"
+    file.write_text(DOORS)
+    (tmp_path / "doors-problem.pddl").write_text(DOORS_PROBLEM.format(stated))
+    ground = {"x": 0.0, "open west": False, "open east": False}
+    for domain in (file, load_domain(file)):
+        task = dataclasses.replace(
+            corridor(tmp_path),
+            domain=domain,
+            ground=lambda seen: ground,
+            actions={"left": 0, "right": 1, "wait": 2},
+            name="doors",
+            reward="environment",
+        )
+        bound = task.bind()
+        assert [f.name for f in bound.model.fluents] == ["open west", "open east", "x"]
+        assert bound.model.ground.static == {"locked west": 1.0, "limit": 9.0}
+        shut, opened = (bound.model.state(ground | {"open west": seen}) for seen in (False, True))
+        assert [bound.model.step(state, "wait").unsafe for state in (shut, opened)] == [False, True]
+
+
+def test_everything_is_at_hand_once_bound(tmp_path: Path) -> None:
+    bound = corridor(tmp_path).bind()
+    assert bound.name == bound.domain.name == "corridor"
+    assert bound.actions.size == 4
+    assert bound.observation_size == 2
+    assert bound.rewarded_by == "domain"
+    raw, info = bound.reset(seed=3)
+    assert info == {"game": 0}
+    state = bound.ground(raw)
+    assert state.tolist() == [raw[0]]
+    after, reward, terminated, truncated, _ = bound.step(1)
+    assert after[0] in (raw[0], raw[0] + 1)
+    assert isinstance(reward, float)
+    assert (terminated, truncated) == (False, False)
+    bound.close()
+
+
+def test_the_domain_may_be_a_file_a_text_path_or_loaded(tmp_path: Path) -> None:
+    file = corridor_file(tmp_path)
+    for domain in (file, str(file), load_domain(file)):
+        assert corridor(tmp_path, domain=domain).bind().domain.name == "corridor"
+
+
+def test_the_same_seed_gives_the_same_episode(tmp_path: Path) -> None:
+    bound = corridor(tmp_path).bind()
+    first = [bound.reset(seed=8)[0].tolist(), *(bound.step(1)[0][0] for _ in range(3))]
+    again = [bound.reset(seed=8)[0].tolist(), *(bound.step(1)[0][0] for _ in range(3))]
+    assert first[1:] == again[1:]
+
+
+def test_the_control_period_reaches_the_model(tmp_path: Path) -> None:
+    assert corridor(tmp_path, dt=0.25).bind().model.dt == 0.25
+    assert corridor(tmp_path, dt=np.float32(0.25)).bind().model.dt == 0.25
+    assert corridor(tmp_path, dt=np.int64(2)).bind().model.dt == 2.0
+    for wrong in (0.0, -1, float("nan"), float("inf"), "a", None, True, [0.1]):
+        with pytest.raises(TaskError, match=r"corridor.*control period.*a number > 0, not "):
+            corridor(tmp_path, dt=wrong).bind()
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"name": 3}, "name must be a text, not 3"),
+        ({"ground": {"x": 0}}, "ground must be a function of an observation, not {'x': 0}"),
+        ({"reward": 1}, "reward must be 'domain' or 'environment', not 1"),
+        ({"actions": ["left", "right"]}, "actions must be a mapping .*, not \\['left'"),
+        ({"domain": 3}, "domain must be a file or a loaded domain, not 3"),
+        ({"domain": None}, "domain must be a file or a loaded domain, not None"),
+        ({"problem": 3}, "problem must be a file or a loaded domain, not 3"),
+    ],
+)
+def test_a_field_of_the_wrong_kind_is_named(
+    tmp_path: Path, changes: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(TaskError, match=said):
+        corridor(tmp_path, **changes).bind()
+
+
+def test_actions_that_do_not_begin_at_zero_are_counted_from_zero(tmp_path: Path) -> None:
+    bound = corridor(tmp_path, lambda: Corridor(start=10)).bind()
+    raw, _ = bound.reset(seed=0)
+    moved = [bound.step(1)[0][0] for _ in range(2)]
+    assert max(moved) > raw[0]
+    assert bound.actions.size == 4
+
+
+def test_other_observations_are_flattened(tmp_path: Path) -> None:
+    space = spaces.Dict({"cell": spaces.Discrete(3), "speed": spaces.Box(-1.0, 1.0, (2, 1))})
+    bound = odd(tmp_path, observation_space=space)
+    assert bound.observation_size == 5
+    seen = {"cell": 1, "speed": np.array([[0.5], [-0.5]], dtype=np.float32)}
+    assert bound.observation(seen).tolist() == [0.0, 1.0, 0.0, 0.5, -0.5]
+    image = odd(tmp_path, observation_space=spaces.Box(0, 255, (2, 3), np.uint8))
+    assert image.observation(np.arange(6, dtype=np.uint8).reshape(2, 3)).tolist() == [*range(6)]
+
+
+def test_a_grounding_may_return_an_array_or_truth_values(tmp_path: Path) -> None:
+    text = CORRIDOR.replace("(unsafe) (terminal)", "(lit) (unsafe) (terminal)", 1).replace(
+        "(and (> (x) -4))\n    :effect (and", "(and (lit))\n    :effect (and (not (lit))"
+    )
+    file = tmp_path / "lit.pddl"
+    file.write_text(text)
+    for ground in (
+        lambda seen: {"lit": True, "x": seen[0]},
+        lambda seen: {"x": np.float32(seen[0]), "lit": np.bool_(True)},
+        lambda seen: np.array([1, seen[0]], dtype=np.float32),
+        lambda seen: [True, seen[0]],
+    ):
+        bound = corridor(tmp_path, domain=file, ground=ground).bind()
+        assert bound.ground(np.array([2.0, 0.0])).tolist() == [1.0, 2.0]
+
+
+def test_a_grounded_array_is_copied(tmp_path: Path) -> None:
+    """Environments reuse their arrays; what was monitored must not change afterwards."""
+    kept = np.array([1.0])
+    bound = corridor(tmp_path, ground=lambda seen: kept).bind()
+    state = bound.ground(SEEN)
+    kept[0] = 9.0
+    assert state.tolist() == [1.0]
+
+
+def test_whose_reward_counts_is_decided_by_who_says_something(tmp_path: Path) -> None:
+    assert corridor(tmp_path, reward="environment").bind().rewarded_by == "environment"
+    silent = tmp_path / "silent.pddl"
+    silent.write_text(
+        "(define (domain silent) (:predicates (unsafe)) (:functions (x))"
+        " (:action left :parameters () :precondition (and) :effect (and (decrease (x) 1))))"
+    )
+    assert corridor(tmp_path, domain=silent).bind().rewarded_by == "environment"
+    with pytest.raises(TaskError, match="says nothing about reward"):
+        corridor(tmp_path, domain=silent, reward="domain").bind()
+
+
+# What does not fit -------------------------------------------------------------------------------
+
+
+def test_continuous_actions_are_refused_with_advice(tmp_path: Path) -> None:
+    with pytest.raises(TaskError, match=r"corridor.*discrete actions.*Box.*wrapper"):
+        odd(tmp_path, action_space=spaces.Box(-1.0, 1.0, (1,)))
+
+
+def test_an_action_name_that_the_domain_does_not_know_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TaskError, match="no action `lef`; did you mean `left`"):
+        corridor(tmp_path, actions={"lef": 0, "right": 1, "wait": 2}).bind()
+
+
+def test_a_ground_action_without_an_environment_action_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TaskError, match="no environment action for `wait`"):
+        corridor(tmp_path, actions={"left": 0, "right": 1}).bind()
+
+
+def test_observations_that_are_no_vector_are_refused(tmp_path: Path) -> None:
+    for space in (spaces.Graph(spaces.Box(-1, 1, (2,)), None), None, "a space"):
+        with pytest.raises(TaskError, match="cannot be flattened"):
+            odd(tmp_path, observation_space=space)
+
+    class Half(gym.Env[Any, Any]):
+        action_space = spaces.Discrete(3)
+
+    with pytest.raises(TaskError, match="observations of None cannot be flattened"):
+        corridor(tmp_path, Half).bind()
+
+
+def test_an_environment_without_spaces_is_refused(tmp_path: Path) -> None:
+    class Bare(gym.Env[Any, Any]):
+        pass
+
+    with pytest.raises(TaskError, match="discrete actions"):
+        corridor(tmp_path, Bare).bind()
+
+
+def test_what_is_no_environment_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(TaskError, match="make_env returned dict"):
+        corridor(tmp_path, dict).bind()  # type: ignore[arg-type]
+    with pytest.raises(TaskError, match="make_env must be a function.*not 'CartPole-v1'"):
+        corridor(tmp_path, "CartPole-v1").bind()  # type: ignore[arg-type]
+
+
+def test_an_environment_that_cannot_be_made_is_named_with_its_reason(tmp_path: Path) -> None:
+    def make() -> gym.Env[Any, Any]:
+        raise OSError("no robot on /dev/ttyUSB0")
+
+    with pytest.raises(EnvironmentFailure, match=r"corridor.*OSError: no robot on /dev/ttyUSB0"):
+        corridor(tmp_path, make).bind()
+
+
+def test_a_missing_domain_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DomainError, match=r"nowhere\.pddl"):
+        corridor(tmp_path, domain=tmp_path / "nowhere.pddl").bind()
+
+
+def test_a_render_mode_is_passed_on_where_it_can_be(tmp_path: Path) -> None:
+    modes: list[Any] = []
+
+    def make(**options: Any) -> Corridor:
+        modes.append(options)
+        return Corridor()
+
+    corridor(tmp_path, make).bind()
+    corridor(tmp_path, make).bind(render_mode="rgb_array")
+    assert modes == [{}, {"render_mode": "rgb_array"}]
+    with pytest.raises(TaskError, match="render_mode"):
+        corridor(tmp_path, lambda: Corridor()).bind(render_mode="rgb_array")
+
+
+class Closing(Corridor):
+    """Counts how often it was closed; closing may fail."""
+
+    def __init__(self, closed: list[str], fails: bool = False, **attributes: Any) -> None:
+        super().__init__()
+        self.closed, self.fails = closed, fails
+        for name, value in attributes.items():
+            setattr(self, name, value)
+
+    def close(self) -> None:
+        self.closed.append("closed")
+        if self.fails:
+            raise RuntimeError("the cable is stuck")
+
+
+@pytest.mark.parametrize(
+    ("attributes", "changes"),
+    [
+        ({"action_space": None}, {}),
+        ({"observation_space": None}, {}),
+        ({"fails": True, "action_space": None}, {}),
+        ({}, {"actions": {"left": 0}}),
+        ({}, {"actions": 3}),
+    ],
+)
+def test_an_environment_that_does_not_fit_is_closed_again(
+    tmp_path: Path, attributes: dict[str, Any], changes: dict[str, Any]
+) -> None:
+    closed: list[str] = []
+    with pytest.raises(TaskError):
+        corridor(tmp_path, lambda: Closing(closed, **attributes), **changes).bind()
+    assert closed == ["closed"]
+
+
+def test_a_bound_task_closes_its_environment_and_hides_no_error(tmp_path: Path) -> None:
+    closed: list[str] = []
+    with corridor(tmp_path, lambda: Closing(closed)).bind():
+        assert closed == []
+    assert closed == ["closed"]
+    stuck = corridor(tmp_path, lambda: Closing(closed, fails=True))
+    with pytest.raises(ZeroDivisionError), stuck.bind():
+        raise ZeroDivisionError
+    with pytest.raises(EnvironmentFailure, match="cable is stuck"), stuck.bind():
+        pass
+
+
+# Groundings that are wrong ------------------------------------------------------------------------
+
+
+def divide(seen: Any) -> Any:
+    return {"x": seen[0] / 0 if isinstance(seen, list) else [][3]}
+
+
+@pytest.mark.parametrize(
+    ("ground", "said"),
+    [
+        (lambda seen: {}, "no value for fluent `x`"),
+        (lambda seen: {"x": 0.0, "y": 1.0}, "unknown fluent `y`"),
+        (lambda seen: {"x": float("nan")}, "`x` is nan"),
+        (lambda seen: {"x": float("-inf")}, "`x` is -inf"),
+        (lambda seen: {"x": "far"}, "grounding of"),
+        (lambda seen: {"x": "3.5"}, "`x` is no number: '3.5'"),
+        (lambda seen: {"x": 1j}, "`x` is no number: 1j"),
+        (lambda seen: np.array(["3.5"]), "a state is numbers"),
+        (lambda seen: np.array([1j]), "a state is numbers"),
+        (lambda seen: {"x": None}, "grounding of"),
+        (lambda seen: {"x": [1.0, 2.0]}, "grounding of"),
+        (lambda seen: [0.0, 1.0], "found 2: 1 more than the fluents `x`"),
+        (lambda seen: None, "a state"),
+        (lambda seen: [[1.0], [2.0, 3.0]], "a state is numbers"),
+        (divide, "the grounding failed on .*IndexError"),
+    ],
+)
+def test_a_grounding_that_is_wrong_is_a_task_error(
+    tmp_path: Path, ground: Callable[[Any], Any], said: str
+) -> None:
+    with pytest.raises(TaskError, match=f"task corridor.*{said}"):
+        corridor(tmp_path, ground=ground).bind().ground(SEEN)
+
+
+@pytest.mark.parametrize(
+    ("ground", "said"),
+    [
+        (lambda seen: {}, "no value for fluent `x`; given are none"),
+        (lambda seen: {"x": 0.0, "y": 1.0}, "unknown fluent `y`"),
+        (
+            lambda seen: np.zeros(0),
+            "a state .* 1 number in the order .* found 0: there is none for `x`",
+        ),
+    ],
+)
+def test_fluents_that_a_grounding_leaves_out_are_named_before_the_environment_is_touched(
+    tmp_path: Path, ground: Callable[[Any], Any], said: str
+) -> None:
+    class Untouched(Corridor):
+        def reset(self, **options: Any) -> Any:
+            raise AssertionError
+
+    task = corridor(tmp_path, ground=ground, make_env=Untouched)
+    with pytest.raises(TaskError, match=f"the grounding does not fit .*corridor.pddl: {said}"):
+        task.bind()
+
+
+def test_the_cause_of_a_failed_grounding_is_kept_for_its_author(tmp_path: Path) -> None:
+    bound = corridor(tmp_path, ground=divide).bind()
+    with pytest.raises(TaskError) as caught:
+        bound.ground(SEEN)
+    assert isinstance(caught.value.__cause__, IndexError)
+
+
+# Environments that are wrong ----------------------------------------------------------------------
+
+
+class Refusing:
+    """What cannot be made an array, as a torch tensor with a gradient."""
+
+    def __array__(self, dtype: Any = None, copy: Any = None) -> Any:
+        raise RuntimeError("detach it first")
+
+
+@pytest.mark.parametrize(
+    "seen",
+    [
+        np.array([0.0, np.nan]),
+        np.array([np.inf, 0.0]),
+        np.zeros(3),
+        np.zeros((2, 2)),
+        0.5,
+        "nothing",
+        None,
+        {"x": 1.0},
+        [[1.0], [2.0, 3.0]],
+        object(),
+        np.array([1j, 0.0]),
+        np.array(["0.5", "1"]),
+        np.array([0.5, 1.0], dtype=object),
+        Refusing(),
+    ],
+)
+def test_an_observation_that_is_wrong_is_an_environment_failure(tmp_path: Path, seen: Any) -> None:
+    with pytest.raises(EnvironmentFailure, match="task corridor.*observation"):
+        corridor(tmp_path).bind().observation(seen)
+
+
+@pytest.mark.parametrize("seen", [7, "left", None])
+def test_an_observation_outside_a_discrete_space_is_an_environment_failure(
+    tmp_path: Path, seen: Any
+) -> None:
+    bound = odd(tmp_path, observation_space=spaces.Discrete(3))
+    with pytest.raises(EnvironmentFailure, match="Discrete"):
+        bound.observation(seen)
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        ((SEEN, np.nan, False, False, {}), "the reward is nan, not a finite number"),
+        ((SEEN, 10**400, False, False, {}), "the reward is inf, not a finite number"),
+        ((SEEN, None, False, False, {}), "the reward is None .NoneType., not one number"),
+        ((SEEN, "1.5", False, False, {}), "the reward is '1.5' .str., not one number"),
+        ((SEEN, 1j, False, False, {}), "the reward is 1j .complex., not one number"),
+        ((SEEN, np.zeros(2), False, False, {}), "the reward is array.*not one number"),
+        ((SEEN, Refusing(), False, False, {}), "the reward is .*Refusing.*not one number"),
+        ((SEEN, 0.0, None, False, {}), "terminated is None .NoneType., not True or False"),
+        ((SEEN, 0.0, False, "False", {}), "truncated is 'False' .str., not True or False"),
+        ((SEEN, 0.0, False, 0.5, {}), "truncated is 0.5 .float., not True or False"),
+        ((SEEN, 0.0, np.zeros(2, bool), False, {}), "terminated is array.*not True or False"),
+        ((SEEN, 0.0, False, False, None), "info is None .NoneType., not a dictionary"),
+        ((SEEN, 0.0, False, {}), "it returned 4 values, not the five values .observation, reward"),
+        ("done", "it returned 'done' .str., not the five values"),
+    ],
+)
+def test_an_answer_of_another_kind_is_named_with_what_is_wanted(
+    tmp_path: Path, answer: Any, said: str
+) -> None:
+    bound = odd(tmp_path, step=answer)
+    with pytest.raises(TaskError, match=f"task corridor: step with action right failed: {said}"):
+        bound.step(1)
+
+
+@pytest.mark.parametrize("one", [1, np.float32(1.0), np.array(1.0), np.array([1.0]), True])
+def test_numbers_and_truth_values_may_be_arrays_of_one(tmp_path: Path, one: Any) -> None:
+    bound = odd(tmp_path, step=(SEEN, one, one, np.bool_(False), {}))
+    answer = bound.step(0)[1:4]
+    assert answer == (1.0, True, False) and list(map(type, answer)) == [float, bool, bool]
+
+
+def test_a_number_that_is_not_finite_is_named_by_its_place(tmp_path: Path) -> None:
+    space = spaces.Dict(
+        at=spaces.Box(-1, 1, (2, 2)), go=spaces.Tuple((spaces.Discrete(2), spaces.Box(0, 1, ())))
+    )
+    bound = odd(tmp_path, observation_space=space)
+    good = {"at": np.zeros((2, 2)), "go": (1, 0.5)}
+    assert bound.observation(good).tolist() == [0, 0, 0, 0, 0, 1, 0.5]
+    for part, said in (
+        ({"at": [[0, 0], [np.inf, 0]]}, r"entry \[1, 0\] of `at` is inf"),
+        ({"go": (1, np.nan)}, "the number of `go.1` is nan"),
+        ({"go": (1, "0.5")}, r"`go.1` is '0.5' \(str\); real numbers are wanted"),
+        ({"go": (2, 0.5)}, r"`go.0` is 2 \(int\); a member of Discrete\(2\) is wanted"),
+        ({"go": (1,)}, r"`go` is \(1,\) \(tuple\); Tuple"),
+    ):
+        with pytest.raises(EnvironmentFailure, match=said):
+            bound.observation({**good, **part})
+
+
+def test_the_first_observation_outside_its_space_is_a_notice(tmp_path: Path) -> None:
+    space = spaces.Box(np.float32([-1, -np.inf]), np.float32([0.1, 2]))
+    bound = odd(tmp_path, observation_space=space)
+    notices: list[str] = []
+    bound.observation([0.0, 3.0])
+    bound.on_notice = notices.append
+    bound.observation([0.1, -1e9])  # float32's 0.1 is a little less
+    assert notices == []
+    for value in (5.25, 6.0):
+        assert bound.observation([0.0, value])[1] == value
+    (notice,) = notices
+    assert "entry 1 is 5.25, beyond the declared 2" in notice
+
+
+def test_what_an_environment_writes_into_its_buffers_later_changes_nothing(tmp_path: Path) -> None:
+    buffer, info = np.zeros(2), {"game": 1}
+    bound = odd(tmp_path, step=(buffer, 0.0, False, False, info), reset=({"seen": buffer}, info))
+    (reset, first), (seen, *_, second) = bound.reset(), bound.step(0)
+    buffer[:], info["game"] = 7.0, 2
+    assert not seen.any() and not reset["seen"].any()
+    assert first["game"] == second["game"] == 1
+
+
+@pytest.mark.parametrize("answer", [SEEN, (SEEN, 0.0, {}), 3, (SEEN, 5), (SEEN, None)])
+def test_a_reset_that_returns_something_else_is_an_environment_failure(
+    tmp_path: Path, answer: Any
+) -> None:
+    with pytest.raises(EnvironmentFailure, match="reset failed"):
+        odd(tmp_path, reset=answer).reset()
+
+
+def test_an_environment_that_raises_is_named_with_action_and_reason(tmp_path: Path) -> None:
+    bound = corridor(tmp_path, lambda: CableCut(Corridor(), at=2)).bind()
+    bound.reset(seed=0)
+    bound.step(0)
+    with pytest.raises(EnvironmentFailure, match=r"action dance|action 3.*cable cut") as caught:
+        bound.step(3)
+    assert isinstance(caught.value.__cause__, ConnectionError)
+
+
+def test_an_environment_that_exits_ends_the_run_with_a_word(tmp_path: Path) -> None:
+    class Exits(Corridor):
+        def step(self, action: int) -> Any:
+            sys.exit(3)
+
+    with pytest.raises(EnvironmentFailure, match="step with action left failed: SystemExit: 3"):
+        corridor(tmp_path, Exits).bind().step(0)
+
+
+def test_warnings_of_an_environment_are_left_to_the_user(tmp_path: Path) -> None:
+    class Warns(Corridor):
+        def step(self, action: int) -> Any:
+            warnings.warn("battery low", stacklevel=1)
+            return super().step(action)
+
+    bound = corridor(tmp_path, Warns).bind()
+    bound.reset(seed=0)
+    with pytest.warns(UserWarning, match="battery low"):
+        bound.step(0)
+
+
+def test_all_of_these_are_the_users_to_mend() -> None:
+    assert issubclass(TaskError, SerpError)
+    assert issubclass(EnvironmentFailure, TaskError)
+
+
+def test_a_task_is_made_by_keywords_alone() -> None:
+    with pytest.raises(TypeError):
+        Task(Corridor, "corridor.pddl", dict)  # type: ignore[call-arg]

@@ -1,0 +1,344 @@
+"""A mirrored corridor: what a task declares is checked against its domain and what is observed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+import serp
+from serp.errors import TaskError
+from serp.settings import Settings, resolve
+from serp.tasks.registry import load_task
+from serp.tasks.task import Task
+from serp.tasks.task_symmetry import Symmetry, declared_symmetries, symmetry_group
+from serp.training.agent import Agent
+from serp.training.evaluation import play
+from serp.training.trainer import Trainer
+from tests.serp.sample_tasks import SMALL
+
+HALL = """(define (domain hall) (:types side) (:constants left right - side)
+  (:predicates (wall ?s - side) (tired) (unsafe) (terminal))
+  (:functions (x) (room ?s - side) (reward))
+  (:action go :parameters (?s - side) :precondition (and (not (wall ?s)))
+    :effect (and (decrease (room ?s) 1) (tired)))
+  (:action west :parameters () :precondition (and) :effect (and (decrease (x) 1)))
+  (:action east :parameters () :precondition (and) :effect (and (increase (x) 1)))
+  (:action wait :parameters () :precondition (and) :effect (and (not (tired))))
+  (:event arrived :parameters (?s - side) :precondition (and (< (room ?s) 0.5))
+    :effect (and (increase (reward) 1) (terminal))))
+"""
+
+
+class Hall(gym.Env[Any, Any]):
+    """A walk between two walls. Seen: x, room on the left, room on the right."""
+
+    observation_space: spaces.Space[Any] = spaces.Box(-9, 9, (3,), np.float32)
+    action_space = spaces.Discrete(5)  # type: ignore[assignment]
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        self.x = float(self.np_random.uniform(-2, 2))
+        self.steps = 0
+        return self.seen(), {}
+
+    def step(self, action: Any) -> Any:
+        self.steps += 1
+        self.x += (-1.0, 1.0, -1.0, 1.0, 0.0)[int(action)] + float(self.np_random.normal()) / 9
+        ended = abs(self.x) > 2.5
+        return self.seen(), float(ended), ended, self.steps > 9, {}
+
+    def seen(self) -> Any:
+        return np.array([self.x, 3 + self.x, 3 - self.x], np.float32)
+
+
+class Told(Hall):
+    """The same in a dictionary."""
+
+    observation_space = spaces.Dict(
+        {"rooms": spaces.Box(-9, 9, (2,), np.float64), "x": spaces.Box(-9, 9, (1,), np.float64)}
+    )
+
+    def seen(self) -> Any:
+        return {"rooms": np.array([3 + self.x, 3 - self.x]), "x": np.array([self.x])}
+
+
+def ground(seen: NDArray[Any]) -> dict[str, float]:
+    return {
+        "wall left": seen[1] < 1, "wall right": seen[2] < 1, "tired": False,
+        "x": seen[0], "room left": seen[1], "room right": seen[2],
+    }  # fmt: skip
+
+
+BOTH_SIDES = Symmetry(
+    objects={"left": "right"},
+    flip=("x",),
+    actions={"west": "east"},
+    observation_signs=(-1, 1, 1),
+    observation_order=(0, 2, 1),
+)
+ACTIONS = {"go left": 0, "go right": 1, "west": 2, "east": 3, "wait": 4}
+
+
+@pytest.fixture
+def hall(tmp_path: Path) -> Callable[..., Task]:
+    def make(text: str = HALL, **changes: Any) -> Task:
+        file = tmp_path / "hall.pddl"
+        file.write_text(text, encoding="utf-8")
+        fields: dict[str, Any] = {
+            "make_env": Hall, "domain": file, "ground": ground, "actions": ACTIONS,
+            "symmetries": (BOTH_SIDES,),
+        }  # fmt: skip
+        return Task(**{**fields, **changes})
+
+    return make
+
+
+def settings(**training: Any) -> Settings:
+    chosen = Settings().replace({**SMALL, "training": {**SMALL["training"], **training}})
+    return chosen.replace({"learner": {"symmetry": True}})
+
+
+def train(task: Task, chosen: Settings, episodes: int = 12) -> Trainer:
+    with task.bind() as bound:
+        trainer = Trainer(bound, chosen, seed=4)
+        for _ in range(episodes):
+            trainer.run_episode()
+    return trainer
+
+
+# --- what is right -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("inputs", ["observation", "state", "both"])
+def test_the_learner_sees_mirror_images_alike(hall: Callable[..., Task], inputs: str) -> None:
+    trainer = train(hall(), settings(inputs=inputs))
+    agent = trainer.agent
+    ((declared,), _) = declared_symmetries(agent.task)
+    seen = np.array([0.5, 3.5, 2.5], np.float32)
+    mirrored = np.array([-0.5, 2.5, 3.5], np.float32)
+    assert declared.columns is not None
+    np.testing.assert_array_equal(seen[list(declared.columns)] * declared.signs, mirrored)
+    _, x = agent.perceive(seen)
+    _, image = agent.perceive(mirrored)
+    q = agent.learner.q_values(x)
+    assert np.ptp(q) > 0.0
+    np.testing.assert_allclose(agent.learner.q_values(image), q[[1, 0, 3, 2, 4]], atol=1e-6)
+
+
+def test_a_dictionary_is_mirrored_in_the_order_of_its_space(hall: Callable[..., Task]) -> None:
+    def of_dict(seen: dict[str, NDArray[Any]]) -> dict[str, float]:
+        return ground(np.concatenate((seen["x"], seen["rooms"])))
+
+    symmetry = replace(BOTH_SIDES, observation_signs=(1, 1, -1), observation_order=(1, 0, 2))
+    task = hall(make_env=Told, ground=of_dict, symmetries=(symmetry,))
+    assert train(task, settings()).agent.learner.symmetry is not None
+    with pytest.raises(TaskError, match="an observation was mirrored"):
+        train(replace(task, symmetries=(BOTH_SIDES,)), settings())
+
+
+def test_a_symmetry_of_the_domain_alone_serves_a_learner_of_states(
+    hall: Callable[..., Task],
+) -> None:
+    text = (
+        HALL.replace("(x) (room", "(room")
+        .replace(
+            "(:action west :parameters () :precondition (and) :effect (and (decrease (x) 1)))", ""
+        )
+        .replace(
+            "(:action east :parameters () :precondition (and) :effect (and (increase (x) 1)))", ""
+        )
+    )
+
+    def of_rooms(seen: NDArray[Any]) -> dict[str, float]:
+        return {k: v for k, v in ground(seen).items() if k != "x"}
+
+    names = {"go left": 0, "go right": 1, "wait": 2}
+    task = hall(text, ground=of_rooms, actions=names, symmetries=())
+    with task.bind() as bound:
+        assert symmetry_group(bound, (), "both") is None
+        assert symmetry_group(bound, (), "state") is None  # nobody says what actions 3, 4 become
+
+    class Narrow(Hall):
+        action_space = spaces.Discrete(3)  # type: ignore[assignment]
+
+    with replace(task, make_env=Narrow).bind() as bound:
+        group = symmetry_group(bound, (), "state")
+        assert group is not None
+        assert [e.actions for e in group.elements] == [(0, 1, 2), (1, 0, 2)]
+        assert Agent(bound, settings(inputs="state"), 0).learner.symmetry is not None
+        assert Agent(bound, settings(inputs="both"), 0).learner.symmetry is None
+
+
+def test_actions_that_the_domain_does_not_mention_go_by_number(hall: Callable[..., Task]) -> None:
+    class Dancing(Hall):
+        action_space = spaces.Discrete(7)  # type: ignore[assignment]
+
+    task = hall(make_env=Dancing)
+    with task.bind() as bound:
+        found, (left_out,) = declared_symmetries(bound)
+        assert found == ()
+        assert re.search("does not mention .* action 5; say", left_out)
+    named = replace(BOTH_SIDES, actions={"west": "east", 5: 6})
+    with replace(task, symmetries=(named,)).bind() as bound:
+        assert declared_symmetries(bound)[0][0].actions == (1, 0, 3, 2, 4, 6, 5)
+
+
+def test_a_chain_is_closed(hall: Callable[..., Task]) -> None:
+    whole = replace(
+        BOTH_SIDES,
+        objects={"left": "right", "right": "left"},
+        actions={"west": "east", "east": "west"},
+    )
+    with hall(symmetries=(BOTH_SIDES, whole)).bind() as bound:
+        (short, long), _ = declared_symmetries(bound)
+        assert (short.model, short.actions) == (long.model, long.actions)
+        group = symmetry_group(bound, (short, long), "both")
+        assert group is not None
+        assert len(group) == 2
+
+
+@pytest.mark.parametrize("name", ["cartpole", "soccer"])
+def test_shipped_tasks_are_symmetric(name: str) -> None:
+    task = load_task(name)
+    chosen = resolve("default", task.settings, {"learner": {"symmetry": True}})
+    with task.bind() as bound:
+        trainer = Trainer(bound, chosen, seed=0)
+        while trainer.env_steps < 300:  # more than the observations that are checked
+            trainer.run_episode()
+        group = trainer.agent.learner.symmetry
+    assert group is not None
+    assert len(group) == 2
+
+
+def test_resume_equals_uninterrupted(hall: Callable[..., Task]) -> None:
+    whole, first = train(hall(), settings(), 16), train(hall(), settings(), 8)
+    with hall().bind() as bound:
+        second = Trainer(bound, settings(), seed=4)
+        second.load_state_dict(*first.state_dict())
+        for _ in range(8):
+            second.run_episode()
+        x = np.linspace(-1, 1, second.agent.learner.input_size)
+        assert second.env_steps == whole.env_steps
+        np.testing.assert_array_equal(
+            second.agent.learner.q_values(x), whole.agent.learner.q_values(x)
+        )
+
+
+# --- what is wrong -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"objects": {"left": "right", "right": "right"}}, "two things become `right`"),
+        ({"objects": ["left", "right"]}, "expected a mapping"),
+        ({"flip": ("wall left",)}, "is true or false and has no sign"),
+        ({"flip": "x"}, "flip must be names of fluents"),
+        ({"actions": {"west": 3}}, "both by name, or both by number"),
+        ({"actions": {"west": "east", 4: 4}}, "call action 4 `wait`"),
+        ({"actions": {"west": "east", 9: 9}}, "has no action 9"),
+        ({"observation_order": (0, 1)}, "each of the 3 places once"),
+        ({"observation_order": (0, 1, 1)}, "each of the 3 places once"),
+        ({"observation_signs": (1, 1)}, "3 times 1 or -1"),
+        ({"observation_signs": (1, 2, 1)}, "3 times 1 or -1"),
+        ({"observation_signs": 1}, "3 times 1 or -1"),
+        ({"observation_signs": ("a", 1, 1)}, "3 times 1 or -1"),
+    ],
+)
+def test_a_wrong_declaration_is_refused(
+    hall: Callable[..., Task], changes: dict[str, Any], said: str
+) -> None:
+    with hall(symmetries=(replace(BOTH_SIDES, **changes),)).bind() as bound:
+        with pytest.raises(TaskError, match=said) as caught:
+            Agent(bound, settings(), 0)
+        assert "task hall: symmetry 1" in str(caught.value)
+        assert "learner.symmetry" in str(caught.value)
+        Agent(bound, settings().replace({"learner": {"symmetry": False}}), 0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"objects": {"left": "rigth"}}, "about an object `rigth`; did you mean `right`"),
+        ({"flip": ("y",)}, "unknown fluent `y`"),
+        ({"flip": ("x", "room left")}, "the domain contradicts it"),
+        ({"flip": ()}, "the domain contradicts it: after `(east|west)`"),
+        ({"actions": {}}, "after `west` the mirror image of what `west` does has `x`"),
+        ({"actions": {"west": "wait"}}, "the domain contradicts it"),
+        ({"actions": {"west": "north"}}, "unknown action `north`"),
+    ],
+)
+def test_what_the_domain_file_does_not_have_is_left_out_and_said(
+    hall: Callable[..., Task], changes: dict[str, Any], said: str
+) -> None:
+    with hall(symmetries=(replace(BOTH_SIDES, **changes),)).bind() as bound:
+        agent = Agent(bound, settings(), 0)
+        (notice,) = agent.notices
+        assert re.search(rf"^The symmetry .* is not used: .*{said}", notice)
+        plain = Agent(bound, settings().replace({"learner": {"symmetry": False}}), 0)
+        x = np.linspace(-1, 1, agent.learner.input_size)
+        np.testing.assert_array_equal(agent.learner.q_values(x), plain.learner.q_values(x))
+
+
+def test_something_else_than_symmetries_is_refused(hall: Callable[..., Task]) -> None:
+    for wrong in (BOTH_SIDES, ({"left": "right"},)):
+        with hall(symmetries=wrong).bind() as bound, pytest.raises(TaskError, match=r"serp\.Symm"):
+            Agent(bound, settings(), 0)
+
+
+def test_a_rule_for_one_side_only_is_said_with_its_line(hall: Callable[..., Task]) -> None:
+    text = HALL.replace("(decrease (x) 1)", "(tired)").replace("(increase (x) 1)", "(wall left)")
+    symmetry = replace(BOTH_SIDES, flip=(), actions={})
+    with hall(text, symmetries=(symmetry,)).bind() as bound:
+        (notice,) = Agent(bound, settings(), 0).notices
+        assert re.search(r"hall\.pddl:7:\d+: action `east` has no mirror", notice)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "fluent"),
+    [
+        ({"objects": {}}, "room left"),
+        ({"observation_signs": (1, 1, 1)}, "x"),
+        ({"observation_order": (0, 1, 2)}, "room left"),
+        ({"observation_order": (0, 1, 2), "observation_signs": None}, "x"),
+    ],
+)
+def test_what_is_observed_refuses_a_wrong_mirror(
+    hall: Callable[..., Task], wrong: dict[str, Any], fluent: str
+) -> None:
+    task = hall(symmetries=(replace(BOTH_SIDES, **wrong),))
+    with pytest.raises(TaskError, match=f"its grounding has `{fluent}` .* where the mirrored"):
+        train(task, settings(), episodes=1)
+
+
+def test_a_run_in_use_is_not_asked_for_its_symmetries(
+    hall: Callable[..., Task], tmp_path: Path
+) -> None:
+    """They are checked in training: a worn sensor must not stop the robot."""
+    chosen = {"learner": {**SMALL["learner"], "symmetry": True}}
+    trained = serp.plan_and_learn(
+        hall(), settings={**SMALL, **chosen}, episodes=2, out=tmp_path / "run", quiet=True
+    )
+    worn = hall(ground=lambda seen: {**ground(seen), "room left": seen[1] + 0.5})
+    with pytest.raises(TaskError, match="the mirrored state has"):
+        train(worn, settings(), episodes=1)
+    run = serp.load_run(trained.path, worn)
+    assert run.decide(np.array([0.2, 3.1, 2.7], np.float32)).action in range(5)
+    assert run.evaluate(episodes=2).lengths
+    with run.environment() as task:
+        assert [step for episode in play(run.agent, task, episodes=1) for step in episode.steps]
+
+
+def test_it_is_part_of_the_public_interface() -> None:
+    assert serp.Symmetry is Symmetry
+    assert "room" not in str(BOTH_SIDES)
+    assert str(BOTH_SIDES) == "left <-> right, west <-> east, -x"

@@ -1,0 +1,84 @@
+"""An environment that does not come back is reported while it hangs."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from serp.tasks.task import BoundTask
+from serp.tasks.watchdog import Watchdog
+from tests.serp.sample_tasks import Corridor, corridor
+from tests.serp.training.test_run import CHANGES, train
+
+
+class Hanging(Corridor):
+    """Hangs in a call until somebody lets it go."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.go = threading.Event()
+
+    def reset(self, **options: Any) -> Any:
+        assert self.go.wait(20)
+        return super().reset(**options)
+
+    def step(self, action: int) -> Any:
+        assert self.go.wait(20)
+        return super().step(action)
+
+
+def bound(folder: Path) -> tuple[BoundTask, threading.Event]:
+    task = corridor(folder, Hanging).bind()
+    assert isinstance(task.env, Hanging)
+    return task, task.env.go
+
+
+def test_a_call_that_takes_long_is_said_while_it_hangs_and_once(tmp_path: Path) -> None:
+    task, go = bound(tmp_path)
+    said: list[str] = []
+
+    def say(line: str) -> None:
+        said.append(line)
+        go.set()  # only now does the environment come back
+
+    with Watchdog(task, 0.05, lambda: 1234, say):
+        task.reset(seed=0)
+        go.clear()
+        threading.Timer(0.3, go.set).start()
+        task.step(1)
+    assert task.call is None
+    (line,) = said
+    assert "not come back for 0.05 s: reset, env step 1,234" in line
+
+
+def test_what_comes_back_in_time_is_not_mentioned(tmp_path: Path) -> None:
+    task, go = bound(tmp_path)
+    go.set()
+    with Watchdog(task, 5.0, lambda: 1, pytest.fail), Watchdog(task, 1e999, int, pytest.fail):
+        task.reset(seed=0)
+        task.step(1)
+
+
+def test_a_training_names_step_and_action(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    said = threading.Event()
+    lines: list[str] = []
+
+    def note(self: Any, text: str) -> None:
+        if "not come back" in text:
+            lines.append(text)
+            said.set()
+
+    class Slow(Corridor):
+        def step(self, action: int) -> Any:
+            if self.made == 4:
+                assert said.wait(20)
+            return super().step(action)
+
+    monkeypatch.setattr("serp.training.progress.Progress.note", note)
+    monkeypatch.setitem(CHANGES["default"], "training", {"slow_step_seconds": 0.2})
+    train(corridor(tmp_path, Slow), tmp_path / "run", episodes=1)
+    (line,) = lines
+    assert "for 0.2 s: step with action" in line and "env step 5." in line

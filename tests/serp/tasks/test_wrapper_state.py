@@ -1,0 +1,199 @@
+"""What wrappers and environments carry from one episode to the next is saved, or noticed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import wrappers
+
+from serp.tasks.wrapper_state import Watch, layers_of, restore, restore_statistics, save
+from tests.serp.sample_tasks import Corridor
+
+Env = gym.Env[Any, Any]
+
+
+class Found(gym.Env[Any, Any]):
+    """A noisy number. Its noise is its own: no reset seeds it."""
+
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (2,), np.float64)
+    action_space = gym.spaces.Discrete(2)  # type: ignore[assignment]
+
+    def __init__(self, generator: Callable[[], Any] = lambda: np.random.PCG64(4)) -> None:
+        self.noise = np.random.Generator(generator())
+        self.steps = 0
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        self.steps = 0
+        return self.np_random.normal(size=2), {}
+
+    def step(self, action: Any) -> Any:
+        self.steps += 1
+        seen = self.noise.normal(size=2) + self.np_random.normal(size=2)
+        return seen, float(seen[0]), self.steps >= 5, False, {}
+
+
+STACKS: list[Callable[[], Env]] = [
+    Found,
+    lambda: Found(lambda: np.random.MT19937(1)),
+    lambda: Found(lambda: np.random.Philox(1)),
+    lambda: Found(lambda: np.random.SFC64(1)),
+    lambda: wrappers.NormalizeObservation(Found()),
+    lambda: wrappers.NormalizeReward(Found(), gamma=0.9),
+    lambda: wrappers.MaxAndSkipObservation(Found(), skip=2),
+    lambda: wrappers.TimeLimit(
+        wrappers.NormalizeReward(wrappers.NormalizeObservation(Corridor())), 7
+    ),
+    lambda: wrappers.NormalizeObservation(wrappers.NormalizeObservation(Found())),
+]
+
+
+def episodes(env: Env, numbers: range) -> list[Any]:
+    said: list[Any] = []
+    for number in numbers:
+        said.append(env.reset(seed=number)[0].tolist())
+        ended = False
+        while not ended:
+            seen, reward, terminated, truncated, _ = env.step(len(said) % 2)
+            ended = terminated or truncated
+            said.append((seen.tolist(), float(reward)))
+    return said
+
+
+@pytest.mark.parametrize("make", STACKS)
+def test_a_new_environment_goes_on_exactly_where_the_saved_one_was(make: Callable[[], Env]) -> None:
+    whole = make()
+    episodes(whole, range(3))
+    saved = json.loads(json.dumps(save(whole)))
+    expected = episodes(whole, range(3, 6))
+    assert episodes(make(), range(3, 6)) != expected  # there is something to carry
+    other = make()
+    restore(other, saved)
+    assert episodes(other, range(3, 6)) == expected
+
+
+def test_gymnasiums_harmless_wrappers_carry_nothing() -> None:
+    env: Env = wrappers.TimeLimit(
+        wrappers.OrderEnforcing(wrappers.PassiveEnvChecker(wrappers.ClipReward(Found(), -1, 1))), 9
+    )
+    env = wrappers.FlattenObservation(wrappers.RecordEpisodeStatistics(env))
+    episodes(env, range(2))
+    assert [name for name, _ in save(env)["found"]] == ["noise"]
+    assert save(env)["own"] == []
+
+
+def test_statistics_can_be_taken_over_alone() -> None:
+    trained: Any = wrappers.NormalizeObservation(Found())
+    episodes(trained, range(3))
+    other: Any = wrappers.NormalizeObservation(Found())
+    noise = other.env.noise.bit_generator.state
+    restore_statistics(other, json.loads(json.dumps(save(trained))))
+    assert other.env.noise.bit_generator.state == noise
+    assert (other.obs_rms.mean == trained.obs_rms.mean).all()
+    assert other.obs_rms.mean.dtype == trained.obs_rms.mean.dtype
+    assert other.obs_rms.count == trained.obs_rms.count > 3
+
+
+class Wider(Found):
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (3,), np.float64)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (Found, "`obs_rms`, this one has none"),
+        (lambda: wrappers.NormalizeObservation(Corridor()), "0 layers with a state_dict.*one 1"),
+        (lambda: wrappers.NormalizeObservation(Wider()), r"shape \(3,\), the saved one \(2,\)"),
+    ],
+)
+def test_other_layers_than_the_saved_ones_are_refused(make: Callable[[], Env], said: str) -> None:
+    saved = save(wrappers.NormalizeObservation(Found()))
+    with pytest.raises(ValueError, match=said):
+        restore(make(), saved)
+
+
+# What nobody saves --------------------------------------------------------------------------------
+
+
+class Drifting(gym.Wrapper[Any, Any, Any, Any]):
+    """Carries `drift` on; `steps`, `last` and `ticks` are cleared, set or counted by resets too."""
+
+    def __init__(self, env: Env, **options: Any) -> None:
+        super().__init__(env)
+        self.drift = np.zeros(2)
+        self.steps = 0
+        self.ticks = 0
+        self.last = np.nan
+        self.cache: Any = None
+        self.name = "drifting"
+
+    def reset(self, **options: Any) -> Any:
+        self.steps = 0
+        self.ticks += 1
+        seen, info = super().reset(**options)
+        self.last = float(seen[0])
+        return seen, info
+
+    def step(self, action: Any) -> Any:
+        self.steps += 1
+        self.ticks += 1
+        self.drift += 0.01
+        self.cache = "made once"
+        seen, *rest = super().step(action)
+        self.last = float(seen[0])
+        return seen, *rest
+
+
+class Saved(Drifting):
+    def state_dict(self) -> Any:
+        return self.drift.tolist()
+
+    def load_state_dict(self, state: Any) -> None:
+        self.drift[:] = state
+
+
+def noticed(env: Env, count: int) -> list[list[str]]:
+    watch, said = Watch(env), []
+    for number in range(count):
+        watch.before_reset()
+        env.reset(seed=number)
+        said.append(watch.after_reset())
+        ended = False
+        while not ended:
+            _, _, terminated, truncated, _ = env.step(0)
+            ended = terminated or truncated
+    return said
+
+
+def test_what_a_wrapper_carries_unsaved_is_noticed_once() -> None:
+    said = noticed(wrappers.TimeLimit(Drifting(Found()), 4), 9)
+    assert [text for texts in said for text in texts] == ["Drifting keeps `drift`"]
+    assert said[5]
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Found(),
+        lambda: Saved(Found()),
+        lambda: wrappers.NormalizeReward(wrappers.NormalizeObservation(Found())),
+        lambda: wrappers.RecordEpisodeStatistics(
+            wrappers.OrderEnforcing(wrappers.PassiveEnvChecker(Found()))
+        ),
+        lambda: wrappers.FrameStackObservation(wrappers.TimeLimit(Found(), 3), 2),
+    ],
+)
+def test_what_is_harmless_or_saved_raises_no_alarm(make: Callable[[], Env]) -> None:
+    assert not any(noticed(make(), 9))
+
+
+def test_layers_are_listed_from_the_outermost_inwards() -> None:
+    inner = Found()
+    middle = Drifting(inner)
+    outer = wrappers.TimeLimit(middle, 3)
+    assert layers_of(outer) == [outer, middle, inner]

@@ -1,0 +1,251 @@
+"""Evaluating is only looking: nothing of the agent changes."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+from serp.control.arbiter import Actor
+from serp.control.strategies.settings import STRATEGIES
+from serp.errors import EnvironmentFailure, SettingsError, TaskError
+from serp.settings import resolve
+from serp.tasks.registry import load_task
+from serp.training.agent import Agent
+from serp.training.evaluation import (
+    EPISODES,
+    EvaluationResult,
+    evaluate,
+    meaning_of,
+    other_in_training,
+    play,
+)
+from serp.training.policies import Policy
+from serp.training.trainer import Trainer
+from tests.serp.sample_tasks import CableCut, Corridor, corridor
+
+POLICIES = get_args(Policy)
+
+
+def trained(folder: Path, episodes: int = 6) -> Trainer:
+    task = corridor(folder)
+    trainer = Trainer(task.bind(), resolve("default", task.settings), 4)
+    for _ in range(episodes):
+        trainer.run_episode()
+    return trainer
+
+
+def state(trainer: Trainer) -> tuple[dict[str, bytes], str]:
+    arrays, meta = trainer.agent.state_dict()
+    return {k: a.tobytes() for k, a in arrays.items()}, json.dumps(meta, sort_keys=True)
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_evaluating_leaves_the_agent_as_it_was(tmp_path: Path, policy: Any) -> None:
+    trainer = trained(tmp_path)
+    before = state(trainer)
+    evaluate(trainer.agent, corridor(tmp_path).bind(), policy, episodes=3)
+    assert state(trainer) == before
+
+
+def test_training_goes_on_as_if_there_had_been_no_evaluation(tmp_path: Path) -> None:
+    one, other = trained(tmp_path), trained(tmp_path)
+    for policy in POLICIES:
+        evaluate(one.agent, corridor(tmp_path).bind(), policy, episodes=2)
+    for _ in range(4):
+        row, again = one.run_episode(), other.run_episode()
+        assert row._replace(wall_time=0.0) == again._replace(wall_time=0.0)
+    assert state(one) == state(other)
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_equal_seeds_give_equal_results_and_others_give_others(tmp_path: Path, policy: Any) -> None:
+    agent = trained(tmp_path).agent
+    one, same, other = (
+        evaluate(agent, corridor(tmp_path).bind(), policy, episodes=6, seed=seed)
+        for seed in (1, 1, 2)
+    )
+    assert one == same
+    assert one.returns != other.returns
+
+
+def test_every_episode_has_a_seed_of_its_own_that_training_does_not_use(tmp_path: Path) -> None:
+    seeds: list[Any] = []
+
+    class Noting(Corridor):
+        def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+            seeds.append(seed)
+            return super().reset(seed=seed, options=options)
+
+    task = corridor(tmp_path, Noting)
+    trainer = Trainer(task.bind(), resolve("default", task.settings), 0)
+    for _ in range(5):
+        trainer.run_episode()
+    evaluate(trainer.agent, task.bind(), episodes=5, seed=0)  # the seed of the training
+    assert len(set(seeds)) == 10
+    assert None not in seeds
+
+
+def test_the_planner_alone_is_the_planners_choice_in_every_step(tmp_path: Path) -> None:
+    """It walks to the goal and never into the pit; a learner of no training does not know."""
+    agent = trained(tmp_path, episodes=1).agent
+    planner = evaluate(agent, corridor(tmp_path).bind(), "planner", episodes=20)
+    assert planner.unsafe_executed == 0
+    assert planner.vetoes == 0
+    assert planner.terminated > 15
+    assert planner.mean > 3
+
+
+def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path: Path) -> None:
+    trainer = trained(tmp_path, episodes=1)
+    learner = trainer.agent.learner
+    parameters = learner.state_dict()[0]["parameters"]
+    arrays, meta = learner.state_dict()
+    arrays["parameters"] = np.zeros_like(parameters)  # all Q equal: always `left`, into the pit
+    learner.load_state_dict(arrays, meta)
+    alone = evaluate(trainer.agent, corridor(tmp_path).bind(), "learner", episodes=5)
+    mixed = evaluate(trainer.agent, corridor(tmp_path).bind(), "serp", episodes=5)
+    assert alone.unsafe_executed >= 5
+    assert alone.vetoes == 0
+    assert all(value < -4 for value in alone.returns)
+    assert mixed.unsafe_executed == 0
+    assert mixed.vetoes > 0
+
+
+def test_the_result_counts_what_happened(tmp_path: Path) -> None:
+    result = evaluate(trained(tmp_path).agent, corridor(tmp_path).bind(), "serp", episodes=7)
+    assert len(result.returns) == len(result.lengths) == 7
+    assert all(1 <= length <= 12 for length in result.lengths)
+    assert result.terminated >= sum(length < 12 for length in result.lengths)
+    as_dict = json.loads(json.dumps(result.as_dict()))
+    assert as_dict["mean"] == pytest.approx(sum(result.returns) / 7)
+    assert as_dict["std"] == pytest.approx(np.std(result.returns, ddof=1))
+    assert (as_dict["min"], as_dict["max"]) == (min(result.returns), max(result.returns))
+    assert as_dict["episodes"] == 7
+
+
+def result_of(*returns: float) -> EvaluationResult:
+    return EvaluationResult("serp", "", returns, (5,) * len(returns), 1, 0, 0)
+
+
+def test_a_single_episode_has_no_spread_and_no_interval() -> None:
+    one = result_of(3.0).as_dict()
+    assert (one["std"], one["median"], one["confidence_interval"]) == (0.0, 3.0, None)
+    assert not any(math.isnan(v) for v in one.values() if isinstance(v, float))
+
+
+@pytest.mark.parametrize("episodes", [3, 30])
+def test_the_interval_holds_the_true_mean_in_95_of_100_evaluations(episodes: int) -> None:
+    rng = np.random.default_rng(0)
+    results = [result_of(*rng.normal(7.0, 3.0, episodes)) for _ in range(1000)]
+    intervals = [result.interval for result in results if result.interval is not None]
+    inside = sum(low <= 7.0 <= high for low, high in intervals)
+    assert len(intervals) == 1000
+    assert 930 <= inside <= 970
+
+
+def test_few_episodes_are_said_to_be_few() -> None:
+    assert "few episodes (19)" in str(result_of(*range(19)).warning)
+    assert result_of(*range(20)).warning is None
+    assert EPISODES == 100
+
+
+def with_rho(folder: Path, rho: float, preset: str = "default") -> Agent:
+    task = corridor(folder)
+    settings = resolve(preset, task.settings).replace(
+        {"arbiter": {"rho": rho, "rho_increment": 0.0, "surety": None, "indifferent": "first"}}
+    )
+    return Trainer(task.bind(), settings, 4).agent
+
+
+@pytest.mark.parametrize(("rho", "same"), [(0.0, "planner"), (1.0, "serp"), (0.5, None)])
+def test_as_in_training_acts_whoever_rho_says(tmp_path: Path, rho: float, same: Any) -> None:
+    agent = with_rho(tmp_path, rho)
+
+    def acted(policy: Any) -> list[tuple[int, str]]:
+        played = play(agent, corridor(tmp_path).bind(), policy, episodes=5)
+        decisions = (step.decision for episode in played for step in episode.steps)
+        return [(decision.action, decision.proposed_by) for decision in decisions]
+
+    found = acted("training")
+    assert found == acted("training")
+    if same is None:
+        assert {actor for _, actor in found} == {Actor.PLANNER, Actor.LEARNER}
+    else:
+        assert found == acted(same)
+
+
+def test_what_is_evaluated_is_named_in_words(tmp_path: Path) -> None:
+    half, whole = with_rho(tmp_path, 0.5, "paper"), with_rho(tmp_path, 1.0)
+    assert meaning_of(half, "planner") == "the planner alone"
+    assert meaning_of(half, "learner") == "the learner's choice alone, no veto"
+    assert meaning_of(half, "serp") == (
+        "the learner's choice, within the vetoes: a refused choice gives way to the planner's"
+    )
+    assert "the learner's best that is not" in meaning_of(whole, "serp")
+    assert "with probability 0.50 the planner's" in meaning_of(half, "training")
+    assert other_in_training(whole) is None
+    assert evaluate(half, half.task, episodes=1).as_dict()["meaning"] == meaning_of(half, "serp")
+
+
+@pytest.mark.parametrize("strategy", sorted(set(STRATEGIES) - {"mixture"}))
+def test_every_strategy_is_evaluated_as_it_trains(tmp_path: Path, strategy: str) -> None:
+    """At the beginning of a training, where planner and learner have their shares."""
+    task = corridor(tmp_path)
+    settings = resolve("default", task.settings).replace({"guide": {"strategy": strategy}})
+    trainer = Trainer(task.bind(), settings, 4)
+    before = state(trainer)
+    words, other = meaning_of(trainer.agent, "training"), other_in_training(trainer.agent)
+    acting, choosing = (
+        evaluate(trainer.agent, corridor(tmp_path).bind(), policy, episodes=4).returns
+        for policy in ("training", "serp")
+    )
+    assert state(trainer) == before
+    assert (other or meaning_of(trainer.agent, "serp").split(",")[0]) in words
+    if other is None:
+        assert acting == choosing
+
+
+def test_the_planner_on_cartpole_stays_up() -> None:
+    task = load_task("cartpole")
+    trainer = Trainer(task.bind(), resolve("default", task.settings), 0)
+    result = evaluate(trainer.agent, task.bind(), "planner", episodes=2)
+    assert result.returns == tuple(float(n) for n in result.lengths)
+    assert result.mean > 100
+    assert result.unsafe_executed <= 2
+
+
+def test_what_cannot_be_evaluated_is_refused(tmp_path: Path) -> None:
+    agent, task = trained(tmp_path, 1).agent, corridor(tmp_path).bind()
+    with pytest.raises(SettingsError, match="no policy `plan`; did you mean `planner`"):
+        evaluate(agent, task, "plan")  # type: ignore[arg-type]
+    with pytest.raises(SettingsError, match="at least one for an evaluation, not 0"):
+        evaluate(agent, task, episodes=0)
+    with pytest.raises(SettingsError, match="seed"):
+        evaluate(agent, task, seed=-1)
+    for wrong in ({"episodes": "3"}, {"episodes": 1.5}, {"seed": 1.5}, {"seed": None}):
+        with pytest.raises(SettingsError, match="whole number"):
+            evaluate(agent, task, **wrong)  # type: ignore[arg-type]
+    with pytest.raises(SettingsError, match="no policy"):
+        evaluate(agent, task, ["serp"])  # type: ignore[arg-type]
+
+
+def test_numpys_numbers_are_as_good_as_pythons(tmp_path: Path) -> None:
+    agent = trained(tmp_path, 1).agent
+    options: Any = {"episodes": np.int64(2), "seed": np.uint8(3)}
+    one = evaluate(agent, corridor(tmp_path).bind(), **options)
+    assert one == evaluate(agent, corridor(tmp_path).bind(), episodes=2, seed=3)
+
+
+def test_what_goes_wrong_in_the_environment_is_named(tmp_path: Path) -> None:
+    agent = trained(tmp_path, 1).agent
+    with pytest.raises(EnvironmentFailure, match="cable cut"):
+        evaluate(agent, corridor(tmp_path, lambda: CableCut(Corridor(), 3)).bind(), episodes=2)
+    agent.task.task = dataclasses.replace(agent.task.task, ground=lambda seen: {})
+    with pytest.raises(TaskError, match="no value for fluent"):
+        evaluate(agent, corridor(tmp_path).bind(), episodes=2)

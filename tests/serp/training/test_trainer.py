@@ -1,0 +1,652 @@
+"""Algorithm 1: what a step does, and that a run continued equals one that was never interrupted."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
+from serp.planning.lookahead import Lookahead
+from serp.runs import checkpoint
+from serp.runs.rows import DECISIONS_COLUMNS, MetricsRow
+from serp.runs.tables import Position, Table
+from serp.settings import Settings, resolve
+from serp.tasks.registry import load_task
+from serp.tasks.task import Task
+from serp.training.agent import Agent
+from serp.training.trainer import Trainer
+from tests.serp.sample_tasks import CableCut, Corridor, corridor
+
+PRESETS = ("paper", "default")
+CHANGES: dict[str, dict[str, dict[str, Any]]] = {
+    "paper": {"training": {"random_steps": 25}, "arbiter": {"rho_increment": 0.05}},
+    "default": {
+        "arbiter": {"rho_unit": "game", "rho_increment": 0.1, "r_min": -1.0},
+        "learner": {"updates_per_step": 0.7},
+    },
+}
+
+
+def settings_of(task: Task, preset: str) -> Settings:
+    return resolve(preset, task.settings, CHANGES[preset])
+
+
+class Run:
+    """A training without a folder: rows, decisions and checkpoints as they would be written."""
+
+    def __init__(self, folder: Path, task: Task, preset: str, seed: int = 3) -> None:
+        self.folder = folder
+        self.rows: list[MetricsRow] = []
+        self.decisions = Table(folder / "decisions.csv", DECISIONS_COLUMNS)
+        self.trainer = Trainer(task.bind(), settings_of(task, preset), seed, self.decisions)
+
+    def train(self, episodes: int) -> None:
+        while self.trainer.episode < episodes:
+            self.rows.append(self.trainer.run_episode())
+
+    def save(self) -> None:
+        arrays, meta = self.trainer.state_dict()
+        position = self.decisions.position()
+        checkpoint.save(self.folder / "saved", arrays, {**meta, "position": position})
+
+    def restore(self) -> None:
+        arrays, meta = checkpoint.load(self.folder / "saved")
+        self.trainer.load_state_dict(arrays, meta)
+        self.decisions.truncate(Position(*meta["position"]))
+
+    def everything(self) -> tuple[list[Any], str, dict[str, bytes], str]:
+        """Whatever the run has done and is, but for the time it took."""
+        self.decisions.flush()
+        arrays, meta = self.trainer.state_dict()
+        del meta["wall_time"]
+        return (
+            [row._replace(wall_time=0.0) for row in self.rows],
+            self.decisions.path.read_text(),
+            {name: a.tobytes() + str((a.dtype, a.shape)).encode() for name, a in arrays.items()},
+            json.dumps(meta, sort_keys=True, default=lambda value: value.item()),
+        )
+
+
+def uninterrupted(folder: Path, preset: str, episodes: int, seed: int = 3) -> Run:
+    folder.mkdir()
+    run = Run(folder, corridor(folder), preset, seed)
+    run.train(episodes)
+    return run
+
+
+# Resuming ----------------------------------------------------------------------------------------
+
+EPISODES = 14
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_resume_equals_uninterrupted_from_random_places(tmp_path: Path, preset: str) -> None:
+    expected = uninterrupted(tmp_path / "whole", preset, EPISODES).everything()
+    random = Random(preset)
+    for attempt in range(4):
+        folder = tmp_path / f"cut{attempt}"
+        folder.mkdir()
+        stops = sorted(random.sample(range(1, EPISODES), random.randint(1, 3)))
+        rows: list[MetricsRow] = []
+        for number, stop in enumerate([*stops, EPISODES]):
+            run = Run(folder, corridor(folder), preset)
+            if number:
+                run.restore()
+            run.rows = rows
+            run.train(stop)
+            run.save()
+            run.decisions.close()
+        run = Run(folder, corridor(folder), preset)
+        run.restore()
+        run.rows = rows
+        assert run.everything() == expected, stops
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_resume_equals_uninterrupted_after_dying_in_the_middle_of_an_episode(
+    tmp_path: Path, preset: str
+) -> None:
+    whole = uninterrupted(tmp_path / "whole", preset, EPISODES)
+    expected = whole.everything()
+    random = Random(preset)
+    for attempt in range(4):
+        folder = tmp_path / f"killed{attempt}"
+        folder.mkdir()
+        at = random.randint(2, whole.trainer.env_steps)
+        run = Run(folder, corridor(folder, lambda at=at: CableCut(Corridor(), at)), preset)
+        run.save()
+        kept: list[MetricsRow] = []
+        every = random.randint(1, 3)
+        with pytest.raises(EnvironmentFailure, match="cable cut"):
+            while True:
+                run.train(run.trainer.episode + every)
+                run.save()
+                kept = run.rows[:]
+        run.decisions.close()
+        run = Run(folder, corridor(folder), preset)
+        run.restore()
+        run.rows = kept
+        run.train(EPISODES)
+        assert run.everything() == expected, at
+
+
+def test_resume_equals_uninterrupted_on_cartpole(tmp_path: Path) -> None:
+    changes: dict[str, dict[str, Any]] = {
+        "learner": {"hidden": [16], "batch_size": 8, "learning_starts": 20, "epsilon_start": 0.3},
+        "planner": {"depth": 3},
+        "arbiter": {"rho": 0.5},
+    }
+
+    def run(*stops: int) -> Any:
+        task, state, lengths = load_task("cartpole"), None, []
+        for stop in stops:
+            settings = resolve("default", task.settings, changes)
+            trainer = Trainer(task.bind(), settings, 11)
+            if state is not None:
+                trainer.load_state_dict(*state)
+            while trainer.episode < stop:
+                lengths.append(trainer.run_episode().length)
+            state = trainer.state_dict()
+        assert state is not None
+        arrays, meta = state
+        del meta["wall_time"]
+        return lengths, {name: array.tobytes() for name, array in arrays.items()}, meta
+
+    assert run(1, 2) == run(2)
+
+
+@pytest.mark.parametrize("leaf_value", ["indifferent", "always"])
+def test_resume_equals_uninterrupted_while_the_lookahead_uses_the_learners_values(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, leaf_value: str
+) -> None:
+    monkeypatch.setattr("serp.control.leaf_value_bootstrap._PERIOD", 20)
+    monkeypatch.setattr("serp.control.leaf_value_bootstrap._LEAST", 10)
+    monkeypatch.setattr(
+        "serp.control.leaf_value_bootstrap._EXPLAINED", -100.0
+    )  # so young a learner is hardly right
+    task = corridor(tmp_path)
+    settings = settings_of(task, "default").replace(
+        {
+            "planner": {"leaf_value": leaf_value, "depth": 1, "repeat": 1},
+            "arbiter": {"rho": 0.1, "rho_increment": 0.0, "surety": None},
+        }
+    )
+    used = []
+
+    def run(*stops: int) -> Any:
+        state, rows = None, []
+        for stop in stops:
+            trainer = Trainer(task.bind(), settings, 3)
+            if state is not None:
+                arrays, meta = state
+                trainer.load_state_dict(arrays, json.loads(json.dumps(meta)))
+            while trainer.episode < stop:
+                rows.append(trainer.run_episode()._replace(wall_time=0.0))
+            state = trainer.state_dict()
+            assert isinstance(trainer.agent.arbiter.planner, Lookahead)
+            used.append(trainer.agent.arbiter.planner.leaves.size > 0)
+        assert state is not None
+        arrays, meta = state
+        return rows, {name: a.tobytes() for name, a in arrays.items()}, {**meta, "wall_time": 0}
+
+    whole = run(14)
+    assert run(1, 7, 11, 14) == whole
+    assert used == [True, False, True, True, True]
+    settings = settings.replace({"planner": {"leaf_value": "never"}})
+    without = run(14)
+    assert without[0] != whole[0]  # it does make a difference
+    assert not any(name.startswith("outlook") for name in without[1])
+
+
+def test_a_run_saved_without_values_of_leaves_is_not_continued_with_them(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    settings = settings_of(task, "default")
+    never = settings.replace({"planner": {"leaf_value": "never"}})
+    trainer = Trainer(task.bind(), never, 3)
+    trainer.run_episode()
+    with pytest.raises(RunError, match="outlook is missing"):
+        Trainer(task.bind(), settings, 3).load_state_dict(*trainer.state_dict())
+
+
+@pytest.mark.parametrize(
+    ("changes", "there"),
+    [
+        ({}, True),
+        ({"training": {"inputs": "state"}}, True),
+        ({"training": {"inputs": "observation"}}, False),  # no value of a state is learned
+        ({"planner": {"leaf_value": "never"}}, False),
+        ({"guide": {"strategy": "restrict"}}, False),
+    ],
+)
+def test_the_lookahead_gets_the_learners_values_where_they_are_those_of_states(
+    tmp_path: Path, changes: dict[str, dict[str, Any]], there: bool
+) -> None:
+    task = corridor(tmp_path)
+    settings = settings_of(task, "default").replace({"training": {"inputs": "both"}})
+    agent = Trainer(task.bind(), settings.replace(changes), 3).agent
+    assert (agent.outlook is not None) is there
+    assert Trainer(task.bind(), settings_of(task, "paper"), 3).agent.outlook is None
+
+
+class Listening:
+    """Takes down what an outlook is told."""
+
+    def __init__(self, trainer: Trainer) -> None:
+        self.seen: list[tuple[Any, ...]] = []
+        outlook = trainer.agent.outlook
+        assert outlook is not None
+        observe = outlook.observe
+
+        def listen(*step: Any) -> None:
+            self.seen.append(step)
+            observe(*step)
+
+        outlook.observe = listen  # type: ignore[method-assign]
+
+
+@pytest.mark.parametrize(
+    ("declared", "learned"),
+    [
+        ("domain", "task"),
+        ("environment", "task"),
+        ("domain", "environment"),
+        ("environment", "domain"),
+        ("environment", "sum"),
+    ],
+)
+def test_values_are_held_against_the_rewards_of_the_file(
+    tmp_path: Path, declared: str, learned: str
+) -> None:
+    task = corridor(tmp_path, reward=declared)
+    settings = settings_of(task, "default").replace({"training": {"reward": learned}})
+    reward = declared if learned == "task" else learned
+    trainer = Trainer(task.bind(), settings, 5)
+    listening, recorder = Listening(trainer), Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(8)]
+    for (state, following, judged, *ends), learned in zip(
+        listening.seen, recorder.seen, strict=True
+    ):
+        assert (judged.reward, ends) == (learned[2], list(learned[4:6]))
+        assert (following[0], state[0]) == (learned[3][0], learned[0][0])
+        assert (judged.domain_reward == judged.reward) is (reward == "domain")
+    by_file = sum(seen[2].domain_reward for seen in listening.seen)
+    assert by_file == pytest.approx(sum(row.domain_return for row in rows))
+
+
+def test_equal_seeds_give_equal_bits_and_others_give_others(tmp_path: Path) -> None:
+    runs = [
+        uninterrupted(tmp_path / str(k), "default", 6, seed).everything()
+        for k, seed in enumerate((1, 1, 2))
+    ]
+    assert runs[0] == runs[1]
+    assert runs[0][1] != runs[2][1]
+
+
+def test_the_number_of_decision_logs_changes_nothing(tmp_path: Path) -> None:
+    logged = uninterrupted(tmp_path / "logged", "default", 6)
+    task = corridor(tmp_path)
+    silent = Trainer(task.bind(), settings_of(task, "default"), 3)
+    rows = [silent.run_episode()._replace(wall_time=0.0) for _ in range(6)]
+    assert rows == [row._replace(wall_time=0.0) for row in logged.rows]
+
+
+class Drifting(gym.Wrapper[Any, Any, Any, Any]):
+    """A wrapper that carries something from one episode to the next."""
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self.drift = 0.0
+
+    def step(self, action: Any) -> Any:
+        seen, reward, *rest = super().step(action)
+        self.drift += 0.01
+        return seen + np.array([0.0, self.drift]), reward, *rest
+
+    def state_dict(self) -> dict[str, float]:
+        return {"drift": self.drift}
+
+    def load_state_dict(self, state: dict[str, float]) -> None:
+        self.drift = state["drift"]
+
+
+def test_what_a_wrapper_carries_is_resumed_too(tmp_path: Path) -> None:
+    def run(*stops: int) -> Any:
+        task, state = corridor(tmp_path, lambda: Drifting(Corridor())), None
+        for stop in stops:
+            trainer = Trainer(task.bind(), settings_of(task, "default"), 2)
+            if state is not None:
+                trainer.load_state_dict(*state)
+            while trainer.episode < stop:
+                trainer.run_episode()
+            state = trainer.state_dict()
+        assert state is not None
+        arrays, meta = state
+        return {name: a.tobytes() for name, a in arrays.items()}, {**meta, "wall_time": 0}
+
+    whole = run(8)
+    assert len(whole[1]["environment"]["own"]) == 2
+    assert run(3, 5, 8) == whole
+
+
+def test_a_state_of_another_learner_is_refused(tmp_path: Path) -> None:
+    run = uninterrupted(tmp_path / "run", "default", 2)
+    task = corridor(tmp_path)
+    wider = settings_of(task, "default").replace({"learner": {"hidden": [9]}})
+    with pytest.raises(RunError, match="parameters has shape"):
+        Trainer(task.bind(), wider, 3).load_state_dict(*run.trainer.state_dict())
+
+
+def test_a_saved_environment_needs_one_that_can_take_it_over(tmp_path: Path) -> None:
+    class Forgetful(Corridor):
+        state_dict = property()
+        load_state_dict = property()
+
+    run = uninterrupted(tmp_path / "run", "default", 2)
+    task = corridor(tmp_path, Forgetful)
+    with pytest.raises(RunError, match="cannot take over"):
+        Trainer(task.bind(), settings_of(task, "default"), 3).load_state_dict(
+            *run.trainer.state_dict()
+        )
+
+
+# What a step does --------------------------------------------------------------------------------
+
+
+class Recorder:
+    """Listens to what the learner is given to remember."""
+
+    def __init__(self, trainer: Trainer) -> None:
+        self.seen: list[tuple[Any, ...]] = []
+        learner = trainer.agent.learner
+        remember = learner.remember
+
+        def record(*transition: Any) -> None:
+            self.seen.append(transition)
+            remember(*transition)
+
+        learner.remember = record  # type: ignore[assignment]
+
+
+def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
+    recorder = Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(40)]
+    ends = [seen for seen in recorder.seen if seen[4] or seen[5]]
+    assert len(ends) == len(rows)
+    for row, seen in zip(rows, ends, strict=True):
+        terminated, truncated, allowed, failing = seen[4:8]
+        assert (row.terminated, row.truncated) == (terminated, truncated)
+        # A task that ended has no next action; one that was cut short has, and bootstraps on it.
+        assert (allowed is None) == terminated
+        assert not failing or terminated
+    assert any(row.terminated for row in rows)
+    assert any(row.truncated for row in rows)
+    assert sum(seen[7] for seen in ends) == sum((row.domain_return or 0) < -4 for row in rows)
+
+
+def test_what_is_remembered_is_what_was_executed(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    run = Run(folder, task, "paper")
+    recorder = Recorder(run.trainer)
+    run.train(20)
+    run.decisions.flush()
+    lines = [line.split(",") for line in run.decisions.path.read_text().splitlines()[1:]]
+    executed = [line[DECISIONS_COLUMNS.index("executed")] for line in lines]
+    names = ["left", "right", "wait", "action 3"]
+    assert [names[seen[1]] for seen in recorder.seen] == executed
+    assert any(line[DECISIONS_COLUMNS.index("proposed")] not in ("", e) for line, e in
+               zip(lines, executed, strict=True))  # fmt: skip
+    for before, after in zip(recorder.seen, recorder.seen[1:], strict=False):
+        if not (before[4] or before[5]):
+            assert (before[3] == after[0]).all()
+
+
+def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path: Path) -> None:
+    """The robot slips: a model that predicts the goal must not pay for it unless it is reached."""
+    task = corridor(tmp_path)
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
+    recorder = Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(15)]
+    for _, action, reward, following, *_ in recorder.seen:
+        x = following[0]
+        step = -0.1 if action < 3 else 0.0  # the domain does not mention the fourth action
+        assert reward == pytest.approx(step + (5 if x >= 4 else -5 if x <= -3 else 0))
+    assert sum(seen[2] for seen in recorder.seen) == pytest.approx(
+        sum(row.domain_return for row in rows if row.domain_return is not None)
+    )
+
+
+def test_the_environments_reward_is_learned_from_where_the_task_says_so(tmp_path: Path) -> None:
+    task = corridor(tmp_path, reward="environment")
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
+    recorder = Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(5)]
+    assert sum(seen[2] for seen in recorder.seen) == pytest.approx(sum(r.return_ for r in rows))
+
+
+@pytest.mark.parametrize(("inputs", "size"), [("observation", 2), ("state", 1), ("both", 3)])
+def test_the_learner_sees_what_it_is_set_to_see(tmp_path: Path, inputs: str, size: int) -> None:
+    task = corridor(tmp_path)
+    settings = resolve("default", task.settings, {"training": {"inputs": inputs}})
+    trainer = Trainer(task.bind(), settings, 0)
+    recorder = Recorder(trainer)
+    trainer.run_episode()
+    assert {seen[0].shape for seen in recorder.seen} == {(size,)}
+    if inputs == "both":
+        assert all(seen[0][0] == seen[0][2] for seen in recorder.seen)
+
+
+def test_every_step_is_logged_once_and_every_refusal_explained(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    run = Run(folder, corridor(folder), "paper")
+    run.train(30)
+    run.decisions.flush()
+    lines = [line.split(",") for line in run.decisions.path.read_text().splitlines()[1:]]
+    columns = {name: [line[k] for line in lines] for k, name in enumerate(DECISIONS_COLUMNS)}
+    assert len(lines) == run.trainer.env_steps == sum(row.length for row in run.rows)
+    assert columns["step"] == [str(k) for k in range(len(lines))]
+    assert [int(e) for e in dict.fromkeys(columns["episode"])] == [row.episode for row in run.rows]
+    refused = [
+        text != ""
+        for by, text in zip(columns["proposed_by"], columns["explanation"], strict=True)
+        if by != "planner"
+    ]
+    assert sum(refused) == run.trainer.tally.vetoes > 0
+
+
+def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
+    learner, arbiter = trainer.agent.learner, trainer.agent.arbiter
+    while trainer.env_steps < 25:
+        assert learner.updates == 0
+        row = trainer.run_episode()
+        assert row.learner_steps == 0
+        assert row.planner_steps == row.vetoes == row.length - row.exploration_steps
+        assert row.unsafe_executed == 0
+        assert arbiter.rho == 0.0
+    assert learner.updates == 3  # pretrain_updates
+    row = trainer.run_episode()
+    assert row.planner_steps == row.length  # rho is 0
+    assert arbiter.rho == 0.05
+    assert learner.updates == 3 + row.length
+
+
+# The unit of rho ----------------------------------------------------------------------------------
+
+
+def test_rho_grows_with_every_game_whatever_the_episodes(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    settings = settings_of(task, "default")
+    trainer = Trainer(task.bind(), settings, 1)
+    for _ in range(25):
+        row = trainer.run_episode()
+        games = trainer.task.env.unwrapped.clock // 30  # type: ignore[attr-defined]
+        assert row.rho == pytest.approx(min(1.0, settings.arbiter.rho + 0.1 * games))
+
+
+def test_rho_grows_with_every_step_or_episode(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    for unit in ("step", "episode"):
+        changes = {"arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001}}
+        trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
+        for _ in range(5):
+            row = trainer.run_episode()
+        units = trainer.env_steps if unit == "step" else trainer.episode
+        assert row.rho == pytest.approx(0.001 * units)
+
+
+def test_a_unit_that_the_environment_does_not_count_is_refused(tmp_path: Path) -> None:
+    task = corridor(tmp_path)
+    settings = resolve("default", task.settings, {"arbiter": {"rho_unit": "match"}})
+    with pytest.raises(SettingsError, match=r"`match`.*step, episode, game"):
+        Trainer(task.bind(), settings, 1).run_episode()
+
+
+class Endless(Corridor):
+    """Neither ends nor cuts an episode."""
+
+    def step(self, action: int) -> Any:
+        seen, reward, _, _, info = super().step(action)
+        self.x = max(-1, min(1, self.x))
+        return seen, reward, False, False, info
+
+
+def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path: Path) -> None:
+    task = corridor(tmp_path, Endless)
+    settings = resolve("default", task.settings, {"training": {"episode_steps": 17}})
+    trainer = Trainer(task.bind(), settings, 0)
+    recorder = Recorder(trainer)
+    rows = [trainer.run_episode() for _ in range(2)]
+    assert [(row.length, row.terminated, row.truncated) for row in rows] == [(17, False, True)] * 2
+    assert [seen[5] for seen in recorder.seen] == ([False] * 16 + [True]) * 2
+    assert not any(seen[4] for seen in recorder.seen)
+
+
+# Bad input ----------------------------------------------------------------------------------------
+
+
+def test_an_environment_whose_state_is_no_json_is_named(tmp_path: Path) -> None:
+    class Opaque(Corridor):
+        def state_dict(self) -> dict[str, Any]:
+            return {"weather": self.weather}
+
+    task = corridor(tmp_path, Opaque)
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 0)
+    with pytest.raises(EnvironmentFailure, match=r"state_dict\(\).*JSON"):
+        trainer.state_dict()
+
+
+def test_a_unit_that_is_no_number_is_refused(tmp_path: Path) -> None:
+    class Odd(Corridor):
+        def info(self) -> dict[str, Any]:
+            return {"game": [self.clock // 30]}
+
+    task = corridor(tmp_path, Odd)
+    with pytest.raises(SettingsError, match=r"\[0\] under `game`"):
+        Trainer(task.bind(), settings_of(task, "default"), 0).run_episode()
+
+
+class Broken(Corridor):
+    """Goes wrong at its fifth step, or at its second reset."""
+
+    def __init__(self, how: str) -> None:
+        super().__init__()
+        self.how, self.steps_made, self.resets = how, 0, 0
+
+    def reset(self, **options: Any) -> Any:
+        self.resets += 1
+        seen, info = super().reset(**options)
+        if self.how == "reset" and self.resets == 2:
+            raise RuntimeError("motor is hot")
+        if self.how == "no info" and self.resets == 2:
+            return seen
+        return seen, info
+
+    def step(self, action: int) -> Any:
+        self.steps_made += 1
+        seen: Any
+        seen, reward, terminated, truncated, info = super().step(action)
+        if self.steps_made >= 5:
+            match self.how:
+                case "step":
+                    raise RuntimeError("motor is hot")
+                case "observation":
+                    seen = np.array([np.nan, 0.0])
+                case "shape":
+                    seen = np.zeros(7)
+                case "nothing":
+                    seen = None
+                case "reward":
+                    reward = float("nan")
+                case "four":
+                    return seen, reward, terminated or truncated, info
+        return seen, reward, terminated, truncated, info
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ("step", "step with action .* RuntimeError: motor is hot"),
+        ("reset", "reset failed: RuntimeError: motor is hot"),
+        ("no info", "reset failed"),
+        ("observation", "the observation: entry 0 is nan"),
+        ("shape", "7 numbers of shape .7,.; 2 are wanted"),
+        ("nothing", "observation"),
+        ("reward", "reward is nan"),
+        ("four", "step with action .* failed"),
+    ],
+)
+def test_an_environment_that_goes_wrong_in_training_is_named(
+    tmp_path: Path, how: str, said: str
+) -> None:
+    task = corridor(tmp_path, lambda: Broken(how))
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 0)
+    with pytest.raises(EnvironmentFailure, match=f"task corridor: .*{said}"):
+        for _ in range(3):
+            trainer.run_episode()
+    assert trainer.env_steps >= 4
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [lambda seen: {}, lambda seen: {"x": float("nan")}, lambda seen: {"x": seen[9]}],
+    ids=["forgets", "nan", "raises"],
+)
+def test_a_grounding_that_goes_wrong_in_training_is_named(tmp_path: Path, wrong: Any) -> None:
+    calls = 0
+
+    def ground(seen: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        return {"x": seen[0]} if calls < 5 else wrong(seen)
+
+    task = corridor(tmp_path, ground=ground)
+    trainer = Trainer(task.bind(), settings_of(task, "default"), 0)
+    with pytest.raises(TaskError, match="task corridor: .*grounding"):
+        trainer.run_episode()
+        trainer.run_episode()
+    assert calls == 5
+
+
+def test_only_what_the_learner_sees_has_to_fit_into_float32(tmp_path: Path) -> None:
+    far = corridor(tmp_path, ground=lambda seen: {"x": 1e39}).bind()
+    seen = np.array([0.0, 0.3])
+    for inputs in ("both", "state", "observation"):
+        changes = {"training": {"inputs": inputs}}
+        agent = Agent(far, resolve("default", far.task.settings, changes), 0)
+        if inputs == "observation":
+            assert agent.perceive(seen)[0] == [1e39]
+            continue
+        with pytest.raises(TaskError, match="fluent `x` is 1e.39, more than the learner can take"):
+            agent.perceive(seen)

@@ -1,0 +1,28 @@
+"""A short run of the corridor."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from serp.training.run import Run, load_run, plan_and_learn
+from tests.serp.viz.scene import drawn, reckless
+
+
+@pytest.fixture(scope="session")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run."""
+    folder = tmp_path_factory.mktemp("watching")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp.runs.plots.render", lambda figure, kind: b"")  # takes longest
+        plan_and_learn(drawn(folder), episodes=2, out=folder / "run", quiet=True)
+    return folder / "run"
+
+
+@pytest.fixture
+def run(recorded: Path, tmp_path: Path) -> Run:
+    """The run; its learner wants to walk into the pit."""
+    run = load_run(recorded, drawn(tmp_path))
+    reckless(run.agent)
+    return run
