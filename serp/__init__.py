@@ -14,24 +14,26 @@ __version__ = "0.1.0"
 _HOMES = {
     "ActionMap": "serp.planning.action_map",
     "Arbiter": "serp.control.arbiter",
-    "ArbiterSettings": "serp.control.arbiter",
+    "AdaptationSettings": "serp.settings",
+    "ArbiterSettings": "serp.settings",
     "Comparison": "serp.compare.study",
     "DQN": "serp.learning",
-    "DQNSettings": "serp.learning",
+    "LearnerSettings": "serp.settings",
     "Domain": "serp.model.loading",
     "DomainError": "serp.pddl.source",
-    "GuideSettings": "serp.control.strategies.settings",
+    "GuideSettings": "serp.settings",
     "Lookahead": "serp.planning.lookahead",
     "MonitorReplanner": "serp.planning.replanner",
     "Outcome": "serp.model.transition_model",
     "Plan": "serp.planning.replanner",
-    "PlannerSettings": "serp.planning.settings",
+    "PlannerSettings": "serp.settings",
     "Run": "serp.training.run",
     "SerpError": "serp.errors",
     "Settings": "serp.settings",
     "StateError": "serp.model.transition_model",
     "Symmetry": "serp.tasks.task_symmetry",
     "Task": "serp.tasks.task",
+    "TrainingSettings": "serp.settings",
     "TransitionModel": "serp.model.transition_model",
     "compare": "serp.compare.study",
     "load_domain": "serp.model.loading",
@@ -45,11 +47,8 @@ if TYPE_CHECKING:
     from serp.compare.study import Comparison as Comparison
     from serp.compare.study import compare as compare
     from serp.control.arbiter import Arbiter as Arbiter
-    from serp.control.arbiter import ArbiterSettings as ArbiterSettings
-    from serp.control.strategies.settings import GuideSettings as GuideSettings
     from serp.errors import SerpError as SerpError
     from serp.learning import DQN as DQN
-    from serp.learning import DQNSettings as DQNSettings
     from serp.model.loading import Domain as Domain
     from serp.model.loading import load_domain as load_domain
     from serp.model.transition_model import Outcome as Outcome
@@ -60,8 +59,13 @@ if TYPE_CHECKING:
     from serp.planning.lookahead import Lookahead as Lookahead
     from serp.planning.replanner import MonitorReplanner as MonitorReplanner
     from serp.planning.replanner import Plan as Plan
-    from serp.planning.settings import PlannerSettings as PlannerSettings
+    from serp.settings import AdaptationSettings as AdaptationSettings
+    from serp.settings import ArbiterSettings as ArbiterSettings
+    from serp.settings import GuideSettings as GuideSettings
+    from serp.settings import LearnerSettings as LearnerSettings
+    from serp.settings import PlannerSettings as PlannerSettings
     from serp.settings import Settings as Settings
+    from serp.settings import TrainingSettings as TrainingSettings
     from serp.tasks.task import Task as Task
     from serp.tasks.task_symmetry import Symmetry as Symmetry
     from serp.training.run import Run as Run

@@ -14,13 +14,13 @@ from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.feature_groups import Key
 from serp.adaptation.forecast_skill import ForecastSkill
 from serp.adaptation.group_learners import GroupLearners, Meta
-from serp.adaptation.settings import AdaptationSettings
 from serp.adaptation.step_kernels import foresee
 from serp.adaptation.step_recording import keep, predict_and_keep, step_and_keep
 from serp.control.model_confidence import ModelConfidence
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.native import address_of
 from serp.model.transition_model import TransitionModel, Vector
+from serp.settings import AdaptationSettings
 from serp.sysid.monitor import Monitor
 from serp.sysid.transitions import GOES_ON, TransitionMemory
 
@@ -80,7 +80,7 @@ class ModelAdaptation:
             if settings.residual:
                 self._learners = GroupLearners(corrected, seed, settings.nonlinear)
                 self.notice = self._learners.notice
-            if settings.literals:
+            if settings.parameters:
                 from serp.adaptation.parameter_estimation import ParameterEstimation
 
                 self._reestimation = ParameterEstimation(written)

@@ -9,7 +9,7 @@ from serp.cli.output import number, plural, print_table
 from serp.model.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.planning.forecast import SAFE, promise_at
-from serp.planning.settings import Bound
+from serp.planning.limits import Bound, edge_budget, node_budget
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -172,10 +172,10 @@ def _how_far(planner: MonitorReplanner, plan: Plan) -> str:
 def _most(planner: MonitorReplanner) -> str:
     """The limit on nodes, and what else bounds them where it is lower than the setting."""
     settings, model = planner.settings, planner.model
-    budget = settings.node_budget(len(model.actions))
+    budget = node_budget(settings.max_nodes, len(model.actions))
     if budget < settings.max_nodes:
         return f"the limit of {budget:,} nodes with {len(model.actions):,} actions each"
-    edges = settings.edge_budget(len(model.fluents))
+    edges = edge_budget(len(model.fluents))
     return f"the limit of {budget:,} nodes (or {edges:,} edges)"
 
 

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
+from serp._util.text import listed
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say
 from serp.cli.output import open_console, print_json
 from serp.cli.tasks import asked_own_task, domain_of, own_task_option
 from serp.errors import SerpError
-from serp.pddl.source import listed
 
 if TYPE_CHECKING:
     from serp.model.loading import Domain
@@ -270,8 +270,7 @@ def _planner(
     time_budget: float,
 ) -> MonitorReplanner:
     from serp.planning.replanner import MonitorReplanner
-    from serp.planning.settings import PlannerSettings
-    from serp.settings import resolve
+    from serp.settings import PlannerSettings, resolve
 
     usual = resolve("default", loaded.task.settings).planner if loaded.task else PlannerSettings()
     return MonitorReplanner(

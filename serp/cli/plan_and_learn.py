@@ -33,7 +33,7 @@ _FROM_OUT = ""
         "serp plan-and-learn --domain cartpole",
         "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
         "serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7",
-        "serp plan-and-learn --domain cartpole --correct off",
+        "serp plan-and-learn --domain cartpole --adapt off",
         "serp plan-and-learn --task my_robot.py",
         "serp plan-and-learn --resume runs/seven --episodes 500",
     ],
@@ -52,7 +52,7 @@ _FROM_OUT = ""
               help="Folder of the run.  [default: runs/<domain>-<time>]")  # fmt: skip
 @click.option("--resume", is_flag=False, flag_value=_FROM_OUT, metavar="[RUN]",
               help="Continue a run: this one, or that in --out.")  # fmt: skip
-@click.option("--correct", metavar="off|literals|residual|full",
+@click.option("--adapt", metavar="off|parameters|residual|full",
               help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
 @click.option("--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
               help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
@@ -69,7 +69,7 @@ def command(
     seed: int,
     out: Path | None,
     resume: str | None,
-    correct: str | None,
+    adapt: str | None,
     max_ground_schemas: int | None,
     assignments: tuple[str, ...],
     quiet: bool,
@@ -84,10 +84,10 @@ def command(
     checkpoint.
     """
     settings = parse_settings(assignments)
-    if correct is not None:
-        if "mode" in settings.setdefault("correction", {}):
-            raise click.UsageError("give --correct or --set correction.mode, not both", ctx)
-        settings["correction"]["mode"] = correct
+    if adapt is not None:
+        if "mode" in settings.setdefault("adaptation", {}):
+            raise click.UsageError("give --adapt or --set adaptation.mode, not both", ctx)
+        settings["adaptation"]["mode"] = adapt
     resuming = resume is not None
     path: Path | None
     if resuming:
@@ -142,7 +142,7 @@ def _run_to_resume(ctx: click.Context, given: str | None, out: Path | None) -> P
     fixed = {
         "preset": "--preset",
         "seed": "--seed",
-        "correct": "--correct",
+        "adapt": "--adapt",
         "max_ground_schemas": "--max-ground-schemas",
         "assignments": "--set",
     }

@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
+from serp._util.text import did_you_mean
 from serp.errors import SerpError
-from serp.pddl.source import did_you_mean
 
 
 def parse_settings(assignments: Iterable[str]) -> dict[str, dict[str, Any]]:

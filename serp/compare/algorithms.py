@@ -11,8 +11,8 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._util.text import did_you_mean
 from serp.errors import SerpError, SettingsError
-from serp.pddl.source import did_you_mean
 
 GROUP: Final = "serp.algorithms"
 """Entry points of this group are algorithms from outside: functions as `MakeGuest`."""
@@ -82,7 +82,7 @@ _NO_GUIDE: Final[Changes] = {"guide": {"strategy": "mixture"}}
 _ALONE: Final[Changes] = {
     **_NO_GUIDE,
     "planner": {"leaf_value": "never"},
-    "correction": {"mode": "off"},
+    "adaptation": {"mode": "off"},
 }
 """Nor does a model play any part that had to be corrected."""
 
@@ -106,8 +106,8 @@ _OWN: Final[tuple[Algorithm, ...]] = (
             "arbiter": {
                 "rho": 0.0,
                 "rho_increment": 0.0,
-                "surety": None,
-                "imitation": 0.0,
+                "confidence_margin": None,
+                "imitation_weight": 0.0,
                 "indifferent": "first",
             },
             "learner": {"updates_per_step": 0.0, "members": 1},

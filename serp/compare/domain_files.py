@@ -6,8 +6,8 @@ import glob
 from collections.abc import Iterable
 from pathlib import Path
 
+from serp._util.text import did_you_mean
 from serp.errors import TaskError
-from serp.pddl.source import did_you_mean
 
 
 def domain_files(asked: Iterable[str | Path], task: str, beside: Path) -> list[Path]:

@@ -12,26 +12,24 @@ one `Decision`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.choice import best_of
-from serp._util.numbers import COUNTED, real, whole
 from serp._util.saved_state import Saved
 from serp.control.lookahead_reliability import LookaheadReliability
 from serp.control.model_confidence import ModelConfidence
-from serp.control.strategies.mixture import Mixture
+from serp.control.strategies.mixture import mixture_of
 from serp.control.strategies.strategy import Learner, Proposed, Situation, Strategy
-from serp.errors import SettingsError
 from serp.model.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.model.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.action_map import ActionForecast, ActionMap
 from serp.planning.forecast import SAFE, Forecast
+from serp.settings.sections import ArbiterSettings
 
 
 class Actor(StrEnum):
@@ -66,124 +64,6 @@ class Forecaster(Protocol):
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the planner's view of a state."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ArbiterSettings:
-    """Settings of the mixture of planner and learner.
-
-    Attributes:
-        rho: Learner probability ρ at the start, in [0, 1].
-        rho_increment: Δρ, what ρ gains at the end of each unit.
-        rho_unit: `step`, `episode`, or the name of a counter in the environment's `info`
-            (such as `game`) at whose every change ρ grows.
-        rho_max: Largest ρ.
-        surety: In the planner's turn the learner's choice is executed all the same where its
-            networks agree that it is better than the planner's: where the mean of their
-            differences of Q exceeds so many standard deviations. Not where the model has foreseen
-            what happened (see `serp.adaptation.forecast_skill`), nor in the first ten episodes of
-            one that corrects itself, and never for None.
-        imitation: Weight of the learner's imitation loss: where the model has foreseen what
-            happened, what the planner would do is to be worth a margin more than anything else,
-            unless it is indifferent. 0: nothing is imitated.
-        r_min: R_min: a proposal with a smaller predicted reward is refused; None refuses none.
-        veto_horizon: `step` refuses what the next step predicts; `lookahead` also refuses what
-            leads within the lookahead to where every action is flagged or too risky, while
-            another action does not.
-        broken_promises: So often the lookahead's word may be broken (see
-            `serp.control.lookahead_reliability`) before it is believed for the next step only: what
-            it refuses beyond that is then allowed. None: it is always believed.
-        exploration_slack: None: the learner explores among all actions, and vetoes follow. A
-            number: it explores only among the admissible actions whose best plan is worth no less
-            than the best plan minus this (infinity: among all admissible ones).
-        after_veto: Who acts where a greedy proposal is refused: `planner` (Algorithm 1), or
-            `learner`: of the admissible actions, the one that the learner values most. An explored
-            one is always followed by the planner.
-        unmodelled: What to do with environment actions that the domain does not mention.
-        indifferent: Who acts in the planner's turn where all plans are worth the same: `first`
-            takes the first action in the file, `learner` asks the learner.
-    """
-
-    rho: float = 0.0
-    rho_increment: float = 0.01
-    rho_unit: str = "episode"
-    rho_max: float = 1.0
-    surety: float | None = None
-    imitation: float = 0.0
-    r_min: float | None = None
-    veto_horizon: Literal["step", "lookahead"] = "lookahead"
-    broken_promises: int | None = None
-    exploration_slack: float | None = None
-    after_veto: Literal["planner", "learner"] = "planner"
-    unmodelled: Literal["allow", "veto"] = "allow"
-    indifferent: Literal["first", "learner"] = "learner"
-
-    def __post_init__(self) -> None:
-        for name in ("rho", "rho_max", "rho_increment"):
-            share = real(getattr(self, name))
-            if share is None or not 0.0 <= share <= 1.0:
-                raise SettingsError(
-                    f"arbiter: {name} must be in [0, 1], not {getattr(self, name)!r}"
-                )
-            object.__setattr__(self, name, share)
-        if self.rho > self.rho_max:
-            raise SettingsError(
-                f"arbiter: rho starts at {self.rho!r}, above its maximum rho_max {self.rho_max!r}"
-            )
-        if self.r_min is not None:
-            r_min = real(self.r_min)
-            if r_min is None:
-                raise SettingsError(f"arbiter: r_min must be a number or none, not {self.r_min!r}")
-            object.__setattr__(self, "r_min", r_min)
-        if self.surety is not None:
-            surety = real(self.surety)
-            if surety is None or surety < 0:
-                raise SettingsError(f"arbiter: surety must be >= 0, or none, not {self.surety!r}")
-            object.__setattr__(self, "surety", surety)
-        imitation = real(self.imitation)
-        if imitation is None or imitation < 0:
-            raise SettingsError(f"arbiter: imitation must be >= 0, not {self.imitation!r}")
-        object.__setattr__(self, "imitation", imitation)
-        if self.broken_promises is not None:
-            number = whole(self.broken_promises, 0, COUNTED)
-            if number is None:
-                raise SettingsError(
-                    "arbiter: broken_promises must be a whole number from 0 to 2^53, or none, not "
-                    f"{self.broken_promises!r}"
-                )
-            object.__setattr__(self, "broken_promises", number)
-        if not isinstance(self.rho_unit, str):
-            raise SettingsError(f"arbiter: rho_unit must be a name, not {self.rho_unit!r}")
-        if self.exploration_slack is not None:
-            slack = real(self.exploration_slack, infinite=True)
-            if slack is None or slack < 0:
-                raise SettingsError(
-                    f"arbiter: exploration_slack must be >= 0, not {self.exploration_slack!r}"
-                )
-            object.__setattr__(self, "exploration_slack", slack)
-        for name, allowed in (
-            ("veto_horizon", ("step", "lookahead")),
-            ("after_veto", ("planner", "learner")),
-            ("unmodelled", ("allow", "veto")),
-            ("indifferent", ("first", "learner")),
-        ):
-            if getattr(self, name) not in allowed:
-                raise SettingsError(
-                    f"arbiter: {name} must be {' or '.join(allowed)}, not {getattr(self, name)!r}"
-                )
-
-    def mixture(self, seed: int | np.random.SeedSequence) -> Mixture:
-        """Return the strategy of Algorithm 1 with these settings."""
-        return Mixture(
-            rho=self.rho,
-            increment=self.rho_increment,
-            unit=self.rho_unit,
-            most=self.rho_max,
-            ask_when_indifferent=self.indifferent == "learner",
-            surety=self.surety,
-            imitation=self.imitation,
-            seed=seed,
-        )
 
 
 class Decision(NamedTuple):
@@ -262,8 +142,8 @@ class Arbiter:
         self.planner = planner
         self.actions = actions
         self.settings = settings or ArbiterSettings()
-        self.strategy = strategy or self.settings.mixture(seed=0)
-        self.promises = LookaheadReliability(horizon, self.settings.broken_promises)
+        self.strategy = strategy or mixture_of(self.settings, seed=0)
+        self.promises = LookaheadReliability(horizon, self.settings.max_lookahead_failures)
         self._curiosity = curiosity
         self._trust = trust
         self._unmodelled_allowed = (

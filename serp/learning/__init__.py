@@ -1,7 +1,7 @@
 """The learner: a DQN for small dense networks on one CPU core (paper section 3.3).
 
 =============  =======================================================================
-``settings``   `DQNSettings`: every choice, with its range
+``settings``   `LearnerSettings`: every choice, with its range
 ``network``    `QNetwork`: parameters in one flat tensor, forward and backward pass
 ``kernels``    the compiled loops of both passes, of the TD loss and of Adam
 ``adam``       `Adam` on that tensor
@@ -31,11 +31,9 @@ if TYPE_CHECKING:
     from serp.learning.dqn import DQN, Proposal
     from serp.learning.guidance import Guidance, GuidedLearning
     from serp.learning.replay import ReplayBuffer
-    from serp.learning.settings import DQNSettings
 
 __all__ = [
     "DQN",
-    "DQNSettings",
     "Guidance",
     "GuidedLearning",
     "Proposal",
@@ -44,7 +42,6 @@ __all__ = [
 
 _HOME = {
     "DQN": "serp.learning.dqn",
-    "DQNSettings": "serp.learning.settings",
     "Guidance": "serp.learning.guidance",
     "GuidedLearning": "serp.learning.guidance",
     "Proposal": "serp.learning.dqn",

@@ -33,8 +33,8 @@ from serp.learning.replay import ReplayBuffer
 from serp.learning.return_bounds import ReturnBounds
 from serp.learning.samples import Samples, type_F32
 from serp.learning.schedule import LinearSchedule
-from serp.learning.settings import DQNSettings
 from serp.learning.symmetry_group import SymmetryGroup
+from serp.settings import LearnerSettings
 
 
 class Proposal(NamedTuple):
@@ -78,7 +78,7 @@ class DQN:
         self,
         input_size: int,
         action_count: int,
-        settings: DQNSettings,
+        settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
         symmetry: SymmetryGroup | None = None,
         guided: GuidedLearning | None = None,

@@ -8,7 +8,7 @@ from serp.learning import guided_kernels, kernels
 from serp.learning.guidance import GuidedLearning
 from serp.learning.network import QNetwork, Workspace
 from serp.learning.samples import Samples
-from serp.learning.settings import DQNSettings
+from serp.settings import LearnerSettings
 
 
 class TDGradient:
@@ -25,7 +25,7 @@ class TDGradient:
         self,
         online: QNetwork,
         target: QNetwork,
-        settings: DQNSettings,
+        settings: LearnerSettings,
         guided: GuidedLearning | None,
     ) -> None:
         self._online = online

@@ -7,7 +7,7 @@ import numpy as np
 from serp.learning.network import QNetwork
 from serp.learning.optimizer import Adam
 from serp.learning.samples import type_F32
-from serp.learning.settings import DQNSettings
+from serp.settings import LearnerSettings
 
 
 class Networks:
@@ -31,7 +31,7 @@ class Networks:
         self,
         input_size: int,
         action_count: int,
-        settings: DQNSettings,
+        settings: LearnerSettings,
         rng: np.random.Generator,
         *,
         start_at_zero: bool,

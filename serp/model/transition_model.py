@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from serp._util.text import did_you_mean, listed
 from serp.errors import SerpError
 from serp.model.emit import Site
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
@@ -26,7 +27,6 @@ from serp.model.ground import (
     SetNumber,
 )
 from serp.model.program import Program
-from serp.pddl.source import did_you_mean, listed
 
 Vector = NDArray[np.float64]
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from serp._util.text import did_you_mean
 from serp.pddl.sexpr import Group, Node, Word
-from serp.pddl.source import DomainError, Place, did_you_mean
+from serp.pddl.source import DomainError, Place
 from serp.pddl.syntax import OBJECT, Declaration, ObjectDeclaration, SchemaParameter
 
 TOTAL_TIME = "total-time"

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
+from serp._util.text import did_you_mean
 from serp.pddl import slips
 from serp.pddl.declarations import (
     TOTAL_TIME,
@@ -14,7 +15,7 @@ from serp.pddl.declarations import (
     without_parentheses,
 )
 from serp.pddl.sexpr import Group, Node, Word
-from serp.pddl.source import DomainError, Place, did_you_mean
+from serp.pddl.source import DomainError, Place
 from serp.pddl.syntax import (
     OBJECT,
     REWARD,

@@ -7,6 +7,7 @@ import itertools
 import re
 from collections.abc import Sequence
 
+from serp._util.text import did_you_mean
 from serp.pddl.contradictions import refuse_contradictions
 from serp.pddl.declarations import (
     expect_group,
@@ -28,7 +29,7 @@ from serp.pddl.expressions import (
 )
 from serp.pddl.sexpr import Group, Node, Word, read_group
 from serp.pddl.slips import several_under, written
-from serp.pddl.source import DomainError, Place, Source, did_you_mean
+from serp.pddl.source import DomainError, Place, Source
 from serp.pddl.syntax import (
     REWARD,
     TERMINAL,

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import bisect
-import difflib
 import functools
 import re
 import stat
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
@@ -223,19 +221,3 @@ def _window(line: str, at: int) -> tuple[str, int]:
     end = begin + _WINDOW
     before, after = ("... " if begin else ""), (" ..." if end < len(line) else "")
     return before + _visible(line[begin:end]) + after, at - begin + len(before)
-
-
-def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return advice naming the closest known word, or listing a few of them."""
-    candidates = sorted(set(known))
-    close = difflib.get_close_matches(word, candidates, n=1, cutoff=0.6)
-    if close:
-        return f"did you mean `{close[0]}`?"
-    return f"known here: {listed(candidates)}" if candidates else ""
-
-
-def listed(names: Iterable[str], most: int = 8) -> str:
-    """Return names in quotes, and how many more there are; empty for none."""
-    known = list(names)
-    more = f" and {len(known) - most:,} more" if len(known) > most else ""
-    return ", ".join(f"`{name}`" for name in known[:most]) + more

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of, risks_of
 from serp.model.transition_model import StateError, TransitionModel
-from serp.pddl.source import did_you_mean
 from serp.planning.forecast import SAFE, Forecast, all_alike, promise_at
 from serp.planning.preference import free_of_risk
 

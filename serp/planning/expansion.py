@@ -10,7 +10,7 @@ import numpy as np
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, joined
 from serp.model.transition_model import TransitionModel
 from serp.planning.preference import hazard, marked, rank_of
-from serp.planning.settings import PlannerSettings
+from serp.settings import PlannerSettings
 
 State = tuple[float, ...]
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risks_of
+from serp.planning.limits import Bound
 from serp.planning.preference import Promise, of_best_rank, promise, rank_of
-from serp.planning.settings import Bound
 
 SAFE = 1 << 30
 """Safe control periods of a path on which every risk is accepted."""

@@ -13,8 +13,9 @@ from serp.model.flags import RISKY, TERMINAL, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.expansion import Edges, State, follow
 from serp.planning.forecast import SAFE, Forecast
+from serp.planning.limits import Bound, edge_budget, node_budget
 from serp.planning.preference import Promise, promise
-from serp.planning.settings import Bound, PlannerSettings
+from serp.settings import PlannerSettings
 
 _END = promise(0, 0.0, SAFE, 0.0)
 _UNKNOWN = promise(0, 1.0, 0, 0.0)
@@ -72,7 +73,7 @@ class PlanningGraph:
 
         A layer that is not complete then is dropped; the first one is always finished.
         """
-        budget = self.settings.node_budget(len(self.model.actions))
+        budget = node_budget(self.settings.max_nodes, len(self.model.actions))
         open_nodes = [0]
         expanded = 0
         while self.depth < self.settings.depth:
@@ -95,7 +96,7 @@ class PlanningGraph:
             The nodes that go on, or the bound that was met underway; then nothing is added.
         """
         first, bounded = len(self.states), bool(self._layers)
-        edges_left = self.settings.edge_budget(len(self.model.fluents)) - sum(
+        edges_left = edge_budget(len(self.model.fluents)) - sum(
             len(layer.target) for layer in self._layers
         )
         layer = _GraphLayer(nodes, Edges.none(), [])

@@ -20,8 +20,8 @@ from serp.model.native import pointer_to
 from serp.planning.edges import edge
 from serp.planning.forecast import SAFE
 from serp.planning.leaf_value import value_at
+from serp.planning.limits import Bound
 from serp.planning.preference import promise, rank_of
-from serp.planning.settings import Bound
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 

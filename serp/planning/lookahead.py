@@ -12,7 +12,8 @@ from serp.model.native import address_of
 from serp.model.transition_model import StateError, TransitionModel
 from serp.planning import kernels
 from serp.planning.forecast import Forecast
-from serp.planning.settings import Bound, PlannerSettings
+from serp.planning.limits import Bound, edge_budget, node_budget
+from serp.settings import PlannerSettings
 
 _BOUNDS = tuple(Bound)
 # numba's own thread pool aborts the process where two threads enter it at once.
@@ -58,7 +59,7 @@ class Lookahead:
         self._always = self.settings.leaf_value == "always"
         self._width = len(model.fluents)
         self._actions = len(model.actions)
-        self._edge_budget = self.settings.edge_budget(self._width)
+        self._edge_budget = edge_budget(self._width)
         self._budget = self._nodes()
         self._scratch = tuple(a[0] for a in self._allocate(1))
         self._batch_scratch: tuple[NDArray[np.generic], ...] | None = None
@@ -68,7 +69,7 @@ class Lookahead:
 
         Every node but the root has an edge that leads to it.
         """
-        budget = min(self.settings.node_budget(self._actions), self._edge_budget + 1)
+        budget = min(node_budget(self.settings.max_nodes, self._actions), self._edge_budget + 1)
         tree, layer = 0, 1
         for _ in range(self.settings.depth):
             tree += layer

@@ -19,7 +19,8 @@ from serp.model.flags import UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel
 from serp.planning.forecast import Forecast
 from serp.planning.graph import PlanningGraph
-from serp.planning.settings import Bound, PlannerSettings
+from serp.planning.limits import Bound
+from serp.settings import PlannerSettings
 
 
 class PlannedStep(NamedTuple):

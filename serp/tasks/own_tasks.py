@@ -10,8 +10,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from serp._util.text import did_you_mean
 from serp.errors import SerpError, TaskError
-from serp.pddl.source import did_you_mean
 from serp.tasks.task import Task
 
 FORMS = "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"

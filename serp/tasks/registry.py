@@ -6,9 +6,9 @@ import dataclasses
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
+from serp._util.text import did_you_mean
 from serp.errors import SerpError, TaskError
 from serp.model.loading import Domain, load_domain
-from serp.pddl.source import did_you_mean
 from serp.tasks.task import Task
 
 GROUP = "serp.tasks"

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.learning.symmetry_group import Element, SymmetryGroup
 from serp.model.symmetry.automorphisms import find_symmetries
 from serp.model.symmetry.model_symmetry import ModelSymmetry, cycles, permuted_columns, violation
 from serp.model.symmetry.permutation import Asymmetry, symmetry_of
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.pddl.source import did_you_mean
 
 if TYPE_CHECKING:
     from serp.planning.action_map import ActionMap

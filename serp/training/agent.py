@@ -24,8 +24,7 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
-from serp.planning.settings import PlannerSettings
-from serp.settings import Settings
+from serp.settings import PlannerSettings, Settings
 from serp.sysid.transitions import CUT_OFF, GOES_ON, OVER
 from serp.tasks.reward import Judged, source_of
 from serp.tasks.task import BoundTask
@@ -143,12 +142,12 @@ class Agent:
         self._learns_from = source_of(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(5)
         strategy_seed, learner_seed, random_seed, correction_seed, outlook_seed = seeds
-        self.correction = ModelAdaptation(task.model, settings.correction, correction_seed)
+        self.correction = ModelAdaptation(task.model, settings.adaptation, correction_seed)
         model = self.correction.model
         planner = make_planner(model, settings.planner)
-        tries = 0 if model is task.model else settings.correction.tries
+        tries = 0 if model is task.model else settings.adaptation.min_visits
         if model is task.model:  # then nobody knows whether it is worth imitating
-            settings = settings.replace({"arbiter": {"imitation": 0.0}})
+            settings = settings.replace({"arbiter": {"imitation_weight": 0.0}})
         strategy = make_strategy(settings, strategy_seed)
         horizon = settings.planner.depth * settings.planner.repeat
         self.arbiter = Arbiter(
@@ -173,7 +172,7 @@ class Agent:
             guided=strategy.guided,
         )
         self.outlook = None
-        if settings.values_leaves and isinstance(planner, Lookahead):
+        if settings.bootstraps_leaves and isinstance(planner, Lookahead):
             self.outlook = LeafValueBootstrap(planner, self.learner, outlook_seed)
         self._random = np.random.default_rng(random_seed)
 

@@ -10,11 +10,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from serp._util.numbers import seed_of, whole
+from serp._util.text import did_you_mean
 from serp.control.arbiter import Decision
 from serp.control.decision_counts import DecisionCounts
 from serp.errors import SettingsError
 from serp.model.transition_model import Vector
-from serp.pddl.source import did_you_mean
 from serp.runs.summary import WINDOW
 from serp.tasks.task import BoundTask
 from serp.training.agent import Agent

@@ -6,7 +6,6 @@ seconds after its first observation, and again where it first learns.
 
 from __future__ import annotations
 
-import dataclasses
 from itertools import pairwise
 from typing import Any, Final
 
@@ -52,7 +51,7 @@ def rehearse(agent: Agent) -> None:
 
 def _rehearse_correction(agent: Agent, states: np.ndarray[Any, np.dtype[np.float64]]) -> None:
     seed = np.random.SeedSequence(0)
-    correction = ModelAdaptation(agent.task.model, agent.settings.correction, seed)
+    correction = ModelAdaptation(agent.task.model, agent.settings.adaptation, seed)
     model, often = correction.model, 0
     if isinstance(model, AdaptedModel):
         changed = [sum(len(view.targets) for view in views) for views in model.views]
@@ -69,8 +68,7 @@ def _rehearse_correction(agent: Agent, states: np.ndarray[Any, np.dtype[np.float
 def _rehearse_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
     arbiter, learner = agent.arbiter, agent.learner
     forecast = arbiter.forecast(state)
-    settings = dataclasses.replace(
-        learner.settings,
+    settings = learner.settings.replace(
         buffer_size=max(_ROOM, learner.settings.failing_window),
         protected_early=min(_ROOM, learner.settings.protected_early),
         protected_failing=min(_ROOM, learner.settings.protected_failing),

@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path as Curve
 
-from serp.planning.settings import Bound
+from serp.planning.limits import Bound
 from serp.viz.plan_layout import Branch, PlanLayout, lay_out, short
 
 if TYPE_CHECKING:

@@ -30,10 +30,9 @@ import numpy as np
 
 from serp._util.threads import one_thread
 from serp.adaptation.adaptation import ModelAdaptation
-from serp.adaptation.settings import AdaptationSettings
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.lookahead import Lookahead
-from serp.settings import Settings, resolve
+from serp.settings import AdaptationSettings, Settings, resolve
 from serp.tasks.registry import load_task
 from serp.training.trainer import Trainer
 
@@ -49,7 +48,7 @@ Step = tuple[Vector, int, Vector, bool]
 def settings_of(task: str, mode: str) -> Settings:
     """The preset `default` with such a correction."""
     tries = 0 if mode == "off" else 3
-    changes: dict[str, dict[str, Any]] = {"correction": {"mode": mode, "tries": tries}}
+    changes: dict[str, dict[str, Any]] = {"adaptation": {"mode": mode, "min_visits": tries}}
     return resolve("default", load_task(task).settings, changes)
 
 

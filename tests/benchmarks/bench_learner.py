@@ -30,7 +30,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import torch
 
-from serp.learning import DQN, DQNSettings
+from serp.learning import DQN
+from serp.settings import LearnerSettings
 
 INPUTS, ACTIONS, BATCH, HIDDEN = 8, 3, 64, (64, 64)
 FILLED = 2000
@@ -57,7 +58,9 @@ def transitions() -> list[tuple[Any, ...]]:
 
 
 def serp(name: str, **settings: Any) -> Candidate:
-    agent = DQN(INPUTS, ACTIONS, DQNSettings(hidden=HIDDEN, batch_size=BATCH, **settings), seed=0)
+    agent = DQN(
+        INPUTS, ACTIONS, LearnerSettings(hidden=HIDDEN, batch_size=BATCH, **settings), seed=0
+    )
     for x, action, reward, next_x, terminated in transitions():
         agent.remember(x, action, reward, next_x, terminated, False)
     x = np.ones(INPUTS, np.float32)

@@ -32,7 +32,7 @@ from serp.model.loading import load_domain
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
-from serp.planning.settings import PlannerSettings
+from serp.settings import PlannerSettings
 
 DEPTH, DISCOUNT, BATCH = 5, 0.99, 1024
 

@@ -20,7 +20,8 @@ _OF_STRATEGY: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Strategy → the settings of section `guide` that it reads."""
 _MIXING: Final = (
-    "rho", "rho_increment", "rho_unit", "rho_max", "surety", "imitation", "indifferent",
+    "rho", "rho_increment", "rho_unit", "rho_max", "confidence_margin",
+    "imitation_weight", "indifferent",
 )  # fmt: skip
 """Settings of the arbiter that only the mixture reads."""
 REWARDS: Final[Mapping[Source, str]] = {
@@ -48,9 +49,9 @@ def terms_of(algorithm: Algorithm, settings: Settings, source: Source) -> Mappin
     """
     planner = settings.planner
     plan = f"lookahead, depth {planner.depth}, {planner.repeat} control periods an edge"
-    if settings.correction.mode != "off":
-        plan += f", corrected ({settings.correction.mode})"
-    if settings.values_leaves:
+    if settings.adaptation.mode != "off":
+        plan += f", adapted ({settings.adaptation.mode})"
+    if settings.bootstraps_leaves:
         plan += f", the learner's values at its leaves ({planner.leaf_value})"
     vetoes = "unsafe and not applicable"
     if settings.arbiter.veto_horizon == "lookahead":
@@ -86,12 +87,12 @@ def settings_in_use(algorithm: Algorithm, settings: Settings) -> dict[str, dict[
     if algorithm.kind == "alone":
         return {name: said[name] for name in ("learner", "training")}
     if algorithm.kind == "planner":
-        return {name: said[name] for name in ("planner", "correction")}
+        return {name: said[name] for name in ("planner", "adaptation")}
     strategy = settings.guide.strategy
     said["guide"] = {
         name: value
         for name, value in said["guide"].items()
-        if name == "strategy" or name in _OF_STRATEGY[strategy]
+        if name == "strategy" or name in _OF_STRATEGY.get(strategy, ())
     }
     if strategy != "mixture":
         said["arbiter"] = _without(said["arbiter"], _MIXING)

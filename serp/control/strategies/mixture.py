@@ -15,6 +15,7 @@ from serp.control.strategies.advice import advice
 from serp.control.strategies.strategy import Learner, Proposed, Situation, Strategy
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.planning.action_map import ActionForecast
+from serp.settings import ArbiterSettings
 
 
 class Mixture(Strategy):
@@ -136,3 +137,17 @@ class Mixture(Strategy):
         saved = Saved("strategy", {}, meta)
         self._rho = saved.real("rho", 0.0, 1.0)
         self._random.bit_generator.state = saved.generator_state("random", self._random)
+
+
+def mixture_of(settings: ArbiterSettings, seed: int | np.random.SeedSequence) -> Mixture:
+    """Return the strategy of Algorithm 1 with the settings of the arbiter."""
+    return Mixture(
+        rho=settings.rho,
+        increment=settings.rho_increment,
+        unit=settings.rho_unit,
+        most=settings.rho_max,
+        ask_when_indifferent=settings.indifferent == "learner",
+        surety=settings.confidence_margin,
+        imitation=settings.imitation_weight,
+        seed=seed,
+    )

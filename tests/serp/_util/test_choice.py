@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from serp._util.choice import best_of
 from serp.control.arbiter import Actor, Arbiter
-from serp.control.strategies.making import make_strategy
-from serp.control.strategies.settings import STRATEGIES
+from serp.control.strategies.making import STRATEGIES, make_strategy
 from serp.control.strategies.strategy import Mask, Values
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE, UNSAFE
@@ -115,7 +114,7 @@ def test_no_value_of_a_learner_brings_about_what_is_refused(
     strategy: str, q: list[float], value: list[float], unsafe: list[bool], after: str, rho: float
 ) -> None:
     asked = resolve(
-        "default", None, {"arbiter": {"rho": rho, "after_veto": after, "surety": 0.0},
+        "default", None, {"arbiter": {"rho": rho, "after_veto": after, "confidence_margin": 0.0},
                           "guide": {"strategy": strategy, "imitation_steps": 1}},
     )  # fmt: skip
     arbiter = Arbiter(

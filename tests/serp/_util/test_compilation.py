@@ -40,7 +40,7 @@ print(outer(10.0), callback.ctypes(10.0), sum(outer.stats.cache_hits.values()))
 
 def result(folder: Path) -> list[float]:
     """What the loops compute in a process of their own, and whether one was found in the cache."""
-    ours = str(Path(__file__).parents[2])
+    ours = str(Path(__file__).parents[3])
     path = os.pathsep.join([ours, os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
         [sys.executable, "outer.py"], cwd=folder, capture_output=True, text=True, check=True,

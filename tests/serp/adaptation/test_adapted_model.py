@@ -15,7 +15,7 @@ from serp.model.flags import APPLICABLE, UNSAFE
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
-from serp.planning.settings import PlannerSettings
+from serp.settings import PlannerSettings
 from tests.generated import random_states
 from tests.generated.profile import examples
 from tests.serp.sysid import worlds

@@ -21,7 +21,7 @@ def returns(
     """Returns of the planner alone, from its first step on."""
     file = DOMAINS / f"cartpole-{variant}.pddl"
     task = dataclasses.replace(load_task("cartpole"), domain=file, problem=None)
-    changes = {"correction": {"mode": mode, "tries": tries}}
+    changes = {"adaptation": {"mode": mode, "min_visits": tries}}
     settings = resolve("default", task.settings, merged(find_algorithm("mrp").changes, changes))
     with task.bind() as bound:
         trainer = Trainer(bound, settings, seed)

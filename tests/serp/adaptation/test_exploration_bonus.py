@@ -9,8 +9,9 @@ from serp.adaptation.exploration_bonus import ExplorationBonus
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE
 from serp.model.transition_model import TransitionModel
 from serp.planning.forecast import SAFE, Forecast
+from serp.planning.limits import Bound
 from serp.planning.lookahead import Lookahead
-from serp.planning.settings import Bound, PlannerSettings
+from serp.settings import PlannerSettings
 from tests.generated.profile import examples
 from tests.serp.sysid import worlds
 

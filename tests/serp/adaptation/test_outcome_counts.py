@@ -8,12 +8,12 @@ import pytest
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.outcome_counts import OutcomeCounts
-from serp.adaptation.settings import AdaptationSettings
 from serp.errors import RunError
 from serp.model.explanation import why_unsafe
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.native import STACK
 from serp.model.transition_model import TransitionModel, Vector
+from serp.settings import AdaptationSettings
 from tests.serp.sysid.rolls import from_text
 
 GRID = """

@@ -208,7 +208,7 @@ def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
         (["--domain=cartpole", "--algorithms=serp:lerner.members=1"], "did you mean `learner`"),
         (["--domain=cartpole", "--seeds=0"], "seeds must be a number >= 1"),
         (["--domain=cartpole", "--set=planer.depth=3"], "did you mean `planner`?"),
-        (["--domain=cartpole", "--set=planner.depth=deep"], "planner: depth must be"),
+        (["--domain=cartpole", "--set=planner.depth=deep"], "planner.depth must be"),
         (["--domain=cartpole", "--set=guide.strategy=jump"], "guide: there is no strategy"),
         (["--domain=cartpole", "--model-variants=nosuch.pddl"], "nosuch.pddl"),
         (["--domain=cartpole", "--model-variants=nosuch-*.pddl"], "nosuch-*.pddl"),

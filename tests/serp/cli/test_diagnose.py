@@ -106,7 +106,7 @@ def test_pictures_are_drawn(run: Run, misled: Path) -> None:
 
 
 def test_a_run_without_correction_can_be_diagnosed(run: Run) -> None:
-    off = "--set=correction.mode=off"
+    off = "--set=adaptation.mode=off"
     run("plan-and-learn", "--domain=cartpole", "--episodes=2", "--out=off", off, *QUICK, "--quiet")
     shown = told(run, "off")
     assert shown["steps"] == shown["env_steps"] > 0

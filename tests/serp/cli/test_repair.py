@@ -24,7 +24,7 @@ PLANNER_ALONE = [
     for section, values in OWN["mrp"].changes.items()
     for name, value in values.items()
 ]
-CORRECTED = ["--set=correction.mode=residual", "--set=correction.tries=3"]
+CORRECTED = ["--set=adaptation.mode=residual", "--set=adaptation.min_visits=3"]
 
 
 def planned(domain: str | Path, out: Path, *options: str) -> np.ndarray:
@@ -49,7 +49,7 @@ def ignorant(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_repaired_file_alone_is_as_good_as_the_corrected_run(run: Run, ignorant: Path) -> None:
     corrected = planned(EMPTY, Path("corrected"), "--episodes=3", "--seed=7", *CORRECTED)
     run("repair", str(ignorant), "-o", "cartpole-known.pddl")
-    off = "--set=correction.mode=off"
+    off = "--set=adaptation.mode=off"
     repaired = planned("cartpole-known.pddl", Path("again"), "--episodes=6", "--seed=7", off)
     assert repaired.mean() >= 475.0
     assert repaired.mean() >= corrected.mean() - 10.0

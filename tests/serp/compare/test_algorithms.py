@@ -10,7 +10,7 @@ import pytest
 
 from serp.compare import algorithms
 from serp.compare.algorithms import GROUP, OWN, ablation, find_algorithm, merged
-from serp.control.strategies.settings import STRATEGIES
+from serp.control.strategies.making import STRATEGIES
 from serp.errors import MissingExtra, SerpError, SettingsError
 from serp.settings import resolve
 from tests.serp.compare import contest

@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from serp.control.arbiter import Actor, Arbiter, ArbiterSettings, Decision, Reason
+from serp.control.arbiter import Actor, Arbiter, Decision, Reason
+from serp.control.strategies.mixture import mixture_of
 from serp.control.strategies.strategy import Mask, Values
 from serp.errors import SettingsError
 from serp.learning.dqn import DQN, Proposal
-from serp.learning.settings import DQNSettings
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.action_map import ActionMap
 from serp.planning.forecast import SAFE
 from serp.planning.lookahead import Lookahead
-from serp.planning.settings import PlannerSettings
+from serp.settings import ArbiterSettings, LearnerSettings, PlannerSettings
 from tests.serp.planning.worlds import WORLDS, load, states_of, text_of, world
 
 LEARNERS = (Actor.LEARNER, Actor.EXPLORATION)
@@ -202,7 +202,7 @@ def every_case(check: Checked, *, choices: int = 13) -> int:
                     PlannerSettings(depth=random.randint(1, 3), repeat=random.choice((1, 1, 2))),
                 )
                 settings = settings_of(random)
-                arbiter = Arbiter(planner, actions, settings, settings.mixture(seed=k))
+                arbiter = Arbiter(planner, actions, settings, mixture_of(settings, seed=k))
                 proposer = Proposer(1000 * seed + 100 * number + k, actions.size)
                 for state in states_of(model, random, STATES):
                     decision = arbiter.decide(state, proposer)
@@ -406,7 +406,7 @@ def test_the_same_holds_with_the_real_learner() -> None:
         learner = DQN(
             max(1, len(model.fluents)),
             actions.size,
-            DQNSettings(hidden=(8,), epsilon_end=0.5),
+            LearnerSettings(hidden=(8,), epsilon_end=0.5),
             seed,
         )
         arbiter = Arbiter(
@@ -440,7 +440,7 @@ def two(**settings: object) -> Arbiter:
     """An arbiter whose planner always wants action 0."""
     chosen = ArbiterSettings(**settings)  # type: ignore[arg-type]
     planner = Lookahead(TWO, PlannerSettings(depth=2))
-    return Arbiter(planner, ActionMap(TWO, 2), chosen, chosen.mixture(seed=7))
+    return Arbiter(planner, ActionMap(TWO, 2), chosen, mixture_of(chosen, seed=7))
 
 
 class Stubborn:

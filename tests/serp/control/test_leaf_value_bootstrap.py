@@ -17,11 +17,11 @@ import torch
 
 from serp.control.leaf_value_bootstrap import LeafValueBootstrap
 from serp.errors import RunError
-from serp.learning import DQN, DQNSettings
+from serp.learning import DQN
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.leaf_value import LeafValue
 from serp.planning.lookahead import Lookahead
-from serp.planning.settings import PlannerSettings
+from serp.settings import LearnerSettings, PlannerSettings
 from serp.tasks.reward import Judged
 from tests.generated import Texts, load_texts
 
@@ -65,7 +65,7 @@ def learner(inputs: int = 1, seed: int = 0, **settings: Any) -> DQN:
         "protected_share": 0.0,
         "discount": DISCOUNT,
     }
-    return DQN(inputs, 2, DQNSettings(**{**small, **settings}), seed)
+    return DQN(inputs, 2, LearnerSettings(**{**small, **settings}), seed)
 
 
 class Scene(NamedTuple):

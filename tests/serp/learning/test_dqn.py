@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from serp.learning import DQN, DQNSettings
+from serp.learning import DQN
+from serp.settings import LearnerSettings
 
 F, A = 4, 3
 
@@ -23,7 +24,7 @@ TARGETS: dict[str, dict[str, Any]] = {
 
 def learner(seed: int | np.random.SeedSequence = 0, **settings: Any) -> DQN:
     small = {"hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1}
-    return DQN(F, A, DQNSettings(**{**small, **settings}), seed)
+    return DQN(F, A, LearnerSettings(**{**small, **settings}), seed)
 
 
 def live(agent: DQN, rng: np.random.Generator, steps: int) -> list[Any]:

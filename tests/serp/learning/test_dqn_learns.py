@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp.learning import DQN, DQNSettings
+from serp.learning import DQN
+from serp.settings import LearnerSettings
 
 STATES, ACTIONS, DISCOUNT = 5, 2, 0.8
 
@@ -63,7 +64,7 @@ RECIPES: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("recipe", RECIPES)
 def test_learns_the_optimal_q(recipe: str) -> None:
     given = {"hidden": (32, 32), "discount": DISCOUNT, "learning_rate": 0.003}
-    agent = DQN(STATES, ACTIONS, DQNSettings(**{**given, **RECIPES[recipe]}), seed=1)
+    agent = DQN(STATES, ACTIONS, LearnerSettings(**{**given, **RECIPES[recipe]}), seed=1)
     experience(agent, 300, np.random.default_rng(0))
     agent.pretrain(1500)
     np.testing.assert_allclose(agent.q_values(INPUTS), optimal_q(), atol=0.08)
@@ -72,7 +73,7 @@ def test_learns_the_optimal_q(recipe: str) -> None:
 
 def test_bootstraps_through_a_time_limit_only() -> None:
     for truncated, value in ((True, 1 / (1 - DISCOUNT)), (False, 1.0)):
-        agent = DQN(1, 1, DQNSettings(discount=DISCOUNT, target_period=20), seed=0)
+        agent = DQN(1, 1, LearnerSettings(discount=DISCOUNT, target_period=20), seed=0)
         x = np.ones(1, np.float32)
         for _ in range(50):
             agent.remember(x, 0, 1.0, x, not truncated, truncated)
@@ -87,7 +88,7 @@ def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
         agent = DQN(
             STATES,
             ACTIONS,
-            DQNSettings(
+            LearnerSettings(
                 discount=0.99,
                 target_period=None,
                 clip_targets=clip,
@@ -114,7 +115,7 @@ def test_learns_from_single_steps_while_it_acts() -> None:
     agent = DQN(
         STATES,
         ACTIONS,
-        DQNSettings(
+        LearnerSettings(
             hidden=(32,), discount=DISCOUNT, n_step=1, epsilon_steps=800, learning_starts=50
         ),
         seed=3,

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import LearningFailure
-from serp.learning import DQN, DQNSettings
+from serp.learning import DQN
+from serp.settings import LearnerSettings
 
 F, A = 4, 3
 
@@ -21,7 +22,7 @@ def learner(seed: int, **changes: Any) -> DQN:
         "hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1,
         "target_period": 7, "symmetry": False, "epsilon_steps": 30,
     }  # fmt: skip
-    return DQN(F, A, DQNSettings(**{**small, **changes}), seed)
+    return DQN(F, A, LearnerSettings(**{**small, **changes}), seed)
 
 
 def trained(seed: int, **changes: Any) -> tuple[DQN, np.random.Generator]:

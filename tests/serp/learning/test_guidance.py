@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError, SettingsError
-from serp.learning import DQN, DQNSettings, Guidance, GuidedLearning, ReplayBuffer
+from serp.learning import DQN, Guidance, GuidedLearning, ReplayBuffer
 from serp.learning.symmetry_group import Element, SymmetryGroup
+from serp.settings import LearnerSettings
 from tests.serp.learning.test_dqn import TARGETS, assert_same_state, set_q
 from tests.serp.learning.test_dqn_learns import INPUTS, experience, optimal_q
 
@@ -36,7 +37,7 @@ def learner(
         "hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1,
         "target_period": 7, "symmetry": symmetry is not None,
     }  # fmt: skip
-    return DQN(F, A, DQNSettings(**{**small, **changes}), seed, symmetry, guided)
+    return DQN(F, A, LearnerSettings(**{**small, **changes}), seed, symmetry, guided)
 
 
 def live(
@@ -301,7 +302,7 @@ class _Told(DQN):
 
 @pytest.mark.parametrize("name", ["residual", "residual and bootstrap", "bootstrap"])
 def test_a_wrong_guide_leaves_the_optimal_q_what_it_is(name: str) -> None:
-    recipe = DQNSettings(
+    recipe = LearnerSettings(
         hidden=(32,), learning_rate=0.003, discount=0.8, batch_size=32, target_period=50,
         n_step=1, learning_starts=1,
     )  # fmt: skip
@@ -316,7 +317,7 @@ def test_a_wrong_guide_leaves_the_optimal_q_what_it_is(name: str) -> None:
 def test_only_the_filter_saves_the_learner_from_imitating_a_bad_guide(
     filtered: bool, obeys: bool
 ) -> None:
-    recipe = DQNSettings(
+    recipe = LearnerSettings(
         hidden=(32,), learning_rate=0.003, discount=0.8, batch_size=32, target_period=50,
         n_step=1, learning_starts=1, epsilon_steps=0,
     )  # fmt: skip

@@ -2,15 +2,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from serp.learning import DQNSettings
 from serp.learning.network import Workspace
 from serp.learning.networks import Networks
+from serp.settings import LearnerSettings
 
 F, A = 4, 3
 
 
 def test_a_network_that_starts_at_zero_learns_all_the_same() -> None:
-    settings = DQNSettings(hidden=(8,))
+    settings = LearnerSettings(hidden=(8,))
     one = Networks(F, A, settings, np.random.default_rng(0), start_at_zero=True)
     work = Workspace(one.online, 3)
     x = np.random.default_rng(1).standard_normal((3, F)).astype(np.float32)

@@ -9,9 +9,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.learning import DQN, DQNSettings
+from serp.learning import DQN
 from serp.learning.replay import ReplayBuffer
 from serp.learning.symmetry_group import MOST_AVERAGED, MOST_ELEMENTS, Element, SymmetryGroup
+from serp.settings import LearnerSettings
 from tests.serp.learning.test_dqn import assert_same_state
 
 F, A = 5, 4
@@ -46,7 +47,7 @@ def learner(group: SymmetryGroup | None, **changes: Any) -> DQN:
         "hidden": (8,), "batch_size": 8, "buffer_size": 64, "learning_starts": 1, "members": 2,
         "symmetry": True, "epsilon_end": 0.5, "epsilon_steps": 10,
     }  # fmt: skip
-    return DQN(F, A, DQNSettings(**{**small, **changes}), 3, group)
+    return DQN(F, A, LearnerSettings(**{**small, **changes}), 3, group)
 
 
 def live(agent: DQN, rng: np.random.Generator, steps: int) -> list[Any]:

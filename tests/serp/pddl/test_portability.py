@@ -9,7 +9,7 @@ import pytest
 from serp.pddl.portability import outside_portable_subset, refused_by_unified_planning
 from serp.pddl.source import Source
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 SHIPPED = sorted((ROOT / "domains").glob("*.pddl"))
 
 PLAIN = """

@@ -10,7 +10,8 @@ import networkx as nx
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.forecast import SAFE
-from serp.planning.settings import Bound, PlannerSettings
+from serp.planning.limits import Bound, edge_budget, node_budget
+from serp.settings import PlannerSettings
 
 State = tuple[float, ...]
 
@@ -116,8 +117,8 @@ class Reference:
 
     def layers(self, root: State) -> tuple[int, Bound]:
         """How many layers are expanded, and what ends that."""
-        budget = self.settings.node_budget(len(self.model.actions))
-        edge_budget = self.settings.edge_budget(len(self.model.fluents))
+        budget = node_budget(self.settings.max_nodes, len(self.model.actions))
+        most_edges = edge_budget(len(self.model.fluents))
         frontier, expanded, edges = {root}, 0, 0
         for depth in range(self.settings.depth):
             if not frontier:
@@ -127,7 +128,7 @@ class Reference:
                 return depth, Bound.NODES
             found = [arc for state in frontier for arc in self.arcs(state)]
             edges += len(found)
-            if depth and edges > edge_budget:
+            if depth and edges > most_edges:
                 return depth, Bound.NODES
             frontier = {arc.state for arc in found if not arc.ended}
         return self.settings.depth, Bound.DEPTH

@@ -5,7 +5,7 @@ import pytest
 
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.planning.forecast import SAFE, Forecast
-from serp.planning.settings import Bound
+from serp.planning.limits import Bound
 
 
 def forecast(

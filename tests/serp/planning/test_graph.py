@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from serp.planning.graph import PlanningGraph
 from serp.planning.replanner import MonitorReplanner
-from serp.planning.settings import PlannerSettings
+from serp.settings import PlannerSettings
 from tests.generated.profile import examples
 from tests.serp.planning.reference import Reference, as_state
 from tests.serp.planning.test_lookahead import PLANNERS

@@ -19,9 +19,10 @@ from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning import kernels
 from serp.planning.forecast import SAFE, Forecast, all_alike
 from serp.planning.leaf_value import LeafValue
+from serp.planning.limits import Bound
 from serp.planning.lookahead import BatchForecast, Lookahead
 from serp.planning.replanner import MonitorReplanner
-from serp.planning.settings import Bound, PlannerSettings
+from serp.settings import PlannerSettings
 from tests.generated import PLANNABLE, generate, random_states
 from tests.generated.profile import examples
 from tests.serp.planning.reference import Reference, as_state
@@ -99,7 +100,7 @@ def test_they_agree_on_where_memory_ends(seed: int, settings: PlannerSettings, e
     model = world(seed)
     states = states_of(model, Random(seed), 2)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.planning.settings.MAX_NUMBERS", edges * (len(model.fluents) + 1))
+        patch.setattr("serp.planning.limits.MAX_NUMBERS", edges * (len(model.fluents) + 1))
         reference = Reference(model, settings)
         for state, forecast in zip(
             states, assert_all_forms_agree(model, settings, states), strict=True
@@ -277,7 +278,7 @@ def with_leaves(
     mode: Literal["never", "indifferent", "always"],
     leaves: Vector,
 ) -> Lookahead:
-    lookahead = Lookahead(model, replace(settings, leaf_value=mode))
+    lookahead = Lookahead(model, settings.replace(leaf_value=mode))
     lookahead.leaves = leaves
     return lookahead
 
@@ -297,7 +298,7 @@ def best_of(value: Vector, safe_steps: Vector) -> int:
 def test_every_first_action_is_worth_what_it_earns_and_where_it_ends(
     seed: int, settings: PlannerSettings, other: int
 ) -> None:
-    model, settings = world(seed), replace(settings, depth=min(settings.depth, 3))
+    model, settings = world(seed), settings.replace(depth=min(settings.depth, 3))
     value = worth(model, other)
     states = states_of(model, Random(other), 2)
     lookahead = with_leaves(model, settings, "always", value.packed)

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from serp.errors import SettingsError
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.planning.forecast import SAFE
+from serp.planning.limits import Bound
 from serp.planning.replanner import MonitorReplanner, Plan
-from serp.planning.settings import Bound, PlannerSettings
+from serp.settings import PlannerSettings
 from tests.generated.profile import examples
 from tests.serp.planning.reference import END, UNKNOWN, Reference, as_state
 from tests.serp.planning.test_lookahead import PLANNERS

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
 from random import Random
 
 import numpy as np
@@ -13,7 +12,7 @@ from hypothesis import strategies as st
 
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.model.flags import RISKY, UNSAFE, joined, risk_of, with_risk
-from serp.planning.settings import PlannerSettings
+from serp.settings import PlannerSettings
 from tests.generated.profile import examples
 from tests.serp.planning.reference import Reference, as_state
 from tests.serp.planning.test_lookahead import PLANNERS, assert_all_forms_agree
@@ -21,7 +20,7 @@ from tests.serp.planning.worlds import WORLDS, states_of, world
 from tests.serp.sysid import worlds as corrections
 
 SETTINGS = st.builds(
-    lambda settings, accepted: replace(settings, accepted_risk=accepted),
+    lambda settings, accepted: settings.replace(accepted_risk=accepted),
     PLANNERS,
     st.sampled_from((0.0, 0.02, 0.3)),
 )
@@ -42,7 +41,7 @@ def risky_world(seed: int) -> AdaptedModel:
 def test_all_forms_find_the_plan_of_plain_recursion_where_models_see_risks(
     seed: int, settings: PlannerSettings, states_seed: int
 ) -> None:
-    model, settings = risky_world(seed), replace(settings, depth=min(settings.depth, 3))
+    model, settings = risky_world(seed), settings.replace(depth=min(settings.depth, 3))
     states = states_of(model, Random(states_seed), 2)
     reference = Reference(model, settings)
     for state, forecast in zip(

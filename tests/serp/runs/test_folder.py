@@ -128,7 +128,8 @@ def test_a_run_has_a_domain_and_at_most_one_problem(tmp_path, files):
 
 _KILL_AT_EACH_FILE = """
 import os, sys
-from serp.runs import durable, folder, lock, tables
+from serp._util import durable_files
+from serp.runs import folder, lock, tables
 
 for count in range(8):
     if os.fork():
@@ -142,7 +143,7 @@ for count in range(8):
             os._exit(9)
         return opened
 
-    for module in (durable, lock, tables):
+    for module in (durable_files, lock, tables):
         module.open_regular = killed
     folder.RunFolder.create(f"{sys.argv[1]}/{count}", {}, [("d.pddl", "(define)")])
     os._exit(0)

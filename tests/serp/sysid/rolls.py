@@ -15,7 +15,7 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import Source
 from serp.planning.lookahead import Lookahead
-from serp.planning.settings import PlannerSettings
+from serp.settings import PlannerSettings
 from serp.sysid.transitions import CUT_OFF, GOES_ON, OVER, TransitionMemory
 
 DOMAINS = Path(__file__).parents[3] / "domains"

@@ -14,9 +14,9 @@ from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.outcome_counts import _new_table
 from serp.adaptation.parameter_buffer import FILE, LINEAR, OWN, WAVY, GroupMemory
-from serp.adaptation.settings import AdaptationSettings
 from serp.model.loading import load_domain
 from serp.model.transition_model import TransitionModel, Vector
+from serp.settings import AdaptationSettings
 from tests.generated import PLANNABLE, generate
 from tests.serp.sysid.rolls import DOMAINS, from_text
 

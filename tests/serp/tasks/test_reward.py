@@ -65,7 +65,7 @@ def test_rewards_that_the_file_does_not_give_cannot_be_learned_from(tmp_path: Pa
         settings = resolve("default", task.settings, {"training": {"reward": learned}})
         with pytest.raises(SettingsError, match=f"reward is {learned}, but the domain of task"):
             Trainer(task.bind(), settings, 0)
-    with pytest.raises(SettingsError, match="task, domain, environment or sum, not 'both'"):
+    with pytest.raises(SettingsError, match="'environment' or 'sum', not 'both'"):
         resolve("default", task.settings, {"training": {"reward": "both"}})
 
 

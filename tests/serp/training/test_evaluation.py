@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from serp.control.arbiter import Actor
-from serp.control.strategies.settings import STRATEGIES
+from serp.control.strategies.making import STRATEGIES
 from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.settings import resolve
 from serp.tasks.registry import load_task
@@ -158,7 +158,14 @@ def test_few_episodes_are_said_to_be_few() -> None:
 def with_rho(folder: Path, rho: float, preset: str = "default") -> Agent:
     task = corridor(folder)
     settings = resolve(preset, task.settings).replace(
-        {"arbiter": {"rho": rho, "rho_increment": 0.0, "surety": None, "indifferent": "first"}}
+        {
+            "arbiter": {
+                "rho": rho,
+                "rho_increment": 0.0,
+                "confidence_margin": None,
+                "indifferent": "first",
+            }
+        }
     )
     return Trainer(task.bind(), settings, 4).agent
 

@@ -372,7 +372,7 @@ def test_a_killed_process_leaves_a_run_that_continues(tmp_path: Path, whole: Who
     killed = subprocess.run(
         [sys.executable, "-c", KILLED.format(folder=str(tmp_path))],
         env={**os.environ, "PYTHONPATH": path},
-        cwd=Path(__file__).parents[2],
+        cwd=Path(__file__).parents[3],
         capture_output=True,
         timeout=120,
         check=False,

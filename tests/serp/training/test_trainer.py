@@ -174,7 +174,7 @@ def test_resume_equals_uninterrupted_while_the_lookahead_uses_the_learners_value
     settings = settings_of(task, "default").replace(
         {
             "planner": {"leaf_value": leaf_value, "depth": 1, "repeat": 1},
-            "arbiter": {"rho": 0.1, "rho_increment": 0.0, "surety": None},
+            "arbiter": {"rho": 0.1, "rho_increment": 0.0, "confidence_margin": None},
         }
     )
     used = []

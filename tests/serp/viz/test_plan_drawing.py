@@ -21,7 +21,7 @@ from tests.generated.profile import examples
 from tests.generated.writer import PLANNABLE
 from tests.serp.viz.test_plan_layout import CARTPOLE, FIVE, GRID, load, plan_in
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 UPRIGHT = [0.01, -0.02, -0.04, -0.05]
 LEANING = [0.01, -0.02, 0.21, 0.6]
 FALLING = [0.01, -0.02, 0.25, 1.6]

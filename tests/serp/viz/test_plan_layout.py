@@ -17,7 +17,7 @@ from tests.generated.models import Generated, models_with_states
 from tests.generated.profile import examples
 from tests.generated.writer import PLANNABLE
 
-CARTPOLE = Path(__file__).resolve().parents[2] / "domains" / "cartpole.pddl"
+CARTPOLE = Path(__file__).resolve().parents[3] / "domains" / "cartpole.pddl"
 
 FIVE = """
 (define (domain five)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 
 import pytest
 
 from serp.compare.algorithms import OWN, Algorithm, find_algorithm
 from serp.compare.trials.terms import settings_in_use, terms_of
-from serp.control.strategies.settings import STRATEGIES, GuideSettings
-from serp.settings import Settings, resolve
+from serp.control.strategies.making import STRATEGIES
+from serp.settings import GuideSettings, Settings, resolve
 from tests.serp.compare.contest import GUIDED
 
 
@@ -26,10 +25,10 @@ def test_only_what_is_read_is_told(name: str) -> None:
     json.dumps(used, allow_nan=False)
     if algorithm.kind == "guided":
         assert set(used) == {
-            "planner", "correction", "arbiter", "guide", "learner", "training",
+            "planner", "adaptation", "arbiter", "guide", "learner", "training",
         }  # fmt: skip
     assert ("arbiter" in used) == ("guide" in used) == (name in GUIDED)
-    assert ("planner" in used) == ("correction" in used) == (algorithm.kind != "alone")
+    assert ("planner" in used) == ("adaptation" in used) == (algorithm.kind != "alone")
     assert ("learner" in used) == (algorithm.kind != "planner")
     assert not {"env_steps", "checkpoint_seconds"} & set(used.get("training", {}))
 
@@ -43,7 +42,7 @@ def test_every_setting_of_the_guide_is_read_by_some_strategy() -> None:
         assert used["guide"]["strategy"] == strategy
         told |= set(used["guide"])
         assert ("rho" in used["arbiter"]) == (strategy == "mixture")
-    assert told == {field.name for field in dataclasses.fields(GuideSettings)}
+    assert told == set(GuideSettings.model_fields)
 
 
 def test_of_one_from_outside_nothing_is_known(guests: None) -> None:

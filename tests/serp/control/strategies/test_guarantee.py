@@ -11,7 +11,7 @@ import pytest
 
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.control.arbiter import Actor, Decision, Reason
-from serp.control.strategies.settings import STRATEGIES
+from serp.control.strategies.making import STRATEGIES
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel
 from serp.settings import Settings, resolve
@@ -49,7 +49,7 @@ def settings_of(strategy: str, random: Random, seed: int) -> Settings:
                 "imitation_steps": 40,
             },
             "planner": {"accepted_risk": random.choice((0.0, 0.02, 0.1))},
-            "correction": {"mode": random.choice(("off", "full", "full", "residual"))},
+            "adaptation": {"mode": random.choice(("off", "full", "full", "residual"))},
             "training": {"random_steps": random.choice((0, 20))},
         },
     )

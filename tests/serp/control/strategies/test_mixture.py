@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from serp.control.arbiter import ArbiterSettings
 from serp.control.model_confidence import ModelConfidence
-from serp.control.strategies.mixture import Mixture
+from serp.control.strategies.mixture import Mixture, mixture_of
+from serp.settings import ArbiterSettings
 from tests.serp.control.strategies.scene import Known, learner_acts, situation
 
 
@@ -91,7 +91,7 @@ def test_a_model_that_grows_or_has_proven_right_keeps_the_planners_turn(
 
 
 def test_only_a_model_that_has_proven_right_is_imitated() -> None:
-    strategy = ArbiterSettings(imitation=1.0).mixture(seed=0)
+    strategy = mixture_of(ArbiterSettings(imitation_weight=1.0), seed=0)
     seen = situation([1.0, 0.0])
     for trust in ModelConfidence:
         strategy.propose(seen._replace(trust=trust), Known([0.0, 1.0]))
@@ -104,9 +104,9 @@ def test_only_a_model_that_has_proven_right_is_imitated() -> None:
 def test_a_planner_without_a_reason_is_not_imitated(ask_when_indifferent: bool) -> None:
     """However reliable its model is: its choice is the first in the file, and means nothing."""
     settings = ArbiterSettings(
-        imitation=1.0, indifferent="learner" if ask_when_indifferent else "first"
+        imitation_weight=1.0, indifferent="learner" if ask_when_indifferent else "first"
     )
-    strategy = settings.mixture(seed=0)
+    strategy = mixture_of(settings, seed=0)
     for values, imitated in (([1.0, 0.0], True), ([1.0, 1.0], False), ([0.0, 1.0], True)):
         seen = situation(values)._replace(trust=ModelConfidence.RELIABLE)
         strategy.propose(seen, Known([0.0, 1.0]))

@@ -14,7 +14,7 @@ import pytest
 
 from serp.control.arbiter import Actor
 from serp.control.strategies.jump_start import JumpStart
-from serp.control.strategies.settings import STRATEGIES
+from serp.control.strategies.making import STRATEGIES
 from serp.runs.checkpoint import NEWEST, load
 from serp.settings import Settings, resolve
 from serp.tasks.task import Task

@@ -1,0 +1,22 @@
+"""Words in messages: what was probably meant, and lists of names."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return advice naming the closest known word, or listing a few of them."""
+    candidates = sorted(set(known))
+    close = difflib.get_close_matches(word, candidates, n=1, cutoff=0.6)
+    if close:
+        return f"did you mean `{close[0]}`?"
+    return f"known here: {listed(candidates)}" if candidates else ""
+
+
+def listed(names: Iterable[str], most: int = 8) -> str:
+    """Return names in quotes, and how many more there are; empty for none."""
+    known = list(names)
+    more = f" and {len(known) - most:,} more" if len(known) > most else ""
+    return ", ".join(f"`{name}`" for name in known[:most]) + more

@@ -1,0 +1,100 @@
+"""The two presets, and the settings that follow from a preset, a task and a user's changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+from serp._util.text import did_you_mean
+from serp.errors import SettingsError
+from serp.settings.settings import Changes, Settings, entries
+
+PRESETS: Final[Mapping[str, Changes]] = {
+    # Algorithm 1 and section 4 to the letter. What the paper leaves open is left plain: one step
+    # of veto, no filter, no target network.
+    "paper": {
+        "planner": {"discount": 0.9},
+        "arbiter": {
+            "rho": 0.0,
+            "rho_increment": 0.01,
+            "rho_unit": "episode",
+            "veto_horizon": "step",
+            "exploration_slack": None,
+            "after_veto": "planner",
+            "indifferent": "first",
+        },
+        "learner": {
+            "learning_rate": 1e-3,
+            "discount": 0.9,
+            "epsilon_start": 0.3,
+            "epsilon_end": 0.3,
+            "loss": "mse",
+            "double": False,
+            "n_step": 1,
+            "clip_targets": False,
+            "target_period": None,
+            "target_polyak": None,
+            "protected_share": 0.0,
+            "gradient_clip": None,
+            "mask_targets": False,
+            # D aggregates every sample: as many as 1,000 episodes of 500 steps have.
+            "buffer_size": 500_000,
+            "pretrain_updates": 500,
+        },
+        "training": {"random_steps": 500},
+    },
+    # What gives the best result today; docs/cartpole.md measures each choice.
+    "default": {
+        # Two control periods an edge see twice as far at the same cost.
+        "planner": {"depth": 5, "repeat": 2, "discount": 0.99, "leaf_value": "indifferent"},
+        # The file says what the expert knows; the rest is learned.
+        "adaptation": {"mode": "full", "min_visits": 4},
+        "arbiter": {
+            "rho": 0.3,
+            "rho_increment": 0.00014,
+            "rho_unit": "step",
+            "confidence_margin": 1.0,
+            "imitation_weight": 1.0,
+            "veto_horizon": "lookahead",
+            "max_lookahead_failures": 3,
+            "exploration_slack": float("inf"),
+            "after_veto": "learner",
+            "indifferent": "learner",
+        },
+        "learner": {
+            "symmetry": True,
+            "members": 5,
+            "layer_norm": True,
+            "discount": 0.95,
+            "target_period": None,
+            "target_polyak": 0.005,
+            "epsilon_end": 0.02,
+            "epsilon_steps": 3000,
+        },
+    },
+}
+
+
+def resolve(
+    preset: str = "default",
+    task_settings: Mapping[str, Changes] | None = None,
+    changes: Changes | None = None,
+) -> Settings:
+    """Return the settings of a preset, as changed by the task and then by the caller.
+
+    Raises:
+        SettingsError: The preset or a setting does not exist, or a value is out of range.
+    """
+    if not isinstance(preset, str) or preset not in PRESETS:
+        raise SettingsError(f"there is no preset `{preset}`; {did_you_mean(str(preset), PRESETS)}")
+    of_task = {} if task_settings is None else task_settings
+    for key, _ in entries(of_task, "the task's settings", '{"*": {"planner": {"depth": 5}}}'):
+        if key != "*" and key not in PRESETS:
+            raise SettingsError(
+                f"the task changes settings of a preset `{key}`, which does not exist; "
+                f"{did_you_mean(str(key), ['*', *PRESETS])}"
+            )
+    settings = Settings().replace(PRESETS[preset])
+    for key in ("*", preset):
+        settings = settings.replace(of_task.get(key, {}))
+    return settings.replace({} if changes is None else changes)
