@@ -80,11 +80,11 @@ def read_recorded(run: Path) -> Recorded:
     return Recorded(
         run=run,
         domain=domain,
-        files={str(k): str(v) for k, v in folder.about["domain_files"].items()},
+        files={str(k): str(v) for k, v in folder.metadata["domain_files"].items()},
         model=model,
         experience=experience,
         monitor=monitor,
         env_steps=whole.whole("env_steps"),
-        learned_from=str(folder.about["config"].get("learned_from", "")),
+        learned_from=str(folder.metadata["config"].get("learned_from", "")),
         notice=None if damage is None else f"{damage} What is said here is as of the one before.",
     )

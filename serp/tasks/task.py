@@ -391,7 +391,7 @@ class BoundTask:
 
 
 def _takes(function: Callable[..., Any], name: str) -> bool:
-    """Whether a function takes a keyword argument, as far as it says."""
+    """Return whether a function takes a keyword argument, as far as it says."""
     try:
         accepts = inspect.signature(function).parameters
     except ValueError:  # some callables that are written in C

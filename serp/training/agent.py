@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.choice import best_of
-from serp._util.numbers import FLOAT32_MAX
-from serp._util.saved_state import Saved
-from serp._util.state_dict_keys import nested
+from serp._util.numbers import FLOAT32_MAX, best_of
+from serp._util.saved_state import Saved, nested
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.exploration_bonus import ExplorationBonus
 from serp.control.arbiter import Arbiter, Decision, Forecaster

@@ -66,7 +66,7 @@ class Budget:
         return any(value is not None for value in asdict(self).values())
 
     def spent_by(self, counted: Counted) -> bool:
-        """Whether an end is reached."""
+        """Return whether an end is reached."""
         pairs = (
             (counted.episode, self.episodes),
             (counted.env_steps, self.env_steps),

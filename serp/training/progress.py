@@ -32,15 +32,15 @@ class ProgressStats:
     """Where a training stands.
 
     Attributes:
-        episode: episodes ended so far.
-        env_steps: steps in the environment so far.
-        units: units of the learner probability that have ended so far.
-        last_return: return of the last episode; None before the first has ended.
-        mean_return: mean return of the last 20 episodes; None before the first has ended.
-        rho: learner probability; None where there is no learner.
-        vetoes: proposals refused so far.
-        unsafe_executed: executed actions that were unsafe, so far.
-        wall_time: seconds of training so far, as in the run's metrics.
+        episode: Episodes ended so far.
+        env_steps: Steps in the environment so far.
+        units: Units of the learner probability that have ended so far.
+        last_return: Return of the last episode; None before the first has ended.
+        mean_return: Mean return of the last 20 episodes; None before the first has ended.
+        rho: Learner probability; None where there is no learner.
+        vetoes: Proposals refused so far.
+        unsafe_executed: Executed actions that were unsafe, so far.
+        wall_time: Seconds of training so far, as in the run's metrics.
     """
 
     episode: int
@@ -71,10 +71,10 @@ class Progress:
     stand in every step.
 
     Args:
-        budget: when the training ends.
-        unit: what a unit of it is.
-        start: where the run stands as this process begins (a resumed run has steps already).
-        clock: seconds, monotonic.
+        budget: When the training ends.
+        unit: What a unit of it is.
+        start: Where the run stands as this process begins (a resumed run has steps already).
+        clock: Seconds, monotonic.
     """
 
     def __init__(
@@ -93,11 +93,11 @@ class Progress:
         self._moving = False
 
     def due(self) -> bool:
-        """Whether it is time for the next picture."""
+        """Return whether it is time for the next picture."""
         return self._clock() >= self._next
 
     def update(self, stats: ProgressStats) -> None:
-        """Takes the newest numbers, and shows them if it is time to."""
+        """Take the newest numbers, and shows them if it is time to."""
         if not self._moving and stats.env_steps > self._latest.env_steps:
             # What came before the first step, compilation above all, says nothing of the speed.
             self._moving = True
@@ -108,10 +108,10 @@ class Progress:
             self._show()
 
     def note(self, text: str) -> None:
-        """Shows one line that stays, such as a warning; nothing where the display is quiet."""
+        """Show one line that stays, such as a warning; nothing where the display is quiet."""
 
     def answer(self, text: str) -> None:
-        """Shows one line in answer to a key, where somebody sits: even if the display is quiet."""
+        """Show one line in answer to a key, where somebody sits: even if the display is quiet."""
         self.note(text)
 
     def __enter__(self) -> Self:
@@ -136,7 +136,7 @@ class Progress:
             self._samples.popleft()
 
     def _speeds(self) -> dict[str, float]:
-        """What is done in a second, over the last half minute, by name; 0 where unknown.
+        """Return what is done in a second, over the last half minute, by name; 0 where unknown.
 
         Seconds of training: what is compiled or loaded on the way says nothing of the speed.
         """
@@ -149,11 +149,11 @@ class Progress:
         }
 
     def _ends(self) -> dict[str, int]:
-        """The ends of the budget that there are, by name."""
+        """Return the ends of the budget that there are, by name."""
         return {name: end for name, end in self._budget.as_dict().items() if end is not None}
 
     def _done(self) -> float | None:
-        """The share of the budget that is spent, in [0, 1]; None without a budget."""
+        """Return the share of the budget that is spent, in [0, 1]; None without a budget."""
         now = dict(_counts(self._latest))
         return max((min(1.0, now[name] / end) for name, end in self._ends().items()), default=None)
 
@@ -348,7 +348,7 @@ class _Panel(Progress):
 
 
 def is_live(stream: TextIO) -> bool:
-    """Whether a stream is a terminal that can draw a line anew."""
+    """Return whether a stream is a terminal that can draw a line anew."""
     return stream.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
 
 
@@ -361,15 +361,15 @@ def open_progress(
     quiet: bool = False,
     stream: TextIO | None = None,
 ) -> Progress:
-    """The display that suits where the output goes.
+    """Return the display that suits where the output goes.
 
     Args:
-        title: heads the live panel.
-        budget: when the training ends.
-        unit: what a unit of it is.
-        start: where a resumed run stands.
-        quiet: show nothing.
-        stream: where to show it; standard error by default (where there is one), which leaves
+        title: Heads the live panel.
+        budget: When the training ends.
+        unit: What a unit of it is.
+        start: Where a resumed run stands.
+        quiet: Show nothing.
+        stream: Where to show it; standard error by default (where there is one), which leaves
             standard output to results.
 
     Returns:

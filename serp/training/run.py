@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.numbers import seed_of, whole
-from serp._util.progress_bar import bar
 from serp._util.saved_state import Saved
+from serp._util.terminal import bar
 from serp._util.threads import one_thread
 from serp.control.arbiter import Decision
 from serp.errors import Interrupted, RunError, SettingsError, TaskError

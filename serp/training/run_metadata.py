@@ -7,8 +7,8 @@ import json
 import os
 from typing import Literal, NamedTuple
 
+from serp._util.files import read_regular
 from serp._util.numbers import COUNTED, real, seed_of, whole
-from serp._util.regular_files import read_regular
 from serp._util.saved_state import Saved
 from serp.errors import RunError, SettingsError
 from serp.model.loading import problem_beside

@@ -21,7 +21,7 @@ def find_ffmpeg() -> str:
     """Return the ffmpeg that imageio-ffmpeg brings along; it runs as a process of its own.
 
     Raises:
-        MissingExtra: imageio-ffmpeg is not installed.
+        MissingExtra: Imageio-ffmpeg is not installed.
         RunError: It brings none for this machine.
     """
     try:
@@ -45,8 +45,8 @@ def write_mp4(path: Path, frames: Iterable[Frame]) -> int:
         frames: At least one, of even width and height.
 
     Raises:
-        MissingExtra: imageio-ffmpeg is not installed.
-        RunError: ffmpeg failed.
+        MissingExtra: Imageio-ffmpeg is not installed.
+        RunError: Ffmpeg failed.
     """
     ffmpeg = find_ffmpeg()
     rest = iter(frames)

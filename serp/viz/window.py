@@ -30,7 +30,7 @@ def require_display() -> None:
     """Make sure that a window can be opened, as far as the environment variables say.
 
     Raises:
-        MissingExtra: pygame is not installed.
+        MissingExtra: Pygame is not installed.
         NoDisplay: There is no screen.
     """
     _pygame()
@@ -60,7 +60,7 @@ class Window:
         title: Its title.
 
     Raises:
-        MissingExtra: pygame is not installed.
+        MissingExtra: Pygame is not installed.
         NoDisplay: There is no screen.
     """
 

@@ -128,8 +128,8 @@ def test_a_run_has_a_domain_and_at_most_one_problem(tmp_path, files):
 
 _KILL_AT_EACH_FILE = """
 import os, sys
-from serp._util import durable_files
-from serp.runs import folder, lock, tables
+from serp._util import files
+from serp.runs import folder, tables
 
 for count in range(8):
     if os.fork():
@@ -143,7 +143,7 @@ for count in range(8):
             os._exit(9)
         return opened
 
-    for module in (durable_files, lock, tables):
+    for module in (files, tables):
         module.open_regular = killed
     folder.RunFolder.create(f"{sys.argv[1]}/{count}", {}, [("d.pddl", "(define)")])
     os._exit(0)
@@ -155,11 +155,12 @@ def test_a_run_killed_before_it_began_is_begun_anew(tmp_path):
     """Wherever the process ended: a file has been opened, and none of the later ones is there."""
     subprocess.run([sys.executable, "-c", _KILL_AT_EACH_FILE, str(tmp_path)], check=True)
     states = [sorted(os.listdir(tmp_path / str(count))) for count in range(8)]
-    assert states[0] == [".lock"]
-    assert states[1] == [".lock", "domain.pddl.aside"]
-    assert "config.json" not in states[4]
-    assert "config.json" in states[5]  # the tables are opened again, to be written
-    for path in map(tmp_path.joinpath, map(str, range(5))):
+    assert states[0] == [".lock", "domain.pddl.aside"]
+    assert "config.json" not in states[5]
+    assert "config.json" in states[6]  # the tables are opened again, to be written
+    (tmp_path / "locked").mkdir()
+    (tmp_path / "locked" / ".lock").touch()
+    for path in (tmp_path / "locked", *map(tmp_path.joinpath, map(str, range(6)))):
         with pytest.raises(RunError, match=rf"before it began.*--out {path}"):
             RunFolder.open(path)
         create(path).close()

@@ -59,7 +59,7 @@ CHANGES: dict[str, dict[str, dict[str, Any]]] = {
 def without_pictures() -> Iterator[None]:
     """Drawing takes longer than all the training here; one test does draw."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.runs.plots.render", lambda figure, kind: b"")
+        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
         yield
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageColor
 
-from serp._util import colours
+from serp._util import figures
 from serp.errors import EnvironmentFailure, MissingExtra, RunError, SerpError
 from serp.training.run import Run, load_run
 from serp.viz.film import FilmSettings, Frame, film
@@ -23,7 +23,7 @@ from serp.viz.watch import write_film
 from tests.serp.sample_tasks import CableCut
 from tests.serp.viz.scene import Drawn, bound, drawn
 
-RED = np.array(ImageColor.getrgb(colours.REFUSED))
+RED = np.array(ImageColor.getrgb(figures.REFUSED))
 SETTINGS = FilmSettings(episodes=2)
 
 

@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 from PIL import ImageColor
 
-from serp._util import colours
+from serp._util import figures
 from serp.errors import SettingsError
 from serp.training.agent import Agent
 from serp.training.evaluation import Step, evaluate, play
 from serp.viz.film import END, HOLD, EpisodeResult, FilmSettings, Frame, film, marks_of
 from tests.serp.viz.scene import DT, Drawn, Ticking, Timed, bound, reckless_agent, several
 
-RED = ImageColor.getrgb(colours.REFUSED)
+RED = ImageColor.getrgb(figures.REFUSED)
 
 
 @pytest.fixture
