@@ -13,7 +13,7 @@ from serp.model.transition_model import TransitionModel
 from serp.runs.folder import RunFolder
 from serp.sysid.monitor import Monitor
 from serp.sysid.transitions import TransitionMemory
-from serp.training.run_metadata import made_with, refuse_changes
+from serp.training.run_metadata import read_run_metadata, refuse_changes
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def read_recorded(run: Path) -> Recorded:
         DomainError: Its copy of the domain is damaged.
     """
     folder = RunFolder.open(run)
-    made = made_with(folder)
+    made = read_run_metadata(folder)
     checkpoint = folder.load_checkpoint()
     refuse_changes(folder, checkpoint, domain_alone=True)
     domain = load_domain(

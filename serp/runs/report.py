@@ -12,7 +12,7 @@ from typing import Any, Final
 from serp._util.markdown import code, plain, table
 from serp._util.numbers import percent
 from serp.runs.summary import spans
-from serp.tasks.reward import said_of
+from serp.tasks.reward import describe_source
 
 _EXECUTED: Final = {
     "planner": "actions of the planner executed",
@@ -71,7 +71,7 @@ def _lead(summary: Mapping[str, Any]) -> str:
 
 def _learned_from(summary: Mapping[str, Any]) -> Iterable[str]:
     if "learned_from" in summary:
-        source = said_of(summary["learned_from"], in_file=bool(summary["file_rewards"]))
+        source = describe_source(summary["learned_from"], in_file=bool(summary["file_rewards"]))
         yield f"The learner learns from {source}."
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from serp._util.numbers import real
 from serp.errors import EnvironmentFailure, TaskError
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
 from serp.training.run import Run
 
 ONE: Final = "rgb_array"

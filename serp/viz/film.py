@@ -15,7 +15,7 @@ from serp.control.decision_counts import DecisionCounts
 from serp.errors import SettingsError
 from serp.model.explanation import why_unsafe
 from serp.model.flags import RISKY, UNSAFE
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
 from serp.training.evaluation import Episode, Step, outcome_of, play
 from serp.training.policies import Policy

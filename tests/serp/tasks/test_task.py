@@ -17,7 +17,8 @@ from gymnasium import spaces
 from serp.errors import EnvironmentFailure, SerpError, TaskError
 from serp.model.loading import load_domain
 from serp.pddl.source import DomainError
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import Task
 from tests.serp.sample_tasks import CORRIDOR, CableCut, Corridor, corridor, corridor_file
 
 

@@ -18,8 +18,9 @@ import serp
 from serp.errors import TaskError
 from serp.settings import Settings, resolve
 from serp.tasks.registry import load_task
+from serp.tasks.symmetry import Symmetry
 from serp.tasks.task import Task
-from serp.tasks.task_symmetry import Symmetry, declared_symmetries, symmetry_group
+from serp.tasks.task_symmetry import declared_symmetries, symmetry_group
 from serp.training.agent import Agent
 from serp.training.evaluation import play
 from serp.training.trainer import Trainer

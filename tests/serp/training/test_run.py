@@ -41,7 +41,7 @@ from serp.runs.rows import MetricsRow
 from serp.runs.tensorboard import EventWriter
 from serp.tasks.task import Task
 from serp.training.run import Run, load_run, plan_and_learn
-from serp.training.run_metadata import made_with
+from serp.training.run_metadata import read_run_metadata
 from tests.serp.sample_tasks import CableCut, Corridor, corridor, corridor_file
 
 EPISODES = 12
@@ -485,7 +485,7 @@ def test_a_run_of_a_domain_beyond_the_usual_limit_goes_on_within_its_own(tmp_pat
     domain = load_domain(corridor_file(tmp_path), max_ground_schemas=9)
     train(corridor(tmp_path, domain=domain), tmp_path / "run", episodes=2)
     resume(corridor(tmp_path), tmp_path / "run", episodes=3)
-    assert made_with(RunFolder.open(tmp_path / "run")).max_ground_schemas == 9
+    assert read_run_metadata(RunFolder.open(tmp_path / "run")).max_ground_schemas == 9
     assert read_recorded(tmp_path / "run").domain.max_ground_schemas == 9
 
 
