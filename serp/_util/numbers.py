@@ -78,6 +78,16 @@ def percent(share: float, digits: int = 3) -> str:
     return f"{value:,.0f} %" if value >= 10 ** (digits - 1) else f"{value:.{digits}g} %"
 
 
+def duration(seconds: float) -> str:
+    """Return a time for people to read: ``8.2 s``, ``3 min 05 s``, ``2 h 07 min``."""
+    if seconds < 59.95:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02} s"
+    return f"{minutes // 60} h {minutes % 60:02} min"
+
+
 def best_of(values: NDArray[np.floating[Any]], among: NDArray[np.bool_] | None = None) -> int:
     """Return the allowed action of the largest value, whatever the values are.
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from serp._util.markdown import code, plain, table
-from serp._util.numbers import percent
+from serp._util.numbers import duration, percent
 from serp.runs.summary import spans
 from serp.tasks.reward import describe_source
 
@@ -143,16 +143,6 @@ def _origin(metadata: Mapping[str, Any]) -> str:
     if not command:
         return origin
     return f"{code(shlex.join(map(str, command)))}\n\n{origin}"
-
-
-def duration(seconds: float) -> str:
-    """Return a time for people to read: ``8.2 s``, ``3 min 05 s``, ``2 h 07 min``."""
-    if seconds < 59.95:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {rest:02} s"
-    return f"{minutes // 60} h {minutes % 60:02} min"
 
 
 def _number(value: float | None) -> str:

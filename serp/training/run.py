@@ -40,7 +40,8 @@ from serp.training.budget import Budget
 from serp.training.compile_progress import show_compiling
 from serp.training.evaluation import EPISODES, EvaluationResult, evaluate
 from serp.training.policies import Policy
-from serp.training.progress import ProgressStats, open_progress
+from serp.training.progress import ProgressStats
+from serp.training.progress_display import open_progress
 from serp.training.run_metadata import content_digests, read_run_metadata, refuse_changes
 from serp.training.stopping import stop_between_episodes
 from serp.training.trainer import Trainer, Transition

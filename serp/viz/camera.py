@@ -64,7 +64,7 @@ class Camera:
         except DependencyNotInstalled as error:
             raise EnvironmentFailure(
                 f"task {name}: the environment cannot draw: {error} (what serp's own environments "
-                "need comes with pip install 'serp[render]')"
+                "need comes with pip install 'serp[watch]')"
             ) from error
         except (Exception, SystemExit) as error:
             raise EnvironmentFailure(

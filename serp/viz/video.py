@@ -27,7 +27,7 @@ def find_ffmpeg() -> str:
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
     except ImportError:
-        raise MissingExtra("writing MP4", "video") from None
+        raise MissingExtra("writing MP4", "watch") from None
     try:
         return str(get_ffmpeg_exe())
     except RuntimeError as error:

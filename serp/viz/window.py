@@ -47,7 +47,7 @@ def _pygame() -> Any:
     try:
         import pygame
     except ImportError:
-        error = MissingExtra("a window", "render")
+        error = MissingExtra("a window", "watch")
         error.add_note(f"Or {_ADVICE}")
         raise error from None
     return pygame

@@ -18,7 +18,7 @@ from serp.cli.failures import say
 from serp.cli.output import print_table
 from serp.cli.root import serp
 from serp.compare.progress import Display, RemainingTime
-from serp.training.progress import open_progress
+from serp.training.progress_display import open_progress
 from tests.serp.training.test_progress import Terminal
 
 HOSTILE = "a\x1b]0;owned\x07b\x9b2Jc\u202ed\u2066e\r\x7f\u2028\U000e0041[red]f[/red]"

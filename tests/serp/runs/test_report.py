@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 from markdown_it import MarkdownIt
 
-from serp.runs.report import duration, report
+from serp._util.numbers import duration
+from serp.runs.report import report
 from serp.runs.summary import summarize
 
 ABOUT = {

@@ -11,7 +11,8 @@ import time
 import pytest
 
 from serp.training.budget import Budget
-from serp.training.progress import Progress, ProgressStats, open_progress
+from serp.training.progress import Progress, ProgressStats
+from serp.training.progress_display import open_progress
 
 TEN = ProgressStats(10, 1000, 23.0, 21.4, 0.12, 3, 0)
 
@@ -235,7 +236,8 @@ def test_looking_whether_it_is_time_costs_little(options):
 def test_rich_is_not_imported_for_plain_lines():
     code = (
         "import sys\n"
-        "from serp.training.progress import *\n"
+        "from serp.training.progress import ProgressStats\n"
+        "from serp.training.progress_display import open_progress\n"
         "with open_progress() as p: p.update(ProgressStats(1, 2))\n"
         "assert 'rich' not in sys.modules\n"
     )

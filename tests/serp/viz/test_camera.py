@@ -76,7 +76,7 @@ def test_an_environment_that_fails_to_draw_is_named(tmp_path: Path) -> None:
 
     with pytest.raises(EnvironmentFailure, match="task corridor: render failed: .*no light"):
         Camera(bound(tmp_path, Broken)).take()
-    with pytest.raises(EnvironmentFailure, match="pygame is missing .*'serp\\[render\\]'"):
+    with pytest.raises(EnvironmentFailure, match="pygame is missing .*'serp\\[watch\\]'"):
         Camera(bound(tmp_path, Without)).take()
 
 

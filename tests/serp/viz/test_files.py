@@ -104,7 +104,7 @@ def test_without_ffmpeg_the_extra_is_named(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(MissingExtra, match="pip install 'serp\\[video\\]'"):
+    with pytest.raises(MissingExtra, match="pip install 'serp\\[watch\\]'"):
         find_ffmpeg()
     with pytest.raises(MissingExtra):
         write_film(run, tmp_path / "x.mp4", SETTINGS)
