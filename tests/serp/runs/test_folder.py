@@ -79,19 +79,12 @@ def test_configuration_is_the_same_after_opening(tmp_path):
     assert opened.problem_file is None
 
 
-def test_an_existing_run_is_left_alone(tmp_path):
-    create(tmp_path / "x").close()
-    before = snapshot(tmp_path / "x")
+def test_a_run_is_begun_in_an_empty_folder_and_once_only(tmp_path):
+    create(tmp_path).close()
+    before = snapshot(tmp_path)
     with pytest.raises(RunError, match=r"holds a run already.*--resume.*--out"):
-        create(tmp_path / "x")
-    assert snapshot(tmp_path / "x") == before
-
-
-def test_a_folder_with_other_things_is_left_alone(tmp_path):
-    (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(RunError, match=r"is not empty.*--out"):
         create(tmp_path)
-    assert os.listdir(tmp_path) == ["thesis.tex"]
+    assert snapshot(tmp_path) == before
 
 
 def test_a_file_in_the_place_of_the_folder_is_left_alone(tmp_path):
@@ -101,11 +94,6 @@ def test_a_file_in_the_place_of_the_folder_is_left_alone(tmp_path):
     with pytest.raises(RunError, match=r"cannot write .*Not a directory"):
         create(tmp_path / "x" / "y")
     assert (tmp_path / "x").read_text() == "text"
-
-
-def test_an_empty_folder_may_be_used(tmp_path):
-    create(tmp_path).close()
-    assert RunFolder.open(tmp_path).config["seed"] == 3
 
 
 def test_a_domain_file_that_cannot_be_read_leaves_nothing_behind(tmp_path):
@@ -118,12 +106,6 @@ def test_a_configuration_that_strict_readers_refuse_is_never_written(tmp_path):
     with pytest.raises(ValueError, match="not JSON compliant"):
         RunFolder.create(tmp_path / "x", {"settings": {"r_min": -math.inf}}, [DOMAIN])
     assert os.listdir(tmp_path) == []
-
-
-@pytest.mark.parametrize("files", [[], [DOMAIN] * 3])
-def test_a_run_has_a_domain_and_at_most_one_problem(tmp_path, files):
-    with pytest.raises(ValueError, match="a domain file and at most one problem"):
-        RunFolder.create(tmp_path / "x", CONFIG, files)
 
 
 _KILL_AT_EACH_FILE = """
@@ -252,11 +234,6 @@ def test_what_is_no_run_is_refused(tmp_path, content, message):
     assert set(os.listdir(tmp_path)) <= {"config.json"}
 
 
-def test_a_folder_that_is_not_there_is_refused(tmp_path):
-    with pytest.raises(RunError, match="no such folder"):
-        RunFolder.open(tmp_path / "gone")
-
-
 def test_resumed_tables_equal_uninterrupted_ones(tmp_path):
     def episodes(run, numbers):
         for episode in numbers:
@@ -302,6 +279,17 @@ def test_resume_from_the_previous_checkpoint_keeps_it_at_the_next_save(tmp_path)
     assert (kept.path.name, kept.meta["episode"]) == (PREVIOUS, 1)
 
 
+def test_what_is_not_there_cannot_be_opened_or_resumed(tmp_path):
+    with pytest.raises(RunError, match="no such folder"):
+        RunFolder.open(tmp_path / "gone")
+    create(tmp_path / "x").close()
+    with (
+        RunFolder.open(tmp_path / "x", writing=True) as run,
+        pytest.raises(RunError, match="there is no checkpoint"),
+    ):
+        run.resume()
+
+
 def test_a_table_shorter_than_the_checkpoint_says_is_refused(tmp_path):
     with create(tmp_path / "x") as run:
         run.metrics.append(metrics_row(0))
@@ -310,15 +298,6 @@ def test_a_table_shorter_than_the_checkpoint_says_is_refused(tmp_path):
     with (
         RunFolder.open(tmp_path / "x", writing=True) as run,
         pytest.raises(RunError, match=r"metrics\.csv .* cut or changed since"),
-    ):
-        run.resume()
-
-
-def test_a_run_without_a_checkpoint_cannot_be_resumed(tmp_path):
-    create(tmp_path / "x").close()
-    with (
-        RunFolder.open(tmp_path / "x", writing=True) as run,
-        pytest.raises(RunError, match="there is no checkpoint"),
     ):
         run.resume()
 

@@ -36,16 +36,6 @@ def test_the_report_says_what_the_summary_says(make_metrics):
     assert text.endswith("|\n") and "nan" not in text and "None" not in text
 
 
-def test_every_table_has_as_many_cells_in_each_row(make_metrics):
-    summary = summarize(make_metrics(30), {}, {"a": 1})
-    text = report(ABOUT, summary)
-    for block in text.split("\n\n"):
-        if block.startswith("|"):
-            rows = block.strip().splitlines()
-            assert len(rows) >= 3
-            assert {row.replace(r"\|", "").count("|") for row in rows} == {3}
-
-
 def test_a_run_that_has_just_begun_has_a_report(make_metrics):
     text = report({**ABOUT, "command": []}, summarize(make_metrics(0)))
     assert "No episode has ended yet." in text and "There were none." in text

@@ -337,9 +337,3 @@ def test_a_run_in_use_is_not_asked_for_its_symmetries(
     assert run.evaluate(episodes=2).lengths
     with run.environment() as task:
         assert [step for episode in play(run.agent, task, episodes=1) for step in episode.steps]
-
-
-def test_it_is_part_of_the_public_interface() -> None:
-    assert serp.Symmetry is Symmetry
-    assert "room" not in str(BOTH_SIDES)
-    assert str(BOTH_SIDES) == "left <-> right, west <-> east, -x"

@@ -150,11 +150,6 @@ def test_the_first_of_the_best_promises_most(tmp_path: Path) -> None:
         assert not branch.chosen or branch.total == pytest.approx(plan.reward)
 
 
-def test_long_names_are_cut() -> None:
-    assert short("a" * 26) == "a" * 26
-    assert short("a" * 27) == "a" * 25 + "…"
-
-
 @examples(60)
 @given(models_with_states(PLANNABLE, count=1))
 def test_any_graph_can_be_laid_out(drawn: tuple[Generated, Any]) -> None:
