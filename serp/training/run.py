@@ -83,7 +83,7 @@ def plan_and_learn(
         Interrupted: Ctrl-C, SIGTERM or SIGHUP; what was done is saved and can be resumed.
     """
     begun = datetime.datetime.now()
-    budget = Budget(episodes, env_steps)
+    budget = Budget(episodes=episodes, env_steps=env_steps)
     seed = seed_of(seed)
     if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
         raise SettingsError(f"out must be the name of a folder, not {out!r}")

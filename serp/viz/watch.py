@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -90,8 +89,7 @@ def show_film(
     """
     with Window(title) as window:
         width, height = window.limits
-        within = dataclasses.replace(
-            settings,
+        within = settings.replace(
             width=min(settings.width or width, width),
             height=min(settings.height or height, height),
         )

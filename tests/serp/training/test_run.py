@@ -557,10 +557,9 @@ def test_a_task_that_does_not_fit_leaves_no_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"episodes": 0}, "at least 1"),
-        ({"episodes": "3"}, "episodes must be a whole number, at least 1, not '3'"),
-        ({"env_steps": -5}, "at least 1"),
-        ({"env_steps": 1.5}, "env_steps must be a whole number, at least 1, not 1.5"),
+        ({"episodes": 0}, "budget.episodes must be greater than or equal to 1, not 0"),
+        ({"episodes": "3"}, "budget.episodes must be a whole number, not '3'"),
+        ({"env_steps": 1.5}, "budget.env_steps must be a whole number, not 1.5"),
         ({"episodes": True}, "episodes must be"),
         ({"seed": -1}, "seed must be a whole number, 0 or more, not -1"),
         ({"seed": 1.5}, "seed must be a whole number, 0 or more, not 1.5"),
