@@ -15,11 +15,11 @@ import datetime
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
+from serp._util.closing import Closing
 from serp._util.files import aside_of, cannot_write, require_regular, sync_folder, write_durably
 from serp._util.json_files import finite, json_text, read_json
 from serp._util.saved_state import Saved
@@ -43,7 +43,7 @@ _TRACES = (*_BEGUN_WITH, *(aside_of(Path(name)).name for name in (*_BEGUN_WITH, 
 _POSITIONS = "tables"  # the key of a checkpoint's JSON under which the table positions stand
 
 
-class RunFolder:
+class RunFolder(Closing):
     """A run on the disk. Made by `create` or `open`; also a context manager that closes it.
 
     Attributes:
@@ -69,7 +69,7 @@ class RunFolder:
         cls,
         path: Path | str,
         config: Mapping[str, Any],
-        domain_files: Sequence[Path | tuple[str, str]],
+        domain_files: Sequence[tuple[str, str]],
         *,
         command: Sequence[str] = (),
         now: datetime.datetime | None = None,
@@ -80,20 +80,17 @@ class RunFolder:
             path: The folder; its parents are made.
             config: The resolved configuration, JSON values (paths, enums and NumPy scalars too);
                 its ``seed`` is repeated at the top of ``config.json``.
-            domain_files: The domain, and the problem where there is one: a file to copy, or its
-                name and text. They become ``domain.pddl`` and ``problem.pddl``.
+            domain_files: Name and text of the domain, and of the problem where there is one.
+                They become ``domain.pddl`` and ``problem.pddl``.
             command: What the user typed.
             now: The time noted as the beginning.
 
         Raises:
-            RunError: The folder holds something, is a file, is locked, or cannot be written; a
-                file to copy cannot be read. What this call made is removed again.
+            RunError: The folder holds something, is a file, is locked, or cannot be written. What
+                this call made is removed again.
         """
         path = Path(path)
-        if not 1 <= len(domain_files) <= len(COPIES):
-            raise ValueError("a run needs a domain file and at most one problem file")
-        sources = [_source(file) for file in domain_files]
-        copies = {copy: name for copy, (name, _) in zip(COPIES, sources, strict=False)}
+        copies = {copy: name for copy, (name, _) in zip(COPIES, domain_files, strict=False)}
         text = config_text(config, copies, command, now or datetime.datetime.now())
         made = make_empty(path, _TRACES)
         lock = None
@@ -103,8 +100,8 @@ class RunFolder:
             if os.path.lexists(path / CONFIG):
                 raise occupied(path)
             remove_traces(path, _TRACES)
-            for copy, (_, content) in zip(COPIES, sources, strict=False):
-                write_durably(path / copy, content)
+            for copy, (_, content) in zip(COPIES, domain_files, strict=False):
+                write_durably(path / copy, content.encode())
             for name, columns in _TABLES.items():
                 Table(path / name, columns).close()
             write_durably(path / CONFIG, text)  # last: it is what makes the folder a run
@@ -295,22 +292,6 @@ class RunFolder:
                 self._lock = None
             self._tables = {}
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if error is None:
-            self.close()
-            return
-        # What went wrong first is what the user has to read, not that the last rows failed too.
-        with contextlib.suppress(RunError):
-            self.close()
-
     def _close_tables(self) -> None:
         with contextlib.ExitStack() as stack:
             for table in reversed(self._tables.values()):
@@ -327,14 +308,3 @@ class RunFolder:
 
     def _read_only(self) -> RunError:
         return RunError(f"the run {self.path} is not open for writing.")
-
-
-def _source(file: Path | tuple[str, str]) -> tuple[str, bytes]:
-    """Return name and content of a file to copy."""
-    if isinstance(file, tuple):
-        name, text = file
-        return name, text.encode()
-    try:
-        return str(file), file.read_bytes()
-    except OSError as error:
-        raise RunError(f"cannot read {file}: {error.strerror or error}.") from error

@@ -88,7 +88,7 @@ class _Counted(NamedTuple):
     unsafe: bool
 
 
-def read_tally(path: Path | str) -> DecisionCounts:
+def count_decisions(path: Path | str) -> DecisionCounts:
     """Count the decisions of ``decisions.csv``.
 
     Raises:

@@ -10,7 +10,7 @@ from serp._util.extras import needs_extra
 from serp._util.json_files import finite
 from serp.errors import MissingExtra, Notice
 from serp.runs.folder import DECISIONS, METRICS, RunFolder
-from serp.runs.reading import read_metrics, read_tally
+from serp.runs.reading import count_decisions, read_metrics
 from serp.runs.report import report
 from serp.runs.summary import Metrics, summarize
 
@@ -29,7 +29,7 @@ def write_results(run: RunFolder, compile_seconds: float = 0.0) -> None:
     """
     run.flush()
     metrics = read_metrics(run.path / METRICS)
-    vetoes = read_tally(run.path / DECISIONS).vetoes_by_reason()
+    vetoes = count_decisions(run.path / DECISIONS).vetoes_by_reason()
     summary: dict[str, Any] = finite(summarize(metrics, run.config, vetoes, compile_seconds))
     run.write_summary(summary)
     try:

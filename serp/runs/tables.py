@@ -13,11 +13,12 @@ import zlib
 from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 from pathlib import Path
-from types import NoneType, TracebackType
-from typing import Any, Final, NamedTuple, Self
+from types import NoneType
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from serp._util.closing import Closing
 from serp._util.files import cannot_write, open_regular, write_all
 from serp.errors import RunError
 from serp.runs.rows import LONGEST
@@ -38,7 +39,7 @@ class Position(NamedTuple):
     checksum: int
 
 
-class Table:
+class Table(Closing):
     """Writes one CSV file with fixed columns.
 
     Opening a file that is there checks its header and drops a last line that was cut.
@@ -168,17 +169,6 @@ class Table:
             self.flush()
         finally:
             self._close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _close(self) -> None:
         self._open = False

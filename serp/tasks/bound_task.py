@@ -8,14 +8,14 @@ import json
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from types import TracebackType
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from serp._util.closing import Closing
 from serp._util.numbers import real
 from serp.errors import EnvironmentFailure, RunError, TaskError
 from serp.model.transition_model import StateError, TransitionModel, Vector
@@ -43,7 +43,7 @@ class Call(NamedTuple):
     since: float
 
 
-class BoundTask:
+class BoundTask(Closing):
     """A task with an environment made, its domain loaded and its actions resolved.
 
     Attributes:
@@ -251,22 +251,6 @@ class BoundTask:
         """
         with self._blamed("closing the environment"):
             self.env.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if error is None:
-            self.close()
-            return
-        # What went wrong first is what the user has to read.
-        with contextlib.suppress(EnvironmentFailure):
-            self.close()
 
     # What outlives a reset ---------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from serp.errors import RunError
-from serp.runs.reading import read_metrics, read_tally
+from serp.runs.reading import count_decisions, read_metrics
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow
 from serp.runs.tables import Table
 
@@ -119,4 +119,4 @@ def test_a_decision_that_was_changed_by_hand_is_named(tmp_path):
     with Table(tmp_path / "d", DECISIONS_COLUMNS) as table:
         table.append(tuple(row.values()))
     with pytest.raises(RunError, match=r"d:2: vetoed is 'no'; it has to be 0 or 1"):
-        read_tally(tmp_path / "d")
+        count_decisions(tmp_path / "d")

@@ -220,20 +220,6 @@ def test_shipped_tasks_are_symmetric(name: str) -> None:
     assert len(group) == 2
 
 
-def test_resume_equals_uninterrupted(hall: Callable[..., Task]) -> None:
-    whole, first = train(hall(), settings(), 16), train(hall(), settings(), 8)
-    with hall().bind() as bound:
-        second = Trainer(bound, settings(), seed=4)
-        second.load_state_dict(*first.state_dict())
-        for _ in range(8):
-            second.run_episode()
-        x = np.linspace(-1, 1, second.agent.learner.input_size)
-        assert second.env_steps == whole.env_steps
-        np.testing.assert_array_equal(
-            second.agent.learner.q_values(x), whole.agent.learner.q_values(x)
-        )
-
-
 # --- what is wrong -------------------------------------------------------------------------------
 
 
