@@ -66,8 +66,8 @@ if TYPE_CHECKING:
     from serp.settings import PlannerSettings as PlannerSettings
     from serp.settings import Settings as Settings
     from serp.settings import TrainingSettings as TrainingSettings
+    from serp.tasks.symmetry import Symmetry as Symmetry
     from serp.tasks.task import Task as Task
-    from serp.tasks.task_symmetry import Symmetry as Symmetry
     from serp.training.run import Run as Run
     from serp.training.run import load_run as load_run
     from serp.training.run import plan_and_learn as plan_and_learn

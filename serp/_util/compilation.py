@@ -19,7 +19,7 @@ from numba import njit
 from numba.core.ccallback import CFunc
 from numba.core.sigutils import normalize_signature
 
-from serp._util.kept_code import KeptCode
+from serp._util.code_cache import CodeCache
 
 _Decorator = Callable[[Callable[..., Any]], Any]
 
@@ -30,7 +30,7 @@ _stamps: dict[Callable[..., Any], str] = {}
 def cached_njit(**options: Any) -> _Decorator:
     """Return a decorator that compiles a loop.
 
-    The machine code is kept on disk, see `serp._util.kept_code`; where it cannot be, it is
+    The machine code is kept on disk, see `serp._util.code_cache`; where it cannot be, it is
     compiled again in every process.
 
     Args:
@@ -65,7 +65,7 @@ def _kept(compiled: Any, function: Callable[..., Any], options: Mapping[str, Any
     """Give a loop its cache; it needs none where numba was told not to compile."""
     stamp = _stamps[function] = _stamp_of(function, options)
     if hasattr(compiled, "_cache") and function.__closure__ is None:
-        compiled._cache = KeptCode(function, stamp)
+        compiled._cache = CodeCache(function, stamp)
     return compiled
 
 

@@ -1,16 +1,31 @@
-"""How all diagrams look, and the bytes of their files: the same for the same data."""
+"""The style of all diagrams, and the bytes of their files: the same for the same data.
+
+The colours of those who act are the same in curves and in films. They are Okabe and Ito's palette,
+which colour-blind readers can tell apart.
+"""
 
 from __future__ import annotations
 
 import io
-from typing import Any, Final, Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final, Literal
 
-import matplotlib.style
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 INK: Final = "#222222"
 FAINT: Final = "#8A8F98"
+PLANNER: Final = "#0072B2"
+REFUSED: Final = "#B5271B"
+"""What was refused, and what is unsafe: red as in a planning graph."""
+ACTORS: Final[Mapping[str, str]] = {
+    "planner": PLANNER,
+    "learner": "#E69F00",
+    "exploration": "#009E73",
+    "fallback": FAINT,
+}
+"""Values of `serp.control.arbiter.Actor` → colour."""
 
 STYLE: Final[dict[str, Any]] = {
     "figure.facecolor": "white",
@@ -39,7 +54,9 @@ STYLE: Final[dict[str, Any]] = {
 
 
 def render(figure: Figure, kind: Literal["png", "svg"]) -> bytes:
-    """The bytes of a picture file, without a date, so that equal runs give equal files."""
+    """Return the bytes of a picture file, without a date: equal runs give equal files."""
+    import matplotlib.style
+
     buffer = io.BytesIO()
     metadata: dict[str, Any] = {"Date": None} if kind == "svg" else {}
     with matplotlib.style.context(["default", STYLE]):
@@ -48,7 +65,7 @@ def render(figure: Figure, kind: Literal["png", "svg"]) -> bytes:
 
 
 def legend_above(axes: Axes, columns: int) -> None:
-    """A legend over the top edge, clear of all data."""
+    """Draw a legend over the top edge, clear of all data."""
     axes.legend(
         loc="lower left",
         bbox_to_anchor=(0, 1.0),

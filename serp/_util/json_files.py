@@ -1,4 +1,4 @@
-"""JSON that people and other programs read: config.json and summary.json."""
+"""JSON files for people and other programs."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from serp._util.regular_files import read_regular
+from serp._util.files import read_regular
 from serp.errors import RunError
 
 _LARGEST: Final = 1 << 26
@@ -19,18 +19,18 @@ _LARGEST: Final = 1 << 26
 
 
 def json_text(value: object) -> str:
-    """Indented JSON with a line break at its end; paths, enums and NumPy values are known.
+    """Return indented JSON with a line break; paths, enums and NumPy values are known.
 
     Raises:
-        TypeError: a value has no form in JSON.
-        ValueError: a number is NaN or infinite, for which JSON has no form either; see `finite`.
+        TypeError: A value has no form in JSON.
+        ValueError: A number is NaN or infinite, for which JSON has no form either; see `finite`.
     """
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False, default=_as_json)
     return text + "\n"
 
 
 def finite(value: Any) -> Any:
-    """The same value with null for NaN and the infinities, which strict readers refuse."""
+    """Return a value with null for NaN and the infinities, which strict readers refuse."""
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -41,14 +41,14 @@ def finite(value: Any) -> Any:
 
 
 def read_json(file: Path, advice: str) -> dict[str, Any]:
-    """Reads a file that holds one JSON object.
+    """Read a file that holds one JSON object.
 
     Args:
-        file: where it is.
-        advice: what the user should do where it cannot be read.
+        file: Where it is.
+        advice: What the user should do where it cannot be read.
 
     Raises:
-        RunError: it cannot be read, or holds something else.
+        RunError: It cannot be read, or holds something else.
     """
     try:
         content = json.loads(read_regular(file, _LARGEST).decode("utf-8"))

@@ -9,7 +9,7 @@ from serp._util.terminal import visible
 
 
 def plain(text: object) -> str:
-    """Text that Markdown shows as it stands, in one cell of a table too.
+    """Return text that Markdown shows as it stands, in one cell of a table too.
 
     Control and format characters, which have no picture, become escapes.
     """
@@ -20,14 +20,14 @@ def plain(text: object) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], *, left: int = 1) -> str:
-    """A table of finished Markdown cells; the first `left` columns are texts, the rest numbers."""
+    """Return a table of finished Markdown cells: `left` columns of texts, the rest numbers."""
     marks = ["---"] * left + ["---:"] * (len(head) - left)
     lines = [head, marks, *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
 def code(text: str, language: str = "sh") -> str:
-    """A block of text that is shown letter by letter, but for what `visible` escapes."""
+    """Return a block of text that is shown letter by letter, but for what `visible` escapes."""
     text = visible(text)
     longest = max((len(run) for run in re.findall(r"`+", text)), default=0)
     fence = "`" * max(3, longest + 1)

@@ -1,4 +1,4 @@
-"""Numbers and truth values as users give them, and shares as they are shown to users.
+"""Numbers: as users give them, as they are shown to users, and the largest of them.
 
 Python's and NumPy's numbers are taken over as Python's. A truth value is no number here
 (`depth=True` is a slip, not 1), and NaN is none either.
@@ -11,13 +11,12 @@ from numbers import Integral, Real
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from serp.errors import SettingsError
 
 FLOAT32_MAX: Final = float(np.finfo(np.float32).max)
 """The learner counts in float32: what is larger is infinite there."""
-
-
 COUNTED: Final = 2**53
 """Most of what is counted: beyond it floats skip whole numbers."""
 SIZE: Final = 10**9
@@ -77,3 +76,35 @@ def percent(share: float, digits: int = 3) -> str:
     if 0 < value < least:
         return f"< {least} %"
     return f"{value:,.0f} %" if value >= 10 ** (digits - 1) else f"{value:.{digits}g} %"
+
+
+def duration(seconds: float) -> str:
+    """Return a time for people to read: ``8.2 s``, ``3 min 05 s``, ``2 h 07 min``."""
+    if seconds < 59.95:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02} s"
+    return f"{minutes // 60} h {minutes % 60:02} min"
+
+
+def best_of(values: NDArray[np.floating[Any]], among: NDArray[np.bool_] | None = None) -> int:
+    """Return the allowed action of the largest value, whatever the values are.
+
+    Args:
+        values: `[E]`; infinities are compared as such, and NaN comes after everything.
+        among: `[E]` the actions that are allowed; None for all.
+
+    Returns:
+        An action that is allowed, the first among equals; -1 where none is.
+    """
+    allowed = np.arange(len(values)) if among is None else np.flatnonzero(among)
+    if not len(allowed):
+        return -1
+    chosen = values[allowed]
+    best = int(chosen.argmax())
+    if chosen[best] != chosen[best]:  # argmax takes the first NaN
+        numbers = ~np.isnan(chosen)
+        if numbers.any():
+            return int(allowed[numbers][chosen[numbers].argmax()])
+    return int(allowed[best])

@@ -1,4 +1,4 @@
-"""What a checkpoint holds, taken out piece by piece, each of which is checked.
+"""The state of a checkpoint: the names of its arrays, and checked access to all that it holds.
 
 A checkpoint may come from somebody else, or be damaged in a way that its digest does not show.
 Compiled code takes what it is given for true: a position beyond an array is read or written where
@@ -14,7 +14,6 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from serp._util.state_dict_keys import part_of
 from serp.errors import RunError
 
 LARGEST: Final = float(np.finfo(np.float64).max)
@@ -29,6 +28,18 @@ _MOST_OF_GENERATORS: Final = {
 """Numbers in the states of NumPy's generators that are positions or small; numpy trusts them."""
 
 _T = TypeVar("_T")
+Arrays = dict[str, npt.NDArray[Any]]
+
+
+def nested(part: str, arrays: Mapping[str, npt.NDArray[Any]]) -> Arrays:
+    """Return the arrays of a part by their names in the whole, such as `learner.replay.rewards`."""
+    return {f"{part}.{name}": array for name, array in arrays.items()}
+
+
+def part_of(arrays: Mapping[str, npt.NDArray[Any]], part: str) -> Arrays:
+    """Return the arrays of a part of a whole by their names in the part."""
+    prefix = f"{part}."
+    return {k.removeprefix(prefix): a for k, a in arrays.items() if k.startswith(prefix)}
 
 
 class Saved:

@@ -1,4 +1,4 @@
-"""The way to a terminal: text is shown as text, whatever it holds.
+"""Output to a terminal: text is shown as text, whatever it holds, and a bar for pieces of work.
 
 Names, comments, paths, reasons and messages come from files, settings and environments of others.
 A control character among them could colour, move, hide or type; a format character could turn the
@@ -7,10 +7,12 @@ order of letters around. Whatever goes to a terminal passes `visible`.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import re
+import sys
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any, Final, TextIO
 
 if TYPE_CHECKING:
@@ -69,3 +71,42 @@ def _console_class() -> type[Console]:
             raise BrokenPipeError
 
     return VisibleConsole
+
+
+@contextlib.contextmanager
+def bar(title: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[], None]]:
+    """Show how far some work is: on a terminal's standard error, else nothing.
+
+    Args:
+        title: What is done.
+        total: Number of pieces.
+        quiet: Show nothing.
+
+    Yields:
+        A function to be called after each piece.
+    """
+    if quiet or sys.stderr is None or not sys.stderr.isatty():
+        yield lambda: None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    name = TextColumn("{task.description}", markup=False)
+    columns = (name, BarColumn(), MofNCompleteColumn(), Remaining())
+    # No thread of rich's own: it would draw while the policy computes.
+    shown = Progress(*columns, console=open_console(sys.stderr), auto_refresh=False, transient=True)
+    task = shown.add_task(title, total=total)
+
+    def advance() -> None:
+        # The bar is not worth the work: a terminal that went away ends the bar alone.
+        with contextlib.suppress(OSError, ValueError):
+            shown.update(task, advance=1, refresh=True)
+
+    with contextlib.suppress(OSError, ValueError):
+        shown.start()
+        shown.refresh()
+    try:
+        yield advance
+    finally:
+        with contextlib.suppress(OSError, ValueError):
+            shown.stop()

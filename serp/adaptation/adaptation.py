@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.saved_state import MOST, Saved
-from serp._util.state_dict_keys import Arrays, nested, part_of
+from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.feature_groups import Key
 from serp.adaptation.forecast_skill import ForecastSkill

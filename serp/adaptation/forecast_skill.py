@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
-from serp._util.saved_state import Saved
-from serp._util.state_dict_keys import Arrays
+from serp._util.saved_state import Arrays, Saved
 from serp.adaptation.moving_average import rate_of
 from serp.model.transition_model import Vector
 

@@ -8,8 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.saved_state import Saved
-from serp._util.state_dict_keys import Arrays, nested
+from serp._util.saved_state import Arrays, Saved, nested
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.feature_groups import FeatureGroup, Key
 from serp.adaptation.outcome_counts import OutcomeCounts

@@ -13,8 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.saved_state import Saved
-from serp._util.state_dict_keys import Arrays, nested, part_of
+from serp._util.saved_state import Arrays, Saved, nested, part_of
 from serp.adaptation.feature_groups import FeatureGroup, Key
 from serp.errors import RunError
 

@@ -66,7 +66,7 @@ def command(
         if file is not None and file.suffix.lower() != suffix:
             raise click.BadParameter(f"name a file that ends in {suffix}", ctx, param_hint=option)
 
-    from serp._util.durable_files import write_durably
+    from serp._util.files import write_durably
     from serp.diagnosis.diagnosis import diagnose
 
     diagnosis = diagnose(run)

@@ -113,8 +113,11 @@ def command(
         if loaded.task is not None and loaded.domain.model.rewarding:
             open_console().print(learned_from(loaded.domain, loaded.task))
     if svg is not None:
-        from serp._util.durable_files import write_durably
-        from serp.viz.plan_drawing import draw_plan, svg_bytes
+        from serp._util.extras import needs_extra
+        from serp._util.files import write_durably
+
+        with needs_extra("plots", "a picture of the planning graph"):
+            from serp.viz.plan_drawing import draw_plan, svg_bytes
 
         figure = draw_plan(plan, planner, title=f"{loaded.domain.name}, {origin}")
         write_durably(svg, svg_bytes(figure))

@@ -143,7 +143,7 @@ def write_with_problem(out: Path, text: str, problem: str | None) -> Path | None
     Raises:
         SerpError: One of them cannot be written; see `write_together`.
     """
-    from serp._util.durable_files import write_together
+    from serp._util.files import write_together
 
     beside = _problem_beside(out)
     if problem is None or _holds(beside, problem):

@@ -20,10 +20,10 @@ def learned_from(domain: Domain, task: Task) -> str:
         SettingsError: The settings of the task are wrong.
     """
     from serp.settings import resolve
-    from serp.tasks.reward import said_of, source_of
+    from serp.tasks.reward import describe_source, reward_source
     from serp.tasks.task import declared_reward
 
     declared = declared_reward(task, domain.model)
-    source = source_of(declared, resolve("default", task.settings))
-    said = said_of(source, in_file=domain.model.rewarding)
+    source = reward_source(declared, resolve("default", task.settings))
+    said = describe_source(source, in_file=domain.model.rewarding)
     return f"task {task.name or domain.name}: the learner learns from {said}"

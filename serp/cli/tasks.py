@@ -41,9 +41,9 @@ def asked_own_task() -> Task | None:
     name = own_task_name()
     if name is None:
         return None
-    from serp.tasks.own_tasks import own_task
+    from serp.tasks.custom_tasks import custom_task
 
-    return own_task(name)
+    return custom_task(name)
 
 
 def asked_task(domain: str | None) -> Task | None:

@@ -68,9 +68,12 @@ def command(
         raise click.BadParameter("a film is a GIF or an MP4; name a file that ends in .gif or .mp4",
                                  ctx, param_hint="--out")  # fmt: skip
 
-    from serp.viz.film import FilmSettings
-    from serp.viz.watch import show_film, write_film
-    from serp.viz.window import require_display
+    from serp._util.extras import needs_extra
+
+    with needs_extra("watch", "watching a policy"):
+        from serp.viz.film import FilmSettings
+        from serp.viz.watch import show_film, write_film
+        from serp.viz.window import require_display
 
     if out is None:
         require_display()

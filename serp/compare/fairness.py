@@ -12,8 +12,8 @@ from serp.compare.plan import ComparisonPlan
 from serp.control.arbiter import Arbiter
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.settings import Settings, resolve
-from serp.tasks.reward import source_of
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
+from serp.tasks.reward import reward_source
 from serp.training.agent import make_planner
 
 _STEPS: Final = 500
@@ -51,7 +51,7 @@ def _different(
     different: dict[str, str] = {}
     if not variants:
         return different
-    by_file = source_of(bound.rewarded_by, settings) != "environment"
+    by_file = reward_source(bound.rewarded_by, settings) != "environment"
     random = np.random.default_rng(_SEED)
     arbiter = Arbiter(make_planner(bound.model, settings.planner), bound.actions)
     files = {"": bound, **variants}

@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
-from serp._util.durable_files import cannot_write
+from serp._util.files import cannot_write
 from serp.compare.storage import DOMAINS, PLAN
 from serp.errors import RunError
 from serp.runs.config import CONFIG

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from serp._util.durable_files import write_durably
+from serp._util.files import make_inside, write_durably
 from serp._util.json_files import finite, json_text, read_json
-from serp._util.regular_files import make_inside
 from serp.compare.algorithms import Algorithm, Changes, ablation, find_algorithm
 from serp.compare.protocol import ComparisonProtocol
 from serp.compare.records import Trial

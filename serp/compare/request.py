@@ -16,8 +16,9 @@ from serp.compare.protocol import ComparisonProtocol
 from serp.compare.records import Trial
 from serp.errors import RunError, SettingsError, TaskError
 from serp.settings import resolve
+from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import find_task, load_task
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.task import Task
 
 _T = TypeVar("_T")
 

@@ -18,9 +18,8 @@ from typing import Any, Final, get_type_hints
 
 import numpy as np
 
-from serp._util.durable_files import write_durably
+from serp._util.files import make_inside, write_durably
 from serp._util.json_files import finite, json_text, read_json
-from serp._util.regular_files import make_inside
 from serp.compare.records import (
     EPISODE_COLUMNS,
     EVALUATION_COLUMNS,

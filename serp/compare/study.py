@@ -27,8 +27,9 @@ from serp.compare.workers import Job, portable, run_here, run_in_processes
 from serp.errors import Interrupted, RunError, SettingsError
 from serp.runs.placement import default_path
 from serp.settings import resolve
-from serp.tasks.reward import source_of
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.bound_task import BoundTask
+from serp.tasks.reward import reward_source
+from serp.tasks.task import Task
 from serp.training.stopping import Stopping, stop_between_episodes
 
 
@@ -241,7 +242,7 @@ def _about(plan: ComparisonPlan, bound: BoundTask, notes: Sequence[str]) -> Comp
         evaluate_every=conditions.evaluate_every,
         evaluation_episodes=conditions.evaluation_episodes,
         final_episodes=conditions.final_episodes,
-        rewarded_by=source_of(bound.rewarded_by, settings),
+        rewarded_by=reward_source(bound.rewarded_by, settings),
         inputs=_INPUTS[settings.training.inputs],
         command=command(plan),
         unit=unit_of(bound.task),

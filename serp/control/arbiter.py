@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.choice import best_of
+from serp._util.numbers import best_of
 from serp._util.saved_state import Saved
 from serp.control.lookahead_reliability import LookaheadReliability
 from serp.control.model_confidence import ModelConfidence

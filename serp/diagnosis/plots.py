@@ -13,8 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from serp._util.colours import PLANNER
-from serp._util.figures import FAINT, INK, STYLE
+from serp._util.figures import FAINT, INK, PLANNER, STYLE
 from serp.diagnosis.diagnosis import Diagnosis, FitRow
 from serp.model.transition_model import Vector
 from serp.sysid.monitor import END, REWARD

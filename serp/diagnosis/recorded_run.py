@@ -13,7 +13,7 @@ from serp.model.transition_model import TransitionModel
 from serp.runs.folder import RunFolder
 from serp.sysid.monitor import Monitor
 from serp.sysid.transitions import TransitionMemory
-from serp.training.run_metadata import made_with, refuse_changes
+from serp.training.run_metadata import read_run_metadata, refuse_changes
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def read_recorded(run: Path) -> Recorded:
         DomainError: Its copy of the domain is damaged.
     """
     folder = RunFolder.open(run)
-    made = made_with(folder)
+    made = read_run_metadata(folder)
     checkpoint = folder.load_checkpoint()
     refuse_changes(folder, checkpoint, domain_alone=True)
     domain = load_domain(
@@ -80,11 +80,11 @@ def read_recorded(run: Path) -> Recorded:
     return Recorded(
         run=run,
         domain=domain,
-        files={str(k): str(v) for k, v in folder.about["domain_files"].items()},
+        files={str(k): str(v) for k, v in folder.metadata["domain_files"].items()},
         model=model,
         experience=experience,
         monitor=monitor,
         env_steps=whole.whole("env_steps"),
-        learned_from=str(folder.about["config"].get("learned_from", "")),
+        learned_from=str(folder.metadata["config"].get("learned_from", "")),
         notice=None if damage is None else f"{damage} What is said here is as of the one before.",
     )

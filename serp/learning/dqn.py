@@ -20,10 +20,8 @@ import numpy as np
 import numpy.typing as npt
 import torch
 
-from serp._util.choice import best_of
-from serp._util.numbers import FLOAT32_MAX
-from serp._util.saved_state import LARGEST, Saved
-from serp._util.state_dict_keys import nested
+from serp._util.numbers import FLOAT32_MAX, best_of
+from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.learning.loss import TDGradient

@@ -14,8 +14,8 @@ from serp.model import ground as g
 from serp.model.exclusion import threshold
 from serp.pddl.source import DomainWarning, Place
 from serp.pddl.syntax import Change
-from serp.tasks.grounding import FAR, grounded
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
+from serp.tasks.grounding_samples import FAR, grounded
 
 _SAMPLES = 256
 _OPEN = FAR / 1e3

@@ -3,7 +3,7 @@
 The generated function is compiled alone, to a C callback; what loops over states (the lookahead,
 batches) is compiled once for all domains and calls it through its address. An edit of a domain file
 therefore costs the compilation of one small function, and none at all where only numbers changed.
-Both are cached on disk, see `serp._util.kept_code`.
+Both are cached on disk, see `serp._util.code_cache`.
 """
 
 from __future__ import annotations

@@ -11,7 +11,6 @@ does not know, are written as ``{"float": "nan"}``, ``{"float": "inf"}``, ``{"fl
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import math
@@ -25,15 +24,7 @@ import numpy as np
 import safetensors.numpy
 from safetensors import SafetensorError
 
-from serp._util.durable_files import (
-    aside_of,
-    cannot_write,
-    sync_folder,
-    what_is_kept,
-    write_aside,
-    write_durably,
-)
-from serp._util.regular_files import read_regular
+from serp._util.files import aside_of, read_regular, replaced_durably, write_durably, write_flushed
 from serp.errors import RunError
 
 FORMAT = 5
@@ -60,10 +51,10 @@ class Checkpoint:
     """What `load_newest` found.
 
     Attributes:
-        arrays: name → array, writable, dtype and shape as they were saved.
-        meta: the JSON saved with them.
-        path: the file that was read.
-        fallback: why the previous checkpoint was taken; None where the newest one was whole.
+        arrays: Name → array, writable, dtype and shape as they were saved.
+        meta: The JSON saved with them.
+        path: The file that was read.
+        fallback: Why the previous checkpoint was taken; None where the newest one was whole.
     """
 
     arrays: dict[str, np.ndarray[Any, Any]]
@@ -75,26 +66,26 @@ class Checkpoint:
 def save(
     path: Path | str, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
 ) -> None:
-    """Writes a checkpoint in one step that survives a crash.
+    """Write a checkpoint in one step that survives a crash.
 
     Args:
-        path: the file; a former one is replaced once the new one is safely on the disk.
-        arrays: name → array of any shape (0-d and empty too) of booleans, integers or floats.
+        path: The file; a former one is replaced once the new one is safely on the disk.
+        arrays: Name → array of any shape (0-d and empty too) of booleans, integers or floats.
         meta: JSON values with text as keys; NumPy scalars are taken as the numbers they are.
 
     Raises:
-        RunError: the write failed; the former checkpoint is whole.
-        TypeError: an array or a value has a type that the file cannot hold.
+        RunError: The write failed; the former checkpoint is whole.
+        TypeError: An array or a value has a type that the file cannot hold.
     """
     write_durably(Path(path), _encode(arrays, meta))
 
 
 def load(path: Path | str) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
-    """Reads what `save` wrote: writable arrays and the JSON, both exactly as they were.
+    """Read what `save` wrote: writable arrays and the JSON, both exactly as they were.
 
     Raises:
-        CheckpointDamaged: the file is cut or altered.
-        RunError: there is no such file, it cannot be read, it is no checkpoint of serp, or a
+        CheckpointDamaged: The file is cut or altered.
+        RunError: There is no such file, it cannot be read, it is no checkpoint of serp, or a
             newer serp wrote it.
     """
     path = Path(path)
@@ -113,7 +104,7 @@ def load(path: Path | str) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, A
 def save_rotating(
     folder: Path | str, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
 ) -> Path:
-    """Writes ``checkpoint.safetensors`` and keeps the former one beside it.
+    """Write ``checkpoint.safetensors`` and keep the former one beside it.
 
     The former is ``checkpoint-previous.safetensors`` from then on.
     At every moment at least one whole checkpoint lies in the folder once there has been one.
@@ -122,32 +113,27 @@ def save_rotating(
         The file written.
 
     Raises:
-        RunError: the write failed; the former checkpoint is whole.
-        TypeError: see `save`.
+        RunError: The write failed; the former checkpoint is whole.
+        TypeError: See `save`.
     """
     newest = Path(folder) / NEWEST
-    aside = write_aside(newest, _encode(arrays, meta))
-    try:
+    data = _encode(arrays, meta)
+    with replaced_durably(newest) as aside:
+        write_flushed(aside, data)
         if newest.exists():
             _keep(newest, newest.with_name(PREVIOUS))
-        os.replace(aside, newest)
-        sync_folder(newest.parent)
-    except OSError as error:
-        with contextlib.suppress(OSError):
-            aside.unlink(missing_ok=True)
-        raise cannot_write(newest, error, what_is_kept(newest)) from error
     return newest
 
 
 def load_newest(folder: Path | str) -> Checkpoint:
-    """Reads the newest whole checkpoint of a folder.
+    """Read the newest whole checkpoint of a folder.
 
     Where the newest file is missing or damaged the previous one is taken, and `fallback` of the
     result says so.
 
     Raises:
-        CheckpointDamaged: the newest is damaged and no whole previous one is there.
-        RunError: there is no checkpoint, it cannot be read, or a newer serp wrote it.
+        CheckpointDamaged: The newest is damaged and no whole previous one is there.
+        RunError: There is no checkpoint, it cannot be read, or a newer serp wrote it.
     """
     newest, previous = Path(folder) / NEWEST, Path(folder) / PREVIOUS
     if os.path.lexists(newest) or not os.path.lexists(previous):
@@ -169,7 +155,7 @@ def load_newest(folder: Path | str) -> Checkpoint:
 
 
 def _keep(newest: Path, previous: Path) -> None:
-    """Makes `previous` a second name of `newest`, so that a reader always finds a newest one."""
+    """Make `previous` a second name of `newest`, so that a reader always finds a newest one."""
     link = aside_of(previous)
     try:
         link.unlink(missing_ok=True)
@@ -191,7 +177,7 @@ def _encode(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any])
 
 
 def _plain(name: str, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """The array in the layout of the file: C order, little-endian, a dtype that it knows."""
+    """Return the array in the layout of the file: C order, little-endian, a dtype that it knows."""
     array = np.asarray(array)
     if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
         raise TypeError(f"array {name!r} has dtype {array.dtype}, which a checkpoint cannot hold")
@@ -241,7 +227,7 @@ def _decode(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], d
 
 
 def _strict(value: Any) -> Any:
-    """The value in strict JSON: text, truth values, null and finite numbers."""
+    """Return the value in strict JSON: text, truth values, null and finite numbers."""
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
@@ -254,7 +240,7 @@ def _strict(value: Any) -> Any:
 
 
 def _exact(value: Any) -> Any:
-    """The value that `_strict` was given."""
+    """Return the value that `_strict` was given."""
     if isinstance(value, list):
         return [_exact(item) for item in value]
     if not isinstance(value, dict):
@@ -270,7 +256,7 @@ def _unknown(value: object) -> Any:
 
 
 def _digest(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]) -> str:
-    """SHA-256 over the JSON, then over name, dtype, shape and bytes of each array by name."""
+    """Return the SHA-256 of the JSON, then of name, dtype, shape and bytes of each array."""
     digest = hashlib.sha256(json.dumps(meta, sort_keys=True, default=_unknown).encode())
     for name in sorted(arrays):
         array = arrays[name]

@@ -42,17 +42,17 @@ def config_text(
     command: Sequence[str],
     now: datetime.datetime,
 ) -> str:
-    """The text of ``config.json``.
+    """Return the text of ``config.json``.
 
     Args:
-        config: the resolved configuration; its ``seed`` is repeated at the top.
-        domain_files: copy in the run → name of the file copied.
-        command: what the user typed.
-        now: when the run began, local time.
+        config: The resolved configuration; its ``seed`` is repeated at the top.
+        domain_files: Copy in the run → name of the file copied.
+        command: What the user typed.
+        now: When the run began, local time.
 
     Raises:
-        TypeError: a value of the configuration has no form in JSON.
-        ValueError: a number in it is NaN or infinite; `serp.Settings.as_dict` gives none.
+        TypeError: A value of the configuration has no form in JSON.
+        ValueError: A number in it is NaN or infinite; `serp.Settings.as_dict` gives none.
     """
     return json_text(
         {
@@ -69,10 +69,10 @@ def config_text(
 
 
 def read_config(folder: Path) -> dict[str, Any]:
-    """Reads the ``config.json`` of a run: the keys that `config_text` writes.
+    """Read the ``config.json`` of a run: the keys that `config_text` writes.
 
     Raises:
-        RunError: the folder is missing or no run, or its ``config.json`` is damaged or of a
+        RunError: The folder is missing or no run, or its ``config.json`` is damaged or of a
             newer serp.
     """
     if not os.path.isdir(folder):

@@ -15,14 +15,13 @@ import datetime
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
-from serp._util.durable_files import aside_of, cannot_write, sync_folder, write_durably
+from serp._util.closing import Closing
+from serp._util.files import aside_of, cannot_write, require_regular, sync_folder, write_durably
 from serp._util.json_files import finite, json_text, read_json
-from serp._util.regular_files import require_regular
 from serp._util.saved_state import Saved
 from serp.errors import RunError
 from serp.model.loading import problem_beside
@@ -44,27 +43,25 @@ _TRACES = (*_BEGUN_WITH, *(aside_of(Path(name)).name for name in (*_BEGUN_WITH, 
 _POSITIONS = "tables"  # the key of a checkpoint's JSON under which the table positions stand
 
 
-class RunFolder:
+class RunFolder(Closing):
     """A run on the disk. Made by `create` or `open`; also a context manager that closes it.
 
     Attributes:
-        path: the folder.
-        about: all of ``config.json``.
+        path: The folder.
+        metadata: All of ``config.json``.
     """
 
-    def __init__(self, path: Path, about: dict[str, Any], lock: RunLock | None) -> None:
+    def __init__(self, path: Path, metadata: dict[str, Any], lock: RunLock | None) -> None:
         self.path = path
-        self.about = about
+        self.metadata = metadata
         self._lock = lock
-        self._metrics: Table | None = None
-        self._decisions: Table | None = None
+        self._tables: dict[str, Table] = {}
         if lock is not None:
             try:
-                self._metrics = Table(path / METRICS, _TABLES[METRICS])
-                self._decisions = Table(path / DECISIONS, _TABLES[DECISIONS])
+                for name, columns in _TABLES.items():
+                    self._tables[name] = Table(path / name, columns)
             except BaseException:
-                if self._metrics is not None:
-                    self._metrics.close()
+                self._close_tables()
                 raise
 
     @classmethod
@@ -72,31 +69,28 @@ class RunFolder:
         cls,
         path: Path | str,
         config: Mapping[str, Any],
-        domain_files: Sequence[Path | tuple[str, str]],
+        domain_files: Sequence[tuple[str, str]],
         *,
         command: Sequence[str] = (),
         now: datetime.datetime | None = None,
     ) -> RunFolder:
-        """Begins a run in a folder that is new or empty, locked for writing.
+        """Begin a run in a folder that is new or empty, locked for writing.
 
         Args:
-            path: the folder; its parents are made.
-            config: the resolved configuration, JSON values (paths, enums and NumPy scalars too);
+            path: The folder; its parents are made.
+            config: The resolved configuration, JSON values (paths, enums and NumPy scalars too);
                 its ``seed`` is repeated at the top of ``config.json``.
-            domain_files: the domain, and the problem where there is one: a file to copy, or its
-                name and text. They become ``domain.pddl`` and ``problem.pddl``.
-            command: what the user typed.
-            now: the time noted as the beginning.
+            domain_files: Name and text of the domain, and of the problem where there is one.
+                They become ``domain.pddl`` and ``problem.pddl``.
+            command: What the user typed.
+            now: The time noted as the beginning.
 
         Raises:
-            RunError: the folder holds something, is a file, is locked, or cannot be written; a
-                file to copy cannot be read. What this call made is removed again.
+            RunError: The folder holds something, is a file, is locked, or cannot be written. What
+                this call made is removed again.
         """
         path = Path(path)
-        if not 1 <= len(domain_files) <= len(COPIES):
-            raise ValueError("a run needs a domain file and at most one problem file")
-        sources = [_source(file) for file in domain_files]
-        copies = {copy: name for copy, (name, _) in zip(COPIES, sources, strict=False)}
+        copies = {copy: name for copy, (name, _) in zip(COPIES, domain_files, strict=False)}
         text = config_text(config, copies, command, now or datetime.datetime.now())
         made = make_empty(path, _TRACES)
         lock = None
@@ -106,8 +100,8 @@ class RunFolder:
             if os.path.lexists(path / CONFIG):
                 raise occupied(path)
             remove_traces(path, _TRACES)
-            for copy, (_, content) in zip(COPIES, sources, strict=False):
-                write_durably(path / copy, content)
+            for copy, (_, content) in zip(COPIES, domain_files, strict=False):
+                write_durably(path / copy, content.encode())
             for name, columns in _TABLES.items():
                 Table(path / name, columns).close()
             write_durably(path / CONFIG, text)  # last: it is what makes the folder a run
@@ -124,23 +118,23 @@ class RunFolder:
 
     @classmethod
     def open(cls, path: Path | str, *, writing: bool = False) -> RunFolder:
-        """Opens a run that is there.
+        """Open a run that exists.
 
         Args:
-            path: the folder.
-            writing: lock it and open its tables for appending, to continue the run.
+            path: The folder.
+            writing: Lock it and open its tables for appending, to continue the run.
 
         Raises:
-            RunError: there is no such folder, it is no run, its ``config.json`` is damaged or of
+            RunError: There is no such folder, it is no run, its ``config.json`` is damaged or of
                 a newer serp, or another process writes it while `writing` is asked for.
         """
         path = Path(path)
-        about = read_config(path)
+        metadata = read_config(path)
         if not writing:
-            return cls(path, about, None)
+            return cls(path, metadata, None)
         lock = RunLock(path)
         try:
-            return cls(path, about, lock)
+            return cls(path, metadata, lock)
         except BaseException:
             lock.release()
             raise
@@ -148,7 +142,7 @@ class RunFolder:
     @property
     def config(self) -> dict[str, Any]:
         """The resolved configuration that `create` was given."""
-        config: dict[str, Any] = self.about["config"]
+        config: dict[str, Any] = self.metadata["config"]
         return config
 
     @property
@@ -156,7 +150,7 @@ class RunFolder:
         """The copy of the domain.
 
         Raises:
-            RunError: it is a link or no file, or what lies there as its problem file is.
+            RunError: It is a link or no file, or what lies there as its problem file is.
         """
         file = require_regular(self.path / COPIES[0])
         require_regular(problem_beside(file))  # none of a run's files, but one that is loaded
@@ -167,9 +161,9 @@ class RunFolder:
         """The copy of the problem; None where the run has none.
 
         Raises:
-            RunError: it is a link or no file.
+            RunError: It is a link or no file.
         """
-        if COPIES[1] not in self.about["domain_files"]:
+        if COPIES[1] not in self.metadata["domain_files"]:
             return None
         return require_regular(self.path / COPIES[1])
 
@@ -178,67 +172,55 @@ class RunFolder:
         """The metrics, a `MetricsRow` an episode.
 
         Raises:
-            RunError: the run is open for reading only.
+            RunError: The run is open for reading only.
         """
-        return self._written(self._metrics)
+        return self._written(METRICS)
 
     @property
     def decisions(self) -> Table:
         """The decision log, a `DecisionRow` a step.
 
         Raises:
-            RunError: the run is open for reading only.
+            RunError: The run is open for reading only.
         """
-        return self._written(self._decisions)
+        return self._written(DECISIONS)
 
     def flush(self) -> None:
-        """Puts all rows of both tables on the disk, durably.
+        """Put all rows of both tables on the disk, durably.
 
         Raises:
-            RunError: the write failed; the rows are still held.
+            RunError: The write failed; the rows are still held.
         """
         self.metrics.sync()
         self.decisions.sync()
 
-    def positions(self) -> dict[str, Position]:
-        """Flushes, and returns where each table ends: what `truncate` takes."""
-        return {"metrics": self.metrics.position(), "decisions": self.decisions.position()}
-
-    def truncate(self, positions: Mapping[str, Position]) -> None:
-        """Drops the rows that were written after `positions`.
-
-        Raises:
-            RunError: a table does not reach that far.
-        """
-        self.metrics.truncate(positions["metrics"])
-        self.decisions.truncate(positions["decisions"])
-
     def save_checkpoint(
         self, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
     ) -> Path:
-        """Flushes both tables, then saves a checkpoint that knows where they end.
+        """Flush both tables, then save a checkpoint that knows where they end.
 
         Args:
-            arrays: name → array.
+            arrays: Name → array.
             meta: JSON values; the key ``tables`` is this method's own.
 
         Raises:
-            RunError: the write failed; the former checkpoint is whole.
+            RunError: The write failed; the former checkpoint is whole.
         """
         if _POSITIONS in meta:
             raise ValueError(f"the key {_POSITIONS!r} of a checkpoint's JSON is reserved")
         self.flush()
-        return save_rotating(self.path, arrays, {**meta, _POSITIONS: self.positions()})
+        ends = {key: table.position() for key, table in self._by_key().items()}
+        return save_rotating(self.path, arrays, {**meta, _POSITIONS: ends})
 
     def load_checkpoint(self) -> Checkpoint:
-        """Reads the newest whole checkpoint.
+        """Read the newest whole checkpoint.
 
         Its `fallback` says where the previous one had to be taken. A run open for writing then
         renames the damaged one to ``checkpoint-damaged.safetensors``, so that it is not kept as
         the previous one at the next save.
 
         Raises:
-            RunError: there is no whole checkpoint, or it cannot be read.
+            RunError: There is no whole checkpoint, or it cannot be read.
         """
         found = load_newest(self.path)
         newest = self.path / NEWEST
@@ -252,25 +234,28 @@ class RunFolder:
         return found
 
     def resume(self) -> Checkpoint:
-        """Reads the newest whole checkpoint and takes both tables back to where it was saved.
+        """Read the newest whole checkpoint and take both tables back to where it was saved.
 
         Returns:
             What `save_checkpoint` saved.
 
         Raises:
-            RunError: there is no whole checkpoint, or the tables do not reach that far.
+            RunError: There is no whole checkpoint, or the tables do not reach that far.
         """
         found = self.load_checkpoint()
         saved = Saved("run", {}, Saved("run", {}, found.meta).part(_POSITIONS)[1])
-        self.truncate({name: Position(*saved.wholes(name, 2)) for name in ("metrics", "decisions")})
+        tables = self._by_key()
+        ends = {key: Position(*saved.wholes(key, 2)) for key in tables}
+        for key, table in tables.items():
+            table.truncate(ends[key])
         del found.meta[_POSITIONS]
         return found
 
     def write(self, name: str, content: str | bytes) -> Path:
-        """Writes a file of the run in one step that survives a crash.
+        """Write a file of the run in one step that survives a crash.
 
         Raises:
-            RunError: the write failed, or the run is open for reading only.
+            RunError: The write failed, or the run is open for reading only.
         """
         if self._lock is None:
             raise self._read_only()
@@ -278,26 +263,26 @@ class RunFolder:
         return self.path / name
 
     def write_summary(self, summary: Mapping[str, Any]) -> Path:
-        """Writes ``summary.json``; NaN and infinities become null, which every reader knows.
+        """Write ``summary.json``; NaN and infinities become null, which every reader knows.
 
         Raises:
-            RunError: see `write`.
+            RunError: See `write`.
         """
         return self.write(SUMMARY, json_text(finite(summary)))
 
     def read_summary(self) -> dict[str, Any]:
-        """Reads ``summary.json``.
+        """Read ``summary.json``.
 
         Raises:
-            RunError: it is not there yet, or damaged.
+            RunError: It is not there yet, or damaged.
         """
         return read_json(self.path / SUMMARY, "The run has to reach its end first.")
 
     def close(self) -> None:
-        """Flushes and closes the tables and gives the lock back; a second call does nothing.
+        """Flush and close the tables and release the lock; a second call does nothing.
 
         Raises:
-            RunError: the last rows could not be written; everything is closed all the same.
+            RunError: The last rows could not be written; everything is closed all the same.
         """
         try:
             self._close_tables()
@@ -305,45 +290,21 @@ class RunFolder:
             if self._lock is not None:
                 self._lock.release()
                 self._lock = None
-            self._metrics = self._decisions = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if error is None:
-            self.close()
-            return
-        # What went wrong first is what the user has to read, not that the last rows failed too.
-        with contextlib.suppress(RunError):
-            self.close()
+            self._tables = {}
 
     def _close_tables(self) -> None:
         with contextlib.ExitStack() as stack:
-            for table in (self._metrics, self._decisions):
-                if table is not None:
-                    stack.callback(table.close)
+            for table in reversed(self._tables.values()):
+                stack.callback(table.close)
 
-    def _written(self, table: Table | None) -> Table:
-        if table is None:
+    def _by_key(self) -> dict[str, Table]:
+        """Return the tables by the names that they have in a checkpoint."""
+        return {"metrics": self.metrics, "decisions": self.decisions}
+
+    def _written(self, name: str) -> Table:
+        if name not in self._tables:
             raise self._read_only()
-        return table
+        return self._tables[name]
 
     def _read_only(self) -> RunError:
         return RunError(f"the run {self.path} is not open for writing.")
-
-
-def _source(file: Path | tuple[str, str]) -> tuple[str, bytes]:
-    """Name and content of a file to copy."""
-    if isinstance(file, tuple):
-        name, text = file
-        return name, text.encode()
-    try:
-        return str(file), file.read_bytes()
-    except OSError as error:
-        raise RunError(f"cannot read {file}: {error.strerror or error}.") from error

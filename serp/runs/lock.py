@@ -3,80 +3,80 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
+import errno
 import os
 import socket
-import sys
 from pathlib import Path
 
-from serp._util.durable_files import cannot_write
-from serp._util.regular_files import open_regular
+from filelock import FileLock, Timeout
+
+from serp._util.files import cannot_write, refuse_hard_link, require_regular
 from serp.errors import RunError
 
 LOCK = ".lock"
 
-if sys.platform == "win32":
-    import msvcrt
-
-    def _take(file: int) -> None:
-        # Far beyond the text: on Windows a locked byte cannot be read by others.
-        os.lseek(file, 1 << 30, os.SEEK_SET)
-        msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
-
-else:
-    import fcntl
-
-    def _take(file: int) -> None:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
 
 class RunLock:
-    """An advisory lock on a folder, held until `release` or the end of the process.
+    """A lock on a run folder, held until `release` or the end of the process.
 
     The operating system drops it when the process dies, however it dies, so that no stale lock
     ever has to be removed by hand.
 
     Args:
-        folder: the run; the file ``.lock`` in it says who holds the lock.
+        folder: The run; the file ``.lock`` in it says who holds the lock, and since when.
 
     Raises:
-        RunError: another process (or this one, elsewhere) holds it, or the folder cannot be
+        RunError: Another process (or this one, elsewhere) holds it, or the folder cannot be
             locked.
     """
 
     def __init__(self, folder: Path) -> None:
-        path = folder / LOCK
+        self._path = require_regular(folder / LOCK)
+        if not folder.is_dir():  # which the library would make
+            missing = FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+            raise cannot_write(self._path, missing, "Nothing was made.")
+        # A lock of its own for each object, which any thread may release. What only imitates a
+        # lock, on file systems without them, would survive a crash.
+        self._lock = FileLock(
+            self._path,
+            blocking=False,
+            thread_local=False,
+            fallback_to_soft=False,
+            on_acquired=self._write_owner,
+        )
         try:
-            self._file: int | None = open_regular(path, os.O_RDWR | os.O_CREAT)
-        except OSError as error:
-            raise cannot_write(path, error, "The run is as it was.") from error
-        try:
-            _take(self._file)
-        except (BlockingIOError, PermissionError) as error:
-            owner = self._owner()
-            self.release()
+            self._lock.acquire()
+        except Timeout:
             raise RunError(
-                f"the run {folder} is being written by {owner}. Wait until that has ended, or "
-                "begin a run of your own with another --out."
-            ) from error
+                f"the run {folder} is being written by {self._owner()}. Wait until that has ended, "
+                "or begin a run of your own with another --out."
+            ) from None
+        except (FileNotFoundError, PermissionError) as error:
+            raise cannot_write(self._path, error, "The run is as it was.") from error
         except OSError as error:
-            self.release()
             raise RunError(
                 f"the run {folder} cannot be locked: {error.strerror or error}. Give --out a "
                 "folder on a local disk."
             ) from error
-        with contextlib.suppress(OSError):  # a courtesy only; a full disk must not stop a resume
-            os.ftruncate(self._file, 0)
-            os.lseek(self._file, 0, os.SEEK_SET)
-            os.write(self._file, f"process {os.getpid()} on {socket.gethostname()}\n".encode())
 
     def release(self) -> None:
-        """Gives the lock back; a second call does nothing."""
-        if self._file is not None:
-            os.close(self._file)
-            self._file = None
+        """Release the lock; a second call does nothing."""
+        self._lock.release()
+
+    def _write_owner(self, file: int) -> None:
+        refuse_hard_link(self._path, file)
+        now = datetime.datetime.now().astimezone().isoformat(" ", "seconds")
+        text = f"process {os.getpid()} on {socket.gethostname()} since {now}\n"
+        with contextlib.suppress(OSError):  # a courtesy only; a full disk must not stop a resume
+            os.ftruncate(file, 0)
+            os.lseek(file, 0, os.SEEK_SET)
+            os.write(file, text.encode())
 
     def _owner(self) -> str:
-        assert self._file is not None
-        os.lseek(self._file, 0, os.SEEK_SET)
-        text = os.read(self._file, 200).decode("utf-8", "replace").strip()
-        return text or "another process"
+        try:
+            with open(self._path, "rb") as file:
+                text = file.read(200).decode("utf-8", "replace")
+            return text.strip() or "another process"
+        except OSError:
+            return "another process"

@@ -8,18 +8,18 @@ import re
 from collections.abc import Collection, Iterable
 from pathlib import Path
 
-from serp._util.durable_files import cannot_write
+from serp._util.files import cannot_write
 from serp.errors import RunError
 from serp.runs.config import CONFIG
 from serp.runs.lock import LOCK
 
 
 def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path:
-    """The folder of a run that was given none: ``runs/<domain>-<time>``, unused so far.
+    """Return the folder of a run that was given none: ``runs/<domain>-<time>``, unused so far.
 
     Args:
-        domain_name: name of the domain; what a folder's name cannot hold becomes a hyphen.
-        now: the time in it; the present local time by default.
+        domain_name: Name of the domain; what a folder's name cannot hold becomes a hyphen.
+        now: The time in it; the present local time by default.
 
     Returns:
         A path that does not exist; ``-2``, ``-3``, … is appended where the first one does.
@@ -35,15 +35,15 @@ def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path
 
 
 def make_empty(path: Path, traces: Collection[str]) -> bool:
-    """Makes the folder of a new run; False where an empty one was there.
+    """Make the folder of a new run; False where an empty one was there.
 
     Args:
-        path: the folder.
-        traces: what a run that was stopped before it began may have left there; it counts for
+        path: The folder.
+        traces: What a run that was stopped before it began may have left there; it counts for
             nothing.
 
     Raises:
-        RunError: it is a file, holds something, or cannot be made.
+        RunError: It is a file, holds something, or cannot be made.
     """
     try:
         path.mkdir(parents=True)
@@ -66,7 +66,7 @@ def make_empty(path: Path, traces: Collection[str]) -> bool:
 
 
 def occupied(path: Path) -> RunError:
-    """The error for a folder that holds something: says what, and what to do."""
+    """Return the error for a folder that holds something."""
     if os.path.lexists(path / CONFIG):
         return RunError(
             f"{path} holds a run already. Continue it with --resume, or give another folder with "
@@ -78,7 +78,7 @@ def occupied(path: Path) -> RunError:
 
 
 def remove_traces(path: Path, traces: Iterable[str]) -> None:
-    """Removes what a run that was stopped or failed before it began left in a folder.
+    """Remove what a run that was stopped or failed before it began left in a folder.
 
     Raises:
         RunError: It cannot be removed.

@@ -10,9 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from serp._util.colours import ACTORS
-from serp._util.figures import FAINT, INK, STYLE, legend_above
-from serp._util.figures import render as render
+from serp._util.figures import ACTORS, FAINT, INK, STYLE, legend_above
 from serp.control.decision_counts import STEPS_BY
 from serp.runs.summary import WINDOW, Metrics, moving_mean
 
@@ -21,11 +19,11 @@ _BINS = 200
 
 
 def learning_curve(metrics: Metrics, title: str = "Learning curve") -> Figure:
-    """Draws a run: the returns above, below who acted and the learner probability ρ.
+    """Draw a run: the returns above, below who acted and the learner probability ρ.
 
     Args:
-        metrics: what `serp.runs.reading.read_metrics` returns; no episode gives empty axes.
-        title: heads the figure.
+        metrics: What `serp.runs.reading.read_metrics` returns; no episode gives empty axes.
+        title: Heads the figure.
 
     Returns:
         A figure of its own, known to no global state of matplotlib.
@@ -95,7 +93,7 @@ def _draw_shares(axes: Axes, steps: np.ndarray[Any, Any], metrics: Metrics) -> N
 def _binned_shares(
     metrics: Metrics,
 ) -> tuple[np.ndarray[Any, Any], dict[str, np.ndarray[Any, Any]]]:
-    """Whose actions were executed, over at most `_BINS` stretches of episodes.
+    """Return whose actions were executed, over at most `_BINS` stretches of episodes.
 
     Returns:
         The env step in the middle of each stretch ``[bins]`` (the outermost ones drawn to the

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple, get_type_hints
 
 import numpy as np
 
-from serp._util.regular_files import open_regular
+from serp._util.files import open_regular
 from serp.control.decision_counts import DecisionCounts
 from serp.errors import RunError
 from serp.runs.rows import DECISIONS_COLUMNS, LONGEST, METRICS_COLUMNS, MetricsRow
@@ -19,13 +19,13 @@ _INT64: Final = range(-(2**63), 2**63)
 
 
 def read_rows(path: Path | str, columns: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
-    """Yields line number (from 1; the header is line 1) and cells of every whole row.
+    """Yield line number (from 1; the header is line 1) and cells of every whole row.
 
     A last line without its line break was cut (a run killed while writing, or one that writes
     just now) and is left out.
 
     Raises:
-        RunError: the file cannot be read, has other columns, or a row is malformed.
+        RunError: The file cannot be read, has other columns, or a row is malformed.
     """
     path = Path(path)
     number = 0
@@ -56,12 +56,12 @@ def read_rows(path: Path | str, columns: Sequence[str]) -> Iterator[tuple[int, l
 
 
 def read_metrics(path: Path | str) -> dict[str, np.ndarray[Any, Any]]:
-    """Reads ``metrics.csv``: column → array ``[episodes]``.
+    """Read ``metrics.csv``: column → array ``[episodes]``.
 
     Counts are int64, flags bool, everything else float64 with NaN for an empty cell.
 
     Raises:
-        RunError: see `read_rows`; also for a cell that is no number.
+        RunError: See `read_rows`; also for a cell that is no number.
     """
     hints = get_type_hints(MetricsRow)
     kinds = [hints[field] for field in MetricsRow._fields]
@@ -88,11 +88,11 @@ class _Counted(NamedTuple):
     unsafe: bool
 
 
-def read_tally(path: Path | str) -> DecisionCounts:
-    """Counts the decisions of ``decisions.csv``.
+def count_decisions(path: Path | str) -> DecisionCounts:
+    """Count the decisions of ``decisions.csv``.
 
     Raises:
-        RunError: see `read_rows`; also for a cell that is no truth value.
+        RunError: See `read_rows`; also for a cell that is no truth value.
     """
     tally = DecisionCounts()
     kinds = get_type_hints(_Counted)

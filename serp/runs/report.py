@@ -1,4 +1,7 @@
-"""``report.md``: a run on one page, for people."""
+"""``report.md``: a run on one page, for people.
+
+Written by hand, not by a template: every training writes one, without the library for templates.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from serp._util.markdown import code, plain, table
-from serp._util.numbers import percent
+from serp._util.numbers import duration, percent
 from serp.runs.summary import spans
-from serp.tasks.reward import said_of
+from serp.tasks.reward import describe_source
 
 _EXECUTED: Final = {
     "planner": "actions of the planner executed",
@@ -19,39 +22,37 @@ _EXECUTED: Final = {
 }
 
 
-def report(
-    about: Mapping[str, Any],
-    summary: Mapping[str, Any],
-) -> str:
-    """Writes the report of a run as plain Markdown.
+def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bool = True) -> str:
+    """Return the report of a run as plain Markdown.
 
     Args:
-        about: ``config.json``: the keys that `serp.runs.config.config_text` writes.
-        summary: what `serp.runs.summary.summarize` returns.
+        metadata: ``config.json``: the keys that `serp.runs.config.config_text` writes.
+        summary: What `serp.runs.summary.summarize` returns.
+        drawn: Whether there is a picture of the learning curve.
 
     Returns:
         Markdown with a line break at its end.
     """
     sections = [
-        f"# Run: {plain(_title(about, summary))}",
+        f"# Run: {plain(_title(metadata, summary))}",
         _lead(summary),
-        "![Learning curve: return per episode, and who decided](learning-curve.png)",
+        *(["![Learning curve: return per episode, and who decided](learning-curve.png)"] * drawn),
         *_learned_from(summary),
         "## Result\n\n" + _results(summary),
         "## Safety\n\n" + _safety(summary),
         "## Vetoes by reason\n\n" + _vetoes(summary["vetoes_by_reason"]),
+        "## How it was made\n\n" + _origin(metadata),
     ]
-    sections.append("## How it was made\n\n" + _origin(about))
     return "\n\n".join(sections) + "\n"
 
 
-def _title(about: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
-    domain = summary.get("domain") or next(iter(about["domain_files"].values()), "unnamed")
+def _title(metadata: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
+    domain = summary.get("domain") or next(iter(metadata["domain_files"].values()), "unnamed")
     parts = [str(domain)]
     if summary.get("preset") is not None:
         parts.append(f"preset {summary['preset']}")
-    if about.get("seed") is not None:
-        parts.append(f"seed {about['seed']}")
+    if metadata.get("seed") is not None:
+        parts.append(f"seed {metadata['seed']}")
     return ", ".join(parts)
 
 
@@ -70,7 +71,7 @@ def _lead(summary: Mapping[str, Any]) -> str:
 
 def _learned_from(summary: Mapping[str, Any]) -> Iterable[str]:
     if "learned_from" in summary:
-        source = said_of(summary["learned_from"], in_file=bool(summary["file_rewards"]))
+        source = describe_source(summary["learned_from"], in_file=bool(summary["file_rewards"]))
         yield f"The learner learns from {source}."
 
 
@@ -123,32 +124,25 @@ def _vetoes(vetoes: Mapping[str, int]) -> str:
     )
 
 
-def _origin(about: Mapping[str, Any]) -> str:
+def _origin(metadata: Mapping[str, Any]) -> str:
     rows = [
-        ("begun", plain(str(about["created"]))),
-        *((plain(copy), plain(f"copy of {name}")) for copy, name in about["domain_files"].items()),
-        *((plain(name), plain(value)) for name, value in about["machine"].items()),
+        ("begun", plain(str(metadata["created"]))),
+        *(
+            (plain(copy), plain(f"copy of {name}"))
+            for copy, name in metadata["domain_files"].items()
+        ),
+        *((plain(name), plain(value)) for name, value in metadata["machine"].items()),
         *(
             (plain(name), plain(version))
-            for name, version in about["versions"].items()
+            for name, version in metadata["versions"].items()
             if version is not None
         ),
     ]
-    made_with = table(("", ""), rows)
-    command: Sequence[str] = about["command"]
+    origin = table(("", ""), rows)
+    command: Sequence[str] = metadata["command"]
     if not command:
-        return made_with
-    return f"{code(shlex.join(map(str, command)))}\n\n{made_with}"
-
-
-def duration(seconds: float) -> str:
-    """A time that people read: ``8.2 s``, ``3 min 05 s``, ``2 h 07 min``."""
-    if seconds < 59.95:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {rest:02} s"
-    return f"{minutes // 60} h {minutes % 60:02} min"
+        return origin
+    return f"{code(shlex.join(map(str, command)))}\n\n{origin}"
 
 
 def _number(value: float | None) -> str:

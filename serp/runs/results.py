@@ -2,36 +2,54 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
+from serp._util.extras import needs_extra
 from serp._util.json_files import finite
-from serp.runs import plots
+from serp.errors import MissingExtra, Notice
 from serp.runs.folder import DECISIONS, METRICS, RunFolder
-from serp.runs.reading import read_metrics, read_tally
+from serp.runs.reading import count_decisions, read_metrics
 from serp.runs.report import report
-from serp.runs.summary import summarize
+from serp.runs.summary import Metrics, summarize
 
 
 def write_results(run: RunFolder, compile_seconds: float = 0.0) -> None:
-    """Writes ``summary.json``, ``learning-curve.png``, ``learning-curve.svg`` and ``report.md``.
+    """Write ``summary.json``, ``report.md``, ``learning-curve.png`` and ``learning-curve.svg``.
+
+    Without matplotlib there is no learning curve, and a `Notice` says so.
 
     Args:
-        run: open for writing; its tables are flushed first.
-        compile_seconds: what compilation took, beside the training.
+        run: Open for writing; its tables are flushed first.
+        compile_seconds: What compilation took, beside the training.
 
     Raises:
-        RunError: a table is malformed, or a write failed.
+        RunError: A table is malformed, or a write failed.
     """
     run.flush()
     metrics = read_metrics(run.path / METRICS)
-    vetoes = read_tally(run.path / DECISIONS).vetoes_by_reason()
+    vetoes = count_decisions(run.path / DECISIONS).vetoes_by_reason()
     summary: dict[str, Any] = finite(summarize(metrics, run.config, vetoes, compile_seconds))
     run.write_summary(summary)
-    figure = plots.learning_curve(metrics, _title(summary))
-    run.write("learning-curve.png", plots.render(figure, "png"))
-    run.write("learning-curve.svg", plots.render(figure, "svg"))
-    run.write("report.md", report(run.about, summary))
+    try:
+        _draw(run, metrics, _title(summary))
+    except MissingExtra as missing:
+        warnings.warn(str(missing), Notice, stacklevel=2)
+        drawn = False
+    else:
+        drawn = True
+    run.write("report.md", report(run.metadata, summary, drawn=drawn))
+
+
+def _draw(run: RunFolder, metrics: Metrics, title: str) -> None:
+    with needs_extra("plots", "the learning curve"):
+        from serp._util.figures import render
+        from serp.runs.plots import learning_curve
+
+    figure = learning_curve(metrics, title)
+    run.write("learning-curve.png", render(figure, "png"))
+    run.write("learning-curve.svg", render(figure, "svg"))
 
 
 def _title(summary: Mapping[str, Any]) -> str:

@@ -12,25 +12,25 @@ class MetricsRow(NamedTuple):
     """One episode: a row of ``metrics.csv``.
 
     Attributes:
-        episode: number of the episode, from 1.
-        env_steps: steps in the environment since the run began.
-        return_: sum of the environment's rewards (column ``return``).
-        domain_return: sum of the rewards that the domain file gives.
-        length: steps of this episode.
-        terminated: whether the environment ended the episode.
-        truncated: whether a limit ended it.
-        rho: learner probability at its end; None where there is no learner.
-        epsilon: share of random choices at its end; None where there are none.
-        planner_steps: steps in which the planner's action was executed, in its turn or in the
+        episode: Number of the episode, from 1.
+        env_steps: Steps in the environment since the run began.
+        return_: Sum of the environment's rewards (column ``return``).
+        domain_return: Sum of the rewards that the domain file gives.
+        length: Steps of this episode.
+        terminated: Whether the environment ended the episode.
+        truncated: Whether a limit ended it.
+        rho: Learner probability at its end; None where there is no learner.
+        epsilon: Share of random choices at its end; None where there are none.
+        planner_steps: Steps in which the planner's action was executed, in its turn or in the
             place of a refused proposal.
-        learner_steps: steps in which the learner's greedy choice was executed, or its next best
+        learner_steps: Steps in which the learner's greedy choice was executed, or its next best
             one in the place of a refused proposal.
-        exploration_steps: steps in which a random choice was executed.
-        fallback_steps: steps in which neither of them had an action. The four add up to the length.
-        vetoes, unsafe_predicted, unsafe_executed, no_safe_action: see
+        exploration_steps: Steps in which a random choice was executed.
+        fallback_steps: Steps in which neither of them had an action. The four add up to the length.
+        vetoes, unsafe_predicted, unsafe_executed, no_safe_action: See
             `serp.control.decision_counts.DecisionCounts`.
-        loss: mean loss of the updates in this episode; None before the first.
-        wall_time: seconds of training since the run began, compilation and pauses left out.
+        loss: Mean loss of the updates in this episode; None before the first.
+        wall_time: Seconds of training since the run began, compilation and pauses left out.
     """
 
     episode: int
@@ -61,20 +61,20 @@ class DecisionRow(NamedTuple):
     when the table is flushed, outside of the step.
 
     Attributes:
-        step: steps in the environment before this one since the run began.
-        episode: number of the episode, from 1.
-        proposed_by: planner, learner or exploration.
-        proposed: the action proposed.
-        executed: the action executed.
-        executed_by: whose action that was: of those three, or fallback.
-        reason: why this action was executed.
-        vetoed: whether the proposal was refused.
-        predicted_reward: reward that the model predicts for the executed action.
-        proposal_unsafe: whether the domain file flags the proposed action, or it is too risky.
-        unsafe: whether the domain file flags the executed action unsafe.
-        risk: probability of that by the model as it was then, 0 to 1; 1 where the file flags it.
-        rho: learner probability at this step.
-        explanation: why the proposal was refused, in the terms of the domain file.
+        step: Steps in the environment before this one since the run began.
+        episode: Number of the episode, from 1.
+        proposed_by: Planner, learner or exploration.
+        proposed: The action proposed.
+        executed: The action executed.
+        executed_by: Whose action that was: of those three, or fallback.
+        reason: Why this action was executed.
+        vetoed: Whether the proposal was refused.
+        predicted_reward: Reward that the model predicts for the executed action.
+        proposal_unsafe: Whether the domain file flags the proposed action, or it is too risky.
+        unsafe: Whether the domain file flags the executed action unsafe.
+        risk: Probability of that by the model as it was then, 0 to 1; 1 where the file flags it.
+        rho: Learner probability at this step.
+        explanation: Why the proposal was refused, in the terms of the domain file.
     """
 
     step: int

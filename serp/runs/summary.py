@@ -39,14 +39,14 @@ def summarize(
     vetoes_by_reason: Mapping[str, int] | None = None,
     compile_seconds: float = 0.0,
 ) -> dict[str, Any]:
-    """Sums up a run; a pure function of its arguments.
+    """Sum up a run; a pure function of its arguments.
 
     Args:
-        metrics: what `serp.runs.reading.read_metrics` returns.
-        config: the resolved configuration; its ``domain``, ``preset``, ``seed``,
+        metrics: What `serp.runs.reading.read_metrics` returns.
+        config: The resolved configuration; its ``domain``, ``preset``, ``seed``,
             ``learned_from`` and ``file_rewards`` are repeated.
-        vetoes_by_reason: reason → proposals refused for it, in the order to be listed.
-        compile_seconds: what compilation took; it is no part of ``wall_time``.
+        vetoes_by_reason: Reason → proposals refused for it, in the order to be listed.
+        compile_seconds: What compilation took; it is no part of ``wall_time``.
 
     Returns:
         JSON values. ``return`` and ``domain_return`` hold the mean of the first 10, of the last 20

@@ -13,13 +13,13 @@ import zlib
 from collections.abc import Callable, Iterable, Sequence
 from enum import Enum
 from pathlib import Path
-from types import NoneType, TracebackType
-from typing import Any, Final, NamedTuple, Self
+from types import NoneType
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from serp._util.durable_files import cannot_write, write_all
-from serp._util.regular_files import open_regular
+from serp._util.closing import Closing
+from serp._util.files import cannot_write, open_regular, write_all
 from serp.errors import RunError
 from serp.runs.rows import LONGEST
 
@@ -31,25 +31,25 @@ class Position(NamedTuple):
     """A place in a table, and what comes before it.
 
     Attributes:
-        bytes: how many there are.
-        checksum: their CRC-32.
+        bytes: How many there are.
+        checksum: Their CRC-32.
     """
 
     bytes: int
     checksum: int
 
 
-class Table:
+class Table(Closing):
     """Writes one CSV file with fixed columns.
 
     Opening a file that is there checks its header and drops a last line that was cut.
 
     Args:
-        path: the file, made with its header where it is missing or empty.
-        columns: names of the columns.
+        path: The file, made with its header where it is missing or empty.
+        columns: Names of the columns.
 
     Raises:
-        RunError: the file cannot be opened or written, or has other columns.
+        RunError: The file cannot be opened or written, or has other columns.
     """
 
     def __init__(self, path: Path | str, columns: Sequence[str]) -> None:
@@ -72,14 +72,14 @@ class Table:
             raise
 
     def append(self, row: Sequence[Any]) -> None:
-        """Adds a row; it reaches the disk at the next `flush`, or when 1,024 rows are held.
+        """Add a row; it reaches the disk at the next `flush`, or when 1,024 rows are held.
 
         Args:
-            row: a value a column, in their order, not to be changed afterwards.
+            row: A value a column, in their order, not to be changed afterwards.
 
         Raises:
-            ValueError: the number of values is not that of the columns.
-            RunError: the disk refused the rows held so far; they are still held.
+            ValueError: The number of values is not that of the columns.
+            RunError: The disk refused the rows held so far; they are still held.
         """
         if len(row) != self._width:
             raise ValueError(
@@ -91,10 +91,10 @@ class Table:
             self.flush()
 
     def flush(self) -> None:
-        """Hands all rows to the operating system in one write.
+        """Hand all rows to the operating system in one write.
 
         Raises:
-            RunError: the write failed. The file ends with the last row before this write, and
+            RunError: The write failed. The file ends with the last row before this write, and
                 the rows are still held, so that a later flush can write them.
         """
         if not self._rows:
@@ -105,10 +105,10 @@ class Table:
         self._rows.clear()
 
     def sync(self) -> None:
-        """Flushes, and waits until the disk holds the rows.
+        """Flush, and waits until the disk holds the rows.
 
         Raises:
-            RunError: the write failed.
+            RunError: The write failed.
         """
         self.flush()
         try:
@@ -117,10 +117,10 @@ class Table:
             raise cannot_write(self.path, error, "Its last rows may be missing.") from error
 
     def position(self) -> Position:
-        """Flushes, and returns where the table ends: what `truncate` takes.
+        """Flush, and returns where the table ends: what `truncate` takes.
 
         Raises:
-            RunError: the write failed.
+            RunError: The write failed.
         """
         self.flush()
         if self._checksum is None:
@@ -131,10 +131,10 @@ class Table:
         return Position(self._end, self._checksum)
 
     def truncate(self, to: Position) -> None:
-        """Goes back to an earlier `position`: drops the rows after it, held ones too.
+        """Go back to an earlier `position`: drops the rows after it, held ones too.
 
         Raises:
-            RunError: the file does not reach that far, the rows up to there are not those that
+            RunError: The file does not reach that far, the rows up to there are not those that
                 were written, or the disk failed.
         """
         self._rows.clear()
@@ -158,10 +158,10 @@ class Table:
         self._end, self._checksum = position, to.checksum
 
     def close(self) -> None:
-        """Flushes and closes; closing twice does nothing.
+        """Flush and closes; closing twice does nothing.
 
         Raises:
-            RunError: the write failed; the file is closed all the same.
+            RunError: The write failed; the file is closed all the same.
         """
         if not self._open:
             return
@@ -170,23 +170,12 @@ class Table:
         finally:
             self._close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
-
     def _close(self) -> None:
         self._open = False
         os.close(self._file)
 
     def _check(self) -> None:
-        """Writes the header of a new file, checks that of an old one, drops a cut last line."""
+        """Write the header of a new file, checks that of an old one, drops a cut last line."""
         try:
             found = self._read(0, len(self._header))
             if found == self._header:
@@ -224,13 +213,13 @@ class Table:
         return 0
 
     def _read(self, start: int, size: int) -> bytes:
-        """At most `size` bytes from `start`, none beyond the end that the file had."""
+        """Return at most `size` bytes from `start`, none beyond the end that the file had."""
         size = min(size, self._end - start)
         os.lseek(self._file, start, os.SEEK_SET)
         return os.read(self._file, size) if size > 0 else b""
 
     def _checksum_of(self, size: int) -> int:
-        """The CRC-32 of the first so many bytes."""
+        """Return the CRC-32 of the first so many bytes."""
         checksum = 0
         for start in range(0, size, _BLOCK):
             checksum = zlib.crc32(self._read(start, min(_BLOCK, size - start)), checksum)
@@ -263,7 +252,7 @@ def _text(value: str) -> str:
 
 
 def _format(values: Sequence[Any]) -> Iterable[str]:
-    """The cells of one column; by columns this takes half the time that it takes by rows."""
+    """Return the cells of one column; by columns this takes half the time that it takes by rows."""
     kinds = set(map(type, values))
     if len(kinds) > 1:
         return [_FORMATS.get(type(value), _other)(value) for value in values]

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
 import math
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
+from serp._util.closing import Closing
 from serp.errors import MissingExtra, RunError
 from serp.runs.rows import METRICS_COLUMNS, MetricsRow
 
@@ -23,7 +22,7 @@ def require_tensorboard() -> None:
         raise MissingExtra("writing TensorBoard events", "tensorboard")
 
 
-class EventWriter:
+class EventWriter(Closing):
     """Writes every number of an episode's metrics as a scalar over env steps.
 
     As a context manager it closes itself at the end.
@@ -45,22 +44,6 @@ class EventWriter:
         from torch.utils.tensorboard import SummaryWriter
 
         self._writer: Any = SummaryWriter(str(events), purge_step=purge_step)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if error is None:
-            self.close()
-            return
-        # What went wrong first is what the user has to read.
-        with contextlib.suppress(OSError):
-            self.close()
 
     def append(self, row: MetricsRow) -> None:
         """Write the metrics of one episode."""

@@ -13,7 +13,7 @@ from serp.model.transition_model import StateError, Vector
 
 if TYPE_CHECKING:
     from serp.settings import Settings
-    from serp.tasks.task import BoundTask
+    from serp.tasks.bound_task import BoundTask
 
 Source = Literal["domain", "environment", "sum"]
 
@@ -47,7 +47,7 @@ class Judge:
     """
 
     def __init__(self, task: BoundTask, settings: Settings) -> None:
-        self.source = source_of(task.rewarded_by, settings)
+        self.source = reward_source(task.rewarded_by, settings)
         self._model = task.model
         if self.source != "environment" and not task.model.rewarding:
             raise SettingsError(
@@ -83,7 +83,7 @@ class Judge:
         return Judged(reward, judged.reward, judged.unsafe)
 
 
-def source_of(declared: Literal["domain", "environment"], settings: Settings) -> Source:
+def reward_source(declared: Literal["domain", "environment"], settings: Settings) -> Source:
     """Return what is learned from.
 
     Args:
@@ -94,7 +94,7 @@ def source_of(declared: Literal["domain", "environment"], settings: Settings) ->
     return declared if choice == "task" else choice
 
 
-def said_of(source: Source, *, in_file: bool) -> str:
+def describe_source(source: Source, *, in_file: bool) -> str:
     """Return what the learner learns from in words, to follow "the learner learns from".
 
     Args:

@@ -1,40 +1,25 @@
-"""A task: environment + domain + grounding + the map from ground actions to environment actions."""
+"""A task as it is declared: environment, domain, grounding and the map of actions."""
 
 from __future__ import annotations
 
-import contextlib
-import inspect
-import json
 import os
-import time
-import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Literal, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import gymnasium as gym
-import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
-from serp._util.numbers import real
-from serp.errors import EnvironmentFailure, RunError, TaskError
+from serp.errors import TaskError
 from serp.model.loading import Domain, load_domain
-from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning.action_map import ActionMap
-from serp.tasks import wrapper_state as layers
-from serp.tasks.env_checks import reset_answer, step_answer
-from serp.tasks.grounding import grounded
-from serp.tasks.observation import Observations
-from serp.tasks.task_symmetry import Symmetry
+from serp.model.transition_model import TransitionModel
+from serp.tasks.symmetry import Symmetry
+
+if TYPE_CHECKING:
+    from serp.tasks.bound_task import BoundTask
 
 Grounded = Mapping[str, float | bool] | NDArray[Any]
-_SAMPLES = 8
-"""Observations that the grounding is tried on until it gives an answer."""
-_T = TypeVar("_T")
-
 Overrides = Mapping[str, Mapping[str, Any]]
 
 
@@ -102,305 +87,11 @@ class Task:
             DomainError: The domain is wrong.
             TaskError: Environment, domain, grounding and actions do not fit together.
         """
+        from serp.tasks.bound_task import BoundTask  # which needs this module
+
         return BoundTask(self, render_mode=render_mode)
 
 
 def declared_reward(task: Task, model: TransitionModel) -> Literal["domain", "environment"]:
     """Return whose reward a task declares to be learned from, by itself or by its domain."""
     return task.reward or ("domain" if model.rewarding else "environment")
-
-
-class Call(NamedTuple):
-    """A call of the environment.
-
-    Attributes:
-        what: In words, such as `step with action left`.
-        since: When it began, seconds of the monotonic clock.
-    """
-
-    what: str
-    since: float
-
-
-class BoundTask:
-    """A task with an environment made, its domain loaded and its actions resolved.
-
-    Attributes:
-        task: The task.
-        name: Its name.
-        domain: The loaded domain.
-        model: Its transition model, over the task's control period.
-        env: The environment.
-        actions: The map of actions.
-        observations: Reads the environment's observations.
-        rewarded_by: Whose reward the task declares to be learned from: `domain` or `environment`.
-        call: What the environment was called for and has not returned from; None otherwise.
-        on_notice: Called with a line that the user should read, where it is set.
-
-    As a context manager it closes its environment at the end.
-    """
-
-    def __init__(self, task: Task, *, render_mode: str | None = None) -> None:
-        self.task = task
-        self.domain = task.load()
-        self.name = str(task.name or self.domain.name)
-        self._check_fields()
-        self.model: TransitionModel = self.domain.model.replace(dt=float(task.dt))
-        self.env = self._make_env(render_mode)
-        try:
-            self._check_environment()
-        except BaseException:
-            with contextlib.suppress(Exception):  # what does not fit is what has to be read
-                self.env.close()
-            raise
-        self._watch = layers.Watch(self.env)
-        self.call: Call | None = None
-        self.on_notice: Callable[[str], None] | None = None
-
-    def _check_fields(self) -> None:
-        task = self.task
-        dt = real(task.dt)
-        for wrong, name, allowed in (
-            (not isinstance(task.name, str | None), "name", "a text"),
-            (not callable(task.ground), "ground", "a function of an observation"),
-            (not callable(task.make_env), "make_env", "a function that returns an environment"),
-            (task.reward not in (None, "domain", "environment"), "reward",
-             "'domain' or 'environment'"),
-            (dt is None or dt <= 0, "dt (the control period)", "a number > 0"),
-        ):  # fmt: skip
-            if wrong:
-                value = getattr(task, name.split()[0])
-                raise TaskError(f"task {self.name}: {name} must be {allowed}, not {value!r}")
-
-    def _check_environment(self) -> None:
-        task = self.task
-        space = getattr(self.env, "action_space", None)
-        if not isinstance(space, spaces.Discrete):
-            raise TaskError(
-                f"task {self.name}: serp needs discrete actions, this environment has {space}; "
-                "offer a few (macro-)actions through a wrapper"
-            )
-        self._first_action = int(space.start)
-        try:
-            self.observations = Observations(getattr(self.env, "observation_space", None))
-        except ValueError as error:
-            raise TaskError(f"task {self.name}: {error}") from None
-        self.observation_size = self.observations.size
-        self._inside = True
-        given = next(grounded(task.ground, self.observations.space, _SAMPLES), None)
-        if isinstance(given, Mapping):  # what is observed is not fixed, though :init may state it
-            self.domain = self.domain.observed(map(str, given))
-            self.model = self.domain.model.replace(dt=self.model.dt)
-        self.actions = ActionMap(self.model, int(space.n), task.actions)
-        self.rewarded_by = declared_reward(task, self.model)
-        if self.rewarded_by == "domain" and not self.model.rewarding:
-            raise TaskError(
-                f"task {self.name}: the domain says nothing about reward; let an action or event "
-                "`(increase (reward) ...)`, or set reward='environment'"
-            )
-        self._check_grounding(given)
-
-    def _check_grounding(self, given: Any) -> None:
-        """Check which fluents a first answer of the grounding gives; None where there is none."""
-        try:
-            if isinstance(given, Mapping):
-                self.model.check_names(given)
-            elif given is not None:
-                self.model.check_shape(given)
-        except StateError as error:
-            raise TaskError(
-                f"task {self.name}: the grounding does not fit {self.domain.source.name}: {error}"
-            ) from None
-
-    def _make_env(self, render_mode: str | None) -> gym.Env[Any, Any]:
-        if render_mode is not None and not _takes(self.task.make_env, "render_mode"):
-            raise TaskError(
-                f"task {self.name}: make_env takes no render_mode, so nothing can be drawn; let it "
-                "take one and pass it on, as `lambda **options: gymnasium.make(..., **options)` "
-                "does"
-            )
-        try:
-            env = self.task.make_env(**({"render_mode": render_mode} if render_mode else {}))
-        except Exception as error:
-            raise EnvironmentFailure(
-                f"task {self.name}: making the environment failed: {_short(error)}"
-            ) from error
-        if not isinstance(env, gym.Env):
-            raise TaskError(f"task {self.name}: make_env returned {type(env).__name__}, no gym.Env")
-        return env
-
-    # The way of data through a step ------------------------------------------------------------
-
-    def observation(self, raw: Any) -> NDArray[np.float64]:
-        """Return an observation as a flat float64 vector.
-
-        The first number outside the bounds that the space declares is a notice.
-
-        Raises:
-            EnvironmentFailure: It is no member of the space, not made of real numbers, or holds
-                NaN or an infinity.
-        """
-        try:
-            vector = self.observations.read(raw)
-        except ValueError as error:
-            raise EnvironmentFailure(f"task {self.name}: the observation: {error}") from None
-        if self._inside and self.on_notice is not None:
-            outside = self.observations.outside(vector)
-            if outside is not None:
-                self._inside = False
-                self.on_notice(
-                    f"The observation left its space: {outside.name} is {outside.value:g}, beyond "
-                    f"the declared {outside.bound:g}. It is used as it is; this is said once."
-                )
-        return vector
-
-    def ground(self, raw: Any) -> Vector:
-        """Return the state `[F]` of an observation as the environment gave it.
-
-        Raises:
-            TaskError: The grounding raised, forgot a fluent, or gave NaN.
-        """
-        try:
-            grounded = self.task.ground(raw)
-        except Exception as error:
-            raise TaskError(
-                f"task {self.name}: the grounding failed on {raw}: {_short(error)}"
-            ) from error
-        try:
-            if isinstance(grounded, Mapping):
-                return self.model.state(grounded)
-            return np.array(self.model.check_state(grounded))
-        except (StateError, TypeError, ValueError) as error:
-            raise TaskError(f"task {self.name}: grounding of {raw}: {error}") from None
-
-    def reset(self, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment.
-
-        Raises:
-            EnvironmentFailure: It raised, or returned something else than observation and info.
-        """
-        self._watch.before_reset()
-        with self._blamed("reset"):
-            answer = self.env.reset(seed=seed)
-        raw, info = self._understood(reset_answer, answer, "reset")
-        for carried in self._watch.after_reset():
-            if self.on_notice is not None:
-                self.on_notice(
-                    f"Wrapper {carried} from one episode to the next and offers no state_dict(): "
-                    "where that matters, a resumed run differs from an uninterrupted one."
-                )
-        return raw, info
-
-    def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Carry out an environment action 0 ... E-1.
-
-        Returns:
-            Observation, the environment's reward, terminated, truncated, info.
-
-        Raises:
-            EnvironmentFailure: The environment raised, or returned something else.
-        """
-        what = f"step with action {self.actions.name(action)}"
-        with self._blamed(what):
-            answer = self.env.step(self._first_action + action)
-        return self._understood(step_answer, answer, what)
-
-    @contextlib.contextmanager
-    def _blamed(self, what: str) -> Iterator[None]:
-        """Note that the environment is called; say that it failed, whatever it raised."""
-        self.call = Call(what, time.monotonic())
-        try:
-            yield
-        except (Exception, SystemExit) as error:  # some that draw exit when their window closes
-            raise EnvironmentFailure(f"task {self.name}: {what} failed: {_short(error)}") from error
-        finally:
-            self.call = None
-
-    def _understood(self, understand: Callable[[Any], _T], answer: Any, what: str) -> _T:
-        try:
-            return understand(answer)
-        except ValueError as error:
-            raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
-
-    def close(self) -> None:
-        """Close the environment.
-
-        Raises:
-            EnvironmentFailure: It raised.
-        """
-        with self._blamed("closing the environment"):
-            self.env.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if error is None:
-            self.close()
-            return
-        # What went wrong first is what the user has to read.
-        with contextlib.suppress(EnvironmentFailure):
-            self.close()
-
-    # What outlives a reset ---------------------------------------------------------------------
-
-    def environment_state(self) -> dict[str, Any]:
-        """Return what the environment and its wrappers carry from one episode to the next.
-
-        See `serp.tasks.wrapper_state`.
-
-        Raises:
-            EnvironmentFailure: A layer raised, or its state is not made of JSON values.
-        """
-        try:
-            saved = layers.save(self.env)
-            json.dumps(saved)
-        except Exception as error:
-            raise EnvironmentFailure(
-                f"task {self.name}: the environment's state_dict() failed, or is not made of JSON "
-                f"values: {_short(error)}"
-            ) from error
-        return saved
-
-    def restore_environment(
-        self, saved: Mapping[str, Any], *, statistics_only: bool = False
-    ) -> None:
-        """Restore what `environment_state` returned.
-
-        Args:
-            saved: That.
-            statistics_only: Restore running statistics, such as those by which observations are
-                normalised, and nothing else.
-
-        Raises:
-            RunError: This environment cannot take it over.
-        """
-        take_over = layers.restore_statistics if statistics_only else layers.restore
-        try:
-            take_over(self.env, saved)
-        except Exception as error:
-            raise RunError(
-                f"task {self.name}: the environment cannot take over its saved state: "
-                f"{_short(error)}; continue with the environment it was saved with"
-            ) from error
-
-
-def _takes(function: Callable[..., Any], name: str) -> bool:
-    """Whether a function takes a keyword argument, as far as it says."""
-    try:
-        accepts = inspect.signature(function).parameters
-    except ValueError:  # some callables that are written in C
-        return True
-    return name in accepts or any(p.kind is inspect.Parameter.VAR_KEYWORD for p in accepts.values())
-
-
-def _short(error: BaseException) -> str:
-    """Return what an error of other people's code says, and the line where it arose."""
-    said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
-    return f"{said} ({frames[-1].filename}:{frames[-1].lineno})" if frames else said

@@ -8,7 +8,7 @@ happens); how the raw observation looks in the mirror only the task knows.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,60 +17,18 @@ from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.learning.symmetry_group import Element, SymmetryGroup
 from serp.model.symmetry.automorphisms import find_symmetries
-from serp.model.symmetry.model_symmetry import ModelSymmetry, cycles, permuted_columns, violation
+from serp.model.symmetry.model_symmetry import ModelSymmetry, permuted_columns, violation
 from serp.model.symmetry.permutation import Asymmetry, symmetry_of
 from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.tasks.symmetry import Symmetry, closed
 
 if TYPE_CHECKING:
     from serp.planning.action_map import ActionMap
-    from serp.tasks.task import BoundTask
+    from serp.tasks.bound_task import BoundTask
 
 _ADVICE = "correct the symmetry, take it out of the task, or set learner.symmetry to false"
 _TOLERANCE = 1e-4
 """Observations are float32 as a rule; groundings divide, and take angles."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Symmetry:
-    """A transformation that a task looks the same under, most often a mirror.
-
-    Soccer, where everything on the left can happen on the right::
-
-        Symmetry(objects={"left": "right"}, observation_signs=(1, -1, 1, ...))
-
-    Cart-pole, whose fluents are positive to the right and change their signs::
-
-        Symmetry(
-            flip=("cart-position", "cart-velocity", "pole-angle", "pole-velocity"),
-            actions={"push-left": "push-right"},
-            observation_signs=(-1, -1, -1, -1),
-        )
-
-    A mapping that does not come back to where it began is closed: `{"left": "right"}` exchanges
-    both, `{"a": "b", "b": "c"}` sends c to a.
-
-    Attributes:
-        objects: Object of the domain → the object that takes its place in the mirror.
-        flip: Numeric fluents that change their signs.
-        actions: Ground action → its mirror image, by name. Needed where `objects` does not tell; an
-            action that is not named has none but itself. An environment action that the domain does
-            not mention goes by its number.
-        observation_signs: Sign of every number of the mirrored observation; None: all are 1.
-        observation_order: Which number of the observation stands in every place of the mirrored
-            one, before its sign; None: its own. Without both, it is not known how an observation
-            looks in the mirror, and only a learner that sees the state alone uses the symmetry.
-    """
-
-    objects: Mapping[str, str] = field(default_factory=dict)
-    flip: Sequence[str] = ()
-    actions: Mapping[str | int, str | int] = field(default_factory=dict)
-    observation_signs: Sequence[float] | None = None
-    observation_order: Sequence[int] | None = None
-
-    def __str__(self) -> str:
-        told = [cycles(_closed(self.objects)), cycles(_closed(self.actions))]
-        told += [f"-{name}" for name in self.flip]
-        return ", ".join(text for text in told if text) or "of the observation alone"
 
 
 @dataclass(frozen=True)
@@ -203,10 +161,14 @@ class _Unfit(_Wrong):
 
 
 def _resolve(task: BoundTask, symmetry: Symmetry) -> TaskSymmetry:
-    name = ""
     try:
-        objects, pairs = _closed(symmetry.objects), _closed(symmetry.actions)
-        name = str(symmetry)
+        objects, pairs = closed(symmetry.objects), closed(symmetry.actions)
+    except ValueError as error:
+        wrong = _Wrong(str(error))
+        wrong.name = repr(symmetry)
+        raise wrong from None
+    name = str(symmetry)
+    try:
         model = _model_symmetry(task.model, objects, pairs, symmetry.flip)
         contradiction = violation(task.model, model)
         if contradiction is not None:
@@ -215,31 +177,9 @@ def _resolve(task: BoundTask, symmetry: Symmetry) -> TaskSymmetry:
         actions = _environment_actions(task.actions, model, numbers)
         columns, signs = _of_observation(task.observation_size, symmetry)
     except _Wrong as error:
-        error.name = name or repr(symmetry)
+        error.name = name
         raise
     return TaskSymmetry(name, model, actions, columns, signs)
-
-
-def _closed(mapping: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return a permutation, chains of it closed.
-
-    Raises:
-        _Wrong: Two things have the same image, or it is no mapping.
-    """
-    if not isinstance(mapping, Mapping):
-        raise _Wrong(f"expected a mapping such as {{'left': 'right'}}, not {mapping!r}")
-    closed = dict(mapping)
-    sources = {image: source for source, image in mapping.items()}
-    if len(sources) != len(mapping):
-        twice = next(i for s, i in mapping.items() if sources[i] != s)
-        raise _Wrong(f"two things become `{twice}`")
-    for end in mapping.values():
-        if end not in mapping:
-            start = end
-            while start in sources:
-                start = sources[start]
-            closed[end] = start
-    return closed
 
 
 def _model_symmetry(

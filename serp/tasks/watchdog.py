@@ -9,7 +9,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
 
 
 class Watchdog:

@@ -7,7 +7,7 @@ exactly, in one of two ways:
 * the layer offers `state_dict()` and `load_state_dict(state)` with JSON values;
 * it does not, but what it carries is found in its attributes: running statistics (objects with
   `mean`, `var` and `count`, as of gymnasium's NormalizeObservation and NormalizeReward), NumPy
-  random generators, and the arrays in `_CARRIED`.
+  random generators, and the arrays of gymnasium's own wrappers, of which some outlive a reset.
 """
 
 from __future__ import annotations
@@ -18,17 +18,9 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import wrappers
 
 from serp._util.saved_state import state_for
 
-_CARRIED: Mapping[type, tuple[str, ...]] = {
-    wrappers.NormalizeReward: ("discounted_reward",),
-    wrappers.MaxAndSkipObservation: ("_obs_buffer",),
-}
-"""Wrapper → its arrays that no reset clears."""
-_RESEEDED = "_np_random"
-"""Gymnasium's own generator, which every `reset(seed=...)` makes anew."""
 _WATCHED = 5  # episodes: enough that no value is the same before and after all resets by chance
 _LARGEST = 10_000  # numbers in a watched array
 
@@ -137,19 +129,27 @@ def _parts(env: gym.Env[Any, Any]) -> Iterator[_Part]:
     for layer in layers_of(env):
         if _saves_itself(layer):
             continue
-        carried = [n for kind, names in _CARRIED.items() if isinstance(layer, kind) for n in names]
-        for name, value in getattr(layer, "__dict__", {}).items():
-            if isinstance(value, np.random.Generator) and name != _RESEEDED:
+        for name, value in list(getattr(layer, "__dict__", {}).items()):
+            # Gymnasium's own generator is made anew by every `reset(seed=...)`.
+            if isinstance(value, np.random.Generator) and value is not layer.np_random:
                 yield _Part(layer, name, "generator")
             elif _is_statistics(value):
                 yield _Part(layer, name, "statistics")
-            elif name in carried:
+            elif _is_numeric(value) and _is_gymnasiums(layer):
                 yield _Part(layer, name, "array")
 
 
 def _saves_itself(layer: Any) -> bool:
     # A wrapper passes unknown attributes on, so what counts is what its own class offers.
     return all(hasattr(type(layer), name) for name in ("state_dict", "load_state_dict"))
+
+
+def _is_gymnasiums(layer: Any) -> bool:
+    return isinstance(layer, gym.Wrapper) and type(layer).__module__.startswith("gymnasium.")
+
+
+def _is_numeric(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind in "biuf"
 
 
 def _is_statistics(value: Any) -> bool:
@@ -188,7 +188,7 @@ class Watch:
         self._wrappers = [
             layer
             for layer in layers_of(env)[:-1]
-            if not _saves_itself(layer) and type(layer).__module__.split(".")[0] != "gymnasium"
+            if not _saves_itself(layer) and not _is_gymnasiums(layer)
         ]
         self._left = _WATCHED if self._wrappers else 0
         self._begun: dict[tuple[int, str], Any] | None = None
@@ -227,11 +227,7 @@ class Watch:
             for k, wrapper in enumerate(self._wrappers)
             for name, value in getattr(wrapper, "__dict__", {}).items()
             if isinstance(value, bool | int | float | str | np.generic)
-            or (
-                isinstance(value, np.ndarray)
-                and value.dtype.kind in "biuf"
-                and value.size <= _LARGEST
-            )
+            or (_is_numeric(value) and value.size <= _LARGEST)
         }
 
 

@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.choice import best_of
-from serp._util.numbers import FLOAT32_MAX
-from serp._util.saved_state import Saved
-from serp._util.state_dict_keys import nested
+from serp._util.numbers import FLOAT32_MAX, best_of
+from serp._util.saved_state import Saved, nested
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.exploration_bonus import ExplorationBonus
 from serp.control.arbiter import Arbiter, Decision, Forecaster
@@ -26,8 +24,8 @@ from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.settings import PlannerSettings, Settings
 from serp.sysid.transitions import CUT_OFF, GOES_ON, OVER
-from serp.tasks.reward import Judged, source_of
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
+from serp.tasks.reward import Judged, reward_source
 from serp.tasks.task_symmetry import TaskSymmetry, declared_symmetries, symmetry_group
 
 Arrays = dict[str, NDArray[Any]]
@@ -139,7 +137,7 @@ class Agent:
     def __init__(self, task: BoundTask, settings: Settings, seed: int) -> None:
         self.task = task
         self.settings = settings
-        self._learns_from = source_of(task.rewarded_by, settings)
+        self._learns_from = reward_source(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(5)
         strategy_seed, learner_seed, random_seed, correction_seed, outlook_seed = seeds
         self.correction = ModelAdaptation(task.model, settings.adaptation, correction_seed)

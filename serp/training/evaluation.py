@@ -16,7 +16,7 @@ from serp.control.decision_counts import DecisionCounts
 from serp.errors import SettingsError
 from serp.model.transition_model import Vector
 from serp.runs.summary import WINDOW
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
 from serp.training.policies import Policy
 

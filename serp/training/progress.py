@@ -1,30 +1,18 @@
-"""The display of a training while it runs: live on a terminal, plain lines elsewhere, or none."""
+"""Where a training stands: its numbers, its speed, and the time that is left."""
 
 from __future__ import annotations
 
-import contextlib
-import os
-import sys
 import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Final, Self, TextIO
+from typing import Final, Self
 
-from serp._util.terminal import open_console, visible
-from serp.runs.report import duration
 from serp.training.budget import Budget
 
-if TYPE_CHECKING:
-    from rich.live import Live
-
-_LIVE_EVERY: Final = 0.2  # seconds; a picture takes 5 ms
-_LINE_EVERY: Final = 5.0  # seconds
 _MEMORY: Final = 30.0  # seconds over which speed is measured
 _TOO_SHORT: Final = 0.5  # seconds, within which speed is noise
-_WIDE: Final = 72  # columns of a terminal that the three pairs of numbers need
-_BAR: Final = 28  # characters
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,15 +20,15 @@ class ProgressStats:
     """Where a training stands.
 
     Attributes:
-        episode: episodes ended so far.
-        env_steps: steps in the environment so far.
-        units: units of the learner probability that have ended so far.
-        last_return: return of the last episode; None before the first has ended.
-        mean_return: mean return of the last 20 episodes; None before the first has ended.
-        rho: learner probability; None where there is no learner.
-        vetoes: proposals refused so far.
-        unsafe_executed: executed actions that were unsafe, so far.
-        wall_time: seconds of training so far, as in the run's metrics.
+        episode: Episodes ended so far.
+        env_steps: Steps in the environment so far.
+        units: Units of the learner probability that have ended so far.
+        last_return: Return of the last episode; None before the first has ended.
+        mean_return: Mean return of the last 20 episodes; None before the first has ended.
+        rho: Learner probability; None where there is no learner.
+        vetoes: Proposals refused so far.
+        unsafe_executed: Executed actions that were unsafe, so far.
+        wall_time: Seconds of training so far, as in the run's metrics.
     """
 
     episode: int
@@ -71,10 +59,10 @@ class Progress:
     stand in every step.
 
     Args:
-        budget: when the training ends.
-        unit: what a unit of it is.
-        start: where the run stands as this process begins (a resumed run has steps already).
-        clock: seconds, monotonic.
+        budget: When the training ends.
+        unit: What a unit of it is.
+        start: Where the run stands as this process begins (a resumed run has steps already).
+        clock: Seconds, monotonic.
     """
 
     def __init__(
@@ -93,11 +81,11 @@ class Progress:
         self._moving = False
 
     def due(self) -> bool:
-        """Whether it is time for the next picture."""
+        """Return whether it is time for the next picture."""
         return self._clock() >= self._next
 
     def update(self, stats: ProgressStats) -> None:
-        """Takes the newest numbers, and shows them if it is time to."""
+        """Take the newest numbers, and shows them if it is time to."""
         if not self._moving and stats.env_steps > self._latest.env_steps:
             # What came before the first step, compilation above all, says nothing of the speed.
             self._moving = True
@@ -108,10 +96,10 @@ class Progress:
             self._show()
 
     def note(self, text: str) -> None:
-        """Shows one line that stays, such as a warning; nothing where the display is quiet."""
+        """Show one line that stays, such as a warning; nothing where the display is quiet."""
 
     def answer(self, text: str) -> None:
-        """Shows one line in answer to a key, where somebody sits: even if the display is quiet."""
+        """Show one line in answer to a key, where somebody sits: even if the display is quiet."""
         self.note(text)
 
     def __enter__(self) -> Self:
@@ -136,7 +124,7 @@ class Progress:
             self._samples.popleft()
 
     def _speeds(self) -> dict[str, float]:
-        """What is done in a second, over the last half minute, by name; 0 where unknown.
+        """Return what is done in a second, over the last half minute, by name; 0 where unknown.
 
         Seconds of training: what is compiled or loaded on the way says nothing of the speed.
         """
@@ -149,11 +137,11 @@ class Progress:
         }
 
     def _ends(self) -> dict[str, int]:
-        """The ends of the budget that there are, by name."""
+        """Return the ends of the budget that there are, by name."""
         return {name: end for name, end in self._budget.as_dict().items() if end is not None}
 
     def _done(self) -> float | None:
-        """The share of the budget that is spent, in [0, 1]; None without a budget."""
+        """Return the share of the budget that is spent, in [0, 1]; None without a budget."""
         now = dict(_counts(self._latest))
         return max((min(1.0, now[name] / end) for name, end in self._ends().items()), default=None)
 
@@ -168,239 +156,5 @@ class Progress:
         return min(left, default=None)
 
 
-class _Quiet(Progress):
-    """Nothing, but for the answer to a key that was pressed at a terminal."""
-
-    def __init__(self, stream: TextIO | None, **about: Any) -> None:
-        super().__init__(**about)
-        self._stream = stream
-
-    def answer(self, text: str) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            if self._stream is not None and self._stream.isatty():
-                self._stream.write(f"\n{visible(text)}\n")
-                self._stream.flush()
-
-
-class _Lines(Progress):
-    """Plain lines without control codes: one at once, one every few seconds, one at the end."""
-
-    def __init__(self, stream: TextIO, **about: Any) -> None:
-        super().__init__(**about)
-        self._stream = stream
-        self._shown: ProgressStats | None = None
-        self._rho = "ρ" if _can_write(stream, "ρ") else "rho"
-
-    def __enter__(self) -> Self:
-        super().__enter__()
-        self._shown = self._latest
-        self._next = self._clock()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if self._shown is not self._latest:
-            self._show()
-
-    def note(self, text: str) -> None:
-        encoding = getattr(self._stream, "encoding", None) or "utf-8"
-        text = visible(text).encode(encoding, "replace").decode(encoding)
-        # A display is not worth a run: a reader that went away ends the display alone.
-        try:
-            self._stream.write(text + "\n")
-            self._stream.flush()
-        except (OSError, ValueError):
-            self._next = float("inf")
-
-    def _show(self) -> None:
-        self._sample()
-        self._shown = self._latest
-        self._next = self._clock() + _LINE_EVERY
-        self.note(", ".join(self._parts()))
-
-    def _parts(self) -> list[str]:
-        now = self._latest
-        parts = [
-            f"episode {_of(now.episode, self._budget.episodes)}",
-            f"step {_of(now.env_steps, self._budget.env_steps)}",
-        ]
-        if self._budget.units is not None:
-            parts.insert(0, f"{self._unit} {_of(now.units, self._budget.units)}")
-        if now.last_return is not None:
-            parts.append(
-                f"return {_number(now.last_return)} (mean of ≤ 20: {_number(now.mean_return)})"
-            )
-        if now.rho is not None:
-            parts.append(f"{self._rho} {now.rho:.2f}")
-        parts += [f"vetoes {now.vetoes:,}", f"unsafe executed {now.unsafe_executed:,}"]
-        if now.steps_per_second is not None:
-            parts.append(f"{now.steps_per_second:,.0f} steps/s")
-        left = self._seconds_left()
-        if left is not None:
-            parts.append(f"{duration(left)} left")
-        return parts
-
-
-class _Panel(Progress):
-    """A panel that is drawn anew in place, with rich."""
-
-    def __init__(self, stream: TextIO, title: str, **about: Any) -> None:
-        super().__init__(**about)
-        self._stream = stream
-        self._title = title
-        self._live: Live | None = None
-
-    def __enter__(self) -> Self:
-        from rich.live import Live
-
-        super().__enter__()
-        # No thread of rich's own: it would draw while the loop computes. What others print goes
-        # above the panel, but never away from a file or a pipe that it was meant for.
-        self._live = Live(
-            console=open_console(self._stream),
-            auto_refresh=False,
-            redirect_stdout=sys.stdout is not None and sys.stdout.isatty(),
-            redirect_stderr=sys.stderr is not None and sys.stderr.isatty(),
-        )
-        self._live.start()
-        self._next = self._clock()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if self._live is None:
-            return
-        self._show()
-        with contextlib.suppress(OSError, ValueError):
-            self._live.stop()
-        self._live = None
-
-    def note(self, text: str) -> None:
-        if self._live is not None:
-            with contextlib.suppress(OSError, ValueError):
-                self._live.console.print(text)
-
-    def _show(self) -> None:
-        if self._live is None:
-            return
-        self._sample()
-        try:
-            self._live.update(self._draw(), refresh=True)
-        except (OSError, ValueError):  # the terminal went away; the run goes on
-            self._next = float("inf")
-        else:
-            self._next = self._clock() + _LIVE_EVERY
-
-    def _draw(self) -> Any:
-        from rich.panel import Panel
-        from rich.table import Table
-        from rich.text import Text
-
-        assert self._live is not None
-        pairs = 3 if self._live.console.width >= _WIDE else 1
-        numbers = Table.grid(padding=(0, 2))
-        for _ in range(pairs):
-            numbers.add_column(justify="right", no_wrap=True)
-            numbers.add_column(justify="left", no_wrap=True)
-        cells = [Text(text, style) for row in self._numbers() for text, style in row]
-        for first in range(0, len(cells), 2 * pairs):
-            numbers.add_row(*cells[first : first + 2 * pairs])
-        outer = Table.grid()
-        outer.add_row(numbers)
-        done = self._done()
-        if done is not None:
-            full = round(done * _BAR)
-            outer.add_row(
-                Text.assemble(
-                    ("━" * full, "blue"), ("━" * (_BAR - full), "dim"), f" {100 * done:.0f} %"
-                )
-            )
-        return Panel(outer, title=Text(visible(self._title)), title_align="left", expand=False)
-
-    def _numbers(self) -> list[tuple[tuple[str, str], tuple[str, str]]]:
-        """Label and value, each with its style, by rows of three."""
-        now = self._latest
-        speed = now.steps_per_second
-        left = self._seconds_left()
-        safe = "bold green" if now.unsafe_executed == 0 else "bold red"
-        rows = [
-            ("episode", _of(now.episode, self._budget.episodes), ""),
-            ("return", _number(now.last_return), ""),
-            ("vetoes", f"{now.vetoes:,}", ""),
-            ("step", _of(now.env_steps, self._budget.env_steps), ""),
-            ("mean of ≤ 20", _number(now.mean_return), "bold"),
-            ("unsafe executed", f"{now.unsafe_executed:,}", safe),
-            ("steps/s", f"{speed:,.0f}" if speed is not None else "–", ""),
-            ("ρ", "–" if now.rho is None else f"{now.rho:.2f}", ""),
-            ("time left", "–" if left is None else duration(left), ""),
-        ]
-        if self._budget.units is not None:  # what is counted by then matters more than the speed
-            rows[6] = (self._unit, _of(now.units, self._budget.units), "")
-        return [((label, "dim"), (value, style)) for label, value, style in rows]
-
-
-def is_live(stream: TextIO) -> bool:
-    """Whether a stream is a terminal that can draw a line anew."""
-    return stream.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
-
-
-def open_progress(
-    *,
-    title: str = "training",
-    budget: Budget | None = None,
-    unit: str = "unit",
-    start: ProgressStats | None = None,
-    quiet: bool = False,
-    stream: TextIO | None = None,
-) -> Progress:
-    """The display that suits where the output goes.
-
-    Args:
-        title: heads the live panel.
-        budget: when the training ends.
-        unit: what a unit of it is.
-        start: where a resumed run stands.
-        quiet: show nothing.
-        stream: where to show it; standard error by default (where there is one), which leaves
-            standard output to results.
-
-    Returns:
-        A panel on a terminal, plain lines on a pipe or a dumb terminal, nothing where `quiet`.
-    """
-    stream = stream or sys.stderr
-    about: dict[str, Any] = {"budget": budget, "unit": unit, "start": start}
-    if quiet or stream is None:
-        return _Quiet(stream, **about)
-    if is_live(stream) and _can_write(stream, "ρ━╭–"):
-        return _Panel(stream, title, **about)
-    return _Lines(stream, **about)
-
-
 def _counts(stats: ProgressStats) -> tuple[tuple[str, int], ...]:
     return ("episodes", stats.episode), ("env_steps", stats.env_steps), ("units", stats.units)
-
-
-def _can_write(stream: TextIO, text: str) -> bool:
-    try:
-        text.encode(getattr(stream, "encoding", None) or "utf-8")
-    except (UnicodeEncodeError, LookupError):
-        return False
-    return True
-
-
-def _of(now: int, budget: int | None) -> str:
-    return f"{now:,}" if budget is None else f"{now:,}/{budget:,}"
-
-
-def _number(value: float | None) -> str:
-    if value is None:
-        return "–"
-    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.1f}"

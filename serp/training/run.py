@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.numbers import seed_of, whole
-from serp._util.progress_bar import bar
 from serp._util.saved_state import Saved
+from serp._util.terminal import bar
 from serp._util.threads import one_thread
 from serp.control.arbiter import Decision
 from serp.errors import Interrupted, RunError, SettingsError, TaskError
@@ -30,17 +30,19 @@ from serp.runs.placement import default_path
 from serp.runs.reading import read_metrics
 from serp.runs.tensorboard import EventWriter, require_tensorboard
 from serp.settings import Settings, resolve
+from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import find_task, load_task
-from serp.tasks.reward import said_of, source_of
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.reward import describe_source, reward_source
+from serp.tasks.task import Task
 from serp.tasks.watchdog import Watchdog
 from serp.training.agent import Agent
 from serp.training.budget import Budget
 from serp.training.compile_progress import show_compiling
 from serp.training.evaluation import EPISODES, EvaluationResult, evaluate
 from serp.training.policies import Policy
-from serp.training.progress import ProgressStats, open_progress
-from serp.training.run_metadata import made_of, made_with, refuse_changes
+from serp.training.progress import ProgressStats
+from serp.training.progress_display import open_progress
+from serp.training.run_metadata import content_digests, read_run_metadata, refuse_changes
 from serp.training.stopping import stop_between_episodes
 from serp.training.trainer import Trainer, Transition
 
@@ -81,7 +83,7 @@ def plan_and_learn(
         Interrupted: Ctrl-C, SIGTERM or SIGHUP; what was done is saved and can be resumed.
     """
     begun = datetime.datetime.now()
-    budget = Budget(episodes, env_steps)
+    budget = Budget(episodes=episodes, env_steps=env_steps)
     seed = seed_of(seed)
     if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
         raise SettingsError(f"out must be the name of a folder, not {out!r}")
@@ -93,7 +95,7 @@ def plan_and_learn(
         folder = RunFolder.open(out, writing=True)
         with folder:
             if isinstance(task, str):  # its domain is the run's own, whatever the file says now
-                task = load_task(made_with(folder).task)
+                task = load_task(read_run_metadata(folder).task)
             with _task_of(folder, task).bind() as bound:
                 return _continue(folder, bound, budget, quiet=quiet)
     if isinstance(task, str):
@@ -111,7 +113,7 @@ def plan_and_learn(
             "preset": preset,
             "seed": seed,
             "reward": bound.rewarded_by,
-            "learned_from": source_of(bound.rewarded_by, resolved),
+            "learned_from": reward_source(bound.rewarded_by, resolved),
             "file_rewards": bound.model.rewarding,
             "control_period": bound.model.dt,
             "budget": budget.as_dict(),
@@ -139,7 +141,7 @@ def _sources(domain: Domain) -> list[Any]:
 
 
 def _continue(folder: RunFolder, task: BoundTask, budget: Budget, *, quiet: bool) -> Run:
-    made = made_with(folder)
+    made = read_run_metadata(folder)
     if made.settings.training.tensorboard:
         require_tensorboard()
     trainer = _trainer(task, made.settings, made.seed, quiet=quiet)
@@ -205,7 +207,7 @@ def _task_of(folder: RunFolder, task: Task) -> Task:
     Raises:
         RunError: The run is one of another task.
     """
-    made = made_with(folder)
+    made = read_run_metadata(folder)
     if task.name not in (None, made.task):
         raise RunError(f"{folder.path} is a run of task {made.task}, not of {task.name}")
     domain = load_domain(
@@ -232,7 +234,7 @@ def _train(
         # A number of units, where the task or the user sets one, stands for the steps.
         units = settings.units
         budget = Budget(units=units) if units else Budget(env_steps=settings.env_steps)
-    digests = made_of(folder)
+    digests = content_digests(folder)
     progress = open_progress(
         title=f"{trainer.task.name} → {folder.path}",
         budget=budget,
@@ -268,7 +270,7 @@ def _train(
         with contextlib.ExitStack() as stack, one_thread(), progress, watchdog:
             if settings.tensorboard:
                 events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
-            source = said_of(trainer.judge.source, in_file=trainer.task.model.rewarding)
+            source = describe_source(trainer.judge.source, in_file=trainer.task.model.rewarding)
             said = f"The learner learns from {source}."
             for text in (note, said, *trainer.agent.notices):
                 if text is not None:
@@ -326,7 +328,7 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
         raise RunError(f"a run is given by its folder, not by {folder!r}")
     opened = RunFolder.open(folder)
     if task is None:
-        task = load_task(made_with(opened).task)
+        task = load_task(read_run_metadata(opened).task)
     return Run(Path(folder), _task_of(opened, task))
 
 
@@ -374,7 +376,7 @@ class Run:
         checkpoint = self._checkpoint
         folder = RunFolder.open(self.path)
         refuse_changes(folder, checkpoint)
-        made = made_with(folder)
+        made = read_run_metadata(folder)
         # What the agent has to know of the environment outlives it.
         with self.task.bind() as bound:
             agent = Agent(bound, made.settings, made.seed)

@@ -7,8 +7,8 @@ import json
 import os
 from typing import Literal, NamedTuple
 
+from serp._util.files import read_regular
 from serp._util.numbers import COUNTED, real, seed_of, whole
-from serp._util.regular_files import read_regular
 from serp._util.saved_state import Saved
 from serp.errors import RunError, SettingsError
 from serp.model.loading import problem_beside
@@ -43,7 +43,7 @@ class RunMetadata(NamedTuple):
     max_ground_schemas: int
 
 
-def made_with(folder: RunFolder) -> RunMetadata:
+def read_run_metadata(folder: RunFolder) -> RunMetadata:
     """Read a run's configuration.
 
     Raises:
@@ -76,7 +76,7 @@ def made_with(folder: RunFolder) -> RunMetadata:
         ) from error
 
 
-def made_of(folder: RunFolder) -> dict[str, str]:
+def content_digests(folder: RunFolder) -> dict[str, str]:
     """Return digests of what a run is made of: its domain, its configuration but the budget."""
     config = {name: value for name, value in folder.config.items() if name != "budget"}
     made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
@@ -106,7 +106,7 @@ def refuse_changes(
     _, before = Saved("run", {}, checkpoint.meta).part("made_of")
     if not isinstance(before, dict):
         raise RunError(f"{checkpoint.path} does not say what its run was made of")
-    now = made_of(folder)
+    now = content_digests(folder)
     for name in sorted((before.keys() | now.keys()) - ({CONFIG} if domain_alone else set())):
         if before.get(name) != now.get(name):
             raise RunError(

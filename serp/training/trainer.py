@@ -20,9 +20,9 @@ from serp.planning.action_map import ActionForecast
 from serp.runs.rows import DecisionRow, MetricsRow
 from serp.runs.tables import Table
 from serp.settings import Settings
+from serp.tasks.bound_task import BoundTask
 from serp.tasks.env_checks import single
 from serp.tasks.reward import Judge
-from serp.tasks.task import BoundTask
 from serp.training.agent import Agent
 from serp.training.precompile import rehearse
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from serp._util.numbers import real
 from serp.errors import EnvironmentFailure, TaskError
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
 from serp.training.run import Run
 
 ONE: Final = "rgb_array"
@@ -64,7 +64,7 @@ class Camera:
         except DependencyNotInstalled as error:
             raise EnvironmentFailure(
                 f"task {name}: the environment cannot draw: {error} (what serp's own environments "
-                "need comes with pip install 'serp[render]')"
+                "need comes with pip install 'serp[watch]')"
             ) from error
         except (Exception, SystemExit) as error:
             raise EnvironmentFailure(

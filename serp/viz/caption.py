@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 import matplotlib
 from PIL import Image, ImageDraw, ImageFont
 
-from serp._util import colours
+from serp._util.figures import ACTORS, REFUSED
 from serp.control.arbiter import Actor
 
 BACKGROUND: Final = "#16191F"
@@ -22,9 +22,9 @@ ON: Final = {Actor.PLANNER: INK, Actor.LEARNER: DARK, Actor.EXPLORATION: INK, Ac
 PAIRS: Final = (
     (BACKGROUND, INK),
     (BACKGROUND, FAINT),
-    (colours.REFUSED, INK),
+    (REFUSED, INK),
     (INK, DARK),
-    *((colours.ACTORS[actor], ON[actor]) for actor in Actor),
+    *((ACTORS[actor], ON[actor]) for actor in Actor),
 )
 """Every background with the writing on it."""
 LINES: Final = 2
@@ -115,9 +115,7 @@ class CaptionBand:
         left, right = pad, width - pad
         if caption.actor is not None:
             actor = caption.actor
-            left = self._draw_label(
-                draw, left, actor.value.upper(), colours.ACTORS[actor], ON[actor]
-            )
+            left = self._draw_label(draw, left, actor.value.upper(), ACTORS[actor], ON[actor])
         if caption.outcome:
             word = _cut(self._bold, caption.outcome.upper(), width // 3)
             right -= round(self._bold.getlength(word)) + 2 * pad
@@ -148,10 +146,10 @@ class CaptionBand:
         for place, cell in enumerate(strip[-count:] if count else ()):
             left, below = self._pad + place * self._cell, top + self._strip
             right = left + self._cell - 2
-            draw.rectangle((left, top, right, below), fill=colours.ACTORS[cell.actor])
+            draw.rectangle((left, top, right, below), fill=ACTORS[cell.actor])
             if cell.refused:  # not by colour alone: it stands out of the row
                 upper = (left, top - self._pad // 2, right, top + self._strip // 2)
-                draw.rectangle(upper, fill=colours.REFUSED)
+                draw.rectangle(upper, fill=REFUSED)
 
     def _draw_marks(self, draw: ImageDraw.ImageDraw, marks: tuple[Mark, ...]) -> None:
         if not marks:
@@ -159,7 +157,7 @@ class CaptionBand:
         width, height = self.size
         pad, line = self._pad, self._line
         top = height - LINES * line - pad // 2
-        draw.rectangle((0, top - pad // 2, width, height), fill=colours.REFUSED)
+        draw.rectangle((0, top - pad // 2, width, height), fill=REFUSED)
         room = width - 2 * pad
         for number, mark in enumerate(marks[:LINES]):
             middle = top + number * line + line // 2

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 from PIL import Image
+from pydantic import Field
 
-from serp._util.numbers import real
 from serp.control.arbiter import Actor
 from serp.control.decision_counts import DecisionCounts
-from serp.errors import SettingsError
 from serp.model.explanation import why_unsafe
 from serp.model.flags import RISKY, UNSAFE
-from serp.tasks.task import BoundTask
+from serp.settings.base import Section
+from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
 from serp.training.evaluation import Episode, Step, outcome_of, play
 from serp.training.policies import Policy
@@ -35,35 +34,24 @@ _WHOSE: Final = {
 _STRIP = 500  # decisions that a caption carries along
 
 
-@dataclass(frozen=True, kw_only=True)
-class FilmSettings:
-    """How a film is made.
-
-    Attributes:
-        policy: Which; see `serp.training.policies.Policy`.
-        episodes: How many episodes.
-        seed: Seed of the environment; the episodes are those of `evaluate` with this seed.
-        speed: How much faster than real time, > 0.
-        fps: Most frames a second, at least 1. Where there would be more, pictures are left out,
-            but neither the first and last of an episode nor the first after a veto.
-        width: Most pixels that a picture is wide; None for no limit. Never enlarged.
-        height: The same of the height, caption not included.
-    """
+class FilmSettings(Section):
+    """How a film is made."""
 
     policy: Policy = "serp"
+    """Which; see `serp.training.policies.Policy`."""
     episodes: int = 3
+    """How many episodes."""
     seed: int = 0
-    speed: float = 1.0
-    fps: float = 50.0
+    """Seed of the environment; the episodes are those of `evaluate` with this seed."""
+    speed: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 1.0
+    """How much faster than real time."""
+    fps: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 50.0
+    """Most frames a second. Where there would be more, pictures are left out, but neither the
+    first and last of an episode nor the first after a veto."""
     width: int | None = None
+    """Most pixels that a picture is wide; None for no limit. Never enlarged."""
     height: int | None = None
-
-    def __post_init__(self) -> None:
-        for name, least in (("speed", 0.0), ("fps", 1.0)):
-            value = real(getattr(self, name))
-            if value is None or value < least or value == 0.0:
-                what = "greater than 0" if least == 0.0 else "at least 1"
-                raise SettingsError(f"{name} must be {what}, not {getattr(self, name)!r}")
+    """The same of the height, caption not included."""
 
 
 class Frame(NamedTuple):

@@ -89,18 +89,9 @@ def draw_plan(plan: Plan, planner: MonitorReplanner, *, title: str = "Planning g
 
 def svg_bytes(figure: Figure) -> bytes:
     """Return a figure as SVG: text as text, no date, equal bytes for equal figures."""
-    return _render(figure, "svg", metadata={"Date": None})
-
-
-def png_bytes(figure: Figure) -> bytes:
-    """Return a figure as PNG."""
-    return _render(figure, "png", dpi=150)
-
-
-def _render(figure: Figure, kind: str, **options: Any) -> bytes:
     buffer = io.BytesIO()
     with matplotlib.style.context(["default", _STYLE]):
-        figure.savefig(buffer, format=kind, **options)
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
     return buffer.getvalue()
 
 

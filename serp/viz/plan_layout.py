@@ -95,7 +95,6 @@ class PlanLayout:
         root: Height of the root.
         width, height: Of the graph.
         size: Of the labels, in points.
-        cut: Whether edges are left out beside others of the same source.
     """
 
     branches: list[Branch]
@@ -103,7 +102,6 @@ class PlanLayout:
     width: float
     height: float
     size: float
-    cut: bool
 
 
 def lay_out(graph: nx.MultiDiGraph, weight: float, labels: Mapping[int, str]) -> PlanLayout:
@@ -114,7 +112,7 @@ def lay_out(graph: nx.MultiDiGraph, weight: float, labels: Mapping[int, str]) ->
         weight: What a reward one edge later is worth.
         labels: Action → label of its edge out of the root; other edges bear their name.
     """
-    first, branches, cut = _select(graph, _leaving(graph, weight))
+    first, branches = _select(graph, _leaving(graph, weight))
     _set_promise(branches)
     for branch in first:
         branch.label = labels[branch.action]
@@ -128,7 +126,7 @@ def lay_out(graph: nx.MultiDiGraph, weight: float, labels: Mapping[int, str]) ->
     root = _place_rows(first, branches, row)
     width = _place_columns(branches, size)
     height = max((branch.y for branch in branches), default=0.0)
-    return PlanLayout(branches, root, width, height, size, cut)
+    return PlanLayout(branches, root, width, height, size)
 
 
 def short(name: str, longest: int = _LONGEST) -> str:
@@ -169,22 +167,17 @@ def _leaving(graph: nx.MultiDiGraph, weight: float) -> dict[int, list[Branch]]:
 
 def _select(
     graph: nx.MultiDiGraph, leaving: Mapping[int, list[Branch]]
-) -> tuple[list[Branch], list[Branch], bool]:
+) -> tuple[list[Branch], list[Branch]]:
     """Choose edges: those along the best path, then layer by layer those out of the best states.
 
     Returns:
-        The branches out of the root, all branches, and whether a state has more edges than are
-        shown of it.
+        The branches out of the root, and all branches.
     """
     branches: list[Branch] = []
     forked: set[int] = set()
-    cut = False
 
     def fork(node: int, parent: Branch | None) -> list[Branch]:
-        nonlocal cut
-        fan = sorted(leaving.get(node, ()), key=lambda branch: branch.rank)
-        cut = cut or len(fan) > MAX_FAN
-        fan = fan[:MAX_FAN]
+        fan = sorted(leaving.get(node, ()), key=lambda branch: branch.rank)[:MAX_FAN]
         along = bool(fan) and fan[0].chosen
         if parent is not None and not along and len(branches) + len(fan) > MAX_EDGES:
             parent.end = "collapsed"
@@ -212,7 +205,7 @@ def _select(
         branch.children = fork(branch.target, branch)
         if branch.children:
             branch.end = "fork"
-    return first, branches, cut
+    return first, branches
 
 
 def _set_promise(branches: Sequence[Branch]) -> None:

@@ -21,13 +21,13 @@ def find_ffmpeg() -> str:
     """Return the ffmpeg that imageio-ffmpeg brings along; it runs as a process of its own.
 
     Raises:
-        MissingExtra: imageio-ffmpeg is not installed.
+        MissingExtra: Imageio-ffmpeg is not installed.
         RunError: It brings none for this machine.
     """
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
     except ImportError:
-        raise MissingExtra("writing MP4", "video") from None
+        raise MissingExtra("writing MP4", "watch") from None
     try:
         return str(get_ffmpeg_exe())
     except RuntimeError as error:
@@ -45,8 +45,8 @@ def write_mp4(path: Path, frames: Iterable[Frame]) -> int:
         frames: At least one, of even width and height.
 
     Raises:
-        MissingExtra: imageio-ffmpeg is not installed.
-        RunError: ffmpeg failed.
+        MissingExtra: Imageio-ffmpeg is not installed.
+        RunError: Ffmpeg failed.
     """
     ffmpeg = find_ffmpeg()
     rest = iter(frames)

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from serp._util.durable_files import aside_of, cannot_write, sync_folder, what_is_kept
+from serp._util.files import replaced_durably
 from serp.errors import SerpError
 from serp.training.run import Run
 from serp.viz.camera import render_mode_of
@@ -71,7 +70,7 @@ def write_film(
 
     with (
         _no_screen(),
-        _moved_into_place(path) as aside,
+        replaced_durably(path) as aside,
         _filmed(run, settings, on_episode) as frames,
     ):
         count = write(aside, counted(frames))
@@ -84,14 +83,13 @@ def show_film(
     """Play a run's policy in a window; return whether it was shown to its end.
 
     Raises:
-        MissingExtra: pygame is not installed.
+        MissingExtra: Pygame is not installed.
         NoDisplay: There is no screen.
         SerpError: The run or task cannot be loaded or draws no pictures, or its environment failed.
     """
     with Window(title) as window:
         width, height = window.limits
-        within = dataclasses.replace(
-            settings,
+        within = settings.replace(
             width=min(settings.width or width, width),
             height=min(settings.height or height, height),
         )
@@ -120,27 +118,3 @@ def _no_screen() -> Iterator[None]:
         yield
     finally:
         del os.environ[name]
-
-
-@contextlib.contextmanager
-def _moved_into_place(path: Path) -> Iterator[Path]:
-    """Give a file beside `path`; what was written there takes its place, flushed to the disk.
-
-    Raises:
-        RunError: That failed; the former file is whole.
-    """
-    aside = aside_of(path)
-    try:
-        try:
-            aside.touch()  # a folder that cannot be written is noticed before all work
-            yield aside
-            with open(aside, "rb+") as file:
-                os.fsync(file.fileno())
-            os.replace(aside, path)
-            sync_folder(path.parent)
-        except BaseException:
-            with contextlib.suppress(OSError):
-                aside.unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise cannot_write(path, error, what_is_kept(path)) from error

@@ -30,7 +30,7 @@ def require_display() -> None:
     """Make sure that a window can be opened, as far as the environment variables say.
 
     Raises:
-        MissingExtra: pygame is not installed.
+        MissingExtra: Pygame is not installed.
         NoDisplay: There is no screen.
     """
     _pygame()
@@ -47,7 +47,7 @@ def _pygame() -> Any:
     try:
         import pygame
     except ImportError:
-        error = MissingExtra("a window", "render")
+        error = MissingExtra("a window", "watch")
         error.add_note(f"Or {_ADVICE}")
         raise error from None
     return pygame
@@ -60,7 +60,7 @@ class Window:
         title: Its title.
 
     Raises:
-        MissingExtra: pygame is not installed.
+        MissingExtra: Pygame is not installed.
         NoDisplay: There is no screen.
     """
 

@@ -17,8 +17,8 @@ from serp.control.arbiter import Decision
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.model.transition_model import Vector
 from serp.settings import resolve
+from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import find_task
-from serp.tasks.task import BoundTask
 from serp.training.agent import Agent
 from serp.training.trainer import Trainer
 from tests.serp import lava

@@ -20,8 +20,8 @@ import numpy as np
 
 from serp.control.arbiter import Arbiter
 from serp.settings import resolve
+from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import load_task
-from serp.tasks.task import BoundTask
 from serp.training.agent import make_planner
 
 Policy = Callable[[Any, Mapping[str, Any]], int]

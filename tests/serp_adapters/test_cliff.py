@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 from serp.control.arbiter import Arbiter
 from serp.settings import resolve
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
 from serp.training.agent import make_planner
 from serp_adapters import cliff
 

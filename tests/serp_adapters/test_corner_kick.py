@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from serp.control.arbiter import Arbiter
 from serp.model.transition_model import TransitionModel
 from serp.settings import resolve
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
 from serp.training.agent import make_planner
 from serp_adapters import corner_kick
 from serp_envs.soccer.corner_kick import CornerKick

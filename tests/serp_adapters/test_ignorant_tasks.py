@@ -7,8 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from serp.settings import resolve
+from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import find_task
-from serp.tasks.task import BoundTask
 from serp.tasks.task_symmetry import declared_symmetries
 from serp.training.trainer import Trainer
 from serp_envs import hill, landing, swing_up

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from serp.control.arbiter import Arbiter
 from serp.model.transition_model import Judgement
 from serp.settings import resolve
+from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import find_task, task_entries
-from serp.tasks.task import BoundTask
 from serp.tasks.task_symmetry import declared_symmetries
 from serp.training.agent import make_planner
 from serp.training.trainer import Trainer

@@ -16,8 +16,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.saved_state import LARGEST, MOST, Saved
-from serp._util.state_dict_keys import nested, part_of
+from serp._util.saved_state import LARGEST, MOST, Saved, nested, part_of
 from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.parameter_buffer import LINEAR, MODES, WAVES, WAVY, GroupMemory
 from serp.adaptation.residual import kernels

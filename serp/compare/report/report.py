@@ -7,11 +7,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from serp._util.durable_files import cannot_write, write_durably
 from serp._util.figures import render
+from serp._util.files import cannot_write, make_inside, write_durably
 from serp._util.markdown import code, plain, table
 from serp._util.numbers import percent
-from serp._util.regular_files import make_inside
 from serp.compare.analysis.results import Results
 from serp.compare.analysis.statistics import RESAMPLES
 from serp.compare.analysis.variants import EARLY_MARGIN, FINAL_MARGIN, subject, variant_rows

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from serp.compare.records import EvaluationRow
 from serp.model.transition_model import Vector
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import Task
 from serp.training.agent import Agent
 from serp.training.evaluation import episode_seed, outcome_of
 

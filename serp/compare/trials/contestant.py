@@ -18,7 +18,7 @@ from serp.errors import RunError, SerpError
 from serp.model.flags import UNSAFE
 from serp.model.transition_model import Vector
 from serp.settings import Settings
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
 from serp.training.trainer import Trainer, Transition
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from serp.compare.trials.baseline import Unguarded
 from serp.control.arbiter import Decision
 from serp.model.transition_model import Vector
+from serp.tasks.bound_task import BoundTask
 from serp.tasks.reward import Judge
-from serp.tasks.task import BoundTask
 from serp.training.agent import Agent
 from serp.training.trainer import Transition, episode_seed
 

@@ -22,7 +22,8 @@ from serp.compare.trials.log import Log
 from serp.errors import Notice, RunError, SerpError
 from serp.model.transition_model import Vector
 from serp.settings import Settings, resolve
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import Task
 from serp.tasks.watchdog import Watchdog
 from serp.training.trainer import Transition
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from serp._util.choice import best_of
+from serp._util.numbers import best_of
 from serp._util.saved_state import Saved
 from serp.control.model_confidence import ModelConfidence
 from serp.control.strategies.advice import advice

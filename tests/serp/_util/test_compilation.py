@@ -67,4 +67,4 @@ def test_a_loop_is_compiled_once_until_what_it_is_made_of_is_edited(folder: Path
         file = folder / f"{name}.py"
         file.write_text(file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
         assert result(folder) == [expected, expected, 0], new
-        assert result(folder) == [expected, expected, 1], new
+    assert result(folder) == [expected, expected, 1]

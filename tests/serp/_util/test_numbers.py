@@ -1,4 +1,4 @@
-"""Numbers as users give them, and shares as they are shown."""
+"""Numbers as users give them, as they are shown, and the largest of them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from serp._util.numbers import percent, real, seed_of, truth, whole
+from serp._util.numbers import best_of, percent, real, seed_of, truth, whole
 from serp.errors import SettingsError
 
 NO_NUMBERS: list[Any] = [None, True, np.True_, "3", [3], np.array([3]), Decimal(3), 1j, math.nan]
@@ -77,3 +79,31 @@ def test_any_whole_number_is_a_seed() -> None:
 )
 def test_shares_are_shown_with_significant_digits(share: float, two: str, three: str) -> None:
     assert (percent(share, 2), percent(share)) == (two, three)
+
+
+pairs = st.lists(
+    st.tuples(
+        st.sampled_from([-math.inf, math.inf, math.nan, 0.0, 1.0, -1e39]) | st.floats(),
+        st.booleans(),
+    ),
+    min_size=1,
+    max_size=6,
+)
+
+
+@given(pairs, st.sampled_from([np.float32, np.float64]))
+def test_the_best_is_allowed_and_no_allowed_one_is_better(
+    pairs: list[tuple[float, bool]], kind: type[np.floating]
+) -> None:
+    with np.errstate(over="ignore"):
+        values = np.array([value for value, _ in pairs], dtype=kind)
+    among = np.array([allowed for _, allowed in pairs])
+    best = best_of(values, among)
+    if not among.any():
+        assert best == -1
+        return
+    assert among[best]
+    # Numbers before NaN, the larger before the smaller, the first before its equals.
+    ranks = [(not math.isnan(v), -math.inf if math.isnan(v) else v) for v in values.tolist()]
+    assert best == max(np.flatnonzero(among).tolist(), key=lambda k: (ranks[k], -k))
+    assert best_of(values) == best_of(values, np.ones(len(values), bool))

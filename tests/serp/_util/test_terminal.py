@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import sys
 import unicodedata
 from pathlib import Path
 
@@ -12,12 +13,12 @@ from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp._util.terminal import open_console, visible
+from serp._util.terminal import bar, open_console, visible
 from serp.cli.failures import say
 from serp.cli.output import print_table
 from serp.cli.root import serp
 from serp.compare.progress import Display, RemainingTime
-from serp.training.progress import open_progress
+from serp.training.progress_display import open_progress
 from tests.serp.training.test_progress import Terminal
 
 HOSTILE = "a\x1b]0;owned\x07b\x9b2Jc\u202ed\u2066e\r\x7f\u2028\U000e0041[red]f[/red]"
@@ -82,3 +83,50 @@ def test_what_a_file_holds_is_shown_and_not_done(tmp_path: Path) -> None:
     assert done.exit_code == 1
     assert not HIDDEN.search(done.output)
     assert r"\x1b[2Jwrong.pddl: wrong" in done.output
+
+
+# The bar -----------------------------------------------------------------------------------------
+
+
+class Leaving(io.StringIO):
+    """Keeps what is written; goes away when it is told to."""
+
+    gone = False
+
+    def isatty(self) -> bool:
+        return True
+
+    def write(self, text: str) -> int:
+        if self.gone:
+            raise BrokenPipeError
+        return super().write(text)
+
+
+def count(*, quiet: bool = False, gone: bool = False) -> None:
+    with bar("corridor, policy serp", 3, quiet=quiet) as advance:
+        for _ in range(3):
+            if gone:
+                sys.stderr.gone = True  # type: ignore[attr-defined]
+            advance()
+
+
+def test_on_a_terminal_every_piece_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys, "stderr", terminal := Leaving())
+    count()
+    shown = terminal.getvalue()
+    assert "corridor, policy serp" in shown
+    assert all(f"{k}/3" in shown for k in range(4))
+
+
+@pytest.mark.parametrize("where", ["quiet", "a file", "nowhere"])
+def test_elsewhere_nothing_is_shown(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = {"quiet": Leaving(), "a file": io.StringIO(), "nowhere": None}[where]
+    monkeypatch.setattr(sys, "stderr", stream)
+    count(quiet=where == "quiet")
+    assert stream is None or stream.getvalue() == ""
+
+
+def test_a_terminal_that_goes_away_ends_the_bar_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", Leaving())
+    count(gone=True)

@@ -61,7 +61,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     """Run a command line in the working directory."""
     # Drawing learning curves would take longer than all the rest.
-    monkeypatch.setattr("serp.runs.plots.render", lambda figure, kind: b"")
+    monkeypatch.setattr("serp._util.figures.render", lambda figure, kind: b"")
 
     def invoke(*arguments: str, expect: int = 0) -> Result:
         result = CliRunner().invoke(serp, arguments)

@@ -35,7 +35,7 @@ def misled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file.write_text(text.replace(WRONG, WRONG.replace("0.195", "0.39")), encoding="utf-8")
     arguments = ["plan-and-learn", f"--domain={file}", "--episodes=8", f"--out={folder / 'run'}"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.runs.plots.render", lambda figure, kind: b"")
+        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
         result = CliRunner().invoke(serp, [*arguments, *QUICK, "--quiet"])
     assert result.exit_code == 0, result.output
     return folder / "run"

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from serp.errors import TaskError
-from serp.tasks.own_tasks import own_task
+from serp.tasks.custom_tasks import custom_task
 from serp.tasks.task import Task
 from tests.serp.cli.conftest import QUICK, Run
 from tests.serp.sample_tasks import CORRIDOR
@@ -46,16 +46,16 @@ def robot(folder: Path) -> Iterator[Path]:
 
 @pytest.mark.parametrize("name", ["my_robot.py", "my_robot.py:walkway", "my_robot:walkway"])
 def test_each_form_names_the_task(robot: Path, name: str) -> None:
-    task = own_task(name)
+    task = custom_task(name)
     assert isinstance(task, Task)
     assert task.name == "walkway"
 
 
 def test_a_task_itself_can_be_named(robot: Path) -> None:
     Path("my_two.py").write_text(ROBOT + "\nfirst = walkway()\n")
-    assert own_task("my_two:first").name == "walkway"
+    assert custom_task("my_two:first").name == "walkway"
     with pytest.raises(TaskError, match="which task.*--task my_two.py:walkway.*:first"):
-        own_task("my_two.py")
+        custom_task("my_two.py")
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_what_gives_no_task_is_said_with_its_line(
     if text:
         Path(name.partition(":")[0]).write_text(text)
     with pytest.raises(TaskError, match=says):
-        own_task(name)
+        custom_task(name)
 
 
 def test_a_task_of_ones_own_is_planned_checked_trained_and_measured(run: Run, robot: Path) -> None:

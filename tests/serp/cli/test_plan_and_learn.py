@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from serp.errors import EnvironmentFailure
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
 from tests.serp.cli.conftest import QUICK, Run
 
 TRAIN = ["plan-and-learn", "--domain=cartpole", *QUICK]

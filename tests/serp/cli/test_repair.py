@@ -31,7 +31,7 @@ def planned(domain: str | Path, out: Path, *options: str) -> np.ndarray:
     """Let the planner act alone; return the returns of its episodes."""
     arguments = ["plan-and-learn", f"--domain={domain}", f"--out={out}", "--quiet"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.runs.plots.render", lambda figure, kind: b"")
+        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
         result = CliRunner().invoke(serp, [*arguments, *PLANNER_ALONE, *options])
     assert result.exit_code == 0, result.output
     with (out / "metrics.csv").open(encoding="utf-8") as table:

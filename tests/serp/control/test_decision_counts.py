@@ -37,7 +37,7 @@ def train(name: str, folder: Path) -> Run:
     preset, changes = SETTINGS[name]
     merged = {s: {**QUICK.get(s, {}), **changes.get(s, {})} for s in {**QUICK, **changes}}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.runs.plots.render", lambda figure, kind: b"")
+        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
         return plan_and_learn(
             corridor(folder), preset=preset, settings=merged, episodes=12, seed=1,
             out=folder / "run",

@@ -23,7 +23,7 @@ QUICK = {
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("runs") / "made"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.runs.plots.render", lambda figure, kind: b"")
+        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
         serp.plan_and_learn("cartpole", settings=QUICK, env_steps=120, out=out, quiet=True)
     return out
 

@@ -7,7 +7,8 @@ import matplotlib
 import numpy as np
 import pytest
 
-from serp.runs.plots import learning_curve, render
+from serp._util.figures import render
+from serp.runs.plots import learning_curve
 from serp.runs.summary import moving_mean
 
 
@@ -73,10 +74,11 @@ def test_global_state_of_matplotlib_is_left_alone():
         "import sys, matplotlib\n"
         "before = matplotlib.rcParams.copy()\n"  # not dict(): that asks for a backend
         "import numpy as np\n"
-        "from serp.runs import plots\n"
+        "from serp._util.figures import render\n"
+        "from serp.runs.plots import learning_curve\n"
         "from serp.runs.rows import METRICS_COLUMNS\n"
         "m = {name: np.ones(3, int) for name in METRICS_COLUMNS}\n"
-        "plots.render(plots.learning_curve(m), 'png')\n"
+        "render(learning_curve(m), 'png')\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
         "assert matplotlib.rcParams.copy() == before\n"
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from serp.errors import RunError
-from serp.runs.reading import read_metrics, read_rows, read_tally
+from serp.runs.reading import count_decisions, read_metrics
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow
 from serp.runs.tables import Table
 
@@ -64,22 +64,18 @@ def test_metrics_come_back_exactly_with_their_types(tmp_path):
     assert np.isnan(metrics["loss"][0]) and metrics["loss"][1] == 0.1 + 0.2
 
 
-def test_run_without_an_episode_has_empty_columns(tmp_path):
-    write(tmp_path / "m", [])
-    metrics = read_metrics(tmp_path / "m")
-    assert tuple(metrics) == METRICS_COLUMNS
-    assert all(len(column) == 0 for column in metrics.values())
-    assert metrics["episode"].dtype == np.int64 and metrics["rho"].dtype == np.float64
-
-
-def test_wherever_the_file_is_cut_all_whole_rows_are_read(tmp_path):
+def test_wherever_the_file_is_cut_all_whole_rows_are_read_whatever_the_line_ends(tmp_path):
     write(tmp_path / "m", [ROW._replace(episode=e) for e in range(1, 4)])
     whole = (tmp_path / "m").read_bytes()
     header = whole.index(b"\n") + 1
     for length in range(header, len(whole)):
         (tmp_path / "m").write_bytes(whole[:length])
         expected = whole[:length].count(b"\n") - 1
-        assert read_metrics(tmp_path / "m")["episode"].tolist() == [1, 2, 3][:expected]
+        metrics = read_metrics(tmp_path / "m")
+        assert metrics["episode"].tolist() == [1, 2, 3][:expected]
+        assert metrics["episode"].dtype == np.int64 and metrics["rho"].dtype == np.float64
+    (tmp_path / "m").write_bytes(whole.replace(b"\n", b"\r\n"))
+    assert read_metrics(tmp_path / "m")["episode"].tolist() == [1, 2, 3]
 
 
 @pytest.mark.parametrize(
@@ -118,16 +114,9 @@ def test_files_that_are_no_tables_are_run_errors(tmp_path):
         read_metrics(tmp_path / "m")
 
 
-def test_rows_saved_with_windows_line_ends_are_read(tmp_path):
-    write(tmp_path / "m", [ROW])
-    (tmp_path / "m").write_bytes((tmp_path / "m").read_bytes().replace(b"\n", b"\r\n"))
-    assert read_metrics(tmp_path / "m")["env_steps"].tolist() == [23]
-    assert [number for number, _ in read_rows(tmp_path / "m", METRICS_COLUMNS)] == [2]
-
-
 def test_a_decision_that_was_changed_by_hand_is_named(tmp_path):
     row = dict.fromkeys(DECISIONS_COLUMNS, 0) | {"reason": "proposal accepted", "vetoed": "no"}
     with Table(tmp_path / "d", DECISIONS_COLUMNS) as table:
         table.append(tuple(row.values()))
     with pytest.raises(RunError, match=r"d:2: vetoed is 'no'; it has to be 0 or 1"):
-        read_tally(tmp_path / "d")
+        count_decisions(tmp_path / "d")

@@ -127,10 +127,6 @@ def test_a_file_in_the_working_directory_comes_before_the_packages(package: Path
     assert not find_task("corridor").bind().model.step([-1.0], "left").unsafe
 
 
-def test_a_name_without_a_file_is_left_to_the_packages(package: Path) -> None:
-    assert find_domain_file("corridor") is None
-
-
 @pytest.mark.parametrize(
     ("file", "name"),
     [

@@ -18,8 +18,9 @@ import serp
 from serp.errors import TaskError
 from serp.settings import Settings, resolve
 from serp.tasks.registry import load_task
+from serp.tasks.symmetry import Symmetry
 from serp.tasks.task import Task
-from serp.tasks.task_symmetry import Symmetry, declared_symmetries, symmetry_group
+from serp.tasks.task_symmetry import declared_symmetries, symmetry_group
 from serp.training.agent import Agent
 from serp.training.evaluation import play
 from serp.training.trainer import Trainer
@@ -219,20 +220,6 @@ def test_shipped_tasks_are_symmetric(name: str) -> None:
     assert len(group) == 2
 
 
-def test_resume_equals_uninterrupted(hall: Callable[..., Task]) -> None:
-    whole, first = train(hall(), settings(), 16), train(hall(), settings(), 8)
-    with hall().bind() as bound:
-        second = Trainer(bound, settings(), seed=4)
-        second.load_state_dict(*first.state_dict())
-        for _ in range(8):
-            second.run_episode()
-        x = np.linspace(-1, 1, second.agent.learner.input_size)
-        assert second.env_steps == whole.env_steps
-        np.testing.assert_array_equal(
-            second.agent.learner.q_values(x), whole.agent.learner.q_values(x)
-        )
-
-
 # --- what is wrong -------------------------------------------------------------------------------
 
 
@@ -336,9 +323,3 @@ def test_a_run_in_use_is_not_asked_for_its_symmetries(
     assert run.evaluate(episodes=2).lengths
     with run.environment() as task:
         assert [step for episode in play(run.agent, task, episodes=1) for step in episode.steps]
-
-
-def test_it_is_part_of_the_public_interface() -> None:
-    assert serp.Symmetry is Symmetry
-    assert "room" not in str(BOTH_SIDES)
-    assert str(BOTH_SIDES) == "left <-> right, west <-> east, -x"

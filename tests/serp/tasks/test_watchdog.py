@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
 from serp.tasks.watchdog import Watchdog
 from tests.serp.sample_tasks import Corridor, corridor
 from tests.serp.training.test_run import CHANGES, train

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium import wrappers
 
-from serp.tasks.wrapper_state import Watch, layers_of, restore, restore_statistics, save
+from serp.tasks.wrapper_state import Watch, restore, restore_statistics, save
 from tests.serp.sample_tasks import Corridor
 
 Env = gym.Env[Any, Any]
@@ -190,10 +190,3 @@ def test_what_a_wrapper_carries_unsaved_is_noticed_once() -> None:
 )
 def test_what_is_harmless_or_saved_raises_no_alarm(make: Callable[[], Env]) -> None:
     assert not any(noticed(make(), 9))
-
-
-def test_layers_are_listed_from_the_outermost_inwards() -> None:
-    inner = Found()
-    middle = Drifting(inner)
-    outer = wrappers.TimeLimit(middle, 3)
-    assert layers_of(outer) == [outer, middle, inner]

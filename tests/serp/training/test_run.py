@@ -41,7 +41,7 @@ from serp.runs.rows import MetricsRow
 from serp.runs.tensorboard import EventWriter
 from serp.tasks.task import Task
 from serp.training.run import Run, load_run, plan_and_learn
-from serp.training.run_metadata import made_with
+from serp.training.run_metadata import read_run_metadata
 from tests.serp.sample_tasks import CableCut, Corridor, corridor, corridor_file
 
 EPISODES = 12
@@ -59,7 +59,7 @@ CHANGES: dict[str, dict[str, dict[str, Any]]] = {
 def without_pictures() -> Iterator[None]:
     """Drawing takes longer than all the training here; one test does draw."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.runs.plots.render", lambda figure, kind: b"")
+        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
         yield
 
 
@@ -485,7 +485,7 @@ def test_a_run_of_a_domain_beyond_the_usual_limit_goes_on_within_its_own(tmp_pat
     domain = load_domain(corridor_file(tmp_path), max_ground_schemas=9)
     train(corridor(tmp_path, domain=domain), tmp_path / "run", episodes=2)
     resume(corridor(tmp_path), tmp_path / "run", episodes=3)
-    assert made_with(RunFolder.open(tmp_path / "run")).max_ground_schemas == 9
+    assert read_run_metadata(RunFolder.open(tmp_path / "run")).max_ground_schemas == 9
     assert read_recorded(tmp_path / "run").domain.max_ground_schemas == 9
 
 
@@ -557,10 +557,9 @@ def test_a_task_that_does_not_fit_leaves_no_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"episodes": 0}, "at least 1"),
-        ({"episodes": "3"}, "episodes must be a whole number, at least 1, not '3'"),
-        ({"env_steps": -5}, "at least 1"),
-        ({"env_steps": 1.5}, "env_steps must be a whole number, at least 1, not 1.5"),
+        ({"episodes": 0}, "budget.episodes must be greater than or equal to 1, not 0"),
+        ({"episodes": "3"}, "budget.episodes must be a whole number, not '3'"),
+        ({"env_steps": 1.5}, "budget.env_steps must be a whole number, not 1.5"),
         ({"episodes": True}, "episodes must be"),
         ({"seed": -1}, "seed must be a whole number, 0 or more, not -1"),
         ({"seed": 1.5}, "seed must be a whole number, 0 or more, not 1.5"),

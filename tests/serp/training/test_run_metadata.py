@@ -11,7 +11,7 @@ from serp.errors import RunError
 from serp.runs.folder import RunFolder
 from serp.settings import resolve
 from serp.training.budget import Budget
-from serp.training.run_metadata import made_with
+from serp.training.run_metadata import read_run_metadata
 
 
 def run(folder: Path, **changes: Any) -> RunFolder:
@@ -29,7 +29,7 @@ def run(folder: Path, **changes: Any) -> RunFolder:
 
 
 def test_everything_is_read_back_as_it_was(tmp_path: Path) -> None:
-    made = made_with(run(tmp_path))
+    made = read_run_metadata(run(tmp_path))
     assert made.settings == resolve("default", None, {"training": {"checkpoint_seconds": 1}})
     assert made._replace(settings=resolve()) == (
         "corridor", 2**80, "domain", 0.1, resolve(), Budget(env_steps=30), (), 50_000
@@ -55,4 +55,4 @@ def test_everything_is_read_back_as_it_was(tmp_path: Path) -> None:
 )
 def test_what_does_not_fit_is_refused(tmp_path: Path, changes: dict[str, Any]) -> None:
     with pytest.raises(RunError, match=r"config\.json was changed or damaged: .+restore it"):
-        made_with(run(tmp_path, **changes))
+        read_run_metadata(run(tmp_path, **changes))

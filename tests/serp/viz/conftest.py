@@ -15,7 +15,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a run."""
     folder = tmp_path_factory.mktemp("watching")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.runs.plots.render", lambda figure, kind: b"")  # takes longest
+        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")  # takes longest
         plan_and_learn(drawn(folder), episodes=2, out=folder / "run", quiet=True)
     return folder / "run"
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.settings import resolve
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import Task
 from serp.training.agent import Agent
 from tests.serp.sample_tasks import Corridor, corridor
 

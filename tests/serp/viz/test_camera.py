@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.error import DependencyNotInstalled
@@ -76,14 +75,5 @@ def test_an_environment_that_fails_to_draw_is_named(tmp_path: Path) -> None:
 
     with pytest.raises(EnvironmentFailure, match="task corridor: render failed: .*no light"):
         Camera(bound(tmp_path, Broken)).take()
-    with pytest.raises(EnvironmentFailure, match="pygame is missing .*'serp\\[render\\]'"):
+    with pytest.raises(EnvironmentFailure, match="pygame is missing .*'serp\\[watch\\]'"):
         Camera(bound(tmp_path, Without)).take()
-
-
-def test_wrappers_of_gymnasium_pass_pictures_on(tmp_path: Path) -> None:
-    def make_env(render_mode: str | None = None) -> gym.Env[Any, Any]:
-        return gym.wrappers.TimeLimit(Drawn(render_mode), 5)
-
-    task = bound(tmp_path, make_env)
-    task.reset(seed=0)
-    assert len(Camera(task).take()) == 1

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageColor
 
-from serp._util import colours
+from serp._util import figures
 from serp.errors import EnvironmentFailure, MissingExtra, RunError, SerpError
 from serp.training.run import Run, load_run
 from serp.viz.film import FilmSettings, Frame, film
@@ -23,7 +23,7 @@ from serp.viz.watch import write_film
 from tests.serp.sample_tasks import CableCut
 from tests.serp.viz.scene import Drawn, bound, drawn
 
-RED = np.array(ImageColor.getrgb(colours.REFUSED))
+RED = np.array(ImageColor.getrgb(figures.REFUSED))
 SETTINGS = FilmSettings(episodes=2)
 
 
@@ -104,7 +104,7 @@ def test_without_ffmpeg_the_extra_is_named(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(MissingExtra, match="pip install 'serp\\[video\\]'"):
+    with pytest.raises(MissingExtra, match="pip install 'serp\\[watch\\]'"):
         find_ffmpeg()
     with pytest.raises(MissingExtra):
         write_film(run, tmp_path / "x.mp4", SETTINGS)

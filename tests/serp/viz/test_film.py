@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 from PIL import ImageColor
 
-from serp._util import colours
+from serp._util import figures
 from serp.errors import SettingsError
 from serp.training.agent import Agent
 from serp.training.evaluation import Step, evaluate, play
 from serp.viz.film import END, HOLD, EpisodeResult, FilmSettings, Frame, film, marks_of
 from tests.serp.viz.scene import DT, Drawn, Ticking, Timed, bound, reckless_agent, several
 
-RED = ImageColor.getrgb(colours.REFUSED)
+RED = ImageColor.getrgb(figures.REFUSED)
 
 
 @pytest.fixture
@@ -196,5 +196,5 @@ def test_senseless_settings_are_refused(wrong: Any) -> None:
 def test_what_cannot_be_played_is_refused_at_once(agent: Agent, tmp_path: Path) -> None:
     with pytest.raises(SettingsError, match="at least one"):
         film(agent, bound(tmp_path), FilmSettings(episodes=0))
-    with pytest.raises(SettingsError, match="no policy"):
-        film(agent, bound(tmp_path), FilmSettings(policy="best"))  # type: ignore[arg-type]
+    with pytest.raises(SettingsError, match=r"film\.policy must be 'serp', 'planner'"):
+        FilmSettings(policy="best")

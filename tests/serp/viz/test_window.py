@@ -111,6 +111,6 @@ def test_without_pygame_the_extra_is_named(
 ) -> None:
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setitem(sys.modules, "pygame", None)
-    with pytest.raises(MissingExtra, match="pip install 'serp\\[render\\]'") as caught:
+    with pytest.raises(MissingExtra, match="pip install 'serp\\[watch\\]'") as caught:
         require_display()
     assert "--out FILE.gif" in caught.value.__notes__[0]

@@ -12,8 +12,9 @@ from gymnasium.wrappers import NormalizeObservation, TimeLimit
 from serp.compare.records import EvaluationRow
 from serp.compare.trials.arena import Act, Arena
 from serp.settings import resolve
+from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import load_task
-from serp.tasks.task import BoundTask, Task
+from serp.tasks.task import Task
 from serp.training.evaluation import evaluate
 from serp.training.trainer import Trainer
 from tests.serp.compare.contest import Walk, walk

@@ -47,7 +47,7 @@ def settings_of(task: Task, strategy: str) -> Settings:
 @contextlib.contextmanager
 def without_pictures() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.runs.plots.render", lambda figure, kind: b"")
+        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
         yield
 
 

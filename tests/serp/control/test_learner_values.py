@@ -1,4 +1,4 @@
-"""What is chosen is allowed, whatever the values are."""
+"""No value of a learner, infinite or NaN, makes the arbiter execute what it refuses."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp._util.choice import best_of
+from serp._util.numbers import best_of
 from serp.control.arbiter import Actor, Arbiter
 from serp.control.strategies.making import STRATEGIES, make_strategy
 from serp.control.strategies.strategy import Mask, Values
@@ -30,33 +30,6 @@ MODEL = load(
     )
     + ")"
 )
-
-pairs = st.lists(
-    st.tuples(
-        st.sampled_from([-math.inf, math.inf, math.nan, 0.0, 1.0, -1e39]) | st.floats(),
-        st.booleans(),
-    ),
-    min_size=1,
-    max_size=6,
-)
-
-
-@given(pairs, st.sampled_from([np.float32, np.float64]))
-def test_the_best_is_allowed_and_no_allowed_one_is_better(
-    pairs: list[tuple[float, bool]], kind: type[np.floating]
-) -> None:
-    with np.errstate(over="ignore"):
-        values = np.array([value for value, _ in pairs], dtype=kind)
-    among = np.array([allowed for _, allowed in pairs])
-    best = best_of(values, among)
-    if not among.any():
-        assert best == -1
-        return
-    assert among[best]
-    # Numbers before NaN, the larger before the smaller, the first before its equals.
-    ranks = [(not math.isnan(v), -math.inf if math.isnan(v) else v) for v in values.tolist()]
-    assert best == max(np.flatnonzero(among).tolist(), key=lambda k: (ranks[k], -k))
-    assert best_of(values) == best_of(values, np.ones(len(values), bool))
 
 
 class Wild:

@@ -1,6 +1,9 @@
-"""Compiled code kept on disk: a file for each loop and signature, checked before it is used.
+"""A cache of compiled code on disk: a file for each loop and signature, checked before use.
 
-What is kept are pickles of machine code, for that is how numba hands it over: whoever can write
+Numba's own cache knows neither edits of what a loop calls nor functions without a file, such as
+models, and offers no public interface for another one: hence its internal classes here.
+
+Its files are pickles of machine code, as numba hands it over: whoever can write
 into the folder can let code run as the user. The folder is therefore made for its owner alone, and
 one that others can write is not used. A file that was cut or damaged is noticed by its digest
 before any of it is read; it is removed, and the loop compiled anew.
@@ -69,7 +72,7 @@ class _Form(CompileResultCacheImpl):
         return not (data.lifted or data.library.has_dynamic_globals)
 
 
-class KeptCode(NullCache):
+class CodeCache(NullCache):
     """The compiled code of one function, in the place of numba's own cache.
 
     Args:

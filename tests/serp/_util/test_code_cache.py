@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from serp._util.kept_code import cache_folder
+from serp._util.code_cache import cache_folder
 from serp.errors import Notice
 from serp.model.codegen import generate_step
 from serp.model.native import compile_native

@@ -17,7 +17,7 @@ from serp.tasks.task import Task
 FORMS = "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"
 
 
-def own_task(name: str) -> Task:
+def custom_task(name: str) -> Task:
     """Return the task that `--task` names.
 
     What is named is a `serp.Task`, or a function without arguments that returns one. A file that

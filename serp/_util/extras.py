@@ -1,0 +1,27 @@
+"""Optional libraries: where one is missing, the message names the extra that brings it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from serp.errors import MissingExtra
+
+
+@contextmanager
+def needs_extra(extra: str, what: str) -> Iterator[None]:
+    """Guard imports of optional libraries.
+
+    Args:
+        extra: The extra of this package that brings them, such as `plots`.
+        what: What needs them, to begin the message.
+
+    Raises:
+        MissingExtra: A library that is imported within is not installed.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "serp").partition(".")[0] == "serp":
+            raise
+        raise MissingExtra(what, extra) from error

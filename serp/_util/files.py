@@ -1,0 +1,260 @@
+"""Reads and writes the files of a run: regular files only, replaced in one step.
+
+A run may come from somebody else: a link in it could let a file elsewhere be read or overwritten,
+and a named pipe would block without end. A crash, a full disk or a lost network drive leaves either
+the former file or the new one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import stat
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from serp.errors import RunError
+
+_BINARY = getattr(os, "O_BINARY", 0)  # Windows would translate line ends without it
+_NO_LINKS = getattr(os, "O_NOFOLLOW", 0)
+_NO_WAITING = getattr(os, "O_NONBLOCK", 0)  # for the other end of a pipe
+
+_ADVICE = {
+    errno.ENOSPC: "Free some space on that disk",
+    errno.EDQUOT: "Free some of your quota on that disk",
+    errno.EFBIG: "Raise the limit on the size of files (ulimit -f)",
+    errno.EACCES: "Make the folder writable",
+    errno.EPERM: "Make the folder writable",
+    errno.EROFS: "Use a disk that is not read-only",
+    errno.ENOENT: "Make sure that the folder still exists",
+}
+
+
+# Reading -----------------------------------------------------------------------------------------
+
+
+def open_regular(path: Path, flags: int) -> int:
+    """Open a regular file and return its descriptor.
+
+    A file opened for writing must have no other name: what is written in place would be written
+    under that name, too.
+
+    Args:
+        path: The file.
+        flags: Those of `os.open`.
+
+    Raises:
+        RunError: It is something else.
+        OSError: It cannot be opened.
+    """
+    if not _NO_LINKS and path.is_symlink():
+        raise _irregular(path)
+    try:
+        file = os.open(path, flags | _NO_LINKS | _NO_WAITING | _BINARY, 0o666)
+    except OSError as error:
+        # A link; a pipe that nobody reads; a folder.
+        if error.errno in (errno.ELOOP, errno.EMLINK, errno.ENXIO, errno.EISDIR):
+            raise _irregular(path) from None
+        raise
+    try:
+        if not stat.S_ISREG(os.fstat(file).st_mode):
+            raise _irregular(path)
+        if flags & (os.O_WRONLY | os.O_RDWR):
+            refuse_hard_link(path, file)
+    except RunError:
+        os.close(file)
+        raise
+    return file
+
+
+def refuse_hard_link(path: Path, file: int) -> None:
+    """Raise a `RunError` if an open file has a name besides `path`."""
+    if os.fstat(file).st_nlink > 1:
+        raise RunError(
+            f"{path} has another name elsewhere (a hard link), under which it would be changed, "
+            "too. Copy it, remove it, and give the copy its name."
+        )
+
+
+def read_regular(path: Path, most: int | None = None) -> bytes:
+    """Read all of a regular file.
+
+    Args:
+        path: The file.
+        most: Bytes that it may have; by default what fits into memory.
+
+    Raises:
+        RunError: It is something else, or too large.
+        OSError: It cannot be read.
+    """
+    with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        try:
+            if most is not None and size > most:
+                raise MemoryError
+            return file.read()
+        except MemoryError:
+            raise RunError(
+                f"{path} is too large ({size:,} bytes): it is not what serp wrote there. Restore "
+                "it from a copy."
+            ) from None
+
+
+def require_regular(path: Path) -> Path:
+    """Return the path, for others to open, if there is a regular file or nothing.
+
+    Raises:
+        RunError: There is something else.
+    """
+    try:
+        mode = os.lstat(path).st_mode
+    except OSError:
+        return path
+    if not stat.S_ISREG(mode):
+        raise _irregular(path)
+    return path
+
+
+def _irregular(path: Path) -> RunError:
+    return RunError(
+        f"{path} is a link, a folder, a pipe or a device. A run is made of regular files; put the "
+        "file itself there."
+    )
+
+
+# Writing -----------------------------------------------------------------------------------------
+
+
+def write_durably(path: Path, content: bytes | str) -> None:
+    """Replace `path` by `content` (text as UTF-8) in one step that survives a crash.
+
+    Raises:
+        RunError: The write failed; says why, and that the former file is whole.
+    """
+    with replaced_durably(path) as aside:
+        write_flushed(aside, content)
+
+
+def write_together(contents: Mapping[Path, str]) -> None:
+    """Replace several files, none of them before all are safely on the disk.
+
+    Args:
+        contents: File → its text, written as UTF-8.
+
+    Raises:
+        RunError: A write failed, or one of the files is a folder. All are as they were, unless it
+            was the replacing itself that failed: then those replaced before are new.
+    """
+    for path in contents:
+        if path.is_dir():
+            raise RunError(f"cannot write {path}: it is a folder. Give the name of a file.")
+    with contextlib.ExitStack() as stack:
+        for path, text in contents.items():
+            write_flushed(stack.enter_context(replaced_durably(path)), text)
+
+
+@contextlib.contextmanager
+def replaced_durably(path: Path) -> Iterator[Path]:
+    """Give an empty file beside `path`; at the end it replaces `path`, flushed to the disk.
+
+    Its name is fixed, so that the next write removes what a killed process left there.
+
+    Raises:
+        RunError: The write failed; the file beside is removed, and `path` is as it was.
+    """
+    aside = aside_of(path)
+    try:
+        try:
+            # What lies there may be a link to a file elsewhere.
+            aside.unlink(missing_ok=True)
+            os.close(open_regular(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
+            yield aside
+            with open(aside, "rb+") as file:
+                os.fsync(file.fileno())
+            os.replace(aside, path)
+            sync_folder(path.parent)
+        except BaseException:
+            with contextlib.suppress(OSError):
+                aside.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        if os.path.lexists(path):
+            kept = f"The former {path.name} is kept whole."
+        else:
+            kept = f"No {path.name} was there before, and none was left half written."
+        raise cannot_write(path, error, kept) from error
+
+
+def aside_of(path: Path) -> Path:
+    """Return where the next version of `path` is written: in the same folder."""
+    return path.with_name(path.name + ".aside")
+
+
+def write_flushed(path: Path, content: bytes | str) -> None:
+    """Write a file that exists, in place, and wait until the disk holds it."""
+    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
+    file = open_regular(path, os.O_WRONLY)
+    try:
+        write_all(file, data)
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+def write_all(file: int, content: bytes) -> None:
+    """Write every byte of `content` to a descriptor, however the system divides it."""
+    rest = memoryview(content)
+    while rest:
+        rest = rest[os.write(file, rest) :]
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the renames in a folder durable, where the operating system can do that.
+
+    Raises:
+        OSError: The disk failed.
+    """
+    if os.name == "nt":  # Windows opens no folders; its renames are journalled
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        # Some network and user-space file systems know no fsync of folders.
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)
+
+
+def make_inside(folder: Path, *names: str) -> Path:
+    """Make nested folders, none of them a link to elsewhere; return the innermost.
+
+    Args:
+        folder: The outermost, which exists and may be a link itself.
+        names: Of the folders below it; those that exist are kept.
+
+    Raises:
+        RunError: One of them is a link.
+        OSError: One of them is a file, or cannot be made.
+    """
+    for name in names:
+        folder = folder / name
+        folder.mkdir(exist_ok=True)
+        if folder.is_symlink():
+            raise RunError(f"{folder} is a link. Put a folder there, or remove it.")
+    return folder
+
+
+def cannot_write(path: Path, error: OSError, kept: str) -> RunError:
+    """Return the error for a write that failed.
+
+    Args:
+        path: The file that was to be written.
+        error: What the operating system said.
+        kept: A sentence saying what is left on the disk.
+    """
+    reason = error.strerror or str(error)
+    advice = _ADVICE.get(error.errno or 0, "Correct that")
+    return RunError(f"cannot write {path}: {reason}. {kept} {advice}, then try again.")
