@@ -77,7 +77,7 @@ class CartPole(CartPoleEnv):
     * `track_limit`: largest distance of the cart from the centre in m, above 0.05; 2.4.
     * `render_mode`: `None`, `"human"` (a window) or `"rgb_array"` (uint8 of shape `(400, 600, 3)`).
 
-    Rendering needs pygame: `pip install 'serp[render]'`.
+    Rendering needs pygame: `pip install 'serp[watch]'`.
 
     ## Snapshots
 

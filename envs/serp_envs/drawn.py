@@ -28,7 +28,7 @@ class DrawnEnv(gym.Env[Observation, int]):
 
     A subclass says where an episode starts (`_start`), what is observed of it (`_observation`,
     `_info`) and what there is to see (`_draw`), and calls `_show` at the end of `step`. pygame is
-    imported when the first picture is drawn: `pip install 'serp[render]'`.
+    imported when the first picture is drawn: `pip install 'serp[watch]'`.
 
     Args:
         render_mode: `None`, `"human"` (a window) or `"rgb_array"` (uint8 of shape
@@ -108,7 +108,7 @@ class DrawnEnv(gym.Env[Observation, int]):
             import pygame
         except ImportError as error:
             raise DependencyNotInstalled(
-                "pygame is not installed, run `pip install 'serp[render]'`"
+                "pygame is not installed, run `pip install 'serp[watch]'`"
             ) from error
         window = self.render_mode == "human"
         if self._surface is None:

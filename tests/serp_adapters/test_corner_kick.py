@@ -19,7 +19,7 @@ from serp.model.transition_model import TransitionModel
 from serp.settings import resolve
 from serp.tasks.task import BoundTask
 from serp.training.agent import make_planner
-from serp_adapters import corner_kick
+from serp_adapters.soccer import corner_kick
 from serp_envs.soccer.corner_kick import CornerKick
 from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.rolling import meeting

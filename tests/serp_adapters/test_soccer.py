@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable
 from math import asin, atan2, hypot, pi
@@ -17,7 +19,7 @@ from serp.model.transition_model import TransitionModel
 from serp.settings import resolve
 from serp.tasks.task import BoundTask
 from serp.training.agent import make_planner
-from serp_adapters import soccer
+from serp_adapters.soccer import defender as soccer
 from serp_envs.soccer.observation import MIRROR, SPACE
 
 Point = tuple[float, float]
@@ -310,3 +312,21 @@ def test_the_papers_preset_counts_games(task: BoundTask) -> None:
     assert (chosen.rho_unit, chosen.rho_increment, settings.training.units) == ("game", 0.1, 28)
     _, info = task.reset(seed=1)
     assert isinstance(info[chosen.rho_unit], int)
+
+
+def test_without_pymunk_only_soccer_is_missing_and_the_message_names_the_extra() -> None:
+    program = """
+import sys
+sys.modules["pymunk"] = None
+import gymnasium, serp_envs
+from serp import SerpError
+from serp.tasks.registry import load_task
+load_task("cartpole").bind().close()
+for make in (lambda: load_task("soccer"), lambda: gymnasium.make("serp_envs:serp/CornerKick-v0")):
+    try:
+        make()
+    except (SerpError, gymnasium.error.DependencyNotInstalled) as error:
+        print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout.count("pip install 'serp[soccer]'") == 2, done.stderr

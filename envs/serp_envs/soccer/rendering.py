@@ -19,7 +19,7 @@ try:
     import pygame
 except ImportError as error:
     raise DependencyNotInstalled(
-        "pictures of the pitch need pygame: pip install 'serp[render]'"
+        "pictures of the pitch need pygame: pip install 'serp[watch]'"
     ) from error
 
 Color = tuple[int, int, int]

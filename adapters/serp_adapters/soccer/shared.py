@@ -1,7 +1,8 @@
-"""What the soccer tasks measure alike: distances of contact, the goal that is open to a shot."""
+"""What both soccer tasks use: the share of the goal that is open, and how the tasks are trained."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -16,6 +17,23 @@ Numbers: TypeAlias = NDArray[np.floating[Any]]
 CONTACT: Final = NAO.radius + SPL_2020.ball_radius
 """Distance between the middles of a robot and a ball that it touches, m. The middle of the ball
 cannot pass the robot's nearer than this, so the robot's shadow on the goal is so wide, too."""
+
+
+PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
+    # The paper's iteration is a game; 28 games make a cycle (section 4.2). R_min refuses what the
+    # domain expects to end with a goal or a collision, and allows what loses the ball.
+    "paper": {
+        "arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0},
+        "training": {"units": 28},
+    },
+    # Exploration may cost up to half a goal compared with the best plan. Decisions are few and
+    # take long, so the learner makes two updates for each.
+    "default": {
+        "arbiter": {"exploration_slack": 5.0},
+        "learner": {"updates_per_step": 2.0},
+    },
+}
+"""Settings of both tasks for each preset."""
 
 
 def open_share(robot_to_ball: Numbers, off_line: Numbers, half_goal: Numbers) -> Numbers:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 import serp
 import serp_envs
 from serp_adapters.domains import domain_file
-from serp_adapters.soccer_geometry import open_share
-from serp_adapters.soccer_protocol import PROTOCOL
+from serp_adapters.soccer.shared import PROTOCOL, open_share
 from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.observation import FAR, MIRROR, NEAR
 from serp_envs.soccer.timing import DECISION
