@@ -1,7 +1,6 @@
-"""Where new comments, effects and processes go in the text of a domain file.
+"""Insertion of comments, effects and processes into the text of a domain file.
 
-Nothing is moved and nothing is laid out anew: whatever the file looks like, every byte of it stays,
-and a comment stays behind what it was written about.
+All edits are insertions: every byte of the file stays, and each comment stays behind its effect.
 """
 
 from __future__ import annotations

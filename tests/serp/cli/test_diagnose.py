@@ -11,6 +11,7 @@ import pytest
 
 from serp._util.json_files import finite
 from serp.diagnosis.diagnosis import diagnose
+from serp.diagnosis.export import as_dict
 from tests.serp.cli.conftest import QUICK, Run
 
 CARTPOLE = Path(__file__).parents[3] / "domains" / "cartpole.pddl"
@@ -49,7 +50,7 @@ def test_a_wrong_number_is_named_with_its_line_and_its_value(run: Run, misled: P
     assert remark["text"].startswith(f"`push-left`, line {line}: `{effect}`; observed")
     assert remark["text"] in text
     assert remark["matters"]
-    (literal,) = (f for f in remark["findings"] if f["kind"] == "literal")
+    (literal,) = (f for f in remark["findings"] if f["kind"] == "parameter")
     assert literal["written"] == 0.39
     assert literal["estimate"] == pytest.approx(0.195, abs=0.01)
     assert remark["share"] > 0.2
@@ -65,18 +66,18 @@ def test_the_verdict_and_what_is_not_explained_are_shown(run: Run, misled: Path)
 def test_what_is_listed_is_what_is_repaired(run: Run, misled: Path) -> None:
     shown, repaired = told(run, str(misled)), run("repair", str(misled))
     listed = [remark for remark in shown["remarks"] if remark["matters"]]
-    numbers = [f for remark in listed for f in remark["findings"] if f["kind"] == "literal"]
+    numbers = [f for remark in listed for f in remark["findings"] if f["kind"] == "parameter"]
     for number in numbers:
-        assert f"; {number['literal']} as written; observed " in repaired.stdout
+        assert f"; {number['text']} as written; observed " in repaired.stdout
     assert repaired.stdout.count("as written; observed ") == len(numbers)
-    effects = [f["terms"] for r in listed for f in r["findings"] if f["kind"] == "missing"]
+    effects = [f["terms"] for r in listed for f in r["findings"] if f["kind"] == "missing-effect"]
     assert repaired.stdout.count("; found in ") == sum(map(len, effects))
     for sentence in shown["not_explained"]:
         assert sentence in repaired.stderr
 
 
 def test_json_is_what_the_diagnosis_gives(run: Run, misled: Path) -> None:
-    assert told(run, str(misled)) == json.loads(json.dumps(finite(diagnose(misled).as_dict())))
+    assert told(run, str(misled)) == json.loads(json.dumps(finite(as_dict(diagnose(misled)))))
 
 
 def test_all_lists_everything(run: Run, misled: Path) -> None:

@@ -11,8 +11,8 @@ from serp.diagnosis.findings import (
     EffectTerm,
     MissingEffect,
     ObservedOutcome,
-    OutcomeFinding,
     ParameterFinding,
+    StochasticEffect,
 )
 from serp.diagnosis.repair.repair import Repaired, repair
 from serp.pddl.portability import outside_portable_subset, refused_by_unified_planning
@@ -182,7 +182,7 @@ def test_chance_is_told_in_comments() -> None:
         ObservedOutcome((), 0.33, 0.02, False),
     )
     place = domain.model.actions[0].place
-    repaired = repair(domain, of(outcomes=(OutcomeFinding("up", place, outcomes, 500, 0.1),)))
+    repaired = repair(domain, of(stochastic=(StochasticEffect("up", place, outcomes, 500, 0.1),)))
     lines = repaired.text.splitlines(True)
     added = [line for line in lines if line not in domain.source.text.splitlines(True)]
     assert all(line.strip().startswith(";") for line in added)
