@@ -256,7 +256,7 @@ def test_what_is_uncertain_or_hardly_matters_is_told_apart(model: TransitionMode
     assert diagnosis.worthwhile.parameters == told.parameters[:1]
     (kept,) = diagnosis.worthwhile.missing
     assert [term.fluents for term in kept.terms] == [("place ?r",)]
-    assert diagnosis.worthwhile.stochastic == told.outcomes
+    assert diagnosis.worthwhile.stochastic == told.stochastic
     assert len(diagnosis.others) == 1  # the other number agrees with what was observed
 
 
