@@ -10,7 +10,6 @@ import pytest
 
 from serp.diagnosis.estimation import findings
 from serp.diagnosis.findings import Findings, MissingEffect
-from serp.sysid.regression_data import predictions
 from serp.sysid.transitions import TransitionMemory
 from tests.serp.sysid.rolls import (
     DOMAINS,
@@ -82,6 +81,7 @@ shaken = pytest.mark.parametrize("noise", [0.0, 0.2], ids=["balanced", "shaken"]
 def test_an_empty_file_is_told_the_physics(noise: float) -> None:
     found = of_cartpole("cartpole-empty", noise)
     assert not found.parameters and not found.stochastic
+    assert (found.samples, found.skipped) == (500, 0)
     assert terms(found, "", "cart-position")[("cart-velocity",)] == pytest.approx(1.0, abs=0.01)
     assert terms(found, "", "pole-angle")[("pole-velocity",)] == pytest.approx(1.0, abs=0.01)
     assert terms(found, "", "pole-velocity")[("pole-angle",)] == pytest.approx(15.7, abs=0.4)
@@ -110,24 +110,6 @@ def test_what_is_assigned_and_adds_up_is_told_so(noise: float) -> None:
     for action in ("push-left", "push-right"):
         own = terms(found, action, "cart-velocity")
         assert own[("cart-velocity",)] == pytest.approx(1.0, abs=0.01)
-
-
-@shaken
-@pytest.mark.parametrize("name", ["cartpole-empty", "cartpole-no-velocity", "cartpole-reversed"])
-def test_all_findings_together_predict(name: str, noise: float) -> None:
-    found = of_cartpole(name, noise)
-    assert found.samples == 500 and found.skipped == 0
-    model, (seen, _) = cartpole(name).model.replace(dt=DT), balance(SOURCE, 0, 500, noise)
-    off, left = (
-        np.sqrt(((seen.next_states - told) ** 2).mean(0))
-        for told in (
-            predictions(model, seen.states, seen.actions),
-            predictions_with(model, found, seen.states, seen.actions),
-        )
-    )
-    assert (left <= 0.05 * off + 1e-6).all()
-    for cost in (f.cost for f in (*found.parameters, *found.missing)):
-        assert cost >= 0.0
 
 
 def test_costs_are_what_forgetting_costs() -> None:
@@ -163,13 +145,16 @@ def test_objects_of_one_type_share_one_model() -> None:
 
 def test_noise_alone_is_no_finding() -> None:
     model = from_text(TRUE_FLEET, ROBOTS).model.replace(dt=0.5)
-    for seed in range(3):
+    for seed in range(4):
         rng = np.random.default_rng(seed)
         states = rng.uniform(-1.0, 1.0, size=(400, len(model.fluents)))
         found = findings(model, imagined(model, states, rng, noise=0.05))
         assert not found.missing and not found.stochastic
         for literal in found.parameters:
             assert abs(literal.estimate - literal.written) < 4.5 * literal.error
+    domain = from_text((DOMAINS / "cliff.pddl").read_text(encoding="utf-8"))
+    cells = np.stack([rng.integers(0, 4, 500), rng.integers(0, 12, 500)], axis=1).astype(float)
+    assert not findings(domain.model, imagined(domain.model, cells, rng)).stochastic
 
 
 def test_nothing_seen_says_nothing() -> None:
@@ -299,10 +284,3 @@ def test_falls_that_show_the_start_mislead_nobody() -> None:
         for outcome in finding.outcomes:
             if len(outcome.changes) == 1:
                 assert outcome.probability == pytest.approx(1 / 3, abs=0.09)
-
-
-def test_what_happens_as_written_is_no_finding() -> None:
-    domain = from_text((DOMAINS / "cliff.pddl").read_text(encoding="utf-8"))
-    rng = np.random.default_rng(0)
-    states = np.stack([rng.integers(0, 4, 500), rng.integers(0, 12, 500)], axis=1).astype(float)
-    assert not findings(domain.model, imagined(domain.model, states, rng)).stochastic

@@ -1,4 +1,4 @@
-"""How often each of several outcomes comes."""
+"""Probabilities of outcomes from ambiguous observations."""
 
 from __future__ import annotations
 
@@ -39,6 +39,6 @@ def test_shares_are_recovered_within_their_errors(seed: int) -> None:
     assert (errors < 0.03).all()
 
 
-def test_what_nothing_fits_is_something_else() -> None:
+def test_what_no_outcome_fits_is_something_else() -> None:
     shares, _ = estimate_probabilities(np.zeros((10, 2), dtype=np.bool_))
     assert (shares == 0.0).all()

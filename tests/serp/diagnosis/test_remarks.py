@@ -9,14 +9,9 @@ from serp._util.number_format import measured, rounded
 from serp.diagnosis.findings import EffectTerm, Findings, MissingEffect, ParameterFinding
 from serp.diagnosis.remarks import remarks, terms
 from serp.model.transition_model import TransitionModel
-from tests.serp.sysid.truth import chances, found, literal, missing, robots
+from tests.serp.sysid.truth import chances, found, literal, missing
 
 CARTPOLE = Path(__file__).parents[3] / "domains" / "cartpole.pddl"
-
-
-@pytest.fixture
-def model(tmp_path: Path) -> TransitionModel:
-    return robots(tmp_path)
 
 
 def texts(findings: Findings, model: TransitionModel) -> list[str]:
