@@ -1,4 +1,4 @@
-"""The corner-kick task: `serp_envs`' corner, grounded in what a coach sees from the touchline."""
+"""The corner-kick task: its environment, its grounding in distances, times and angles."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def make_env(**options: Any) -> gym.Env[Any, Any]:
 
 
 def until_met(x: Numbers, y: Numbers, vx: Numbers, vy: Numbers, gap: float) -> Numbers:
-    """Seconds until a robot has the ball, if it walks straight to where it can meet it.
+    """Return the seconds until a robot has the ball, if it walks straight to meet it.
 
     Args:
         x: Of the ball from the robot, m. Several robots take an axis in front.
@@ -48,9 +48,9 @@ def until_met(x: Numbers, y: Numbers, vx: Numbers, vy: Numbers, gap: float) -> N
         gap: How near the robot has to come to the ball, from middle to middle, m.
 
     Returns:
-        As the environment reckons (`serp_envs.soccer.rolling.meeting`), that is in steps of 0.2 s
-        as long as the ball rolls: 0 for a ball in reach; where the robot comes too late for the
-        rolling ball, its walk to where that comes to rest.
+        As the environment computes it (`serp_envs.soccer.rolling.meeting`), in steps of 0.2 s as
+        long as the ball rolls: 0 for a ball in reach; for a robot that is too late for the rolling
+        ball, its walk to where the ball comes to rest.
     """
     speed, slowing = np.hypot(vx, vy)[..., None], SPL_2020.ball_deceleration
     rolls = np.where(speed < STILL, 0.0, speed / slowing)
@@ -58,7 +58,7 @@ def until_met(x: Numbers, y: Numbers, vx: Numbers, vy: Numbers, gap: float) -> N
     far = way(time, np.maximum(speed, STILL), slowing)
     there = np.hypot(x[..., None] + far * vx[..., None], y[..., None] + far * vy[..., None])
     needed = np.maximum(there - gap, 0.0) / NAO.forward
-    # Where it comes to rest everybody arrives in time, sooner or later.
+    # Every robot can meet the ball where it comes to rest.
     met = (needed <= _AHEAD) | (rolls <= _AHEAD)
     met[..., -1] = True
     first = np.argmax(met, axis=-1)[..., None]
@@ -131,7 +131,7 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
 
 
 def _between(one: Numbers, other: Numbers) -> Numbers:
-    """The angle between two directions in [−π, π]: 0 to π."""
+    """Return the angle between two directions in [−π, π]: 0 to π."""
     apart = np.abs(one - other)
     return np.minimum(apart, 2.0 * np.pi - apart)
 
@@ -152,7 +152,7 @@ def task() -> serp.Task:
             "charge-opponent": 5,
         },
         dt=DECISION,
-        # The domain's rewards say what a coach expects of a situation, not what then happened.
+        # The domain's rewards estimate a situation; the environment's state what happened.
         reward="environment",
         settings={
             # Fifteen decisions, 6 s: as long as the usual walk to a ball from the corner.

@@ -37,10 +37,10 @@ PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
 
 
 def open_share(robot_to_ball: Numbers, off_line: Numbers, half_goal: Numbers) -> Numbers:
-    """The share of the goal outside the robot's shadow as seen from the ball.
+    """Return the share of the goal outside the robot's shadow as seen from the ball.
 
-    Roughly: the goal is taken to stand square to the ball, and what is open on the far side of a
-    robot on the line counts for nothing.
+    An approximation: the goal is taken to be perpendicular to the line to the ball, and what is
+    open on the far side of a robot on the line is not counted.
 
     Args:
         robot_to_ball: m.

@@ -146,7 +146,7 @@ class InsertionPoints:
         return [Edit(at, at, f"{lines}{self._newline}{indent[first.start - at :]}")]
 
     def _commented(self, position: int) -> bool:
-        """Whether nothing but closing brackets and a comment follows in the line."""
+        """Return whether only closing brackets and a comment follow in the line."""
         rest = self.text[position : line_end(self.text, position)]
         return rest.lstrip(") \t").startswith(";")
 
