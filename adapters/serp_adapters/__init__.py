@@ -1,3 +1,3 @@
-"""What connects serp to the outside: tasks, planner engines, learner libraries."""
+"""Connections of serp to the outside: the shipped tasks, and algorithms of other libraries."""
 
 from __future__ import annotations

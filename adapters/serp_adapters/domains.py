@@ -1,4 +1,4 @@
-"""Where the domain files are that this distribution ships."""
+"""Paths of the shipped domain files."""
 
 from __future__ import annotations
 

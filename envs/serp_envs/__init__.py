@@ -8,7 +8,7 @@ Importing this package registers them; Gymnasium imports it by itself where an i
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import gymnasium
 
@@ -16,8 +16,10 @@ from serp_envs import hill, landing, swing_up
 from serp_envs.cartpole import CartPole
 from serp_envs.hill import Hill
 from serp_envs.landing import Landing
-from serp_envs.soccer import CornerKickDefender, SoccerDefender
 from serp_envs.swing_up import SwingUp
+
+if TYPE_CHECKING:
+    from serp_envs.soccer import CornerKickDefender, SoccerDefender
 
 __all__ = [
     "CartPole",
@@ -56,10 +58,19 @@ _ENVIRONMENTS: Final[dict[str, dict[str, Any]]] = {
 }
 
 
-def register() -> None:
-    """Put the environments of this package into Gymnasium's registry, those it lacks.
+def __getattr__(name: str) -> Any:
+    """Import the soccer environments when they are asked for: they alone need pymunk."""
+    if name not in ("CornerKickDefender", "SoccerDefender"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from serp_envs import soccer
 
-    Importing the package has done this already. Call it again where the registry was emptied since.
+    return getattr(soccer, name)
+
+
+def register() -> None:
+    """Register the environments of this package that are missing in Gymnasium's registry.
+
+    Importing the package does this. Call it again after the registry was emptied.
     """
     for name, specification in _ENVIRONMENTS.items():
         if name not in gymnasium.registry:

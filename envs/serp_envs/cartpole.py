@@ -77,7 +77,7 @@ class CartPole(CartPoleEnv):
     * `track_limit`: largest distance of the cart from the centre in m, above 0.05; 2.4.
     * `render_mode`: `None`, `"human"` (a window) or `"rgb_array"` (uint8 of shape `(400, 600, 3)`).
 
-    Rendering needs pygame: `pip install 'serp[render]'`.
+    Rendering needs pygame: `pip install 'serp[watch]'`.
 
     ## Snapshots
 
@@ -151,7 +151,7 @@ class CartPole(CartPoleEnv):
         return observation, reward, terminated, truncated, self._info()
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that the rest of an episode, and the episodes after it, depend on.
+        """Return all that the rest of the episode and later episodes depend on.
 
         Returns:
             Plain JSON values: the limits, the state in float64, and the state of the generator.
@@ -206,7 +206,7 @@ class CartPole(CartPoleEnv):
 
 
 def _state_array(values: Any) -> NDArray[np.float64]:
-    """The four components of a state out of a snapshot.
+    """Return the four components of the state in a snapshot.
 
     Raises:
         ValueError: They are not four finite numbers.

@@ -1,4 +1,4 @@
-"""What the small environments of this package share: a picture or a window, drawn by pygame."""
+"""The base class of the small environments: seeding, pictures and windows with pygame."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ PAPER: Final = (255, 255, 255)
 GROUND: Final = (110, 140, 90)
 BODY: Final = (202, 152, 101)
 FORCE: Final = (200, 60, 50)
-"""Colours: lines, background, what stands still, what moves, what pushes it."""
+"""Colours: lines, background, fixed bodies, moving bodies, forces."""
 
 
 class DrawnEnv(gym.Env[Observation, int]):
     """An environment with discrete actions that can be drawn.
 
-    A subclass says where an episode starts (`_start`), what is observed of it (`_observation`,
-    `_info`) and what there is to see (`_draw`), and calls `_show` at the end of `step`. pygame is
-    imported when the first picture is drawn: `pip install 'serp[render]'`.
+    A subclass defines the start of an episode (`_start`), the observation (`_observation`, `_info`)
+    and the picture (`_draw`), and calls `_show` at the end of `step`. pygame is
+    imported when the first picture is drawn: `pip install 'serp[watch]'`.
 
     Args:
         render_mode: `None`, `"human"` (a window) or `"rgb_array"` (uint8 of shape
@@ -87,7 +87,7 @@ class DrawnEnv(gym.Env[Observation, int]):
         """Draw the situation on a surface of WIDTH × HEIGHT that is blank."""
 
     def _show(self) -> None:
-        """Bring a window up to date, where there is one."""
+        """Update the window, if there is one."""
         if self.render_mode == "human":
             self._picture()
 
@@ -108,7 +108,7 @@ class DrawnEnv(gym.Env[Observation, int]):
             import pygame
         except ImportError as error:
             raise DependencyNotInstalled(
-                "pygame is not installed, run `pip install 'serp[render]'`"
+                "pygame is not installed, run `pip install 'serp[watch]'`"
             ) from error
         window = self.render_mode == "human"
         if self._surface is None:

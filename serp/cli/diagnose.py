@@ -65,33 +65,31 @@ def command(
                                  ("--svg", svg, ".svg")):  # fmt: skip
         if file is not None and file.suffix.lower() != suffix:
             raise click.BadParameter(f"name a file that ends in {suffix}", ctx, param_hint=option)
+    if png is not None or svg is not None:
+        from serp.diagnosis.plots import picture
 
     from serp._util.files import write_durably
+    from serp.diagnosis import export
     from serp.diagnosis.diagnosis import diagnose
 
     diagnosis = diagnose(run)
     if diagnosis.recorded.notice is not None:
         say(diagnosis.recorded.notice)
     if as_json:
-        print_json(diagnosis.as_dict())
+        print_json(export.as_dict(diagnosis))
     else:
         print_diagnosis(open_console(), diagnosis, everything=everything)
     if table is not None:
         text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(diagnosis.table())
+        csv.writer(text, lineterminator="\n").writerows(export.table(diagnosis))
         write_durably(table, text.getvalue())
         say(f"The numbers are in {table}")
-    if png is not None or svg is not None:
-        from serp._util.figures import render
-        from serp.diagnosis.plots import draw_diagnosis
-
-        figure = draw_diagnosis(diagnosis)
-        if png is not None:
-            write_durably(png, render(figure, "png"))
-            say(f"Predicted against observed is drawn in {png}")
-        if svg is not None:
-            write_durably(svg, render(figure, "svg"))
-            say(f"Predicted against observed is drawn in {svg}")
+    if png is not None:
+        write_durably(png, picture(diagnosis, "png"))
+        say(f"Predicted against observed is drawn in {png}")
+    if svg is not None:
+        write_durably(svg, picture(diagnosis, "svg"))
+        say(f"Predicted against observed is drawn in {svg}")
 
 
 def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool = False) -> None:

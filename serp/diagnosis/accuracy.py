@@ -1,45 +1,73 @@
-"""How well the fluents, the reward and the end are predicted one step ahead, each by its change."""
+"""How well fluents, reward and end are predicted one step ahead, measured by how much they change.
+
+The unit of an error is the root mean square of the change in a step. The squared errors of a
+symbol, summed over its fluents, are then a share of its squared change.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from serp.diagnosis.error_scales import Steps, symbols_of
 from serp.diagnosis.patched_model import PatchedForecast
 from serp.model import ground as g
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.monitor import END, REWARD
+from serp.sysid.regression_data import RegressionData
+from serp.sysid.transitions import TransitionMemory
 
 _ROUNDING: Final = 1e-9
+"""A change below this share of a value's size counts as rounding."""
 
 WELL: Final = 0.1
-"""Predicted well is what has an error of at most 10 % of its change."""
+"""A quantity is predicted well if its error is at most this share of its change."""
+
+
+class Steps(NamedTuple):
+    """Observed steps, over the fluents, the reward and the end.
+
+    Attributes:
+        actions: `[N]` positions of the executed ground actions.
+        before: `[N, F + 2]`; reward and end are 0.
+        after: `[N, F + 2]`; the end is 1 where the environment ended the task, else 0.
+    """
+
+    actions: NDArray[np.int64]
+    before: Vector
+    after: Vector
+
+    @classmethod
+    def of(cls, experience: TransitionMemory, sample: RegressionData) -> Self:
+        """Return the steps of a sample of an experience."""
+        rewards, over = experience.rewards[sample.positions], experience.over[sample.positions]
+        return cls(
+            sample.actions,
+            np.column_stack((sample.states, np.zeros((len(sample), 2)))),
+            np.column_stack((sample.next_states, rewards, over)),
+        )
 
 
 @dataclass(frozen=True)
 class Quantity:
     """How well the fluents of one symbol, the reward or the end are predicted.
 
-    Errors are squared and summed over all its fluents, as a share of the squared change; see
-    `serp.diagnosis.error_scales`.
-
     Attributes:
         name: The symbol; `reward`, or `terminal` for the end.
         shown: How it is written: `(battery)`.
         numeric: False for predicates and the end.
-        written: Whether the file says anything of it.
+        written: Whether any effect of the file changes it.
         steps: Transitions looked at.
-        change: Root mean square of the change in a step; for what is true or false, in how many
-            steps and fluents it changes. A reward and an end are changes themselves.
-        said: In how many steps and fluents the file predicts a change of a predicate, or an end.
-        right: In how many of these it came.
-        squared: Error of the file as written.
-        squared_left: The same with what is worth mentioning taken into account.
-        squared_chance: What of that is to be expected by the chances that were found.
+        change: Root mean square of the change in a step; of a predicate or an end the number of
+            changes. A reward and an end count as changes themselves.
+        said: Number of predicted changes of a predicate, or of predicted ends.
+        right: Those of them that were observed.
+        squared: Squared error of the file as written.
+        squared_left: The same of the file patched with the findings worth mentioning.
+        squared_chance: The part of that which the stochastic effects found lead one to expect.
         action: The ground action after which most of the error of the file is made.
         most: The share of the error that is made after it.
     """
@@ -60,39 +88,65 @@ class Quantity:
 
     @property
     def off(self) -> float:
-        """Error of the file as a share of the change: 0 is perfect, 1 "everything stays as it is".
+        """Error of the file as a share of the change; "nothing ever changes" has an error of 1.
 
-        Of root mean squares, or of numbers of steps for what is true or false.
+        A ratio of root mean squares, or of numbers of steps for predicates and ends.
         """
         return self._share(self.squared)
 
     @property
     def off_left(self) -> float:
-        """The same with what is worth mentioning taken into account."""
+        """The same of the file patched with the findings worth mentioning."""
         return self._share(self.squared_left)
 
     @property
     def unexplained(self) -> float:
-        """The same without what is to be expected by chance."""
+        """The same without the expected error of the stochastic effects found."""
         return self._share(max(0.0, self.squared_left - self.squared_chance))
 
     def _share(self, squared: float) -> float:
         return math.sqrt(squared) if self.numeric else squared
 
 
-def quantities_of(
-    model: TransitionModel, steps: Steps, predicted: Vector, found: PatchedForecast, units: Vector
-) -> tuple[Quantity, ...]:
-    """Return what changes, or is predicted to, in the order of the file; reward and end come last.
+def units_of(model: TransitionModel, steps: Steps, predicted: Vector) -> Vector:
+    """Return the unit of each column `[F + 2]`: the root of its symbol's squared change a step.
+
+    A symbol that never changes is measured by its predicted change; one that is not predicted to
+    change either has unit 1.
 
     Args:
         model: The model as written.
-        steps: What was observed.
-        predicted: `[N, F + 2]` what the model predicts.
-        found: The same with what is worth mentioning taken into account.
-        units: `[F + 2]`.
+        steps: The observed steps.
+        predicted: `[N, F + 2]` what the model predicts; NaN where nothing.
     """
-    names = np.array(symbols_of(model))
+    names = _symbols(model)
+    units = np.ones(len(names))
+    largest = np.abs(np.concatenate((steps.before, steps.after))).max(axis=0, initial=0.0)
+    for name in dict.fromkeys(names.tolist()):
+        own = names == name
+        least = _ROUNDING * float(largest[own].max())
+        for after in (steps.after, predicted):
+            squares = (after - steps.before)[:, own] ** 2
+            moved = float(np.sqrt(np.nansum(squares) / max(1, len(squares))))
+            if moved > least:
+                units[own] = moved
+                break
+    return units
+
+
+def quantities_of(
+    model: TransitionModel, steps: Steps, predicted: Vector, found: PatchedForecast, units: Vector
+) -> tuple[Quantity, ...]:
+    """Return all that changes or is predicted to, in the order of the file; reward and end last.
+
+    Args:
+        model: The model as written.
+        steps: The observed steps.
+        predicted: `[N, F + 2]` what the model predicts.
+        found: The same of the model patched with the findings worth mentioning.
+        units: `[F + 2]` see `units_of`.
+    """
+    names = _symbols(model)
     predicates = {fluent.symbol for fluent in model.fluents if not fluent.numeric} | {END}
     moves, says = steps.after - steps.before, predicted - steps.before
     errors, left, chance = (
@@ -102,7 +156,7 @@ def quantities_of(
         )
     )  # fmt: skip
     number = max(1, len(moves))
-    spoken = _spoken(model)
+    written = _written_symbols(model)
     quantities = []
     for name in dict.fromkeys(names.tolist()):
         own, counts = names == name, name in predicates
@@ -117,7 +171,7 @@ def quantities_of(
                 name=name,
                 shown=_shown(model, name),
                 numeric=not counts,
-                written=name in spoken,
+                written=name in written,
                 steps=len(moves),
                 change=float(changed.sum() if counts else np.sqrt(np.mean(moves[:, own] ** 2))),
                 said=int(said.sum()) if counts else 0,
@@ -132,23 +186,28 @@ def quantities_of(
     return tuple(quantities)
 
 
-def _spoken(model: TransitionModel) -> set[str]:
-    """Return the symbols of what the file says anything of; `reward` and `terminal` among them."""
+def _symbols(model: TransitionModel) -> NDArray[np.str_]:
+    """Return the symbol of each column of `Steps`."""
+    return np.array([*(fluent.symbol for fluent in model.fluents), REWARD, END])
+
+
+def _written_symbols(model: TransitionModel) -> set[str]:
+    """Return the symbols that an effect of the file changes, with `reward` and `terminal`."""
     ground = model.ground
     targets = {
         effect.target
         for schema in (*ground.actions, *ground.processes, *ground.events)
         for effect in schema.effects
     }
-    spoken = {fluent.symbol for fluent in model.fluents if fluent.index in targets}
+    written = {fluent.symbol for fluent in model.fluents if fluent.index in targets}
     if model.rewarding:
-        spoken.add(REWARD)
+        written.add(REWARD)
     if ground.goal is not None or g.TERMINAL_TARGET in targets:
-        spoken.add(END)
-    return spoken
+        written.add(END)
+    return written
 
 
 def _shown(model: TransitionModel, name: str) -> str:
-    """Return how a symbol is written, with dots where several fluents are of it."""
+    """Return how a symbol is written, with dots where it has several fluents."""
     own = [fluent.name for fluent in model.fluents if fluent.symbol == name]
     return f"({own[0] if len(own) == 1 else name + ' …' if own else name})"

@@ -1,4 +1,4 @@
-"""Everything that observed transitions say about a domain file."""
+"""Findings from observed transitions, by regression and by counting."""
 
 from __future__ import annotations
 
@@ -6,15 +6,10 @@ from collections import Counter
 
 import numpy as np
 
-from serp.diagnosis.error_scales import Steps, units_of
-from serp.diagnosis.findings import (
-    EffectTerm,
-    Findings,
-    MissingEffect,
-    ParameterFinding,
-)
+from serp.diagnosis.accuracy import Steps, units_of
+from serp.diagnosis.findings import EffectTerm, Findings, MissingEffect, ParameterFinding
 from serp.diagnosis.reward_rules import find_rules
-from serp.diagnosis.stochastic_effects import find_outcomes
+from serp.diagnosis.stochastic_effects import find_stochastic_effects
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.added_effects import AddedEffect
 from serp.sysid.joint_fit import JointFit, explain
@@ -25,15 +20,15 @@ from serp.sysid.regression_data import RegressionData, predicted_steps, predicti
 from serp.sysid.transitions import TransitionMemory
 
 _MOST_ROWS = 4_000  # of a regression
-_MOST_PAIRS = 20_000  # of transitions and objects, all of which say something of their type
+_MOST_PAIRS = 20_000  # of transitions and objects: each object gives a row to its type's regression
 _FEWEST_ROWS = 500
 _MOST_COSTED = 2_000
 
 
 def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
-    """Return what the transitions say about the file, by regression and by counting.
+    """Return the findings about a file.
 
-    Literals and missing effects are estimated together. A pure function of its arguments.
+    Parameters and missing effects are estimated together. A pure function of its arguments.
 
     Args:
         model: The model as written, with the control period of the transitions.
@@ -41,7 +36,7 @@ def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
     """
     sample = regression_data(model, experience.states, experience.actions, experience.next_states)
     if not len(sample):
-        return Findings((), (), (), (), 0, sample.skipped)
+        return Findings(skipped=sample.skipped)
     objects = max(Counter(f.symbol for f in model.fluents if f.numeric).values(), default=1)
     part = sample.part(max(_FEWEST_ROWS, min(_MOST_ROWS, _MOST_PAIRS // objects)))
     explanation = explain(model, part)
@@ -51,9 +46,9 @@ def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
     costs = _Costs(model, explanation, sample.part(_MOST_COSTED), units)
     whole = whole_symbols(ParameterEstimator(model.ground, model.dt), sample)
     return Findings(
-        literals=_literals(model, explanation, costs),
+        parameters=_parameters(model, explanation, costs),
         missing=_missing(model, explanation, costs, part),
-        outcomes=find_outcomes(model, sample, whole, units),
+        stochastic=find_stochastic_effects(model, sample, whole, units),
         rules=find_rules(model, sample, steps, predicted, units),
         samples=len(sample),
         skipped=sample.skipped,
@@ -61,7 +56,7 @@ def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
 
 
 class _Costs:
-    """What the prediction loses where one thing that was found is forgotten."""
+    """The increase of the prediction error if one finding is dropped."""
 
     def __init__(
         self, model: TransitionModel, explanation: JointFit, sample: RegressionData, units: Vector
@@ -73,10 +68,10 @@ class _Costs:
         self._model = TransitionModel(explanation.ground, dt=model.dt)
         self._least = self._errors(self._theta)
 
-    def of(self, literals: list[int], values: list[float], symbol: str) -> float:
-        """Return what giving some literals other values costs a function; never negative."""
+    def of(self, parameters: list[int], value: float, symbol: str) -> float:
+        """Return the cost for a function of setting parameters to a value; at least 0."""
         theta = self._theta.copy()
-        theta[literals] = values
+        theta[parameters] = value
         more = self._errors(theta) - self._least
         return max(0.0, float(more[[name == symbol for name in self._symbols]].sum()))
 
@@ -88,25 +83,25 @@ class _Costs:
         return errors
 
 
-def _literals(
+def _parameters(
     model: TransitionModel, explanation: JointFit, costs: _Costs
 ) -> tuple[ParameterFinding, ...]:
     fit = explanation.fit
     found = []
-    for influence in parameter_dependencies(model.ground):
-        parameter = influence.parameter
+    for dependency in parameter_dependencies(model.ground):
+        parameter = dependency.parameter
         index = parameter.index
         if np.isfinite(fit.errors[index]):
             found.append(
                 ParameterFinding(
                     parameter=parameter,
-                    schema=influence.schema,
-                    fluent=influence.symbol,
+                    schema=dependency.schema,
+                    fluent=dependency.symbol,
                     written=parameter.value,
                     estimate=float(fit.theta[index]),
                     error=float(fit.errors[index]),
                     samples=int(fit.samples[index]),
-                    cost=costs.of([index], [parameter.value], influence.symbol),
+                    cost=costs.of([index], parameter.value, dependency.symbol),
                 )
             )
     return tuple(sorted(found, key=lambda f: -f.cost))
@@ -140,7 +135,7 @@ def _missing(
                 ),
                 rate=schema == WORLD,
                 samples=int(fit.samples[indices].max()) if schema else len(sample),
-                cost=costs.of(indices, [0.0] * len(indices), target.symbol),
+                cost=costs.of(indices, 0.0, target.symbol),
             )
         )
     return tuple(sorted(found, key=lambda f: -f.cost))

@@ -1,7 +1,7 @@
-"""How often each of several outcomes comes, where what is seen may fit more than one of them.
+"""Expectation-maximisation for the probabilities of outcomes, from ambiguous observations.
 
-The estimate of greatest likelihood, by expectation and maximisation (Dempster, Laird & Rubin,
-Journal of the Royal Statistical Society B 39, 1977).
+A maximum-likelihood estimate (Dempster, Laird & Rubin, Journal of the Royal Statistical Society
+B 39, 1977).
 """
 
 from __future__ import annotations
@@ -11,31 +11,31 @@ from numpy.typing import NDArray
 
 from serp.model.transition_model import Vector
 
-_TURNS = 500
+_ITERATIONS = 500
 
 
-def likeliest(fits: NDArray[np.bool_]) -> tuple[Vector, Vector]:
-    """Return how often each outcome comes, and standard errors.
+def estimate_probabilities(fits: NDArray[np.bool_]) -> tuple[Vector, Vector]:
+    """Return the probabilities of outcomes and their standard errors.
 
     Args:
-        fits: `[n, K]`, whether an outcome is what was observed; rows that none fits count as
-            something else, so that the shares add up to less than 1.
+        fits: `[n, K]`, whether an outcome fits the observation. Rows that no outcome fits count as
+            something else: the probabilities then add up to less than 1.
 
     Returns:
-        Shares `[K]` and their standard errors `[K]`.
+        Probabilities `[K]` and standard errors `[K]`.
     """
     number, count = fits.shape
     known = fits[fits.any(1)].astype(np.float64)
     if not len(known):
         return np.zeros(count), np.full(count, 1.0 / max(number, 1))
     shares = np.full(count, 1.0 / count)
-    for _ in range(_TURNS):
+    for _ in range(_ITERATIONS):
         parts = known * shares
         parts /= parts.sum(1, keepdims=True)
         before, shares = shares, parts.mean(0)
         if np.abs(shares - before).max() < 1e-9:
             break
-    # The observed information, along the directions in which the shares still add up to one.
+    # The observed information along the directions that keep the sum of the shares at one.
     scores = known / (known @ shares)[:, None]
     alive = shares > 1e-6
     along = np.eye(count)[:, alive] - alive[:, None] / alive.sum()

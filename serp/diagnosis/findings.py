@@ -1,9 +1,9 @@
-"""What the observed transitions say about a domain file: the words of `diagnose` and `repair`.
+"""What observed transitions say about a domain file: the records behind `diagnose` and `repair`.
 
-Everywhere `cost` is how much of the one-step prediction error a finding accounts for: by how much
-it reduces the squared error of what it is about, as a share of the squared change of that. 1 is the
-error of a file that says that everything stays as it is. Costs of all kinds of findings can be
-compared, of fluents that move a lot and of those that hardly do, of rewards and of ends.
+`cost` is the share of the one-step prediction error that a finding accounts for: by how much it
+reduces the squared error of the quantity that it is about, divided by the squared change of that
+quantity. A file that says that nothing ever changes has an error of 1. Costs are comparable across
+kinds of findings and across fluents, rewards and ends of any scale.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class EffectTerm:
     Attributes:
         coefficient: Estimate, in the units of the fluents.
         error: Its standard error.
-        fluents: The names of the fluents whose product it multiplies; `()` for a constant.
+        fluents: Names of the fluents whose product it multiplies; `()` for a constant.
     """
 
     coefficient: float
@@ -31,16 +31,16 @@ class EffectTerm:
 
 @dataclass(frozen=True)
 class ParameterFinding:
-    """A literal of the file whose value the transitions speak about.
+    """An estimate of a parameter: a number that the file writes in an effect or a rate.
 
     Attributes:
-        parameter: The literal, with its place.
+        parameter: The parameter, with its place.
         schema: Name of the action or process schema in which it stands.
         fluent: Symbol of the function that the effect changes.
         written: Its value in the file.
-        estimate: The value that the transitions say.
+        estimate: Its value according to the transitions.
         error: Standard error of the estimate.
-        samples: Transitions that it rests on.
+        samples: Transitions behind the estimate.
         cost: See the module.
     """
 
@@ -56,15 +56,15 @@ class ParameterFinding:
 
 @dataclass(frozen=True)
 class MissingEffect:
-    """A change that happens and that the file does not mention.
+    """A change that was observed and that the file does not mention.
 
     Attributes:
-        schema: Name of the action schema; empty where it happens whatever the action.
+        schema: Name of the action schema; empty for a change under every action.
         place: Where that schema is written; None where there is none.
         fluent: Name of the fluent that changes.
         terms: The summands of the change.
-        rate: Whether the terms are per unit of time and belong into a process.
-        samples: Transitions that it rests on.
+        rate: Whether the terms are per unit of time and belong in a process.
+        samples: Transitions behind the estimate.
         cost: See the module.
     """
 
@@ -79,13 +79,13 @@ class MissingEffect:
 
 @dataclass(frozen=True)
 class ObservedOutcome:
-    """One of the things that come of an action.
+    """One outcome of a stochastic effect.
 
     Attributes:
         changes: (symbol of the fluent, its change); `()` where nothing changes.
-        probability: How often it comes, 0 to 1.
+        probability: Its share of the steps, 0 to 1.
         error: Standard error of the probability.
-        written: Whether it is what the file says.
+        written: Whether it is the effect in the file.
     """
 
     changes: tuple[tuple[str, float], ...]
@@ -95,14 +95,14 @@ class ObservedOutcome:
 
 
 @dataclass(frozen=True)
-class OutcomeFinding:
-    """An action of which more than one thing comes, or another than the file says.
+class StochasticEffect:
+    """An action with several outcomes, or with another outcome than the file says.
 
     Attributes:
         schema: Name of the action schema.
         place: Where it is written.
-        outcomes: What came of it, the most frequent first.
-        samples: Transitions that it rests on.
+        outcomes: Its outcomes, the most frequent first.
+        samples: Transitions behind the estimate.
         cost: See the module.
     """
 
@@ -115,22 +115,22 @@ class OutcomeFinding:
 
 @dataclass(frozen=True)
 class RuleFinding:
-    """A line of the file that gives reward or ends the task, otherwise than it was observed.
+    """A line of the file on rewards or ends whose prediction differs from what was observed.
 
-    What is good and what is an end is for people to say, so nothing is estimated here.
+    Rewards and ends state what people want, so nothing is estimated here.
 
     Attributes:
-        schema: Name of the action, process or event; `goal` or `metric` for these; empty for what
-            no line of the file says.
+        schema: Name of the action, process or event; `goal` or `metric`; empty for rewards or ends
+            that no line predicts.
         place: Where it is written; None where there is no such place.
         fluent: `reward` or `terminal`.
         predicted: Steps in which the line was predicted to apply.
-        came: Of these, the steps that went as predicted.
-        unpredicted: Steps in which it applies to what was observed though it was not predicted to;
-            where no line says it, those in which there was reward or an end all the same.
-        promised: Mean reward predicted in the steps counted by `predicted`; 1 for ends.
-        observed: Mean reward observed in these steps, or share of ends; where no line says it, in
-            those counted by `unpredicted`.
+        came: Those of them with the predicted reward or end.
+        unpredicted: Steps in which the line applies to the observed state and was not predicted
+            to; with no line, steps with an unpredicted reward or end.
+        promised: Mean predicted reward of the steps counted by `predicted`; 1 for ends.
+        observed: Mean observed reward of these steps, or share of ends; of the steps counted by
+            `unpredicted` where `predicted` is 0.
         samples: Transitions looked at.
         cost: See the module.
     """
@@ -147,19 +147,27 @@ class RuleFinding:
     cost: float
 
 
+Finding = ParameterFinding | MissingEffect | StochasticEffect | RuleFinding
+
+
 @dataclass(frozen=True)
 class Findings:
-    """Everything that the transitions say about a domain file.
+    """All findings about a domain file.
 
     Attributes:
-        literals, missing, outcomes, rules: The findings by kind.
+        parameters, missing, stochastic, rules: The findings by kind.
         samples: Transitions looked at.
-        skipped: Transitions left out; see `serp.sysid.regression_data.Sample.left_out`.
+        skipped: Transitions left out; see `serp.sysid.regression_data.RegressionData.left_out`.
     """
 
-    literals: tuple[ParameterFinding, ...]
-    missing: tuple[MissingEffect, ...]
-    outcomes: tuple[OutcomeFinding, ...]
-    rules: tuple[RuleFinding, ...]
-    samples: int
-    skipped: int
+    parameters: tuple[ParameterFinding, ...] = ()
+    missing: tuple[MissingEffect, ...] = ()
+    stochastic: tuple[StochasticEffect, ...] = ()
+    rules: tuple[RuleFinding, ...] = ()
+    samples: int = 0
+    skipped: int = 0
+
+
+def symbol_of(name: str) -> str:
+    """Return the symbol of a fluent's printed name: `battery` of `battery ?robot`."""
+    return name.strip("() ").split(" ")[0]

@@ -1,4 +1,4 @@
-"""What a domain file would predict if findings stood in it."""
+"""Predictions of a domain file that is patched with findings."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from serp.sysid.regression_data import predicted_steps, predictions
 
 _MOST_ACTIONS: Final = 40
 _STATES: Final = 500
-"""So many states show what an action usually changes."""
+"""Number of states from which the usual change of an action is read."""
 
 
 class PatchedForecast(NamedTuple):
-    """What is to be expected of steps.
+    """The expected result of steps.
 
     Attributes:
         mean: `[N, F + 2]`: the fluents, the reward, the end; NaN in rows that have no next state.
-        variance: `[N, F + 2]` about the mean, as far as it comes from chances that were found.
+        variance: `[N, F + 2]` about the mean, due to the stochastic effects found.
     """
 
     mean: Vector
@@ -34,30 +34,28 @@ class PatchedForecast(NamedTuple):
 def forecast_with(
     model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
 ) -> PatchedForecast:
-    """Return what the file predicts with all findings taken into account.
-
-    Where an action has several outcomes it is their mean.
+    """Return the predictions of the patched model: of a stochastic effect, the mean.
 
     Args:
         model: The model as written.
-        findings: What was found of it.
+        findings: What it is patched with.
         states: `[N, F]`.
         actions: `[N]` positions of ground actions.
     """
     lifting = Lifting(model.ground)
-    amended = _amended(model, findings, lifting)
-    mean = predicted_steps(amended, states, actions)
+    patched = _patched(model, findings, lifting)
+    mean = predicted_steps(patched, states, actions)
     forecast = PatchedForecast(mean, np.zeros(mean.shape))
-    if findings.outcomes:
-        _average(amended, lifting, findings, states, actions, forecast)
+    if findings.stochastic:
+        _average(patched, lifting, findings, states, actions, forecast)
     return forecast
 
 
-def _amended(model: TransitionModel, findings: Findings, lifting: Lifting) -> TransitionModel:
-    """Return the model with re-estimated literals and the missing effects."""
+def _patched(model: TransitionModel, findings: Findings, lifting: Lifting) -> TransitionModel:
+    """Return the model with the estimated parameters and the missing effects."""
     theta = model.theta.copy()
-    for literal in findings.literals:
-        theta[literal.parameter.index] = literal.estimate
+    for finding in findings.parameters:
+        theta[finding.parameter.index] = finding.estimate
     additions: list[AddedEffect] = []
     coefficients: list[float] = []
     for missing in findings.missing:
@@ -70,7 +68,7 @@ def _amended(model: TransitionModel, findings: Findings, lifting: Lifting) -> Tr
 
 
 def _periods(missing: MissingEffect, dt: float) -> float:
-    """Return what a coefficient is multiplied by: the world's are rates, an action's are not."""
+    """Return the factor of a coefficient: in a process it is a rate, in an action a change."""
     if missing.schema == WORLD:
         return 1.0 if missing.rate else 1.0 / dt
     return dt if missing.rate else 1.0
@@ -84,10 +82,10 @@ def _average(
     actions: NDArray[np.int64],
     forecast: PatchedForecast,
 ) -> None:
-    """Set what actions change by chance to the mean and variance of their outcomes, in place."""
+    """Write mean and variance of stochastic effects into a forecast."""
     likely = _usual_changes(model, states) if len(model.actions) <= _MOST_ACTIONS else {}
     width = states.shape[1]
-    for finding in findings.outcomes:
+    for finding in findings.stochastic:
         for action, binding in lifting.schema(finding.schema).bindings.items():
             rows = np.flatnonzero(actions == action)
             outcomes = [
@@ -98,12 +96,13 @@ def _average(
             if not len(rows) or not changed:
                 continue
             columns = np.array([*changed, width, width + 1])
-            # What is too rare to be told counts as no change; reward and end are then as usual.
+            # Outcomes too rare to be listed count as no change; reward and end are then as usual.
             usual = forecast.mean[np.ix_(rows, columns)]
             usual[:, :-2] = states[rows][:, changed]
             kinds = [(1.0 - sum(probability for probability, _ in outcomes), usual)]
             for probability, changes in outcomes:
-                # An action that slips does what another is said to do, walls and all.
+                # An outcome that equals the usual effect of another action follows that action's
+                # conditions, such as walls.
                 like = likely.get(tuple(sorted(changes.items())))
                 after = usual.copy()
                 after[:, :-2] += [changes.get(column, 0.0) for column in changed]
@@ -121,7 +120,7 @@ def _average(
 def _usual_changes(
     model: TransitionModel, states: Vector
 ) -> dict[tuple[tuple[int, float], ...], int]:
-    """Return what each action usually changes, (column, change) → the first such action."""
+    """Return the usual changes of the actions: (column, change) … → the first such action."""
     few = states[:: max(1, len(states) // _STATES)]
     usual: dict[tuple[tuple[int, float], ...], int] = {}
     for action in range(len(model.actions)):
@@ -140,13 +139,13 @@ def _usual_changes(
 def _columns(
     lifting: Lifting, outcome: ObservedOutcome, binding: Mapping[str, str]
 ) -> dict[int, float]:
-    """Return column → change of what an outcome changes."""
+    """Return the changes of an outcome: column → change."""
     changes = ((_column(lifting, fluent, binding), change) for fluent, change in outcome.changes)
     return {column: change for column, change in changes if column is not None}
 
 
 def _column(lifting: Lifting, fluent: str, binding: Mapping[str, str]) -> int | None:
-    """Return the column that a name means; None where it could be several."""
+    """Return the column that a name means; None where it is ambiguous."""
     try:
         return lifting.column(lifted(fluent), binding)
     except KeyError:
@@ -155,6 +154,6 @@ def _column(lifting: Lifting, fluent: str, binding: Mapping[str, str]) -> int | 
 
 
 def lifted(name: str) -> Lifted:
-    """Return what a printed name means: `battery ?robot`."""
+    """Return the fluent that a printed name means: `battery ?robot`."""
     symbol, *terms = name.strip("() ").split(" ")
     return Lifted(symbol, tuple(terms))

@@ -1,49 +1,60 @@
-"""Predicted against observed, a panel for each ground action and fluent, the most costly first."""
+"""Pictures of predicted against observed changes, a panel for each ground action and fluent.
+
+Importing this module without matplotlib raises `serp.errors.MissingExtra`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any, Final
+from importlib.util import find_spec
+from typing import Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.errors import MissingExtra
+
+if find_spec("matplotlib") is None:
+    raise MissingExtra("a picture of a diagnosis", "plots")
 
 import matplotlib.style
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
-from numpy.typing import NDArray
 
-from serp._util.figures import FAINT, INK, PLANNER, STYLE
+from serp._util.figures import FAINT, INK, PLANNER, STYLE, render
+from serp._util.number_format import number
 from serp.diagnosis.diagnosis import Diagnosis, FitRow
 from serp.model.transition_model import Vector
 from serp.sysid.monitor import END, REWARD
 
 PANELS: Final = 12
-"""So many of them can be read side by side."""
+"""Most panels of a picture."""
 
 _WRITTEN: Final = "#D55E00"
 _FOUND: Final = PLANNER
 _POINTS: Final = 600
 _VALUES: Final = 6
-"""A fluent whose changes take so few values is shown as a table of them."""
+"""A fluent with at most so many different changes is shown as a table of them."""
 
 _COLUMNS: Final = 4
 _NAME: Final = 30  # characters of a title
 
 
+def picture(diagnosis: Diagnosis, kind: Literal["png", "svg"]) -> bytes:
+    """Return the bytes of a picture file: the same for equal diagnoses."""
+    return render(draw_diagnosis(diagnosis), kind)
+
+
 def draw_diagnosis(diagnosis: Diagnosis) -> Figure:
-    """Draw predicted against observed changes, of at most 12 pairs of action and fluent.
+    """Draw predicted against observed changes of at most 12 pairs of action and fluent.
 
-    The reward and the end count as fluents.
-
-    Pairs that the file predicts without any error are left out; where there are none such, the
-    figure shows the pairs whose fluents move most.
-
-    Args:
-        diagnosis: What is drawn.
+    Reward and end count as fluents. The most costly pairs come first; if the file predicts all of
+    them exactly, the pairs with the largest changes are drawn.
 
     Returns:
-        A figure of its own, known to no global state of matplotlib.
+        A figure outside matplotlib's global state.
     """
     names = [*(fluent.name for fluent in diagnosis.recorded.model.fluents), REWARD, END]
     actions = {a.name: k for k, a in enumerate(diagnosis.recorded.model.actions)}
@@ -74,7 +85,7 @@ def draw_diagnosis(diagnosis: Diagnosis) -> Figure:
 
 
 def panels_of(diagnosis: Diagnosis) -> list[FitRow]:
-    """Return which pairs of action and fluent are drawn, in their order."""
+    """Return the pairs of action and fluent that are drawn, in their order."""
     wrong = [fit for fit in diagnosis.fits if fit.cost > 0.0]
     moving = sorted(diagnosis.fits, key=lambda fit: -fit.change / (fit.scale or 1.0))
     return (wrong or [fit for fit in moving if fit.change > 0.0])[:PANELS]
@@ -94,7 +105,7 @@ def _draw(axes: Axes, diagnosis: Diagnosis, fit: FitRow, action: int, column: in
     numeric = fluents[column].numeric if column < len(fluents) else fit.fluent == REWARD
     axes.set_title(f"{_short(fit.action)}: {_short(fit.fluent)}", pad=18)
     axes.text(
-        0.0, 1.02, f"error {_number(fit.rmse_written)} → {_number(fit.rmse_found)}",
+        0.0, 1.02, f"error {number(fit.rmse_written)} → {number(fit.rmse_found)}",
         transform=axes.transAxes, fontsize=8, color=FAINT, verticalalignment="bottom",
     )  # fmt: skip
     seen, said = _distinct(observed), _distinct(by_file)
@@ -121,13 +132,13 @@ def _draw_points(axes: Axes, observed: Vector, written: Vector, found: Vector) -
     axes.set_ylim(*ends)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(4))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: _number(value)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
 
 
 def _draw_table(
     axes: Axes, observed: Vector, written: Vector, values: Vector, numeric: bool
 ) -> None:
-    """Draw how often which change was observed, under each change that the file predicted."""
+    """Draw the shares of the observed changes under each predicted change."""
     said = [value for value in values if (_rounded(written) == value).any()]
     shares = np.zeros((len(values), len(said)))
     for k, value in enumerate(said):
@@ -172,18 +183,14 @@ def _distinct(values: Vector) -> Vector:
 
 
 def _counts(values: Vector) -> bool:
-    """Whether changes look like those of a counter or a place on a grid."""
+    """Return whether changes look like those of a counter or a place on a grid."""
     return bool(np.all(values == np.round(values))) and len(values) > 1
 
 
 def _change(value: float, numeric: bool) -> str:
     if numeric:
-        return "0" if value == 0 else f"{'+' if value > 0 else '−'}{_number(abs(value))}"
+        return "0" if value == 0 else f"{'+' if value > 0 else '−'}{number(abs(value))}"
     return "stays" if value == 0 else ("true" if value > 0 else "false")
-
-
-def _number(value: float) -> str:
-    return f"{value:.3g}".replace("-", "−", 1)
 
 
 def _short(name: str) -> str:

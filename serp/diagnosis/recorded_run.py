@@ -1,4 +1,4 @@
-"""What a run recorded of the world, read back from its folder; the environment is not needed."""
+"""What a run recorded of its transitions, read from its folder without the environment."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Recorded:
         monitor: Predictions beside observations, over the whole run.
         env_steps: Env steps of the run.
         learned_from: Whose reward its learner learned from: `domain`, `environment` or `sum`.
-        notice: What is to be known of the checkpoint: that the newest is damaged; else None.
+        notice: A sentence if the newest checkpoint is damaged; else None.
     """
 
     run: Path

@@ -1,4 +1,4 @@
-"""Which findings are worth an expert's time: one rule for what is shown and what is written."""
+"""Which findings are worth mentioning: one rule for what is shown and what is written."""
 
 from __future__ import annotations
 
@@ -7,30 +7,31 @@ from collections.abc import Sequence
 from typing import Final
 
 from serp.diagnosis.accuracy import WELL, Quantity
-from serp.diagnosis.findings import Findings, MissingEffect, ParameterFinding
+from serp.diagnosis.findings import Findings, MissingEffect, ParameterFinding, symbol_of
 from serp.sysid.effect_search import LASTING
 from serp.sysid.lifted_features import WORLD
 
-_CERTAIN: Final = 4.0
-"""Standard errors: a file has many numbers, and hardly one is to be called wrong by chance."""
+CERTAIN: Final = 4.0
+"""Standard errors. A file has many parameters; hardly any may be called wrong by chance."""
 _CHANGE: Final = 1e-4
-"""Of the squared change of what the finding is about: 1 % of the change."""
+"""Least cost: an error of 1 % of the change."""
 _LEFT: Final = 0.002
-"""Of the squared error that is left when everything found is taken into account."""
+"""Least cost as a share of the squared error that is left with all findings taken into account."""
 
 
 def worthwhile(findings: Findings, explained: Sequence[Quantity], processes: set[str]) -> Findings:
     """Return the findings that are worth mentioning.
 
-    They are certain, four standard errors, and make a difference: 1 % of the change of what they
-    are about, or 0.3 % where it goes on whatever the action (it adds up, while what the actions do
-    cancels out), and 0.2 % of the squared error that is left. Other outcomes by chance are worth
-    mentioning; they are only found where they are frequent. Lines on the reward or the end are
-    where the other findings do not explain it, and as far as they make a difference of 10 %.
+    * Parameters and missing effects: certain (4 standard errors), and more costly than 1 % of the
+      change, or 0.3 % in a process (it adds up, while effects of actions cancel out), and than
+      0.2 % of the squared error that is left.
+    * Stochastic effects: all of them; only frequent ones are found.
+    * Lines on reward or end: where the other findings leave an error of more than 10 %, and the
+      line costs as much.
 
     Args:
         findings: All findings.
-        explained: How well everything is predicted with all of them taken into account.
+        explained: The accuracy with all of them taken into account.
         processes: Names of the processes of the file.
     """
     left = {quantity.name: quantity.squared_left for quantity in explained}
@@ -38,16 +39,16 @@ def worthwhile(findings: Findings, explained: Sequence[Quantity], processes: set
 
     def pays(finding: ParameterFinding | MissingEffect) -> bool:
         lasting = finding.schema == WORLD or finding.schema in processes
-        rest = _LEFT * left.get(finding.fluent.split(" ")[0], 0.0)
+        rest = _LEFT * left.get(symbol_of(finding.fluent), 0.0)
         return finding.cost > max(LASTING if lasting else _CHANGE, rest)
 
     def certain(missing: MissingEffect) -> MissingEffect:
-        terms = (term for term in missing.terms if abs(term.coefficient) > _CERTAIN * term.error)
+        terms = (term for term in missing.terms if abs(term.coefficient) > CERTAIN * term.error)
         return dataclasses.replace(missing, terms=tuple(terms))
 
     return dataclasses.replace(
         findings,
-        literals=tuple(f for f in findings.literals if differs(f, _CERTAIN) and pays(f)),
+        parameters=tuple(f for f in findings.parameters if differs(f, CERTAIN) and pays(f)),
         missing=tuple(m for m in map(certain, findings.missing) if m.terms and pays(m)),
         rules=tuple(r for r in findings.rules if r.fluent in unsettled and r.cost > WELL**2),
     )
@@ -55,19 +56,19 @@ def worthwhile(findings: Findings, explained: Sequence[Quantity], processes: set
 
 def without(findings: Findings, some: Findings) -> Findings:
     """Return the findings that are not among some others."""
-    literals = {finding.parameter.index for finding in some.literals}
+    parameters = {finding.parameter.index for finding in some.parameters}
     missing = {(finding.schema, finding.fluent) for finding in some.missing}
     return dataclasses.replace(
         findings,
-        literals=tuple(f for f in findings.literals if f.parameter.index not in literals),
+        parameters=tuple(f for f in findings.parameters if f.parameter.index not in parameters),
         missing=tuple(f for f in findings.missing if (f.schema, f.fluent) not in missing),
-        outcomes=tuple(f for f in findings.outcomes if f not in some.outcomes),
+        stochastic=tuple(f for f in findings.stochastic if f not in some.stochastic),
         rules=tuple(f for f in findings.rules if f not in some.rules),
     )
 
 
 def differs(finding: ParameterFinding, errors: float) -> bool:
-    """Whether a literal is so many standard errors from what was observed."""
+    """Return whether a parameter is so many standard errors from its estimate."""
     gap = abs(finding.estimate - finding.written)
     rounding = 1e-9 * max(abs(finding.estimate), abs(finding.written))
     return gap > max(errors * finding.error, rounding)

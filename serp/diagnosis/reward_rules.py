@@ -1,19 +1,19 @@
-"""Rewards and ends that the file promises, beside those that came, by the line that says them.
+"""Predicted and observed rewards and ends, by the line of the file that states them.
 
-A step that went otherwise is put down to the lines that apply to the predicted next state or to
-the observed one, but not to both: there the file was wrong about the fluents. Where the same lines
-apply to both, these are in doubt themselves; where none does, the file does not know what happened.
+A step with another reward or end than predicted is attributed to the lines that apply either to the
+predicted next state or to the observed one: the file was wrong about the fluents there. If the same
+lines apply to both, it is attributed to these lines; if none applies, to no line.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from serp.diagnosis.error_scales import Steps
+from serp.diagnosis.accuracy import Steps
 from serp.diagnosis.findings import RuleFinding
 from serp.model import ground as g
 from serp.model.emit import Site
@@ -23,7 +23,7 @@ from serp.sysid.monitor import END, REWARD
 from serp.sysid.regression_data import RegressionData
 
 _EQUAL = 0.1
-"""A reward that differs by so little of the usual one is as predicted."""
+"""A reward is as predicted if it differs by at most this share of the usual reward."""
 
 
 class _Line(NamedTuple):
@@ -31,7 +31,7 @@ class _Line(NamedTuple):
     place: Place | None
 
 
-_NOTHING = _Line("", None)
+_NO_LINE = _Line("", None)
 
 
 @dataclass
@@ -48,18 +48,18 @@ class _Count:
 def find_rules(
     model: TransitionModel, sample: RegressionData, steps: Steps, predicted: Vector, units: Vector
 ) -> tuple[RuleFinding, ...]:
-    """Return the lines on rewards and ends that went otherwise than predicted, the worst first.
+    """Return the lines whose rewards or ends differ from the observed ones, the worst first.
 
     Args:
         model: The model as written.
         sample: The transitions.
-        steps: What was observed in them.
-        predicted: `[N, F + 2]` what the model predicts of them.
-        units: `[F + 2]` see `serp.diagnosis.error_scales`.
+        steps: The same with rewards and ends.
+        predicted: `[N, F + 2]` what the model predicts.
+        units: `[F + 2]` see `serp.diagnosis.accuracy.units_of`.
     """
     width = len(model.fluents)
     rules = _Rules(model)
-    counts = {REWARD: _Counts(), END: _Counts()}
+    counts: dict[str, dict[_Line, _Count]] = {REWARD: {}, END: {}}
     pairs = np.stack((predicted[:, width:], steps.after[:, width:]), axis=1)
     for row in np.flatnonzero((pairs != 0.0).any(axis=(1, 2)) & np.isfinite(pairs).all((1, 2))):
         state, action, after = sample.states[row], int(sample.actions[row]), sample.next_states[row]
@@ -67,7 +67,8 @@ def find_rules(
         seen = rules.judged(state, action, after)
         for k, (fluent, own) in enumerate(counts.items()):
             promised, came = pairs[row, :, k].tolist()
-            own.add(said[fluent], seen[fluent], promised, came, _EQUAL * float(units[width + k]))
+            equal = _EQUAL * float(units[width + k])
+            _count(own, said[fluent], seen[fluent], promised, came, equal)
     found = [
         RuleFinding(
             schema=line.schema,
@@ -84,53 +85,50 @@ def find_rules(
             cost=count.squares / float(units[width + k]) ** 2 / len(sample),
         )
         for k, (fluent, own) in enumerate(counts.items())
-        for line, count in own.lines.items()
+        for line, count in own.items()
         if count.squares > 0.0
     ]
-    return tuple(sorted(found, key=_order))
+    return tuple(
+        sorted(found, key=lambda f: (-f.cost, f.fluent, -1 if f.place is None else f.place.start))
+    )
 
 
-def _order(finding: RuleFinding) -> tuple[float, str, int]:
-    """Return what findings are sorted by: the most costly first, then as they stand in the file."""
-    return -finding.cost, finding.fluent, -1 if finding.place is None else finding.place.start
+def _count(
+    lines: dict[_Line, _Count],
+    said: set[_Line],
+    seen: set[_Line],
+    promised: float,
+    came: float,
+    equal: float,
+) -> None:
+    """Count a step.
 
-
-@dataclass
-class _Counts:
-    """What came of the lines on rewards, or of those on ends."""
-
-    lines: dict[_Line, _Count] = field(default_factory=dict)
-
-    def add(
-        self, said: set[_Line], seen: set[_Line], promised: float, came: float, equal: float
-    ) -> None:
-        """Count a step.
-
-        Args:
-            said: The lines that were predicted to apply.
-            seen: Those that apply to what was observed.
-            promised: What they say together.
-            came: What was observed.
-            equal: What is hardly a difference.
-        """
-        right, off = abs(came - promised) <= equal, (came - promised) ** 2
-        for line in said:
-            count = self.lines.setdefault(line, _Count())
-            count.predicted += 1
-            count.came += right
-            count.promised += promised
-            count.observed += came
-        if not off:
-            return
-        if came == 0.0:  # a line that says something of it all the same is not to blame
-            seen = seen & said
-        blamed = said ^ seen or said or {_NOTHING}
-        for line in blamed:
-            count = self.lines.setdefault(line, _Count())
-            count.squares += off / len(blamed)
-            if line not in said and not right:
-                count.unpredicted += 1
-                count.surprises += came
+    Args:
+        lines: The counts so far.
+        said: The lines that were predicted to apply.
+        seen: The lines that apply to the observed state.
+        promised: The predicted reward or end.
+        came: The observed reward or end.
+        equal: Largest difference that counts as none.
+    """
+    right, off = abs(came - promised) <= equal, (came - promised) ** 2
+    for line in said:
+        count = lines.setdefault(line, _Count())
+        count.predicted += 1
+        count.came += right
+        count.promised += promised
+        count.observed += came
+    if not off:
+        return
+    if came == 0.0:  # a line that applies to the observed state is not to blame
+        seen = seen & said
+    blamed = said ^ seen or said or {_NO_LINE}
+    for line in blamed:
+        count = lines.setdefault(line, _Count())
+        count.squares += off / len(blamed)
+        if line not in said and not right:
+            count.unpredicted += 1
+            count.surprises += came
 
 
 class _Rules:
@@ -159,7 +157,7 @@ class _Rules:
         return self._applied(sites, judged.reward, float(judged.terminal))
 
     def _applied(self, sites: Iterable[Site], reward: float, end: float) -> dict[str, set[_Line]]:
-        """Return the lines among the places passed; goal or metric where there are none."""
+        """Return the lines among the sites; goal or metric where there are none."""
         found: dict[str, set[_Line]] = {REWARD: set(), END: set()}
         for site in sites:
             effect = site.item

@@ -1,23 +1,23 @@
-"""Counting what comes of an action where fluents jump: by chance, or otherwise than written.
+"""Stochastic effects of actions on discrete fluents: their outcomes and probabilities.
 
-What happened is told in the file's own words first: an action that slips usually does what
-another action is said to do, walls and all. So every transition is compared with what each action
-would do in its state. At a wall several say the same; how often each thing happens is then a
-matter of likelihood.
+An outcome is described by an action of the file where possible: an action that slips usually has
+the effect of another action, with its conditions. Each transition is therefore compared with the
+effect of every action in its state. Several outcomes may fit one transition, at a wall for example;
+expectation-maximisation estimates the probabilities then.
 """
 
 from __future__ import annotations
 
 import functools
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.diagnosis.expectation_maximisation import likeliest
-from serp.diagnosis.findings import ObservedOutcome, OutcomeFinding
+from serp.diagnosis.expectation_maximisation import estimate_probabilities
+from serp.diagnosis.findings import ObservedOutcome, StochasticEffect
 from serp.model import ground as g
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.transition_model import TransitionModel, Vector
@@ -27,7 +27,7 @@ from serp.sysid.regression_data import RegressionData
 _MOST_ROWS = 4_000
 _MOST_ACTIONS = 40
 _MOST_OTHERS = 6
-_RARE = 0.02  # so seldom does something else come that it is not worth telling
+_RARE = 0.02  # least share of the steps of an outcome that is worth mentioning
 _FEW = 5
 _ENOUGH = 30
 _CERTAIN = 3.0  # standard errors
@@ -36,32 +36,32 @@ Changes = tuple[tuple[str, float], ...]
 Mask = NDArray[np.bool_]
 
 
-def find_outcomes(
+def find_stochastic_effects(
     model: TransitionModel, sample: RegressionData, whole: Iterable[str], units: Vector
-) -> tuple[OutcomeFinding, ...]:
-    """Return the actions of which something else comes than the file says, by schema.
+) -> tuple[StochasticEffect, ...]:
+    """Return the action schemas that have other outcomes than the file says.
 
     Args:
         model: The model as written.
         sample: The transitions.
         whole: Functions whose values are a few whole numbers.
-        units: `[F + 2]` what errors are measured by; see `serp.diagnosis.error_scales`.
+        units: `[F + 2]` see `serp.diagnosis.accuracy.units_of`.
     """
     sample = sample.part(_MOST_ROWS)
-    columns = _jumping(model.ground, set(whole))
+    columns = _discrete(model.ground, set(whole))
     if not len(columns) or not len(sample):
         return ()
     lifting = Lifting(model.ground)
     names = dict.fromkeys(action.schema for action in model.actions)
     schemas = [_Schema(model, lifting, sample, columns, units[columns], name) for name in names]
-    told = [schema for schema in schemas if schema.surprising]
-    # Who falls may be seen where the fall ends, or back at the start, as any move would end there.
-    strange = any(schema.ends_strangely for schema in told)
-    found = [schema.finding(without_ends=strange) for schema in told]
+    surprising = [schema for schema in schemas if schema.surprising]
+    # An environment may show the state after the last step of an episode, or the next start.
+    strange = any(schema.ends_strangely for schema in surprising)
+    found = [schema.finding(without_ends=strange) for schema in surprising]
     return tuple(finding for finding in found if finding is not None)
 
 
-def _jumping(ground: g.GroundModel, whole: set[str]) -> NDArray[np.int64]:
+def _discrete(ground: g.GroundModel, whole: set[str]) -> NDArray[np.int64]:
     """Return the columns of whole numbers, and of predicates that the file has an effect on."""
     schemas = (*ground.actions, *ground.processes, *ground.events)
     written = {target for schema in schemas for target in g.writes(schema)}
@@ -76,11 +76,15 @@ def _jumping(ground: g.GroundModel, whole: set[str]) -> NDArray[np.int64]:
 
 
 @dataclass
-class _Kind:
-    """One kind of outcome: where it fits what was observed, and what it makes of each state.
+class _Candidate:
+    """One candidate outcome.
 
-    Where the episode ends by it, what comes after is anybody's guess: a fall may be seen where it
-    ends, or back at the start.
+    Attributes:
+        changes: The changes that it makes where it makes any.
+        fits: `[n]`, whether it fits the observed next state.
+        after: `[n, D]` the next states that it predicts.
+        ends: `[n]`, whether it ends the episode. What is observed after an end is uncertain.
+        written: Whether the file says it of the action.
     """
 
     changes: Changes
@@ -116,44 +120,44 @@ class _Schema:
 
     @functools.cached_property
     def surprising(self) -> bool:
-        """Whether something else than written comes often enough."""
+        """Whether other outcomes than the written one are frequent."""
         if len(self.actions) < _FEW:
             return False
         return bool((self._written[0] == self.observed).all(1).mean() < 1.0 - _RARE)
 
     @functools.cached_property
     def ends_strangely(self) -> bool:
-        """Whether ends of the episode are not seen as predicted."""
-        strange = self._ends & ~np.logical_or.reduce([kind.fits for kind in self._usual_kinds])
+        """Whether the states after ends of the episode are not as predicted."""
+        strange = self._ends & ~_any_fits(self._usual_candidates)
         return bool(strange.sum() > _RARE * self._ends.sum())
 
-    def finding(self, *, without_ends: bool) -> OutcomeFinding | None:
-        """Return what is to be told; None where the file says what happens.
+    def finding(self, *, without_ends: bool) -> StochasticEffect | None:
+        """Return the stochastic effect; None where the file is right.
 
         Args:
-            without_ends: Leave out all states from which the action may end the episode. Which
-                states are looked at is no matter of what came of it.
+            without_ends: Leave out all states from which the action may end the episode. The
+                selection depends on the states alone, not on the outcomes, so it causes no bias.
         """
-        written, kinds = self._written[0], self._kinds
-        fits = np.stack([kind.fits for kind in kinds], axis=1)
+        written, candidates = self._written[0], self._candidates
+        fits = _fits_of(candidates)
         rows = ~self._ends
         if not without_ends or rows.sum() < _ENOUGH:
             rows = np.ones(len(fits), dtype=np.bool_)
-        shares, errors = likeliest(fits[rows])
-        at = next(k for k, kind in enumerate(kinds) if kind.written)
+        shares, errors = estimate_probabilities(fits[rows])
+        at = next(k for k, candidate in enumerate(candidates) if candidate.written)
         if 1.0 - shares[at] < max(_RARE, _CERTAIN * errors[at]):
             return None
-        mean = sum(p * kind.after for p, kind in zip(shares, kinds, strict=True))
+        mean = sum(p * k.after for p, k in zip(shares, candidates, strict=True))
         mean = mean + max(0.0, 1.0 - float(shares.sum())) * self.observed
         off = ((self.observed - written) / self.units) ** 2
         left = ((self.observed - mean) / self.units) ** 2
         outcomes = [
-            ObservedOutcome(kind.changes, float(p), float(e), kind.written)
-            for kind, p, e in zip(kinds, shares, errors, strict=True)
-            if kind.written or p >= 0.5 / len(self.actions)
+            ObservedOutcome(candidate.changes, float(p), float(e), candidate.written)
+            for candidate, p, e in zip(candidates, shares, errors, strict=True)
+            if candidate.written or p >= 0.5 / len(self.actions)
         ]
         place = self.model.actions[next(iter(self.bindings))].place
-        return OutcomeFinding(
+        return StochasticEffect(
             self.schema,
             place,
             tuple(sorted(outcomes, key=lambda o: (-o.probability, o.changes))),
@@ -166,18 +170,18 @@ class _Schema:
         return self._predicted(self.actions)
 
     @functools.cached_property
-    def _usual_kinds(self) -> list[_Kind]:
-        shares, _ = likeliest(np.stack([kind.fits for kind in self._kinds], axis=1))
-        return [k for k, p in zip(self._kinds, shares, strict=True) if k.written or p >= _RARE]
+    def _usual_candidates(self) -> list[_Candidate]:
+        shares, _ = estimate_probabilities(_fits_of(self._candidates))
+        return [k for k, p in zip(self._candidates, shares, strict=True) if k.written or p >= _RARE]
 
     @functools.cached_property
     def _ends(self) -> Mask:
-        """The states from which something that usually comes ends the episode."""
-        ends: Mask = np.logical_or.reduce([kind.ends for kind in self._usual_kinds])
+        """The states from which a usual outcome ends the episode."""
+        ends: Mask = np.logical_or.reduce([candidate.ends for candidate in self._usual_candidates])
         return ends
 
     def _predicted(self, actions: NDArray[np.int64]) -> tuple[Vector, Mask]:
-        """Return the fluents looked at after one step, `[n, D]`, and whether it is the last."""
+        """Return the discrete fluents after one step, `[n, D]`, and whether the episode ends."""
         after = np.full(self.before.shape, np.nan)
         ends = np.zeros(len(after), dtype=np.bool_)
         for row, (state, action) in enumerate(
@@ -190,11 +194,11 @@ class _Schema:
         return after, ends
 
     @functools.cached_property
-    def _kinds(self) -> list[_Kind]:
-        """The kinds of outcomes, what is written first."""
+    def _candidates(self) -> list[_Candidate]:
+        """The candidates, the written outcome first."""
         written, ends = self._written
         own = self._usual(written)
-        kinds = {own: _Kind(own, (written == self.observed).all(1), written, ends, True)}
+        candidates = {own: _Candidate(own, (written == self.observed).all(1), written, ends, True)}
         others = range(len(self.model.actions))
         for other in others if len(others) <= _MOST_ACTIONS else ():
             after, ends = self._predicted(np.full(len(self.actions), other, dtype=np.int64))
@@ -203,36 +207,36 @@ class _Schema:
                 if other == action or not own_rows.any():
                     continue
                 here = np.where(own_rows[:, None], after, np.nan)
-                self._add(kinds, self._usual(here), here, ends & own_rows)
-        missed = ~np.logical_or.reduce([kind.fits for kind in kinds.values()])
+                self._add(candidates, self._usual(here), here, ends & own_rows)
+        missed = ~_any_fits(candidates.values())
         for changes in self._commonest(missed):
-            self._add(kinds, changes, self._changed(changes), np.zeros(len(missed), np.bool_))
-        found = [k for k in kinds.values() if k.written or k.fits.any()]
-        return found if () in kinds else self._with_nothing(found)
+            self._add(candidates, changes, self._changed(changes), np.zeros(len(missed), np.bool_))
+        found = [k for k in candidates.values() if k.written or k.fits.any()]
+        return found if () in candidates else self._with_nothing(found)
 
-    def _with_nothing(self, kinds: list[_Kind]) -> list[_Kind]:
-        """Return the kinds and that nothing changes, where this explains what others do not.
+    def _with_nothing(self, candidates: list[_Candidate]) -> list[_Candidate]:
+        """Return the candidates, with "nothing changes" where it explains what others do not.
 
-        A lamp that does not light up looks like one that is put out; but one that is lit would go
-        out then.
+        A lamp that is not switched on looks like one that is switched off; the cases differ where
+        the lamp was on before.
         """
         stays = np.zeros(len(self.before), dtype=np.bool_)
-        nothing = _Kind((), (self.observed == self.before).all(1), self.before, stays, False)
-        shares, errors = likeliest(np.stack([k.fits for k in (*kinds, nothing)], axis=1))
+        nothing = _Candidate((), (self.observed == self.before).all(1), self.before, stays, False)
+        shares, errors = estimate_probabilities(_fits_of([*candidates, nothing]))
         frequent = shares[-1] >= max(_RARE, _CERTAIN * errors[-1])
-        return [*kinds, nothing] if frequent else kinds
+        return [*candidates, nothing] if frequent else candidates
 
     def _add(
-        self, kinds: dict[Changes, _Kind], changes: Changes, after: Vector, ends: Mask
+        self, candidates: dict[Changes, _Candidate], changes: Changes, after: Vector, ends: Mask
     ) -> None:
-        """Add an outcome; NaN in `after` where it says nothing."""
+        """Add a candidate; NaN in `after` where it predicts nothing."""
         if not changes and not np.isfinite(after).any():
             return
         fits = (after == self.observed).all(1)
-        known = kinds.get(changes)
+        known = candidates.get(changes)
         if known is None:
-            # What it says nothing of stays, for the mean.
-            known = kinds[changes] = _Kind(changes, fits, self.before.copy(), ends, False)
+            # Where it predicts nothing the state stays, for the mean.
+            known = candidates[changes] = _Candidate(changes, fits, self.before.copy(), ends, False)
         elif known.written:
             known.fits |= fits
             return
@@ -242,12 +246,12 @@ class _Schema:
         known.after[said] = after[said]
 
     def _usual(self, after: Vector) -> Changes:
-        """Return the change that is made most often where one is made."""
+        """Return the most frequent change of those that change anything."""
         said: Mask = np.all(np.isfinite(after), axis=1)
         return next(iter(self._counted(after, said)), ())
 
     def _counted(self, after: Vector, rows: Mask) -> list[Changes]:
-        """Return the changes in some rows, those most often made first."""
+        """Return the changes in some rows, the most frequent first."""
         counts: Counter[Changes] = Counter()
         for row in np.flatnonzero(rows & (after != self.before).any(1)).tolist():
             counts[self._named(row, after[row] - self.before[row])] += 1
@@ -260,18 +264,18 @@ class _Schema:
         return found
 
     def _named(self, row: int, change: Vector) -> Changes:
-        """Return a change with the names that the schema gives to the fluents."""
+        """Return a change with the fluents' names in the schema."""
         names = {o: variable for variable, o in self._binding(row).items()}
-        told = []
+        named = []
         for column, by in zip(self.columns.tolist(), change.tolist(), strict=True):
             if by != 0.0:
                 fluent = self.model.fluents[column]
                 terms = (names.get(argument, argument) for argument in fluent.arguments)
-                told.append((" ".join((fluent.symbol, *terms)), by))
-        return tuple(told)
+                named.append((" ".join((fluent.symbol, *terms)), by))
+        return tuple(named)
 
     def _changed(self, changes: Changes) -> Vector:
-        """Return every state with a change made."""
+        """Return all states with a change applied."""
         after = self.before.copy()
         index = {self.model.fluents[c].name: k for k, c in enumerate(self.columns.tolist())}
         for row in range(len(after)):
@@ -285,3 +289,14 @@ class _Schema:
 
     def _binding(self, row: int) -> Mapping[str, str]:
         return self.bindings[int(self.actions[row])]
+
+
+def _fits_of(candidates: Sequence[_Candidate]) -> Mask:
+    """Return which candidates fit each transition, `[n, K]`."""
+    return np.stack([candidate.fits for candidate in candidates], axis=1)
+
+
+def _any_fits(candidates: Iterable[_Candidate]) -> Mask:
+    """Return whether any candidate fits each transition, `[n]`."""
+    fits: Mask = np.logical_or.reduce([candidate.fits for candidate in candidates])
+    return fits

@@ -1,25 +1,24 @@
-"""How well a file predicts on the whole, and what of it stays unexplained, in words."""
+"""Sentences on how well a file predicts, and on what the findings leave unexplained."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from serp._util.number_format import number
 from serp._util.numbers import percent
 from serp.diagnosis.accuracy import WELL, Quantity
-from serp.diagnosis.wording import number
 from serp.sysid.monitor import END, REWARD
 
 _EXACT = 1e-9
 
 
 def verdict(quantities: Sequence[Quantity], found: bool) -> str:
-    """Return what a file's predictions are worth one step ahead.
-
-    "Predicts well" is said where every error is at most 10 % of the change.
+    """Return a sentence on the accuracy of a file one step ahead.
 
     Args:
-        quantities: All that changes or is predicted to.
-        found: Whether anything worth mentioning was found.
+        quantities: All that changes or is predicted to; a file predicts well if the error of each
+            is at most 10 % of its change.
+        found: Whether any finding is worth mentioning.
     """
     if not quantities:
         return "Nothing changed in these steps, as the file says: nothing more can be said of it."
@@ -46,10 +45,10 @@ def verdict(quantities: Sequence[Quantity], found: bool) -> str:
 
 
 def unexplained(quantities: Sequence[Quantity]) -> list[str]:
-    """Return a sentence for each quantity that nothing found explains, the worst first.
+    """Return a sentence for each unexplained quantity, the worst first.
 
-    Explained is what is predicted to within 10 % of its change by the file and what is worth
-    mentioning, but for what is to be expected by the chances that were found.
+    A quantity is explained if the patched file predicts it to within 10 % of its change, apart
+    from the expected error of the stochastic effects found.
     """
     rest = sorted((q for q in quantities if q.unexplained > WELL), key=lambda q: -q.unexplained)
     return [_sentence(quantity) for quantity in rest]

@@ -1,28 +1,20 @@
-"""The corner-kick task: what the grounding says of situations, what the planner makes of them."""
+"""The corner-kick task: its fluents, and the planner's choice in typical situations."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable
-from itertools import pairwise
 from math import pi, sqrt
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from serp.control.arbiter import Arbiter
 from serp.model.transition_model import TransitionModel
-from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
-from serp.training.agent import make_planner
-from serp_adapters import corner_kick
+from serp_adapters.soccer import corner_kick
 from serp_envs.soccer.corner_kick import CornerKick
-from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.rolling import meeting
+from tests.serp_adapters.test_soccer_tasks import planner_of
 
 Point = tuple[float, float]
 Vector = NDArray[np.float64]
@@ -39,42 +31,6 @@ def task() -> BoundTask:
 @pytest.fixture(scope="module")
 def model(task: BoundTask) -> TransitionModel:
     return task.model
-
-
-def play(
-    task: BoundTask, act: Callable[[Vector], int], corners: int, seed: int = 1
-) -> tuple[Vector, Counter[str], list[Any]]:
-    """Play corners. Returns of each, outcomes and other counts, observations."""
-    returns, counts, seen = [], Counter[str](), []
-    raw, _ = task.reset(seed=seed)
-    for corner in range(corners):
-        if corner:
-            raw, _ = task.reset()
-        total, ended = 0.0, False
-        while not ended:
-            seen.append(raw)
-            raw, reward, terminated, truncated, info = task.step(act(raw))
-            total += reward
-            counts["decisions"] += 1
-            ended = terminated or truncated
-        seen.append(raw)
-        returns.append(total)
-        counts[info["outcome"]] += 1
-        counts["unsafe"] += info["unsafe_choices"]
-    return np.array(returns), counts, seen
-
-
-@pytest.fixture(scope="module")
-def at_random(task: BoundTask) -> tuple[Vector, Counter[str], list[Any]]:
-    """500 corners of random actions, charges and falls included."""
-    rng = np.random.default_rng(5)
-    return play(task, lambda raw: int(rng.integers(6)), 500)
-
-
-@pytest.fixture(scope="module")
-def seen(at_random: tuple[Vector, Counter[str], list[Any]]) -> Vector:
-    """Observations of 40 of them, about."""
-    return np.array(at_random[2][:1200], dtype=np.float64)
 
 
 def observation(
@@ -223,41 +179,6 @@ def test_taken_is_what_the_environment_says(task: BoundTask, model: TransitionMo
     assert told == {True, False}
 
 
-def test_what_lasts_within_a_step_only_is_false(model: TransitionModel, seen: Vector) -> None:
-    names = [f.name for f in model.fluents]
-    assert not corner_kick.ground(seen)[:, names.index("kicked")].any()
-
-
-def test_a_batch_grounds_like_its_rows(seen: Vector) -> None:
-    batch = corner_kick.ground(seen)
-    assert batch.shape == (len(seen), FLUENTS)
-    np.testing.assert_array_equal(batch, [corner_kick.ground(row) for row in seen])
-    stacked = corner_kick.ground(seen[:12].reshape(3, 4, 17))
-    np.testing.assert_array_equal(stacked, batch[:12].reshape(3, 4, FLUENTS))
-
-
-def test_every_fluent_of_real_play_is_finite(task: BoundTask, seen: Vector) -> None:
-    assert np.isfinite(corner_kick.ground(seen)).all()
-    for row in seen[::7].astype(np.float32):
-        task.ground(row)  # as training does: raises on what is no state
-
-
-SPACE = CornerKick(SPL_2020).observation_space
-bounds = zip(SPACE.low.tolist(), SPACE.high.tolist(), strict=True)  # type: ignore[attr-defined]
-anything = st.tuples(*(st.floats(low, high, width=32) for low, high in bounds))
-
-
-@settings(max_examples=200, deadline=None)
-@given(anything)
-def test_every_fluent_of_any_observation_is_finite_and_in_range(values: tuple[float, ...]) -> None:
-    grounded = corner_kick.ground(np.array(values, dtype=np.float32))
-    assert np.isfinite(grounded).all()
-    assert (grounded >= 0.0).all()
-    assert set(grounded[:2]) <= {0.0, 1.0}
-    assert grounded[7] <= pi
-    assert grounded[8] <= 1.0
-
-
 def test_corners_on_both_sides_ground_alike(task: BoundTask) -> None:
     """The observation is turned to the side of the corner, so there is no side to be told."""
     sides: dict[float, list[Vector]] = {1.0: [], -1.0: []}
@@ -270,29 +191,6 @@ def test_corners_on_both_sides_ground_alike(task: BoundTask) -> None:
 
 
 # Domain and planner ----------------------------------------------------------------------------
-
-
-def planner_of(task: BoundTask, preset: str = "default") -> Arbiter:
-    chosen = resolve(preset, task.task.settings)
-    return Arbiter(make_planner(task.model, chosen.planner), task.actions, chosen.arbiter)
-
-
-def test_each_action_has_the_meaning_of_the_environment(task: BoundTask) -> None:
-    words = task.env.unwrapped.scenario.actions
-    assert [task.actions.name(action) for action in range(6)] == list(words)
-
-
-def test_the_learner_gets_the_rewards_of_the_environment(task: BoundTask) -> None:
-    assert task.rewarded_by == "environment"
-
-
-def test_the_charge_alone_is_unsafe_wherever_it_is_chosen(task: BoundTask, seen: Vector) -> None:
-    arbiter = planner_of(task)
-    for state in corner_kick.ground(seen[::5]):
-        forecast = arbiter.forecast(state)
-        assert forecast.safe.tolist() == [True] * CHARGE + [False]
-        assert not arbiter.admissible(forecast)[CHARGE]
-        assert arbiter.plan(state).action != CHARGE
 
 
 @pytest.mark.parametrize(
@@ -315,34 +213,3 @@ def test_the_planner_does_what_a_coach_would(
 ) -> None:
     state = corner_kick.ground(observation(*places, **options))
     assert task.actions.name(planner_of(task).plan(state).action) == action
-
-
-def test_standing_still_is_worse_than_chance_and_the_planner_better_than_one_action(
-    task: BoundTask, at_random: tuple[Vector, Counter[str], list[Any]]
-) -> None:
-    """The bands, three standard errors of 500 corners wide."""
-    arbiter = planner_of(task)
-    planned, counts, _ = play(task, lambda raw: arbiter.plan(task.ground(raw)).action, 500)
-    robots = task.env.unwrapped.scenario
-
-    def stand(raw: Any) -> int:
-        robots.world.robots[0].down_until = 10**9
-        return 0
-
-    still, _, _ = play(task, stand, 500)
-    cleared, _, _ = play(task, lambda raw: 4, 500)  # the best of the fixed actions
-    order = [still, at_random[0], cleared, planned]
-    for worse, better in pairwise(order):
-        error = sqrt((worse.var() + better.var()) / 500)
-        assert better.mean() - worse.mean() > 4.0 * error
-    assert 5.6 <= planned.mean() <= 7.3
-    assert 2.5 <= 100 * counts["goal"] / 500 <= 9.0
-    assert 77 <= 100 * (counts["cleared"] + counts["secured"]) / 500 <= 88
-    assert counts["unsafe"] == 0
-
-
-def test_the_papers_preset_counts_games(task: BoundTask) -> None:
-    chosen = resolve("paper", task.task.settings).arbiter
-    assert (chosen.rho_unit, chosen.rho_increment) == ("game", 0.1)
-    _, info = task.reset(seed=1)
-    assert isinstance(info[chosen.rho_unit], int)

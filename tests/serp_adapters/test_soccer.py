@@ -1,24 +1,18 @@
-"""The soccer task: what the grounding says of situations, what the planner makes of the domain."""
+"""The soccer task: its fluents, and the planner's choice in typical situations."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable
 from math import asin, atan2, hypot, pi
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from serp.control.arbiter import Arbiter
 from serp.model.transition_model import TransitionModel
-from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
-from serp.training.agent import make_planner
-from serp_adapters import soccer
-from serp_envs.soccer.observation import MIRROR, SPACE
+from serp_adapters.soccer import defender as soccer
+from serp_envs.soccer.observation import MIRROR
+from tests.serp_adapters.test_soccer_tasks import planner_of, play
 
 Point = tuple[float, float]
 Vector = NDArray[np.float64]
@@ -36,24 +30,6 @@ def task() -> BoundTask:
 @pytest.fixture(scope="module")
 def model(task: BoundTask) -> TransitionModel:
     return task.model
-
-
-@pytest.fixture(scope="module")
-def seen(task: BoundTask) -> Vector:
-    """Observations of 40 contests under random actions, charges and falls included."""
-    rng = np.random.default_rng(5)
-    raw, _ = task.reset(seed=5)
-    found = [raw]
-    for contest in range(40):
-        if contest:
-            raw, _ = task.reset()
-            found.append(raw)
-        ended = False
-        while not ended:
-            raw, _, terminated, truncated, _ = task.step(int(rng.integers(5)))
-            found.append(raw)
-            ended = terminated or truncated
-    return np.array(found, dtype=np.float64)
 
 
 def observation(robot: Point, opponent: Point, to_goal: float = 2.0) -> Vector:
@@ -144,12 +120,6 @@ def test_in_range_ends_at_three_metres(model: TransitionModel) -> None:
     assert at == [1.0, 0.0]
 
 
-def test_what_lasts_within_a_step_only_is_false(model: TransitionModel, seen: Vector) -> None:
-    names = [f.name for f in model.fluents]
-    columns = [names.index(n) for n in ("pushed left", "pushed right")]
-    assert not soccer.ground(seen)[:, columns].any()
-
-
 def test_grounding_agrees_with_the_poses_of_info(task: BoundTask) -> None:
     names = [f.name for f in task.model.fluents]
     raw, info = task.reset(seed=9)
@@ -174,65 +144,15 @@ def test_grounding_agrees_with_the_poses_of_info(task: BoundTask) -> None:
             raw, info = task.reset()
 
 
-def test_a_batch_grounds_like_its_rows(seen: Vector) -> None:
-    batch = soccer.ground(seen)
-    assert batch.shape == (len(seen), 11)
-    np.testing.assert_array_equal(batch, [soccer.ground(row) for row in seen])
-    stacked = soccer.ground(seen[:12].reshape(3, 4, 16))
-    np.testing.assert_array_equal(stacked, batch[:12].reshape(3, 4, 11))
-
-
-def test_every_fluent_of_real_play_is_finite(task: BoundTask, seen: Vector) -> None:
-    assert np.isfinite(soccer.ground(seen)).all()
-    for row in seen[::7].astype(np.float32):
-        task.ground(row)  # as training does: raises on what is no state
-
-
-bounds = zip(SPACE.low.tolist(), SPACE.high.tolist(), strict=True)
-anything = st.tuples(*(st.floats(low, high, width=32) for low, high in bounds))
-
-
-@settings(max_examples=200, deadline=None)
-@given(anything)
-def test_every_fluent_of_any_observation_is_finite_and_in_range(values: tuple[float, ...]) -> None:
-    grounded = soccer.ground(np.array(values, dtype=np.float32))
-    assert np.isfinite(grounded).all()
-    assert (grounded >= 0.0).all()
-    assert set(grounded[:6]) <= {0.0, 1.0}
-    assert grounded[9] <= pi
-    assert grounded[10] <= 1.0
-
-
-def test_the_mirrored_observation_swaps_the_sides(model: TransitionModel, seen: Vector) -> None:
-    names = [f.name for f in model.fluents]
+def test_the_mirrored_observation_swaps_the_sides(task: BoundTask) -> None:
+    rng = np.random.default_rng(5)
+    seen = play(task, lambda raw: int(rng.integers(5)), 40).seen.astype(np.float64)
+    names = [f.name for f in task.model.fluents]
     swap = [names.index(MIRRORED.get(name, name)) for name in names]
     np.testing.assert_array_equal(soccer.ground(seen * MIRROR), soccer.ground(seen)[:, swap])
 
 
 # Domain and planner ----------------------------------------------------------------------------
-
-
-def planner_of(task: BoundTask, preset: str = "default") -> Arbiter:
-    chosen = resolve(preset, task.task.settings)
-    return Arbiter(make_planner(task.model, chosen.planner), task.actions, chosen.arbiter)
-
-
-def test_each_action_has_the_meaning_of_the_environment(task: BoundTask) -> None:
-    words = task.env.unwrapped.scenario.actions
-    assert [task.actions.name(action) for action in range(5)] == list(words)
-
-
-def test_the_learner_gets_the_rewards_of_the_environment(task: BoundTask) -> None:
-    assert task.rewarded_by == "environment"
-
-
-def test_the_charge_alone_is_unsafe_wherever_it_is_chosen(task: BoundTask, seen: Vector) -> None:
-    arbiter = planner_of(task)
-    for state in soccer.ground(seen[::5]):
-        forecast = arbiter.forecast(state)
-        assert forecast.safe.tolist() == [True] * CHARGE + [False]
-        assert not arbiter.admissible(forecast)[CHARGE]
-        assert arbiter.plan(state).action != CHARGE
 
 
 def test_the_domain_knows_left_from_right_by_name_only(model: TransitionModel) -> None:
@@ -268,45 +188,3 @@ def test_the_planner_does_what_a_coach_would(
 ) -> None:
     state = soccer.ground(observation(robot, opponent, to_goal))
     assert task.actions.name(planner_of(task).plan(state).action) == action
-
-
-def play(task: BoundTask, act: Callable[[Vector], int], contests: int) -> tuple[Counter[str], list]:
-    outcomes: Counter[str] = Counter()
-    returns = []
-    raw, _ = task.reset(seed=1)
-    for contest in range(contests):
-        if contest:
-            raw, _ = task.reset()
-        total, ended = 0.0, False
-        while not ended:
-            raw, reward, terminated, truncated, info = task.step(act(task.ground(raw)))
-            total += reward
-            outcomes["decisions"] += 1
-            ended = terminated or truncated
-        returns.append(total)
-        outcomes[info["outcome"]] += 1
-        outcomes["unsafe"] += info["unsafe_choices"]
-    return outcomes, returns
-
-
-def test_the_planner_alone_is_useful_but_leaves_room_for_the_learner(task: BoundTask) -> None:
-    """The bands of goals and of secured balls are those specified; the seed is fixed.
-
-    500 contests scatter by 1.6 and 2.2 points (standard errors) about 15.8 and 44.6 %.
-    """
-    contests = 500
-    arbiter = planner_of(task)
-    outcomes, returns = play(task, lambda state: arbiter.plan(state).action, contests)
-    assert 14 <= 100 * outcomes["goal"] / contests <= 21
-    assert 35 <= 100 * outcomes["secured"] / contests <= 50
-    assert 1.2 <= np.mean(returns) <= 3.0
-    assert 14 <= outcomes["decisions"] / contests <= 24
-    assert outcomes["unsafe"] == 0
-
-
-def test_the_papers_preset_counts_games(task: BoundTask) -> None:
-    settings = resolve("paper", task.task.settings)
-    chosen = settings.arbiter
-    assert (chosen.rho_unit, chosen.rho_increment, settings.training.units) == ("game", 0.1, 28)
-    _, info = task.reset(seed=1)
-    assert isinstance(info[chosen.rho_unit], int)

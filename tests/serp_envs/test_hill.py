@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from itertools import pairwise
 
-import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from serp_envs.hill import FORCES, GRAVITY, SOLVED, START, TOP, Hill, Motion, advance, height
+from tests.serp_envs.common import returns
 
+ID = "serp/Hill-v0"
 positions = st.floats(-1.5, 1.0)
 velocities = st.floats(-2.5, 2.5)
 
@@ -26,21 +26,6 @@ def energy(motion: Motion) -> float:
     """In joules: along the road the car is faster than along the ground."""
     along = motion.velocity**2 * (1.0 + slope(motion.position) ** 2)
     return 0.5 * along + GRAVITY * height(motion.position)
-
-
-def returns(act: Callable[[float, float], int], episodes: int) -> list[float]:
-    env = gymnasium.make("serp_envs:serp/Hill-v0")
-    found = []
-    for seed in range(episodes):
-        observation, _ = env.reset(seed=seed)
-        total, ended = 0.0, False
-        while not ended:
-            observation, reward, terminated, truncated, info = env.step(act(*observation.tolist()))
-            assert info["at_top"] == terminated
-            total += float(reward)
-            ended = terminated or truncated
-        found.append(total)
-    return found
 
 
 @given(position=positions, velocity=velocities, force=st.sampled_from(FORCES))
@@ -91,7 +76,7 @@ def test_an_episode_starts_at_rest_about_the_valley_and_ends_at_the_top() -> Non
 
 def test_no_constant_force_gets_it_up() -> None:
     for action in range(3):
-        assert returns(lambda *_, action=action: action, 10) == [-200.0] * 10
+        assert returns(ID, lambda *_, action=action: action, 10) == [-200.0] * 10
 
 
 def test_one_run_up_is_not_enough() -> None:
@@ -108,5 +93,5 @@ def test_one_run_up_is_not_enough() -> None:
 
 def test_it_is_solved_by_run_ups_and_not_by_chance() -> None:
     rng = np.random.default_rng(1)
-    assert min(returns(lambda _, velocity: 2 if velocity > 0.0 else 0, 20)) > SOLVED
-    assert np.mean(returns(lambda *_: int(rng.integers(3)), 20)) < 3.0 * SOLVED
+    assert min(returns(ID, lambda _, velocity: 2 if velocity > 0.0 else 0, 20)) > SOLVED
+    assert np.mean(returns(ID, lambda *_: int(rng.integers(3)), 20)) < 3.0 * SOLVED

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Callable
 
-import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given
@@ -26,6 +23,7 @@ from serp_envs.landing import (
     Motion,
     advance,
 )
+from tests.serp_envs.common import returns
 
 motions = st.builds(
     Motion,
@@ -48,22 +46,6 @@ def after(motion: Motion) -> tuple[float, bool, dict[str, bool]]:
     _, reward, terminated, truncated, info = env.step(0)
     assert not truncated
     return reward, terminated, info
-
-
-def play(act: Callable[..., int], episodes: int) -> tuple[list[float], Counter[str]]:
-    env = gymnasium.make("serp_envs:serp/Landing-v0")
-    found, ends = [], Counter[str]()
-    for seed in range(episodes):
-        observation, _ = env.reset(seed=seed)
-        total, ended = 0.0, False
-        while not ended:
-            observation, reward, terminated, truncated, info = env.step(act(*observation.tolist()))
-            assert sum(info.values()) == terminated
-            total += float(reward)
-            ended = terminated or truncated
-        ends.update(name for name, so in info.items() if so)
-        found.append(total)
-    return found, ends
 
 
 def land(offset: float, height: float, sideways: float, upwards: float) -> int:
@@ -138,9 +120,8 @@ def test_starts_lie_within_the_bounds() -> None:
 
 def test_it_is_solved_by_braking_in_time_and_not_by_chance() -> None:
     rng = np.random.default_rng(1)
-    landed, ends = play(land, 40)
-    assert np.mean(landed) >= SOLVED
-    assert ends["landed"] >= 38
-    drawn, ends = play(lambda *_: int(rng.integers(4)), 40)
-    assert np.mean(drawn) < 0.0
-    assert ends["crashed"] > 30
+    # A landing is worth 1, a crash or getting lost −1.
+    landed = returns("serp/Landing-v0", land, 40)
+    assert np.mean(landed) >= SOLVED and landed.count(1.0) >= 38
+    drawn = returns("serp/Landing-v0", lambda *_: int(rng.integers(4)), 40)
+    assert np.mean(drawn) < 0.0 and drawn.count(-1.0) > 30

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
-import gymnasium
 import numpy as np
 import pytest
 from hypothesis import given
@@ -23,27 +21,15 @@ from serp_envs.swing_up import (
     SwingUp,
     advance,
 )
+from tests.serp_envs.common import returns
 
+ID = "serp/SwingUp-v0"
 angles = st.floats(-4.0, 4.0)
 speeds = st.floats(-10.0, 10.0)
 
 
 def energy(motion: Motion) -> float:
     return 0.5 * motion.speed**2 + GRAVITY * math.cos(motion.angle)
-
-
-def returns(act: Callable[[float, float, float], int], episodes: int) -> list[float]:
-    env = gymnasium.make("serp_envs:serp/SwingUp-v0")
-    found = []
-    for seed in range(episodes):
-        observation, _ = env.reset(seed=seed)
-        total, truncated = 0.0, False
-        while not truncated:
-            observation, reward, terminated, truncated, _ = env.step(act(*observation.tolist()))
-            assert not terminated
-            total += float(reward)
-        found.append(total)
-    return found
 
 
 def swing_up(height: float, side: float, speed: float) -> int:
@@ -115,10 +101,10 @@ def test_an_episode_starts_hanging() -> None:
 
 def test_no_constant_torque_lifts_it() -> None:
     for action in range(3):
-        assert max(returns(lambda *_, action=action: action, 5)) < 0.25 * SOLVED
+        assert max(returns(ID, lambda *_, action=action: action, 5)) < 0.25 * SOLVED
 
 
 def test_it_is_solved_by_swinging_and_not_by_chance() -> None:
     rng = np.random.default_rng(1)
-    assert min(returns(swing_up, 20)) > SOLVED
-    assert max(returns(lambda *_: int(rng.integers(3)), 20)) < 0.5 * SOLVED
+    assert min(returns(ID, swing_up, 20)) > SOLVED
+    assert max(returns(ID, lambda *_: int(rng.integers(3)), 20)) < 0.5 * SOLVED

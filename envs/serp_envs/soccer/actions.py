@@ -1,4 +1,4 @@
-"""The five things that the defender can choose to do, as controllers of a robot."""
+"""The five actions of the defender, as controllers of a robot."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ SHOVE_SPEED: Final = 0.6
 
 
 def ball_in_front(world: World, robot: Robot) -> float | None:
-    """The direction from the robot to the ball, rad, where it can kick it now; None elsewhere."""
+    """Return the direction to the ball, rad, if the robot can kick it now; else None."""
     if robot.kick_ready > world.tick:
         return None
     dx, dy = world.ball_x - robot.x, world.ball_y - robot.y
@@ -82,9 +82,9 @@ def frontal_contrast(world: World, robot: Robot) -> None:
 
 
 def charge(world: World, robot: Robot, opponent: Robot, rng: np.random.Generator) -> bool:
-    """Walk at the opponent, faster than is good for either; whether that did damage now.
+    """Run into the opponent; return whether that did damage now.
 
-    With the opponent down there is nothing to charge: the robot only walks up to it.
+    An opponent that is down is not charged: the robot only walks up to it.
     """
     robot.go_to(opponent.x, opponent.y, opponent.x, opponent.y, CHARGE_PACE)
     tick = world.tick
@@ -112,6 +112,6 @@ def charge(world: World, robot: Robot, opponent: Robot, rng: np.random.Generator
 
 
 def close_in(world: World, robot: Robot) -> None:
-    """Walk to the ball: what the defender does before a contest begins."""
+    """Walk to the ball, as the defender does before a contest begins."""
     x, y = world.ball_x, world.ball_y
     robot.go_to(x, y, x, y)

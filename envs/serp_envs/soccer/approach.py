@@ -1,4 +1,4 @@
-"""How a contest comes about: a drawn situation, then both robots close in on the ball."""
+"""The approach before a contest: a random situation, then both robots walk to the ball."""
 
 from __future__ import annotations
 

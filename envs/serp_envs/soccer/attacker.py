@@ -65,7 +65,7 @@ class Attacker:
     __slots__ = ("_lanes", "_shot", "_side", "_side_until", "_winding", "may_shoot", "robot")
 
     def __init__(self, world: World, robot: Robot) -> None:
-        """An attacker that has decided nothing yet.
+        """Create an attacker without any decision.
 
         Args:
             world: Where it plays.
@@ -144,7 +144,7 @@ class Attacker:
             robot.kick_ready = world.tick + SHOT_COOLDOWN
 
     def _best_shot(self, world: World, opponent: Robot, bearing: float) -> float | None:
-        """Direction of the lane with the best clearance, or None where all are closed."""
+        """Return the direction of the lane with the best clearance; None if all are closed."""
         x, y = world.ball_x, world.ball_y
         there_x, there_y = opponent.x - x, opponent.y - y
         depth = world.goal_x - x
@@ -166,7 +166,7 @@ class Attacker:
         return found
 
     def _evade(self, world: World, off: float, direction: float, rng: np.random.Generator) -> float:
-        """The side, +1 left or −1 right, on which to pass an opponent at angle `off`."""
+        """Return the side, +1 left or −1 right, on which to pass an opponent at angle `off`."""
         if world.tick >= self._side_until:
             side = -1.0 if off > 0.0 else 1.0
             self._side = -side if rng.random() < WRONG_SIDE else side
@@ -184,9 +184,9 @@ class Attacker:
     def _get_behind(
         self, world: World, direction: float, bearing: float, distance: float, tolerance: float
     ) -> bool:
-        """Walk so as to have the ball in that direction; whether it is there within tolerance.
+        """Walk to have the ball in a direction; return whether it is there within tolerance.
 
-        With the ball there the robot walks into it, whoever is behind it: so it presses.
+        With the ball there the robot walks into it, even against an opponent behind it.
         """
         x, y = world.ball_x, world.ball_y
         turn = wrap(wrap(direction - bearing))

@@ -21,7 +21,6 @@ class GameClock:
     __slots__ = ("contest", "game", "seconds")
 
     def __init__(self) -> None:
-        """The kick-off of the first game."""
         self.game = 0
         """Number of the game, from 0."""
         self.seconds = 0.0
@@ -30,7 +29,7 @@ class GameClock:
         """Contests of this game that were played."""
 
     def start(self) -> None:
-        """Before a contest: open a new game where this one is over."""
+        """Start a contest: open a new game if this one is over."""
         if self.seconds >= GAME:
             self.new_game()
 
@@ -49,10 +48,10 @@ class GameClock:
         self.contest = 0
 
     def end(self, seconds: float) -> None:
-        """After a contest.
+        """End a contest.
 
         Args:
-            seconds: What it took of the game, approach and dead time included.
+            seconds: Its duration, approach and dead time included.
         """
         # Times are multiples of the tick; sums of 0.1 are not exact, these are.
         self.seconds = round(self.seconds + seconds, 6)

@@ -35,8 +35,8 @@ EXIT_SPEED: Final = 0.25
 NEARER_WEIGHT: Final = 0.05
 """Reward of a decision that ends `CONTEST_RADIUS` nearer to the ball than the attacker."""
 COVERAGE_WEIGHT: Final = 0.10
-"""Cost of a decision that ends with the whole goal open. Covering never earns anything: that
-would teach to camp in front of the goal until the time is up."""
+"""Cost of a decision that ends with the whole goal open. Covering earns nothing: a
+reward would teach to stay in front of the goal until the time is up."""
 
 
 class Contest(Scenario):
@@ -53,12 +53,11 @@ class Contest(Scenario):
     teams = ("defender", "attacker")
 
     def __init__(self, field: Field) -> None:
-        """The scenario on that field, before its first `start`."""
         super().__init__(field)
         self.attacker: Attacker
-        """Who plays the attacker, from `start` on."""
+        """The player of the attacker, from `start` on."""
         self.referee: Referee
-        """Who watches the ball, from `start` on."""
+        """The referee, from `start` on."""
         self._started = 0
 
     @property
@@ -92,7 +91,7 @@ class Contest(Scenario):
         self.attacker.act(world, defender, rng)
 
     def judge(self) -> Ruling | None:
-        """Goal, out, secured, exit, time, in this order."""
+        """Return the first that applies of goal, out, secured, exit and timeout."""
         seen = self.referee.look()
         if seen is not None:
             return _SEEN[seen]
@@ -104,7 +103,7 @@ class Contest(Scenario):
         return TIMEOUT if world.tick - self._started >= LIMIT else None
 
     def reward(self) -> float:
-        """For being nearer to the ball than the attacker and for covering the goal."""
+        """Return the reward for the lead over the attacker and for covering the goal."""
         world = self.world
         defender, attacker = world.robots
         x, y = world.ball_x, world.ball_y
@@ -114,11 +113,11 @@ class Contest(Scenario):
         return NEARER_WEIGHT * lead + COVERAGE_WEIGHT * (self.coverage() - 1.0)
 
     def observe(self) -> NDArray[np.float32]:
-        """See `serp_envs.soccer.observation`."""
+        """Return 16 numbers, see `serp_envs.soccer.observation`."""
         return observe(self.world, self.attacker.wind_up, self.referee.secure_timer)
 
     def facts(self) -> dict[str, Any]:
-        """Poses, ball, who is down, wind-up, secure timer."""
+        """Return the facts of `Scenario`, with wind-up and secure timer."""
         facts = super().facts()
         facts["wind_up"] = self.attacker.wind_up
         facts["secure_timer"] = self.referee.secure_timer

@@ -73,12 +73,11 @@ class CornerKick(Scenario):
     teams = ("defender", "attacker", "kicker")
 
     def __init__(self, field: Field) -> None:
-        """The scenario on that field, before its first `start`."""
         super().__init__(field)
         self.attack: CornerAttack
-        """Who plays the other two robots, from `start` on."""
+        """The player of the other two robots, from `start` on."""
         self.referee: Referee
-        """Who watches the ball, from `start` on."""
+        """The referee, from `start` on."""
 
     @property
     def observation_space(self) -> spaces.Space[NDArray[np.float32]]:
@@ -87,7 +86,7 @@ class CornerKick(Scenario):
         return cast(spaces.Space[NDArray[np.float32]], space)
 
     def start(self, rng: np.random.Generator) -> None:
-        """Place everybody for a corner on either side."""
+        """Place all robots for a corner on either side."""
         self.attack = CornerAttack(self.field, rng)
         self.world = self.attack.world
         self.referee = Referee(self.world)
@@ -139,7 +138,7 @@ class CornerKick(Scenario):
         robot.kick_ready = world.tick + CLEAR_COOLDOWN
 
     def judge(self) -> Ruling | None:
-        """Goal, out, secured, cleared, time, in this order."""
+        """Return the first that applies of goal, out, secured, cleared and timeout."""
         seen = self.referee.look()
         if seen is not None:
             return _SEEN[seen]
@@ -152,11 +151,11 @@ class CornerKick(Scenario):
         return TIMEOUT if world.tick >= LIMIT else None
 
     def reward(self) -> float:
-        """Nothing before the kick, then the cost of an open goal."""
+        """Return 0 before the kick, then the cost of an open goal."""
         return COVERAGE_WEIGHT * (self.coverage() - 1.0) if self.attack.kicked else 0.0
 
     def observe(self) -> NDArray[np.float32]:
-        """The defender's observation, as if every corner were on its left.
+        """Return the observation, mirrored so that every corner is on the defender's left.
 
         Returns:
             float32 of shape `(17,)`: x, y of defender, attacker and ball from the goal's middle in
@@ -193,7 +192,7 @@ class CornerKick(Scenario):
         )
 
     def facts(self) -> dict[str, Any]:
-        """Poses, ball, who is down, wind-up, secure timer, the corner and whether it is taken."""
+        """Return the facts of `Scenario`, with wind-up, secure timer, corner and kick."""
         facts = super().facts()
         facts["wind_up"] = self.attack.attacker.wind_up
         facts["secure_timer"] = self.referee.secure_timer

@@ -100,7 +100,7 @@ class SoccerDefender(SoccerEnv):
     * `real_time`: whether a second takes a second; by default only with a window.
 
     `env.unwrapped.caption` is a line of text for the pictures. They need pygame:
-    `pip install 'serp[render]'`.
+    `pip install 'serp[watch]'`.
 
     ## Snapshots
 

@@ -1,8 +1,8 @@
-"""The way into pymunk that is walked many thousand times a second.
+"""Two interfaces to pymunk for the inner loop, with equal results to the last bit.
 
-`Portable` uses what pymunk documents. Its checks and conversions take longer than the physics
-itself, so `Native` calls the C library under pymunk directly, for the same results to the last bit.
-`ENGINE` is the faster one that this pymunk has.
+`Portable` uses pymunk's documented interface. Its checks and conversions take longer than the
+physics, so `Native` calls the C library under pymunk directly. `ENGINE` is the faster one that the
+installed pymunk supports.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class Engine(Protocol):
         ball: pymunk.Body,
         robots: Sequence[tuple[pymunk.Body, pymunk.Body]],
     ) -> None:
-        """An engine of that space.
+        """Create an engine of a space.
 
         Args:
             space: With everything in it that belongs there.
@@ -76,13 +76,13 @@ class Engine(Protocol):
         """Let one tick pass."""
 
     def ball(self) -> tuple[float, float, float, float]:
-        """The ball's x and y, m, and its velocity in x and y, m/s."""
+        """Return the ball's x and y, m, and its velocity in x and y, m/s."""
 
     def place(self, robots: Sequence[Placed]) -> None:
-        """Tell robots, in the order of their bodies, where they are."""
+        """Write the poses of the bodies to the robots, in the order of the bodies."""
 
     def driver(self, number: int) -> Drive:
-        """What sets the velocity (x, y in m/s, turn in rad/s) of a robot's control body."""
+        """Return a function that sets the velocity of a robot's control body."""
 
     def kick(self, vx: float, vy: float) -> None:
         """Set the ball's velocity, m/s."""

@@ -40,7 +40,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     def __init__(
         self, scenario: Scenario, render_mode: str | None = None, real_time: bool | None = None
     ) -> None:
-        """An environment before its first `reset`.
+        """Create an environment.
 
         Args:
             scenario: What is played.
@@ -64,7 +64,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         paced = render_mode == "human" if real_time is None else real_time
         self._pacer = Pacer() if paced else None
         self.caption = ""
-        """A line of text for the pictures, free for whoever runs the episode."""
+        """A line of text for the pictures."""
         self._viewer: Viewer | None = None
         self._frames: list[NDArray[np.uint8]] = []
         self.clock = GameClock()
@@ -104,7 +104,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         return self.scenario.observe(), self._info()
 
     def _game_asked_for(self, options: Mapping[str, Any]) -> int | None:
-        """The game that the options of `reset` open; None for "the one that is on"."""
+        """Return the game that the options of `reset` open; None for the current one."""
         unknown = set(options) - {"new_game", "game"}
         if unknown:
             raise ValueError(f"the options are new_game and game, not {', '.join(sorted(unknown))}")
@@ -200,7 +200,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         return round(self.clock.seconds + TICK * self.scenario.world.tick, 6)
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that the rest of the episode, and the episodes after it, depend on.
+        """Return all that the rest of the episode and later episodes depend on.
 
         The physics cannot be copied, but it repeats exactly: of a running episode this keeps the
         state of the generator at its start and the actions since.
@@ -275,7 +275,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
                 )
 
     def render(self) -> Any:
-        """The picture of now, or those since the last call.
+        """Return the current picture, or those since the last call.
 
         Returns:
             `rgb_array`: uint8 of shape `(height, width, 3)`; `rgb_array_list`: a list of them, one
@@ -301,7 +301,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         return None
 
     def _show(self, restart: bool = False) -> None:
-        """After each tick: a picture where somebody watches, the time where it is real."""
+        """Draw a picture if the mode needs one each tick, and wait in real time."""
         if self.render_mode == "human":
             self._look()
         elif self.render_mode == "rgb_array_list":
@@ -345,7 +345,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
 
 def _put_back(thing: object, attributes: Mapping[str, Any]) -> None:
-    """Give an object its attributes of before, and no others."""
+    """Set the attributes of an object to a copy made before."""
     vars(thing).clear()
     vars(thing).update(attributes)
 

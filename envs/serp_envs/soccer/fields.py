@@ -117,7 +117,7 @@ FIELDS: Final[dict[str, Field]] = {field.name: field for field in (SPL_2020, HSL
 
 
 def field_named(name: str) -> Field:
-    """The preset of that name.
+    """Return the preset of a name.
 
     Raises:
         ValueError: There is none.

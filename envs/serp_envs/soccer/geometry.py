@@ -6,7 +6,7 @@ from math import asin, atan2, hypot, pi
 
 
 def wrap(angle: float) -> float:
-    """The same angle in [−π, π]; takes anything within ±3π, which sums of two angles are."""
+    """Return the same angle in [−π, π]; for angles within ±3π, such as sums of two angles."""
     if angle > pi:
         return angle - 2.0 * pi
     if angle < -pi:
@@ -15,7 +15,7 @@ def wrap(angle: float) -> float:
 
 
 def along(interval: tuple[float, float], share: float) -> float:
-    """The number at that share, 0 to 1, of the way from the lower bound to the upper."""
+    """Interpolate between the bounds of an interval; `share` is 0 to 1."""
     low, high = interval
     return low + share * (high - low)
 
@@ -29,7 +29,7 @@ def goal_coverage(
     goal_x: float,
     half_goal: float,
 ) -> float:
-    """The share of the goal mouth, as an angle at the ball, that a robot stands in front of.
+    """Return the share of the goal mouth that a robot covers, as an angle at the ball.
 
     Args:
         ball_x: Where the ball is; in front of the goal line.

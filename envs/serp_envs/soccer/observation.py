@@ -1,4 +1,4 @@
-"""What the defender sees: 16 numbers in a frame centred on the ball, the goal along x."""
+"""The defender's observation: 16 numbers in a frame centred on the ball, the goal along x."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ MIRROR: Final = (1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, 1, 1, 1)
 
 
 def observe(world: World, wind_up: float, secure_timer: float) -> NDArray[np.float32]:
-    """The defender's observation.
+    """Return the defender's observation.
 
     Args:
         world: With the defender as its first robot and the attacker as its second.

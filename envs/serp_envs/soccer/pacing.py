@@ -11,17 +11,16 @@ class Pacer:
     __slots__ = ("_due",)
 
     def __init__(self) -> None:
-        """A pacer that starts now."""
         self._due = time.monotonic()
 
     def restart(self) -> None:
-        """Simulated time starts now."""
+        """Start simulated time now."""
         self._due = time.monotonic()
 
     def wait(self, seconds: float) -> None:
         """Wait until that much simulated time after the last call is due.
 
-        What was slow before is not caught up with: late means due now.
+        A delay is not caught up with: a late call is due at once.
         """
         self._due += seconds
         left = self._due - time.monotonic()

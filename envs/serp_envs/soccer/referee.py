@@ -1,4 +1,4 @@
-"""What every scenario's rules look at: balls over lines, balls in somebody's possession."""
+"""The part of the rules common to all scenarios: a ball over a line, a secured ball."""
 
 from __future__ import annotations
 
@@ -21,12 +21,11 @@ SECURE_HELD: Final = ticks(1.0)
 
 
 class Referee:
-    """Watches one situation of a world whose first robot defends and whose second attacks."""
+    """Judges a world whose first robot defends and whose second robot attacks."""
 
     __slots__ = ("_last_x", "_last_y", "_secure", "_world", "d_ob", "d_rb")
 
     def __init__(self, world: World) -> None:
-        """A referee who has seen nothing yet."""
         self._world = world
         self._last_x, self._last_y = world.ball_x, world.ball_y
         self._secure = 0

@@ -19,7 +19,7 @@ try:
     import pygame
 except ImportError as error:
     raise DependencyNotInstalled(
-        "pictures of the pitch need pygame: pip install 'serp[render]'"
+        "pictures of the pitch need pygame: pip install 'serp[watch]'"
     ) from error
 
 Color = tuple[int, int, int]
@@ -56,7 +56,7 @@ class Viewer:
     """Draws worlds on one field, into a picture or a window."""
 
     def __init__(self, field: Field, window: bool = False) -> None:
-        """A viewer of that field.
+        """Create a viewer of a field.
 
         Args:
             field: The pitch.
@@ -121,7 +121,7 @@ class Viewer:
         self._draw_caption(caption.splitlines())
 
     def _draw_tail(self, world: World) -> None:
-        """Where the ball came from, thinning out; nothing of a ball that lies still."""
+        """Draw a tail behind a rolling ball."""
         speed = hypot(world.ball_vx, world.ball_vy)
         if speed < 0.05:
             return
@@ -140,7 +140,7 @@ class Viewer:
     def _draw_labels(
         self, places: Sequence[tuple[int, int]], teams: Sequence[str], radius: float
     ) -> None:
-        """The words beside the robots, each on the side away from the other robots."""
+        """Write the words beside the robots, each on the side away from the other robots."""
         centre = sum(x for x, _ in places) / len(places)
         for (x, y), team in zip(places, teams, strict=True):
             gap = round(radius) + 10
@@ -192,7 +192,7 @@ class Viewer:
         self._canvas.blit(image, where)
 
     def picture(self) -> NDArray[np.uint8]:
-        """What was drawn last, uint8 of shape `(height, width, 3)`."""
+        """Return what was drawn last, uint8 of shape `(height, width, 3)`."""
         pixels: NDArray[np.uint8] = pygame.surfarray.array3d(self._canvas)
         return np.ascontiguousarray(pixels.transpose(1, 0, 2))
 
@@ -216,7 +216,7 @@ class Viewer:
 
 
 def _draw_pitch(field: Field) -> Any:
-    """The whole carpet with its lines and goals, twice as large, scaled down."""
+    """Draw the whole carpet with its lines and goals, at twice the size and scaled down."""
     scale = 2 * SCALE
     size = (round(scale * 2 * field.max_y), round(scale * 2 * field.max_x))
     surface = pygame.Surface(size)
@@ -265,7 +265,7 @@ def _draw_pitch(field: Field) -> Any:
 
 
 def _blank(pixels: float) -> tuple[Any, int, float]:
-    """A see-through square that a disc of that radius fits into; its middle; the scaled radius."""
+    """Return a transparent square around a disc of a radius, its middle, the scaled radius."""
     half = round(pixels) + 3
     side = 2 * half * SMOOTH
     return pygame.Surface((side, side), pygame.SRCALPHA), half * SMOOTH, pixels * SMOOTH
@@ -277,7 +277,7 @@ def _smoothed(surface: Any) -> Any:
 
 
 def _robot(pixels: float, heading: float, colour: Color, down: bool) -> Any:
-    """A disc with a white nose where it looks; only a ring and a cross when it is down."""
+    """Draw a disc with a white nose in front; a ring with a cross for a robot that is down."""
     surface, middle, radius = _blank(pixels)
     centre = (middle, middle)
 

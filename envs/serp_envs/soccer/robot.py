@@ -63,7 +63,7 @@ class Robot:
     )
 
     def __init__(self, walk: Walk, drive: Drive, max_x: float, max_y: float) -> None:
-        """A robot whose bodies are in the physics already.
+        """Create a robot whose bodies are in the physics already.
 
         Args:
             walk: What its legs can do.

@@ -1,4 +1,4 @@
-"""Where a rolling ball will be, and where a robot can meet it."""
+"""The path of a rolling ball, and where a robot can meet it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Number = TypeVar("Number", float, NDArray[np.floating[Any]])
 
 
 def way(time: Number, speed: Number, slowing: float) -> Number:
-    """How far a ball rolls in that time, as the seconds it would take at its present speed.
+    """Return how far a ball rolls in a time, as the seconds at its present speed.
 
     Args:
         time: s, not longer than it rolls: speed / slowing.
@@ -30,19 +30,8 @@ def way(time: Number, speed: Number, slowing: float) -> Number:
     return time * (1.0 - 0.5 * slowing * time / speed)
 
 
-def rolled(world: World, seconds: float) -> tuple[float, float]:
-    """Where the ball will be then, m, if nobody meets it."""
-    vx, vy = world.ball_vx, world.ball_vy
-    speed = hypot(vx, vy)
-    if speed < STILL:
-        return world.ball_x, world.ball_y
-    slowing = world.field.ball_deceleration
-    far = way(min(seconds, speed / slowing), speed, slowing)
-    return world.ball_x + far * vx, world.ball_y + far * vy
-
-
 def meeting(world: World, robot: Robot) -> tuple[float, float, float]:
-    """The first place on the ball's way that the robot reaches no later than the ball.
+    """Return the first place on the ball's path that the robot reaches no later than the ball.
 
     Returns:
         x and y, m, and the seconds until then. Where the robot comes too late for a moving ball it

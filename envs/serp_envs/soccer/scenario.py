@@ -1,4 +1,4 @@
-"""What a scenario adds to the world: a start, a policy, actions, rules, what is seen."""
+"""The interface of a scenario: start, opponents, actions, rules, observation."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class Ruling:
     outcome: str
     """One word for it."""
     reward: float
-    """What it is worth to the learning robot."""
+    """Reward of the learning robot."""
     dead_time: float
     """Until the game goes on, s."""
     truncated: bool = False
-    """It was only cut off: nothing that the state shows made it end."""
+    """Whether it was cut off, for no reason that the state shows."""
 
 
 PLAYING = "playing"
@@ -48,7 +48,6 @@ class Scenario(ABC):
     """A word for each robot of the world; the first is the one that learns."""
 
     def __init__(self, field: Field) -> None:
-        """The scenario on that field, before its first `start`."""
         self.field = field
         self.world: World
         """The world of the running episode, from `start` on."""
@@ -61,7 +60,7 @@ class Scenario(ABC):
     @property
     @abstractmethod
     def observation_space(self) -> spaces.Space[NDArray[np.float32]]:
-        """Where `observe` lies."""
+        """The space of `observe`."""
 
     @abstractmethod
     def start(self, rng: np.random.Generator) -> None:
@@ -77,14 +76,14 @@ class Scenario(ABC):
 
     @abstractmethod
     def reward(self) -> float:
-        """The reward of a decision now over, without that of a ruling."""
+        """Return the reward of the finished decision, without that of a ruling."""
 
     @abstractmethod
     def observe(self) -> NDArray[np.float32]:
-        """A new observation."""
+        """Return a new observation."""
 
     def coverage(self) -> float:
-        """The share of the goal, seen from the ball, that the first robot covers, 0 to 1."""
+        """Return the share of the goal, seen from the ball, that the first robot covers, 0 to 1."""
         world, field = self.world, self.field
         robot = world.robots[0]
         return goal_coverage(
@@ -98,7 +97,7 @@ class Scenario(ABC):
         )
 
     def facts(self) -> dict[str, Any]:
-        """The situation for `info`: flat, so that vectors of them stack.
+        """Return the situation for `info`: flat, so that vectors of them stack.
 
         Returns:
             Metres, radians, seconds: `ball_x`, `ball_y`, `ball_vx`, `ball_vy` and of each robot,

@@ -17,7 +17,7 @@ DECISION: Final = 0.4
 
 
 def ticks(seconds: float) -> int:
-    """The whole number of ticks nearest to a duration.
+    """Return the whole number of ticks nearest to a duration.
 
     Times are counted in ticks, as integers, so that 0.6 s are never 5 or 7 ticks for rounding.
     """

@@ -50,7 +50,7 @@ class World:
     def __init__(
         self, field: Field, walk: Walk, ball: tuple[float, float], poses: Sequence[Pose]
     ) -> None:
-        """A world at rest.
+        """Create a world at rest.
 
         Args:
             field: The pitch.

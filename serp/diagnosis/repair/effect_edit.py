@@ -1,4 +1,4 @@
-"""One effect of a domain file, amended where it stands."""
+"""Edits of one effect of a domain file."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _OPPOSITE = {x.Change.INCREASE: x.Change.DECREASE, x.Change.DECREASE: x.Change.I
 _HEAD = re.compile(r"\(\s*([^\s();]+)")
 
 
-class AmendedEffect:
-    """An effect on a number and what is to be changed in it.
+class EffectEdit:
+    """An effect on a number, and its edits.
 
     Args:
         schema: The action or process in which it stands.
@@ -34,22 +34,22 @@ class AmendedEffect:
         self._added: tuple[EffectTerm, ...] = ()
 
     def set_number(self, place: Place, number: str) -> None:
-        """Put a number in the place of one that stands in the value."""
+        """Replace a number of the value."""
         self._numbers[place.start] = place, number
 
-    def adds(self) -> None:
-        """Make an assignment an increase by what it assigned."""
+    def make_increase(self) -> None:
+        """Turn an assignment into an increase by the assigned value."""
         self._change = x.Change.INCREASE
         value = self.effect.value
         if isinstance(value, x.Number):  # which may be negative
             self._numbers.setdefault(value.place.start, (value.place, value.place.text))
 
-    def add(self, terms: Sequence[EffectTerm]) -> None:
+    def add_terms(self, terms: Sequence[EffectTerm]) -> None:
         """Add terms to the value of an assignment."""
         self._added = tuple(terms)
 
     def edits(self) -> list[Edit]:
-        """Return the edits; numbers are written without a sign where the word can bear it."""
+        """Return the edits; a negative factor turns `increase` into `decrease` and back."""
         change = self._change
         edits = []
         for place, number in self._numbers.values():
@@ -71,14 +71,14 @@ class AmendedEffect:
 
     @property
     def text(self) -> str:
-        """The effect as it will be, in one line."""
+        """The edited effect in one line."""
         start, end = self.effect.place.start, self.effect.place.end
         own = [Edit(e.start - start, e.end - start, e.text) for e in self.edits()]
         return " ".join(edited(self.effect.place.source.text[start:end], own).split())
 
 
 def _is_factor(value: x.Expression, place: Place) -> bool:
-    """Whether a value changes its sign with a literal: it is that, or a product with it."""
+    """Return whether a value is a number, or a product with it."""
     if isinstance(value, x.Number):
         return value.place.start == place.start
     return (

@@ -1,4 +1,4 @@
-"""Numbers, terms and evidence as they stand in a PDDL file: plain decimals, binary arithmetic."""
+"""Numbers, terms and evidence as PDDL text: plain decimals, binary arithmetic, ASCII comments."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import math
 import textwrap
 from collections.abc import Iterable
 
-from serp.diagnosis.findings import EffectTerm, OutcomeFinding, RuleFinding
+from serp.diagnosis.findings import EffectTerm, RuleFinding, StochasticEffect
 from serp.sysid.monitor import END
 
 _DIGITS = 4
-"""Significant digits at most: more than anybody needs for a plan a few steps ahead."""
+"""Most significant digits."""
 _WIDTH = 100
 _PLAIN = str.maketrans({"−": "-", "…": "...", "×": "*", "±": "+/-"})
-"""Not every PDDL tool reads more than ASCII."""
+"""Some PDDL tools read only ASCII."""
 
 
 def decimal(value: float, error: float) -> str:
@@ -32,11 +32,11 @@ def decimal(value: float, error: float) -> str:
     if error > 0.0 and math.isfinite(error):
         decimals = min(most, -math.floor(math.log10(error)))
     rounded = round(value, decimals)
-    if rounded == 0.0:  # nothing of it is certain; its size at least
+    if rounded == 0.0:  # no digit is certain: show the order of magnitude
         decimals = -math.floor(math.log10(abs(value)))
         rounded = round(value, decimals)
     text = f"{rounded:.{max(0, decimals)}f}"
-    if decimals == most and "." in text:  # zeros of a number that is cut are no information
+    if decimals == most and "." in text:
         text = text.rstrip("0").rstrip(".")
     return text
 
@@ -80,15 +80,11 @@ def measured(value: float, error: float) -> str:
     decimals = len(number.partition(".")[2])
     if error < 0.5 * 10.0**-decimals and float(number) != 0.0:
         return number
-    return (
-        f"{number} +/- {error:.{decimals}f}"
-        if decimals
-        else f"{number} +/- {decimal(error, error)}"
-    )
+    return f"{number} +/- " + (f"{error:.{decimals}f}" if decimals else decimal(error, error))
 
 
 def evidence_of_term(term: EffectTerm, samples: int, *, rate: bool) -> str:
-    """Return what was observed, for a comment above a new effect, which says the rest."""
+    """Return the evidence for a new effect, for a comment above it."""
     found = f"found in {samples:,} steps"
     value = measured(term.coefficient, term.error)
     if "+/-" not in value:
@@ -96,8 +92,8 @@ def evidence_of_term(term: EffectTerm, samples: int, *, rate: bool) -> str:
     return f"{found}: {value}{' per unit of time' if rate else ''}"
 
 
-def evidence_of_outcomes(finding: OutcomeFinding) -> list[str]:
-    """Return what comes of an action, for comments above it, a line each."""
+def evidence_of_outcomes(finding: StochasticEffect) -> list[str]:
+    """Return the observed outcomes of an action, for comments above it, a line each."""
     lines = [f"Observed in {finding.samples:,} steps; the effects are as written:"]
     for outcome in finding.outcomes:
         if outcome.probability < 0.005 and not outcome.written:
@@ -110,7 +106,7 @@ def evidence_of_outcomes(finding: OutcomeFinding) -> list[str]:
 
 
 def evidence_of_rule(finding: RuleFinding) -> str:
-    """Return what came of a line on rewards or ends, for a comment above it."""
+    """Return the observations of a line on rewards or ends, for a comment above it."""
     what = f"Observed in {finding.samples:,} steps: predicted in {finding.predicted:,}"
     if finding.fluent == END:
         came = f"the task ended in {finding.came:,} of them"

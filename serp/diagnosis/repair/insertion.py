@@ -1,7 +1,6 @@
-"""Where new comments, effects and processes go in the text of a domain file.
+"""Insertion of comments, effects and processes into the text of a domain file.
 
-Nothing is moved and nothing is laid out anew: whatever the file looks like, every byte of it stays,
-and a comment stays behind what it was written about.
+All edits are insertions: every byte of the file stays, and each comment stays behind its effect.
 """
 
 from __future__ import annotations
@@ -147,7 +146,7 @@ class InsertionPoints:
         return [Edit(at, at, f"{lines}{self._newline}{indent[first.start - at :]}")]
 
     def _commented(self, position: int) -> bool:
-        """Whether nothing but closing brackets and a comment follows in the line."""
+        """Return whether only closing brackets and a comment follow in the line."""
         rest = self.text[position : line_end(self.text, position)]
         return rest.lstrip(") \t").startswith(";")
 

@@ -1,8 +1,8 @@
-"""Writing back into a domain file what a run has found out.
+"""Repair of a domain file by the findings of a run.
 
-The result is the expert's own file: literals are changed where they stand, effects are added where
-they belong, each with its evidence as a comment; every other byte stays. What is good, unsafe or
-an end is never touched, only commented on. What to write is decided in `serp.diagnosis.relevance`.
+Parameters are changed where they stand, and missing effects are added to their action or as a
+process, each with its evidence as a comment. Every other byte of the file stays. Rewards, unsafe
+and terminal are only commented on. `serp.diagnosis.relevance` decides which findings are written.
 """
 
 from __future__ import annotations
@@ -11,8 +11,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from serp.diagnosis.findings import EffectTerm, Findings, MissingEffect, ParameterFinding
-from serp.diagnosis.repair.effect_edit import AmendedEffect
+from serp.diagnosis.findings import (
+    EffectTerm,
+    Findings,
+    MissingEffect,
+    ParameterFinding,
+    symbol_of,
+)
+from serp.diagnosis.relevance import CERTAIN
+from serp.diagnosis.repair.effect_edit import EffectEdit
 from serp.diagnosis.repair.formatting import (
     decimal,
     effect_of,
@@ -29,20 +36,19 @@ from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import Place, Source
 from serp.sysid.lifted_features import WORLD
 
-_CERTAIN = 4.0  # standard errors
 _NEARLY_ONE = 0.01
 _HEAD = "Not explained by what serp observed"
 
 
 @dataclass(frozen=True)
 class Repair:
-    """One change of a file, for people.
+    """One change of a file.
 
     Attributes:
-        line: Line of the file as it was; where something is added, of what it is added to.
+        line: Line of the file as it was; for an addition the line of what it is added to.
         schema: The action or process that is changed or new.
-        before: The effect that stood there; empty for something new.
-        after: The effect that stands there now; empty for a mere comment.
+        before: The effect as it was; empty for an addition.
+        after: The effect as it is; empty for a comment alone.
         evidence: What was observed.
     """
 
@@ -55,13 +61,13 @@ class Repair:
 
 @dataclass(frozen=True)
 class Repaired:
-    """A domain file once it is repaired.
+    """A repaired domain file.
 
     Attributes:
         text: All of it.
-        repairs: What was changed, in the order of the file.
-        open: Sentences about what was not: what nobody can explain, and what is found of the
-            problem file. Where anything was changed they stand at the head of the file.
+        repairs: The changes, in the order of the file.
+        open: Sentences about what is not repaired: what the findings do not explain, and findings
+            about the problem file. With any change, they stand at the head of the file too.
     """
 
     text: str
@@ -70,27 +76,27 @@ class Repaired:
 
 
 def repair(domain: Domain, findings: Findings, unexplained: Sequence[str] = ()) -> Repaired:
-    """Return the domain file with all findings written into it.
+    """Return the domain file with findings written into it.
 
-    Literals are changed, missing effects are added, and chance, rewards and ends are told in
-    comments. The result was parsed and instantiated.
+    Parameters are changed and missing effects are added; findings on stochastic effects, rewards
+    and ends become comments. The result has been parsed and instantiated.
 
     Args:
         domain: The domain; its problem file is not touched.
-        findings: What a run has found, and what of it is worth writing.
-        unexplained: Sentences about what it has not.
+        findings: The findings to write.
+        unexplained: Sentences about what the findings do not explain.
 
     Raises:
         DomainError: The repaired file with the problem would be wrong.
     """
-    work = _Work(domain, findings)
-    edits = work.edits()
-    left = (*unexplained, *work.elsewhere)
-    if not work.repairs:
+    writer = _Writer(domain, findings)
+    edits = writer.edits()
+    left = (*unexplained, *writer.in_problem)
+    if not writer.repairs:
         return Repaired(domain.source.text, (), left)
-    text = edited(domain.source.text, [*work.head(left), *edits])
+    text = edited(domain.source.text, [*writer.head(left), *edits])
     _check(domain, text)
-    return Repaired(text, tuple(sorted(work.repairs, key=lambda r: r.line)), left)
+    return Repaired(text, tuple(sorted(writer.repairs, key=lambda r: r.line)), left)
 
 
 def _check(domain: Domain, text: str) -> None:
@@ -101,22 +107,22 @@ def _check(domain: Domain, text: str) -> None:
     Domain(syntax.name, source, problem, syntax, parsed, domain.max_ground_schemas).model  # noqa: B018
 
 
-class _Work:
-    """One repair under way."""
+class _Writer:
+    """Collects the edits of one file and notes the repairs."""
 
     def __init__(self, domain: Domain, findings: Findings) -> None:
         self.repairs: list[Repair] = []
-        self.elsewhere: list[str] = []
+        self.in_problem: list[str] = []
         self._findings = findings
         self._source = domain.source
         self._syntax = domain.syntax
-        self._layout = InsertionPoints(domain.source)
+        self._points = InsertionPoints(domain.source)
         self._effects = [
-            AmendedEffect(schema, effect)
+            EffectEdit(schema, effect)
             for schema in domain.syntax.schemas
             for effect in _changes(schema.effects)
         ]
-        self._evidence: list[tuple[AmendedEffect, Place, str]] = []
+        self._evidence: list[tuple[EffectEdit, Place, str]] = []
         self._needs: dict[str, None] = {}
         self._names = {
             *(s.name for s in domain.syntax.schemas),
@@ -127,72 +133,70 @@ class _Work:
 
     def edits(self) -> list[Edit]:
         """Return all edits, and note the repairs."""
-        for literal in self._findings.literals:
-            if literal.parameter.place.source is self._source:
-                self._change(literal)
+        for finding in self._findings.parameters:
+            if finding.parameter.place.source is self._source:
+                self._change(finding)
             else:
-                place, found = literal.parameter.place, measured(literal.estimate, literal.error)
+                place, found = finding.parameter.place, measured(finding.estimate, finding.error)
                 where = f"{Path(place.source.name).name}, line {place.line}"
-                self.elsewhere.append(f"{where}: {place.text} as written; observed {found}")
+                self.in_problem.append(f"{where}: {place.text} as written; observed {found}")
         edits = self._additions()
         for rule in self._findings.rules:
             if rule.place is not None and rule.place.source is self._source:
                 edits += self._comment(rule.place, rule.schema, [evidence_of_rule(rule)])
-        for outcome in self._findings.outcomes:
-            edits += self._comment(outcome.place, outcome.schema, evidence_of_outcomes(outcome))
-        for amended in self._effects:
-            edits += amended.edits() + self._told(amended)
-        return edits + self._layout.requirements(self._needs)
+        for effect in self._findings.stochastic:
+            edits += self._comment(effect.place, effect.schema, evidence_of_outcomes(effect))
+        for edit in self._effects:
+            edits += edit.edits() + self._evidence_edits(edit)
+        return edits + self._points.requirements(self._needs)
 
     def head(self, left: Sequence[str]) -> list[Edit]:
-        """Return the edits that say at the head of the file what is not mended."""
+        """Return the edits that list at the head of the file what is not repaired."""
         steps = f"{self._findings.samples:,} steps"
-        return self._layout.head(f"{_HEAD}, in {steps}:", left)
+        return self._points.head(f"{_HEAD}, in {steps}:", left)
 
     def _comment(self, place: Place, schema: str, lines: Sequence[str]) -> list[Edit]:
         """Return the edits that put comments above a place, and note the repair."""
-        told = " ".join(line.strip() for line in lines)
-        self.repairs.append(Repair(place.line, schema, "", "", told))
-        return [self._layout.comment_above(place.start, line) for line in lines]
+        evidence = " ".join(line.strip() for line in lines)
+        self.repairs.append(Repair(place.line, schema, "", "", evidence))
+        return [self._points.comment_above(place.start, line) for line in lines]
 
-    # What stands in the file ---------------------------------------------------------------------
-
-    def _told(self, amended: AmendedEffect) -> list[Edit]:
-        """Return the evidence for what is changed in an effect as edits, and note the repair."""
-        told = [(place, evidence) for a, place, evidence in self._evidence if a is amended]
-        if told:
-            before, after = amended.effect.place.text, amended.text
-            evidence = "; ".join(text for _, text in told)
-            line = amended.effect.place.line
-            self.repairs.append(Repair(line, amended.schema.name, before, after, evidence))
-        return [self._layout.comment_above(place.start, text) for place, text in told]
+    def _evidence_edits(self, edit: EffectEdit) -> list[Edit]:
+        """Return the comments on the changes of an effect as edits, and note the repair."""
+        own = [(place, evidence) for e, place, evidence in self._evidence if e is edit]
+        if own:
+            before, after = edit.effect.place.text, edit.text
+            evidence = "; ".join(text for _, text in own)
+            line = edit.effect.place.line
+            self.repairs.append(Repair(line, edit.schema.name, before, after, evidence))
+        return [self._points.comment_above(place.start, text) for place, text in own]
 
     def _change(self, finding: ParameterFinding) -> None:
         place = finding.parameter.place
         number = decimal(finding.estimate, finding.error)
         turned = finding.estimate * finding.written < 0.0
-        if turned and abs(finding.estimate) <= _CERTAIN * finding.error:
-            number = "0"  # nothing is left of the effect, rather than its opposite
+        if turned and abs(finding.estimate) <= CERTAIN * finding.error:
+            number = "0"  # its sign is uncertain
         if float(number) == finding.written:
             return
-        amended = next(
-            a
-            for a in self._effects
-            if a.effect.place.start <= place.start and place.end <= a.effect.place.end
+        edit = next(
+            e
+            for e in self._effects
+            if e.effect.place.start <= place.start and place.end <= e.effect.place.end
         )
-        amended.set_number(place, number)
+        edit.set_number(place, number)
         observed = measured(finding.estimate, finding.error)
         evidence = f"{place.text} as written; observed {observed} in {finding.samples:,} steps"
-        self._evidence.append((amended, place, evidence))
-
-    # What does not -------------------------------------------------------------------------------
+        self._evidence.append((edit, place, evidence))
 
     def _additions(self) -> list[Edit]:
-        """Return the edits that add what is missing, in the order in which fluents are declared."""
+        """Return the edits that add missing effects, in the order of the declarations."""
         edits: list[Edit] = []
         into: dict[str, list[tuple[str, str]]] = {}
         order = list(self._syntax.declarations)
-        for missing in sorted(self._findings.missing, key=lambda m: order.index(_symbol(m.fluent))):
+        for missing in sorted(
+            self._findings.missing, key=lambda m: order.index(symbol_of(m.fluent))
+        ):
             terms = sorted(missing.terms, key=lambda term: (len(term.fluents), term.fluents))
             if missing.schema == WORLD:
                 if terms:
@@ -204,43 +208,42 @@ class _Work:
                 effects = self._written(missing, terms, missing.schema, place.line)
                 into.setdefault(missing.schema, []).extend(effects)
         for name, effects in into.items():
-            edits += self._layout.effects_in(self._schema(name).place, effects)
+            edits += self._points.effects_in(self._schema(name).place, effects)
         return edits
 
     def _into_assignment(self, missing: MissingEffect, terms: list[EffectTerm]) -> list[EffectTerm]:
         """Write terms into the assignment of the fluent, if there is one; return the rest."""
-        amended = next(
+        edit = next(
             (
-                a
-                for a in self._effects
-                if a.schema.name == missing.schema
-                and a.effect.change is x.Change.ASSIGN
-                and _name_of(a.effect.function) == missing.fluent
+                e
+                for e in self._effects
+                if e.schema.name == missing.schema
+                and e.effect.change is x.Change.ASSIGN
+                and _name_of(e.effect.function) == missing.fluent
             ),
             None,
         )
-        if amended is None or not terms:
+        if edit is None or not terms:
             return terms
         own = [t for t in terms if t.fluents == (missing.fluent,)]
         steps = f"{missing.samples:,} steps"
         if own and abs(own[0].coefficient - 1.0) <= _NEARLY_ONE:
-            # What it was before, plus something: that is an increase.
-            amended.adds()
-            told, rest = f"found to be added in {steps}", [t for t in terms if t not in own]
+            # The old value plus something is an increase.
+            edit.make_increase()
+            evidence, rest = f"found to be added in {steps}", [t for t in terms if t not in own]
         else:
-            amended.add(terms)
-            told, rest = f"found to be that and more in {steps}", []
-        evidence = f"assigned as written; {told}"
-        self._evidence.append((amended, amended.effect.place, evidence))
+            edit.add_terms(terms)
+            evidence, rest = f"found to be that and more in {steps}", []
+        self._evidence.append((edit, edit.effect.place, f"assigned as written; {evidence}"))
         return rest
 
     def _process(self, missing: MissingEffect, terms: Sequence[EffectTerm]) -> Edit:
         self._needs[":time"] = None
-        symbol = _symbol(missing.fluent)
+        symbol = symbol_of(missing.fluent)
         name = self._new_name(f"{symbol}-changes")
-        effects = self._written(missing, terms, name, self._layout.last_schema.line)
+        effects = self._written(missing, terms, name, self._points.last_schema.line)
         declared = self._syntax.declarations[symbol].parameters
-        return self._layout.process(name, _parameters(declared), effects)
+        return self._points.process(name, _parameters(declared), effects)
 
     def _written(
         self, missing: MissingEffect, terms: Sequence[EffectTerm], schema: str, line: int
@@ -277,10 +280,6 @@ def _changes(effects: Sequence[x.Effect]) -> Iterator[x.ChangeFunction]:
             yield effect
         elif isinstance(effect, x.When | x.ForallEffect):
             yield from _changes(effect.effects)
-
-
-def _symbol(fluent: str) -> str:
-    return fluent.split(" ")[0]
 
 
 def _name_of(function: x.FunctionTerm) -> str:

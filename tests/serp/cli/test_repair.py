@@ -75,10 +75,6 @@ def test_the_file_is_right_and_what_is_shown_is_what_is_written(run: Run, ignora
     assert "known.pddl: right" in checked
 
 
-def test_equal_runs_are_repaired_alike(run: Run, ignorant: Path) -> None:
-    assert run("repair", str(ignorant)).stdout == run("repair", str(ignorant)).stdout
-
-
 def test_nothing_in_the_run_is_changed(run: Run, ignorant: Path) -> None:
     before = {path.name: path.read_bytes() for path in ignorant.iterdir()}
     run("repair", str(ignorant), "-o", "known.pddl")
@@ -94,16 +90,6 @@ def test_nothing_is_replaced_unasked(run: Run, ignorant: Path) -> None:
     assert Path("known.pddl").read_text(encoding="utf-8") == "mine"
     run("repair", str(ignorant), "-o", "known.pddl", "--force")
     assert Path("known.pddl").read_text(encoding="utf-8").startswith("; Cart-pole")
-
-
-def test_a_file_that_is_right_is_left_alone(run: Run, ignorant: Path) -> None:
-    run("repair", str(ignorant), "-o", "known.pddl")
-    planned("known.pddl", Path("again"), "--episodes=1")
-    result = run("repair", "again", "-o", "once-more.pddl")
-    if "nothing to repair" in result.stdout:
-        assert not Path("once-more.pddl").exists()
-    else:  # a number, in its last digit
-        assert result.stderr.startswith(("1 change", "2 changes", "3 changes"))
 
 
 @pytest.fixture
@@ -161,15 +147,7 @@ def test_where_one_file_cannot_be_written_neither_is(run: Run, racing: Path) -> 
 
 def test_usage_errors(run: Run, ignorant: Path) -> None:
     run("repair", expect=2)
+    assert "no such folder" in run("repair", "nosuch", expect=1).stderr
     result = run("repair", str(ignorant), "-o", "known.txt", expect=2)
     assert "name a file that ends in .pddl" in result.stderr
     assert "cannot write" in run("repair", str(ignorant), "-o", "no/known.pddl", expect=1).stderr
-
-
-def test_what_has_no_experience_is_refused(run: Run, ignorant: Path) -> None:
-    assert "no such folder" in run("repair", "nosuch", expect=1).stderr
-    shutil.copytree(ignorant, "old")
-    arrays, meta = load(Path("old") / NEWEST)
-    del meta["agent"]["correction"]
-    save(Path("old") / NEWEST, arrays, meta)
-    assert "correction is missing" in run("repair", "old", expect=1).stderr

@@ -10,5 +10,5 @@ from tests.serp.sysid.truth import robots
 
 @pytest.fixture
 def model(tmp_path: Path) -> TransitionModel:
-    """The world of `robots`, for tests of what people are shown."""
+    """The world of `robots`."""
     return robots(tmp_path)

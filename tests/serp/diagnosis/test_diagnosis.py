@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp._util.json_files import finite
+from serp.diagnosis import export
 from serp.diagnosis.accuracy import WELL
 from serp.diagnosis.diagnosis import Diagnosis, make_diagnosis
 from serp.diagnosis.estimation import findings
@@ -252,10 +253,10 @@ def test_what_is_uncertain_or_hardly_matters_is_told_apart(model: TransitionMode
     unsure = missing(model, "warmth", {(): 0.05, ("place ?r",): 0.3}, cost=0.5)
     told = replace(told, missing=(*told.missing, unsure))
     diagnosis = made_up(model, truth, told)
-    assert diagnosis.worthwhile.literals == told.literals[:1]
+    assert diagnosis.worthwhile.parameters == told.parameters[:1]
     (kept,) = diagnosis.worthwhile.missing
     assert [term.fluents for term in kept.terms] == [("place ?r",)]
-    assert diagnosis.worthwhile.outcomes == told.outcomes
+    assert diagnosis.worthwhile.stochastic == told.stochastic
     assert len(diagnosis.others) == 1  # the other number agrees with what was observed
 
 
@@ -282,10 +283,10 @@ def test_everything_is_in_the_json(model: TransitionModel) -> None:
     truth = found(
         literal(model, 0, 2.5), missing(model, "battery ?r", {("warmth",): 0.2}, cost=0.5)
     )
-    shown = json.loads(json.dumps(finite(made_up(model, truth, truth).as_dict())))
+    shown = json.loads(json.dumps(finite(export.as_dict(made_up(model, truth, truth)))))
     assert shown["steps"] == 400
     kinds = [f["kind"] for remark in shown["remarks"] for f in remark["findings"]]
-    assert sorted(kinds) == ["literal", "missing"]
+    assert sorted(kinds) == ["missing-effect", "parameter"]
     pairs = len(model.actions) * (len(model.fluents) + 2)
     assert len(shown["fits"]) == len(shown["monitor"]) == pairs
     worst = next(row for row in shown["monitor"] if row["worst"])["worst"][0]
@@ -295,7 +296,7 @@ def test_everything_is_in_the_json(model: TransitionModel) -> None:
 def test_the_table_has_a_row_for_each_action_and_quantity(model: TransitionModel) -> None:
     truth = found(literal(model, 0, 2.5))
     diagnosis = made_up(model, truth, truth)
-    head, *rows = diagnosis.table()
+    head, *rows = export.table(diagnosis)
     assert len(rows) == len(model.actions) * (len(model.fluents) + 2)
     assert {len(row) for row in rows} == {len(head)}
     assert len({(row[0], row[1]) for row in rows}) == len(rows)

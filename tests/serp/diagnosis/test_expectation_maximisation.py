@@ -1,17 +1,17 @@
-"""How often each of several outcomes comes."""
+"""Probabilities of outcomes from ambiguous observations."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from serp.diagnosis.expectation_maximisation import likeliest
+from serp.diagnosis.expectation_maximisation import estimate_probabilities
 
 
 def test_where_nothing_is_ambiguous_it_is_counting() -> None:
     fits = np.zeros((100, 3), dtype=np.bool_)
     fits[:60, 0] = fits[60:90, 1] = True
-    shares, errors = likeliest(fits)
+    shares, errors = estimate_probabilities(fits)
     assert shares == pytest.approx([0.6, 0.3, 0.0])
     assert errors[:2] == pytest.approx(np.sqrt([0.6 * 0.4 / 100, 0.3 * 0.7 / 100]), rel=0.1)
 
@@ -20,7 +20,7 @@ def test_ambiguous_rows_are_shared_out_as_the_others_say() -> None:
     fits = np.zeros((200, 2), dtype=np.bool_)
     fits[:75, 0] = fits[75:100, 1] = True
     fits[100:] = True
-    shares, errors = likeliest(fits)
+    shares, errors = estimate_probabilities(fits)
     assert shares == pytest.approx([0.75, 0.25], abs=1e-6)
     # The other half says nothing.
     assert errors == pytest.approx(np.sqrt(0.75 * 0.25 / 100), rel=0.1)
@@ -34,11 +34,11 @@ def test_shares_are_recovered_within_their_errors(seed: int) -> None:
     fits = np.eye(3, dtype=np.bool_)[drawn]
     walls = rng.random(2_000) < 0.4  # there, the first two look alike
     fits[walls & (drawn < 2), :2] = True
-    shares, errors = likeliest(fits)
+    shares, errors = estimate_probabilities(fits)
     assert (np.abs(shares - truth) < 4.0 * errors).all()
     assert (errors < 0.03).all()
 
 
-def test_what_nothing_fits_is_something_else() -> None:
-    shares, _ = likeliest(np.zeros((10, 2), dtype=np.bool_))
+def test_what_no_outcome_fits_is_something_else() -> None:
+    shares, _ = estimate_probabilities(np.zeros((10, 2), dtype=np.bool_))
     assert (shares == 0.0).all()

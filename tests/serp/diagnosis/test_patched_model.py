@@ -11,12 +11,7 @@ from serp.diagnosis.findings import Findings
 from serp.diagnosis.patched_model import forecast_with
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.regression_data import predictions
-from tests.serp.sysid.truth import chances, found, literal, missing, robots, states_of
-
-
-@pytest.fixture
-def model(tmp_path: Path) -> TransitionModel:
-    return robots(tmp_path, dt=0.5)
+from tests.serp.sysid.truth import chances, found, literal, missing, states_of
 
 
 def next_states(
@@ -29,14 +24,16 @@ def column(model: TransitionModel, name: str) -> int:
     return next(f.index for f in model.fluents if f.name == name)
 
 
-def test_nothing_found_changes_nothing(model: TransitionModel) -> None:
-    states, actions = states_of(model, 50)
-    with_none = next_states(model, found(), states, actions)
-    np.testing.assert_array_equal(with_none, predictions(model, states, actions))
+def rows_of(model: TransitionModel, actions: NDArray[np.int64], action: str) -> NDArray[np.bool_]:
+    rows = actions == [a.name for a in model.actions].index(action)
+    assert rows.any()
+    return rows
 
 
-def test_literals_are_replaced(model: TransitionModel) -> None:
+def test_parameters_are_replaced_and_nothing_else(model: TransitionModel) -> None:
     states, actions = states_of(model, 50)
+    written = predictions(model, states, actions)
+    np.testing.assert_array_equal(next_states(model, found(), states, actions), written)
     theta = model.theta.copy()
     theta[0], theta[3] = 2.5, 0.75
     findings = found(literal(model, 0, 2.5), literal(model, 3, 0.75, schema="cool"))
@@ -50,8 +47,7 @@ def test_missing_effects_are_added_to_every_instance(model: TransitionModel) -> 
     truth = predictions(model, states, actions)
     warmth = states[:, column(model, "warmth")]
     for robot in ("r1", "r2"):
-        rows = actions == [a.name for a in model.actions].index(f"drive {robot}")
-        assert rows.any()
+        rows = rows_of(model, actions, f"drive {robot}")
         place = states[:, column(model, f"place {robot}")]
         truth[rows, column(model, f"battery {robot}")] += (0.3 * warmth * place - 0.1)[rows]
     np.testing.assert_allclose(next_states(model, findings, states, actions), truth)
@@ -75,7 +71,7 @@ def test_outcomes_count_as_their_mean(model: TransitionModel) -> None:
     )
     truth = predictions(model, states, actions)
     for robot in ("r1", "r2"):
-        rows = actions == [a.name for a in model.actions].index(f"drive {robot}")
+        rows = rows_of(model, actions, f"drive {robot}")
         place = column(model, f"place {robot}")
         truth[rows, place] = states[rows, place] + 0.5
     np.testing.assert_allclose(next_states(model, findings, states, actions), truth)

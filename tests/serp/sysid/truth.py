@@ -14,8 +14,8 @@ from serp.diagnosis.findings import (
     Findings,
     MissingEffect,
     ObservedOutcome,
-    OutcomeFinding,
     ParameterFinding,
+    StochasticEffect,
 )
 from serp.diagnosis.patched_model import forecast_with
 from serp.diagnosis.recorded_run import Recorded
@@ -136,18 +136,18 @@ def chances(
     schema: str,
     *outcomes: tuple[dict[str, float], float, bool],
     cost: float = 1.0,
-) -> OutcomeFinding:
+) -> StochasticEffect:
     place = next(a.place for a in model.actions if a.schema == schema)
     told = tuple(ObservedOutcome(tuple(c.items()), p, 0.02, written) for c, p, written in outcomes)
-    return OutcomeFinding(schema, place, told, samples=412, cost=cost)
+    return StochasticEffect(schema, place, told, samples=412, cost=cost)
 
 
-def found(*kinds: ParameterFinding | MissingEffect | OutcomeFinding) -> Findings:
+def found(*kinds: ParameterFinding | MissingEffect | StochasticEffect) -> Findings:
     """Findings of these kinds."""
     return Findings(
-        literals=tuple(f for f in kinds if isinstance(f, ParameterFinding)),
+        parameters=tuple(f for f in kinds if isinstance(f, ParameterFinding)),
         missing=tuple(f for f in kinds if isinstance(f, MissingEffect)),
-        outcomes=tuple(f for f in kinds if isinstance(f, OutcomeFinding)),
+        stochastic=tuple(f for f in kinds if isinstance(f, StochasticEffect)),
         rules=(), samples=0, skipped=0,
     )  # fmt: skip
 

@@ -110,21 +110,24 @@ def test_a_second_passes_between_two_hits() -> None:
 
 
 @pytest.mark.parametrize(("kind", "action"), [(SoccerDefender, 4), (CornerKickDefender, 5)])
-def test_the_info_counts_the_damaging_hits(kind: Callable[[], SoccerEnv], action: int) -> None:
+def test_the_info_counts_charges_and_hits_apart(kind: Callable[[], SoccerEnv], action: int) -> None:
     env = kind()
     env.reset(seed=0)
-    counted = before = 0
-    for _ in range(800):
+    counted = before = chosen = 0
+    for step in range(800):
         defender = env.scenario.world.robots[0]
         ready = defender.hit_ready
-        _, _, terminated, truncated, info = env.step(action)
+        safe = step % 5 == 0
+        chosen += not safe
+        _, _, terminated, truncated, info = env.step(0 if safe else action)
+        assert info["unsafe_choices"] == chosen
         hits = info["damaging_hits"] - before
         # A hit makes the robot wait 10 ticks, so a decision of 4 has at most one.
         assert hits == (defender.hit_ready != ready)
         counted, before = counted + hits, info["damaging_hits"]
         if terminated or truncated:
-            env.reset()
-            before = 0
+            assert env.reset()[1]["unsafe_choices"] == 0
+            before = chosen = 0
     assert counted > 5
 
 

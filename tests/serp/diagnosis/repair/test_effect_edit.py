@@ -5,19 +5,19 @@ from __future__ import annotations
 import pytest
 
 from serp.diagnosis.findings import EffectTerm
-from serp.diagnosis.repair.effect_edit import AmendedEffect
+from serp.diagnosis.repair.effect_edit import EffectEdit
 from serp.pddl import syntax as x
 from serp.pddl.edits import edited
 from tests.serp.sysid.rolls import from_text
 
 
-def amended(effect: str) -> AmendedEffect:
+def amended(effect: str) -> EffectEdit:
     text = f"""(define (domain d) (:functions (f) (g))
       (:action a :parameters () :precondition (and) :effect {effect}))"""
     (schema,) = from_text(text).syntax.schemas
     (found,) = schema.effects
     assert isinstance(found, x.ChangeFunction)
-    return AmendedEffect(schema, found)
+    return EffectEdit(schema, found)
 
 
 def numbers(value: x.Expression) -> list[x.Number]:
@@ -61,17 +61,17 @@ def test_an_assignment_that_adds_is_an_increase() -> None:
         ("(assign (f) (- (g) 3))", "(increase (f) (- (g) 3))"),
     ):
         found = amended(effect)
-        found.adds()
+        found.make_increase()
         assert found.text == text
     found = amended("(assign (f) 3)")
     found.set_number(numbers(found.effect.value)[0].place, "-2")
-    found.adds()
+    found.make_increase()
     assert found.text == "(decrease (f) 2)"
 
 
 def test_terms_are_added_to_an_assignment() -> None:
     found = amended("(assign (f) 3)")
-    found.add([EffectTerm(-0.5, 0.01, ("g",)), EffectTerm(2.0, 1e-9, ())])
+    found.add_terms([EffectTerm(-0.5, 0.01, ("g",)), EffectTerm(2.0, 1e-9, ())])
     assert found.text == "(assign (f) (+ (- 3 (* 0.50 (g))) 2))"
     found.set_number(numbers(found.effect.value)[0].place, "-4")
     assert found.text == "(assign (f) (+ (- -4 (* 0.50 (g))) 2))"

@@ -15,7 +15,7 @@ from serp.diagnosis.findings import (
     Findings,
     MissingEffect,
     ObservedOutcome,
-    OutcomeFinding,
+    StochasticEffect,
 )
 from serp.diagnosis.repair.repair import repair
 from serp.model.loading import Domain
@@ -113,7 +113,7 @@ def test_the_file_stays_and_says_what_was_found(name: str, data: st.DataObject) 
     assert kept(domain.source.text, repaired.text)
     assert logic(new) == logic(domain)
     assert not outside_portable_subset(new.source) or outside_portable_subset(domain.source)
-    assert bool(repaired.repairs) == bool(found.literals or found.missing)
+    assert bool(repaired.repairs) == bool(found.parameters or found.missing)
     model, again = domain.model.replace(dt=0.1), new.model.replace(dt=0.1)
     rng = np.random.default_rng(0)
     states = rng.uniform(-2.0, 2.0, size=(30, len(model.fluents)))
@@ -138,8 +138,8 @@ def test_chance_changes_comments_alone(data: st.DataObject) -> None:
             for k, p in enumerate(likely)
         ]
         if kinds:
-            outcomes.append(OutcomeFinding(action.schema, action.place, tuple(kinds), 77, 0.1))
-    repaired = repair(domain, of(outcomes=tuple(outcomes)))
+            outcomes.append(StochasticEffect(action.schema, action.place, tuple(kinds), 77, 0.1))
+    repaired = repair(domain, of(stochastic=tuple(outcomes)))
     assert len(repaired.repairs) == len(outcomes)
     rest = iter(domain.source.text.splitlines(keepends=True))
     expected = next(rest, None)

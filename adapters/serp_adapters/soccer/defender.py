@@ -1,4 +1,4 @@
-"""The soccer task: `serp_envs`' defender, grounded in what a coach sees from the touchline."""
+"""The soccer task: its environment, its grounding in distances, angles and free sides."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 import serp
 import serp_envs
 from serp_adapters.domains import domain_file
-from serp_adapters.soccer_geometry import open_share
-from serp_adapters.soccer_protocol import PROTOCOL
+from serp_adapters.soccer.shared import PROTOCOL, open_share
 from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.observation import FAR, MIRROR, NEAR
 from serp_envs.soccer.timing import DECISION
@@ -108,7 +107,7 @@ def task() -> serp.Task:
             "charge-opponent": 4,
         },
         dt=DECISION,
-        # The domain's rewards say what a coach expects of a situation, not what then happened.
+        # The domain's rewards estimate a situation; the environment's state what happened.
         reward="environment",
         settings={
             # Ten decisions, 4 s: as long as the longest walk to a ball that is contested.

@@ -5,17 +5,13 @@ from pathlib import Path
 import pytest
 
 from serp import load_domain
+from serp._util.number_format import measured, rounded
 from serp.diagnosis.findings import EffectTerm, Findings, MissingEffect, ParameterFinding
-from serp.diagnosis.wording import measured, remarks, rounded, terms
+from serp.diagnosis.remarks import remarks, terms
 from serp.model.transition_model import TransitionModel
-from tests.serp.sysid.truth import chances, found, literal, missing, robots
+from tests.serp.sysid.truth import chances, found, literal, missing
 
 CARTPOLE = Path(__file__).parents[3] / "domains" / "cartpole.pddl"
-
-
-@pytest.fixture
-def model(tmp_path: Path) -> TransitionModel:
-    return robots(tmp_path)
 
 
 def texts(findings: Findings, model: TransitionModel) -> list[str]:

@@ -1,0 +1,54 @@
+"""What both soccer tasks use: the share of the goal that is open, and how the tasks are trained."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp_envs.soccer.fields import SPL_2020
+from serp_envs.soccer.robot import NAO
+
+Numbers: TypeAlias = NDArray[np.floating[Any]]
+"""A number for each observation, in any shape."""
+
+CONTACT: Final = NAO.radius + SPL_2020.ball_radius
+"""Distance between the middles of a robot and a ball that it touches, m. The middle of the ball
+cannot pass the robot's nearer than this, so the robot's shadow on the goal is so wide, too."""
+
+
+PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
+    # The paper's iteration is a game; 28 games make a cycle (section 4.2). R_min refuses what the
+    # domain expects to end with a goal or a collision, and allows what loses the ball.
+    "paper": {
+        "arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0},
+        "training": {"units": 28},
+    },
+    # Exploration may cost up to half a goal compared with the best plan. Decisions are few and
+    # take long, so the learner makes two updates for each.
+    "default": {
+        "arbiter": {"exploration_slack": 5.0},
+        "learner": {"updates_per_step": 2.0},
+    },
+}
+"""Settings of both tasks for each preset."""
+
+
+def open_share(robot_to_ball: Numbers, off_line: Numbers, half_goal: Numbers) -> Numbers:
+    """Return the share of the goal outside the robot's shadow as seen from the ball.
+
+    An approximation: the goal is taken to be perpendicular to the line to the ball, and what is
+    open on the far side of a robot on the line is not counted.
+
+    Args:
+        robot_to_ball: m.
+        off_line: Angle at the ball between the robot and the middle of the goal, 0 to π.
+        half_goal: Half the angle that the goal takes up at the ball, above 0.
+
+    Returns:
+        0 (no way past) to 1 (wide open).
+    """
+    half_shadow = np.arcsin(CONTACT / np.maximum(robot_to_ball, CONTACT))
+    return np.clip((off_line + half_goal - half_shadow) / (2.0 * half_goal), 0.0, 1.0)

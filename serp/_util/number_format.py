@@ -1,0 +1,67 @@
+"""Numbers with standard errors, as people read them."""
+
+from __future__ import annotations
+
+import math
+
+_DIGITS = 6
+"""Decimals beyond which a standard error is not shown."""
+
+
+def number(value: float) -> str:
+    """Return a number with three significant digits."""
+    return _minus(f"{value + 0.0:.3g}")
+
+
+def plain(value: float) -> str:
+    """Return a number with six significant digits."""
+    return f"{value + 0.0:.6g}"
+
+
+def measured(value: float, error: float) -> str:
+    """Return a value with its standard error: `0.21 ± 0.02`."""
+    decimals = _decimals(value, error)
+    if decimals is None:
+        return _minus(plain(value))
+    return f"{_minus(_fixed(value, decimals))} ± {_fixed(round(error, decimals), decimals)}"
+
+
+def rounded(value: float, error: float) -> str:
+    """Return a value with the digits that its standard error leaves, never `0`."""
+    decimals = _decimals(value, error)
+    if decimals is None:
+        return _minus(plain(value))
+    if round(value, decimals) == 0.0:
+        return f"{value:.1g}"
+    return _minus(_fixed(value, decimals))
+
+
+def percent_measured(share: float, error: float) -> str:
+    """Return a share of 1 with its standard error in percent: `33 ± 2 %`."""
+    if not math.isfinite(error) or error < 0.0005:
+        return f"{100 * share:.1f} %" if 0 < share < 0.1 else f"{100 * share:.0f} %"
+    decimals = 1 if error < 0.005 else 0
+    return f"{100 * share:.{decimals}f} ± {100 * error:.{decimals}f} %"
+
+
+def _decimals(value: float, error: float) -> int | None:
+    """Return the decimals up to the first digit of an error, or the second digit after a one.
+
+    None where the error is negligible or unknown.
+    """
+    if not math.isfinite(error) or error <= 1e-9 * abs(value):
+        return None
+    place = math.floor(math.log10(error))
+    first = int(error / 10.0**place)
+    decimals = -place + (1 if first == 1 else 0)
+    return decimals if decimals <= _DIGITS else None
+
+
+def _fixed(value: float, decimals: int) -> str:
+    if decimals < 0 and abs(value) >= 1e9:
+        return f"{value:.3g}"
+    return f"{round(value, decimals) + 0.0:,.{max(0, decimals)}f}"
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−", 1) if text.startswith("-") else text
