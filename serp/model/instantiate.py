@@ -1,7 +1,7 @@
 """Instantiation: schemas over objects → ground actions, processes and events.
 
-What cannot vary (see `serp.model.facts`) is a constant: it rules instances out, and takes no
-column of the state. Every other ground predicate and function is a fluent.
+What cannot vary (see `serp.model.facts`) is a constant: it rules instances out and takes no column
+of the state. Every other ground predicate and function is a fluent.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class _Instantiation:
         self.facts.free_missing_numbers(self.budget)
         bindings = reachable(self.facts, self.budget)
         self.fluents = self._fluents()
-        self.index = {(f.symbol, *f.arguments): f.index for f in self.fluents}
+        self.index = {fluent.key: fluent.index for fluent in self.fluents}
         ground: dict[x.Kind, list[g.GroundSchema]] = {kind: [] for kind in x.Kind}
         for schema in self.domain.schemas:
             instances = (self._instance(schema, binding) for binding in bindings[schema.name])
@@ -83,6 +83,7 @@ class _Instantiation:
         metric = self._metric()
         worth = self._worth(metric, ground) if goal is not None and metric is not None else None
         return g.GroundModel(
+            syntax=self.domain,
             fluents=self.fluents,
             parameters=tuple(self.parameters),
             actions=tuple(ground[x.Kind.ACTION]),
@@ -127,11 +128,10 @@ class _Instantiation:
         initial: list[float] = []
         missing: dict[str, list[str]] = {}
         for fluent in self.fluents:
-            key = (fluent.symbol, *fluent.arguments)
             if not fluent.numeric:
-                initial.append(1.0 if key in facts.true else 0.0)
-            elif key in facts.values:
-                initial.append(facts.values[key].value)
+                initial.append(1.0 if fluent.key in facts.true else 0.0)
+            elif fluent.key in facts.values:
+                initial.append(facts.values[fluent.key].value)
             else:
                 initial.append(0.0)
                 missing.setdefault(fluent.symbol, []).append(fluent.name)
@@ -152,14 +152,9 @@ class _Instantiation:
         return tuple(initial)
 
     def _static_values(self) -> dict[str, float]:
-        facts = self.facts
-        stated = {" ".join(key): 1.0 for key in facts.true if key not in self.index}
-        stated.update(
-            (" ".join(key), number.value)
-            for key, number in facts.values.items()
-            if key not in self.index
-        )
-        return stated
+        stated = dict.fromkeys(self.facts.true, 1.0)
+        stated.update((key, number.value) for key, number in self.facts.values.items())
+        return {" ".join(key): value for key, value in stated.items() if key not in self.index}
 
     # Instances ---------------------------------------------------------------------------------
 
@@ -189,7 +184,8 @@ class _Instantiation:
 
     # Expressions -------------------------------------------------------------------------------
 
-    def _literal(self, number: x.Number, role: str) -> g.ParameterRef:
+    def _parameter(self, number: x.Number, role: str) -> g.ParameterRef:
+        """Return the entry of θ for a number; instances of one schema share it."""
         at = (id(number.place.source), number.place.start)
         index = self.parameter_at.setdefault(at, len(self.parameters))
         if index == len(self.parameters):
@@ -199,7 +195,7 @@ class _Instantiation:
     def _value(self, expression: x.Expression, binding: Binding, role: str) -> g.Value:
         match expression:
             case x.Number():
-                return self._literal(expression, role)
+                return self._parameter(expression, role)
             case x.FunctionTerm(name, arguments, place):
                 key = key_of(name, arguments, binding)
                 if key in self.index:
@@ -211,7 +207,7 @@ class _Instantiation:
                         f"the problem gives values to other instances of `{name}`; add "
                         f"`(= ({' '.join(key)}) ...)` to its :init",
                     )
-                return self._literal(self.facts.values[key], "initial")
+                return self._parameter(self.facts.values[key], "initial")
             case x.TotalTime():
                 return g.Elapsed()
             case x.Arithmetic(operator, operands, _):
@@ -304,7 +300,7 @@ class _Instantiation:
     def _worth(
         self, metric: g.GroundMetric, ground: Mapping[x.Kind, list[g.GroundSchema]]
     ) -> GoalValue:
-        """Return what the goal is worth beside a metric, and add it to the literals."""
+        """Return what the goal is worth beside a metric, and add it to the parameters."""
         worth = goal_value_of(len(self.parameters), metric, *(ground[kind] for kind in x.Kind))
         written = [parameter.value for parameter in self.parameters]
         if not worth.bounded(written, 1.0):

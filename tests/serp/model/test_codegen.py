@@ -5,22 +5,14 @@ from __future__ import annotations
 import ast
 import re
 from random import Random
+from typing import get_args
 
 import numpy as np
 import pytest
 
-from serp.model.codegen import (
-    Generated,
-    generate_action,
-    generate_drift,
-    generate_flow,
-    generate_judged_action,
-    generate_judged_aftermath,
-    generate_settle,
-    generate_step,
-)
+from serp.model.codegen import Generated, Part, generate_code
 from serp.model.ground import GroundModel
-from serp.model.interpreted import load_function
+from serp.model.program import load_function
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts
 
 OWN_NAMES = re.compile(
@@ -66,16 +58,12 @@ def check_own_code(generated: Generated) -> None:
 
 
 def all_generated(ground: GroundModel) -> list[Generated]:
+    actions = range(len(ground.actions))
     return [
-        generate_step(ground),
-        generate_drift(ground),
-        generate_drift(ground, traced=True),
-        generate_settle(ground),
-        generate_settle(ground, traced=True),
-        generate_flow(ground),
-        generate_judged_aftermath(ground),
-        *(generate_action(ground, action, traced=t) for action in ground.actions for t in (0, 1)),
-        *(generate_judged_action(ground, action) for action in ground.actions),
+        generate_code(ground, part, action, traced=traced)
+        for part in get_args(Part)
+        for action in (actions if part in ("action", "judged_action") else [-1])
+        for traced in (False, True)
     ]
 
 
@@ -131,7 +119,7 @@ def test_code_depends_on_structure_alone_not_on_names_or_numbers() -> None:
             f" (:action {name} :effect (increase ({name}) {number})))",
             None,
         )
-        return ast.dump(generate_step(load_texts(texts).model.ground).tree)
+        return ast.dump(generate_code(load_texts(texts).model.ground).tree)
 
     assert listing("x", "1") == listing("class", "-2.5e3")
 
@@ -145,7 +133,7 @@ def test_a_literal_is_read_from_theta_and_never_written_into_the_code() -> None:
     ground = load_texts(texts).model.ground
     constants = [
         node.value
-        for node in ast.walk(generate_step(ground).tree)
+        for node in ast.walk(generate_code(ground).tree)
         if isinstance(node, ast.Constant)
     ]
     assert 12.5 not in constants
@@ -154,6 +142,6 @@ def test_a_literal_is_read_from_theta_and_never_written_into_the_code() -> None:
 
 def test_the_loaded_function_reaches_no_builtins() -> None:
     model = generate(Random(1)).model
-    function = load_function(generate_step(model.ground), "<step>")
+    function = load_function(generate_code(model.ground), "<step>")
     assert function.__globals__["__builtins__"] == {}
     assert set(function.__globals__) == {"__builtins__", "__name__", "step"}

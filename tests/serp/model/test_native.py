@@ -8,7 +8,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from serp.model.codegen import generate_step
+from serp.model.codegen import generate_code
 from serp.model.native import compile_native, structure_digest
 from serp.model.transition_model import Outcome, TransitionModel, Vector
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
@@ -119,7 +119,7 @@ def test_a_compiled_model_is_found_again_and_so_is_one_with_other_literals(
 ) -> None:
     monkeypatch.setenv("SERP_CACHE_DIR", str(tmp_path / "new"))
     hits = [
-        compile_native(generate_step(load_texts(one_action(literal)).model.ground)).cache_hits
+        compile_native(generate_code(load_texts(one_action(literal)).model.ground)).cache_hits
         for literal in ("0.5", "0.5", "0.75")
     ]
     assert hits == [0, 1, 1]
@@ -127,7 +127,7 @@ def test_a_compiled_model_is_found_again_and_so_is_one_with_other_literals(
 
 def test_the_digest_tells_structures_apart() -> None:
     def digest(texts: Texts) -> str:
-        return structure_digest(generate_step(load_texts(texts).model.ground))
+        return structure_digest(generate_code(load_texts(texts).model.ground))
 
     assert digest(one_action("0.5")) == digest(one_action("-2"))
     assert digest(one_action("0.5")) != digest(one_action("(heat)"))

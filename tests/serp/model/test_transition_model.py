@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from serp.model.codegen import generate_step
+from serp.model.codegen import generate_code
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, UNSAFE
 from serp.model.ground import REWARD_TARGET, SetBoolean, reads, writes
 from serp.model.instantiate import instantiate
@@ -186,8 +186,8 @@ def test_a_changed_literal_is_a_changed_theta(
     replaced = model.replace(theta=theta)
     assert rewritten.theta.tobytes() == replaced.theta.tobytes()
     assert replaced.theta[index] == quarters / 4
-    assert structure_digest(generate_step(rewritten.ground)) == structure_digest(
-        generate_step(model.ground)
+    assert structure_digest(generate_code(rewritten.ground)) == structure_digest(
+        generate_code(model.ground)
     )
     for state in states:
         for action in range(len(model.actions)):
@@ -382,7 +382,7 @@ def test_a_large_domain_costs_what_is_used_of_it() -> None:
     state = np.zeros(count)
     assert model.step(state, "light o7").state.nonzero()[0].tolist() == [7]
     assert [site.what for site in model.trace(state, 8)[0]] == ["effect"]
-    assert list(model._program._actions) == [7]
+    assert [k for part, k in model._program._functions if part == "action"] == [7]
 
 
 def test_theta_cannot_be_changed_in_place() -> None:
