@@ -19,7 +19,6 @@ from serp.model.facts import (
     bound,
     conjuncts,
     key_of,
-    quantify,
 )
 from serp.model.goal_value import UNBOUNDED, GoalValue, goal_value_of
 from serp.model.reachability import reachable
@@ -52,27 +51,21 @@ def instantiate(
         DomainError: There are more instances or fluents than the limits allow, a number is read
             that has no value, or the metric contradicts `(reward)`.
     """
-    return _Instantiation(domain, problem, supplied, max_ground_schemas).run()
+    facts = Facts(domain, problem, supplied, InstantiationBudget(max_ground_schemas))
+    return _Instantiation(facts, problem).run()
 
 
 class _Instantiation:
-    def __init__(
-        self,
-        domain: x.DomainSyntax,
-        problem: x.ProblemSyntax | None,
-        supplied: Collection[str] | None,
-        max_ground_schemas: int,
-    ) -> None:
-        self.domain = domain
+    def __init__(self, facts: Facts, problem: x.ProblemSyntax | None) -> None:
+        self.domain = facts.domain
         self.problem = problem
-        self.budget = InstantiationBudget(max_ground_schemas)
-        self.facts = Facts(domain, problem, supplied)
+        self.facts = facts
         self.parameters: list[g.Parameter] = []
         self.parameter_at: dict[tuple[int, int], int] = {}
 
     def run(self) -> g.GroundModel:
-        self.facts.free_missing_numbers(self.budget)
-        bindings = reachable(self.facts, self.budget)
+        self.facts.free_missing_numbers()
+        bindings = reachable(self.facts)
         self.fluents = self._fluents()
         self.index = {fluent.key: fluent.index for fluent in self.fluents}
         ground: dict[x.Kind, list[g.GroundSchema]] = {kind: [] for kind in x.Kind}
@@ -93,7 +86,7 @@ class _Instantiation:
             goal_rewarded=goal is not None and x.REWARD not in self.domain.declarations,
             goal_worth=worth,
             metric=metric,
-            initial=self._initial(goal, metric, [s for kind in x.Kind for s in ground[kind]]),
+            initial=self._initial(goal, metric, itertools.chain(*ground.values())),
             static=self._static_values(),
         )
 
@@ -112,14 +105,14 @@ class _Instantiation:
             if name in self.facts.varying:
                 keys = self.facts.keys_of(declaration)
             for key in keys:
-                self.budget.check_fluents(len(fluents) + 1, declaration)
+                self.facts.budget.check_fluents(len(fluents) + 1, declaration)
                 fluents.append(
                     g.Fluent(" ".join(key), len(fluents), declaration.numeric, name, key[1:])
                 )
         return tuple(fluents)
 
     def _initial(
-        self, goal: g.Test | None, metric: g.GroundMetric | None, schemas: list[g.GroundSchema]
+        self, goal: g.Test | None, metric: g.GroundMetric | None, schemas: Iterable[g.GroundSchema]
     ) -> tuple[float, ...] | None:
         """Return the initial state; None where numbers are missing that will be observed."""
         if self.problem is None:
@@ -240,9 +233,8 @@ class _Instantiation:
             case x.Connective(operator, operands, place):
                 return self._connective(operator, operands, place, binding)
             case x.Quantified(operator, parameters, body, place):
-                tests = (
-                    self._test(body, inner) for inner in self._quantify(parameters, binding, place)
-                )
+                bindings = self.facts.quantify(parameters, binding, place)
+                tests = (self._test(body, inner) for inner in bindings)
                 return _join(tests, place, conjunction=operator == "forall")
 
     def _connective(
@@ -255,11 +247,6 @@ class _Instantiation:
             premise = _negate(next(tests), place)
             return _join(itertools.chain([premise], tests), place, conjunction=False)
         return _join(tests, place, conjunction=operator == "and")
-
-    def _quantify(
-        self, parameters: tuple[x.SchemaParameter, ...], binding: Binding, place: Place
-    ) -> Iterator[Binding]:
-        return quantify(self.facts, self.budget, parameters, binding, place)
 
     # Effects -----------------------------------------------------------------------------------
 
@@ -286,7 +273,7 @@ class _Instantiation:
                     if joined != g.Constant(False):
                         yield from self._effects(inner, binding, joined, role)
                 case x.ForallEffect(parameters, inner, place):
-                    for extended in self._quantify(parameters, binding, place):
+                    for extended in self.facts.quantify(parameters, binding, place):
                         yield from self._effects(inner, extended, condition, role)
 
     # Problem -----------------------------------------------------------------------------------
