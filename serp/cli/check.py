@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -152,13 +152,11 @@ def _load(
     """Return a domain, and the task that it belongs to, with that domain; None for no task."""
     import dataclasses
 
-    from serp.model.facts import MAX_GROUND_SCHEMAS
     from serp.model.loading import load_domain
     from serp.tasks.registry import load_task, task_of
 
     if pair.domain is not None:
-        limit = max_ground_schemas or MAX_GROUND_SCHEMAS
-        domain = load_domain(pair.domain, pair.problem, max_ground_schemas=limit)
+        domain = load_domain(pair.domain, pair.problem, max_ground_schemas=max_ground_schemas)
         task = None if own is None else dataclasses.replace(own, domain=domain, problem=None)
         if own is None:
             with contextlib.suppress(TaskError):  # the file may be right all the same
@@ -200,7 +198,7 @@ def _fit(task: Task, *, asked: bool) -> tuple[str | None, list[DomainWarning]]:
 
 
 def _summary(domain: Domain) -> Iterator[str]:
-    from serp.model.ground import REWARD_TARGET, TERMINAL_TARGET, UNSAFE_TARGET, GroundSchema
+    from serp.model.ground import REWARD_TARGET, TERMINAL_TARGET, UNSAFE_TARGET
     from serp.model.symmetry.automorphisms import find_symmetries
 
     model = domain.model
@@ -214,16 +212,15 @@ def _summary(domain: Domain) -> Iterator[str]:
             plural(len(ground.actions), "ground action"),
             plural(len(ground.processes), "process", "processes"),
             plural(len(ground.events), "event"),
-            plural(sum(p.role != "goal" for p in model.parameters), "literal"),
+            plural(sum(p.role != "goal" for p in model.parameters), "parameter"),
             plural(len(objects), "object"),
         )
     )
 
     def changing(target: int) -> str:
-        schemas: Sequence[GroundSchema] = (*ground.actions, *ground.processes, *ground.events)
         names = {
             f"{s.kind.value} {s.schema}": None
-            for s in schemas
+            for s in ground.schemas
             if any(effect.target == target for effect in s.effects)
         }
         more = f" and {len(names) - _NAMED:,} more" if len(names) > _NAMED else ""

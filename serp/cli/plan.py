@@ -136,7 +136,6 @@ def _load(
 ) -> _Loaded:
     import dataclasses
 
-    from serp.model.facts import MAX_GROUND_SCHEMAS
     from serp.model.loading import load_domain
     from serp.tasks.registry import find_domain_file, load_task, task_of
 
@@ -145,8 +144,7 @@ def _load(
         raise click.UsageError("give --domain (`serp list` names the tasks), or --task", ctx)
     path = find_domain_file(name) if name is not None else None
     if path is not None:
-        limit = max_ground_schemas or MAX_GROUND_SCHEMAS
-        domain = load_domain(path, problem, max_ground_schemas=limit)
+        domain = load_domain(path, problem, max_ground_schemas=max_ground_schemas)
         if task is None:
             task = task_of(domain, path)
         else:

@@ -80,15 +80,13 @@ def domain_of(task: Task, problem: Path | None, max_ground_schemas: int | None) 
     """
     import dataclasses
 
-    from serp.model.facts import MAX_GROUND_SCHEMAS
     from serp.model.loading import Domain, load_domain
 
     if problem is None and max_ground_schemas is None:
         return task.load()
-    limit = max_ground_schemas or MAX_GROUND_SCHEMAS
-    file = task.domain
+    file, limit = task.domain, max_ground_schemas
     if isinstance(file, Domain):
-        if problem is None:
+        if problem is None and limit is not None:
             return dataclasses.replace(file.observed(), max_ground_schemas=limit)
         file = file.source.name
     return load_domain(file, problem or task.problem, observed=True, max_ground_schemas=limit)

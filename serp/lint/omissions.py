@@ -64,10 +64,9 @@ def _nothing_said(domain: Domain, wide: GroundModel) -> Iterator[DomainWarning]:
 
 
 def _makes_unsafe(ground: GroundModel) -> bool:
-    schemas = (*ground.actions, *ground.processes, *ground.events)
     return any(
         isinstance(effect, SetBoolean) and effect.target == UNSAFE_TARGET and effect.value
-        for schema in schemas
+        for schema in ground.schemas
         for effect in schema.effects
     )
 
@@ -110,7 +109,7 @@ def _atoms(conditions: Iterable[x.Condition]) -> Iterator[x.Atom]:
 
 def _schemas_without_use(domain: Domain, wide: GroundModel) -> Iterator[DomainWarning]:
     instances: dict[str, list[bool]] = {schema.name: [] for schema in domain.syntax.schemas}
-    for instance in (*wide.actions, *wide.processes, *wide.events):
+    for instance in wide.schemas:
         instances[instance.schema].append(bool(writes(instance)))
     objects = domain.problem_syntax.objects if domain.problem_syntax else domain.syntax.constants
     for schema in domain.syntax.schemas:

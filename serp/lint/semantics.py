@@ -5,8 +5,8 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterable, Iterator
 
+from serp.lint.exclusion import Pair, contradiction
 from serp.model import ground as g
-from serp.model.exclusion import Pair, contradiction
 from serp.model.loading import Domain
 from serp.pddl.source import DomainError, DomainWarning, Place
 from serp.pddl.syntax import Kind
@@ -25,10 +25,10 @@ def semantic_warnings(domain: Domain, wide: g.GroundModel) -> Iterator[DomainWar
         domain: A domain that was loaded, hence free of errors.
         wide: The same for any states (`anywhere`).
     """
-    reached = {s.schema for s in _schemas(domain.model.ground)}
+    reached = {s.schema for s in domain.model.ground.schemas}
     theta = [parameter.value for parameter in wide.parameters]
     instances: dict[str, list[g.GroundSchema]] = {}
-    for instance in _schemas(wide):
+    for instance in wide.schemas:
         instances.setdefault(instance.schema, []).append(instance)
     excluded = functools.partial(contradiction, theta=theta)
     for name, schemas in instances.items():
@@ -60,10 +60,6 @@ def anywhere(domain: Domain) -> g.GroundModel:
         return domain.observed().model.ground
     except DomainError:
         return domain.model.ground
-
-
-def _schemas(ground: g.GroundModel) -> tuple[g.GroundSchema, ...]:
-    return (*ground.actions, *ground.processes, *ground.events)
 
 
 def _in_all(pairs: Iterable[Pair | None]) -> Pair | None:

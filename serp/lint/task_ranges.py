@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from serp.cli.output import number
 from serp.errors import SerpError
+from serp.lint.exclusion import threshold
 from serp.model import ground as g
-from serp.model.exclusion import threshold
 from serp.pddl.source import DomainWarning, Place
 from serp.pddl.syntax import Change
 from serp.tasks.bound_task import BoundTask
@@ -73,9 +73,12 @@ def _state(bound: BoundTask, given: Any) -> NDArray[np.float64] | None:
 
 def _numbers_of(ground: g.GroundModel, theta: list[float]) -> Iterator[tuple[int, float, Place]]:
     """Yield fluent, number and place of comparisons with a number, and of assignments of one."""
-    for schema in (*ground.actions, *ground.processes, *ground.events):
+    for schema in ground.schemas:
         for test in (*schema.preconditions, *(effect.condition for effect in schema.effects)):
-            yield from _compared(test, theta)
+            for comparison in g.comparisons_of(test):
+                found = threshold(comparison, theta)
+                if found is not None:
+                    yield (*found, comparison.place)
         for effect in schema.effects:
             if (
                 isinstance(effect, g.SetNumber)
@@ -84,16 +87,3 @@ def _numbers_of(ground: g.GroundModel, theta: list[float]) -> Iterator[tuple[int
                 and isinstance(effect.value, g.ParameterRef)
             ):
                 yield effect.target, theta[effect.value.parameter], effect.place
-
-
-def _compared(test: g.Test, theta: list[float]) -> Iterator[tuple[int, float, Place]]:
-    match test:
-        case g.Not(operand):
-            yield from _compared(operand, theta)
-        case g.All(operands) | g.AnyOf(operands):
-            for operand in operands:
-                yield from _compared(operand, theta)
-        case g.Compare():
-            found = threshold(test, theta)
-            if found is not None:
-                yield (*found, test.place)

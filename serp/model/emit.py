@@ -1,15 +1,16 @@
 """Building the syntax trees of conditions and numbers.
 
-Conditions are three-valued (Kleene's strong logic): a comparison with a side that is no number (a
-division by zero, a difference of two overflows) is undefined, and so is every condition whose truth
-hangs on it. `Emitter.truth` refuses the step there. A partial file must not pass for safe because
-NaN compares as false.
+Conditions are three-valued (Kleene's strong logic). A comparison with a side that is not a number
+(a division by zero, a difference of two overflows) is undefined, and so is every condition whose
+truth depends on it. `Emitter.truth` refuses the step there: a partial file must not pass for safe
+because NaN compares as false.
 """
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
@@ -37,7 +38,7 @@ _REFUTATIONS: dict[str, tuple[ast.cmpop, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A place in the generated code that a traced run reports when it passes there.
+    """A place in the generated code that a traced run reports when it gets there.
 
     Attributes:
         what: `failed` (a precondition that does not hold), `effect` (of an action or event that
@@ -112,10 +113,22 @@ class Emitter:
         self.body.append(assign(identifier, value))
         return variable(identifier)
 
-    def collect(self) -> list[ast.stmt]:
-        """Start a new list of statements and return the present one."""
+    @contextmanager
+    def collected(self) -> Iterator[list[ast.stmt]]:
+        """Collect the statements that are emitted inside in a list of their own."""
         outer, self.body = self.body, []
-        return outer
+        yield self.body
+        self.body = outer
+
+    @contextmanager
+    def under(self, condition: ast.expr | None) -> Iterator[None]:
+        """Put the statements that are emitted inside under a condition; None: always true."""
+        with self.collected() as statements:
+            yield
+        if condition is None:
+            self.body += statements
+        else:
+            self.body.append(ast.If(condition, statements or [ast.Pass()], []))
 
     def report(self, site: Site) -> list[ast.stmt]:
         """Return the statements that report a site; none unless traced."""
@@ -128,8 +141,8 @@ class Emitter:
     def refuse(self, test: ast.expr, site: Site) -> None:
         """Emit: where `test` is true, the step has no result.
 
-        A precondition that fails leaves no flag. Everything else leaves UNDEFINED, and UNSAFE
-        where that is certain by then: what cannot be predicted must not pass for safe.
+        A failed precondition leaves no flag. Everything else leaves UNDEFINED, and UNSAFE where
+        that is certain by then: what cannot be predicted must not pass for safe.
         """
         result: ast.expr = ast.Constant(0)
         if site.what != "failed":
@@ -142,13 +155,6 @@ class Emitter:
         # x - x is 0 for every finite x, and NaN for the others.
         difference = ast.BinOp(value, ast.Sub(), value)
         self.refuse(ast.Compare(difference, [ast.NotEq()], [constant(0.0)]), site)
-
-    def under(self, condition: ast.expr | None, statements: list[ast.stmt]) -> None:
-        """Emit statements, under a condition where there is one."""
-        if condition is None:
-            self.body += statements
-        else:
-            self.body.append(ast.If(condition, statements, []))
 
     # Conditions --------------------------------------------------------------------------------
 
@@ -165,7 +171,7 @@ class Emitter:
             test: The condition.
             source: The array that it reads.
             schema: Where it is written.
-            unless: Where this is true, the condition does not matter.
+            unless: Where this is true, the condition is irrelevant.
         """
         certain, doubt = self.decide(test, source, unless)
         if doubt is not None:
@@ -178,7 +184,7 @@ class Emitter:
         """Return whether a condition is true, and whether it is undefined (None: it never is)."""
         if not _may_be_undefined(test):
             return self._certain(test, source), None
-        for comparison in _comparisons(test):
+        for comparison in g.comparisons_of(test):
             if _may_be_nan(comparison.left) or _may_be_nan(comparison.right):
                 left, right = (
                     self.temporary(self.value(side, source))
@@ -263,19 +269,8 @@ class Emitter:
         return ast.IfExp(nonzero, ast.BinOp(dividend, ast.Div(), divisor), constant(float("nan")))
 
 
-def _comparisons(test: g.Test) -> Iterator[g.Compare]:
-    match test:
-        case g.Compare():
-            yield test
-        case g.Not(operand):
-            yield from _comparisons(operand)
-        case g.All(operands) | g.AnyOf(operands):
-            for operand in operands:
-                yield from _comparisons(operand)
-
-
 def _may_be_undefined(test: g.Test) -> bool:
-    return any(_may_be_nan(c.left) or _may_be_nan(c.right) for c in _comparisons(test))
+    return any(_may_be_nan(c.left) or _may_be_nan(c.right) for c in g.comparisons_of(test))
 
 
 def _may_be_nan(value: g.Value) -> bool:

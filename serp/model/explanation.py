@@ -1,4 +1,4 @@
-"""Saying why, in the words of the domain file."""
+"""Explanations that quote the domain file: why an action is not applicable, or unsafe."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from serp._util.numbers import percent
 from serp.model import ground as g
-from serp.model.emit import Site
+from serp.model.emit import FLAG_NAMES, Site
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
 
 
 def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> str:
-    """Say why a ground action is not applicable.
+    """Return why a ground action is not applicable.
 
     That is the failed precondition with the values that it reads, the effects that contradict
     each other or give no number, or the condition that divides by zero.
@@ -34,10 +34,10 @@ def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> st
 
 
 def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
-    """Say which effect makes `(unsafe)` true one step ahead, and how likely that is.
+    """Return which effect makes `(unsafe)` true one step ahead, and its probability.
 
-    Nothing is said of how likely where the file as written flags the action. Where several outcomes
-    do damage, the effect is that of the likeliest of them.
+    No probability is given where the file as written flags the action. Where several outcomes are
+    unsafe, the effect is that of the likeliest of them.
     """
     name = model.actions[action].name
     _, flags = model.transition(np.asarray(state, dtype=np.float64).tolist(), action)
@@ -51,7 +51,7 @@ def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
 
 
 def unsafe_ahead(safe_steps: int) -> str:
-    """Say that something unsafe, or too risky, follows a first step that is safe.
+    """Return that something unsafe, or too risky, follows a first step that is safe.
 
     Args:
         safe_steps: Control periods before that on the best path, at least 1.
@@ -73,12 +73,11 @@ def _quote(site: Site) -> str:
 
 
 def _values(model: TransitionModel, state: Vector, test: g.Test) -> str:
-    """The values that a test reads, in parentheses; empty where it reads none."""
-    names = {"unsafe": g.UNSAFE_TARGET, "terminal": g.TERMINAL_TARGET}
+    """Return the values that a test reads, in parentheses; empty where it reads none."""
     parts = []
     for index in dict.fromkeys(g.fluents_of(test)):
         if index < 0:
-            parts.append(next(name for name, target in names.items() if target == index))
+            parts.append(FLAG_NAMES[index])
             continue
         fluent = model.fluents[index]
         value = float(state[index])

@@ -1,4 +1,4 @@
-"""What the files say of the objects, and which ground predicates and functions may vary."""
+"""What the files state of the objects, and which ground predicates and functions may vary."""
 
 from __future__ import annotations
 
@@ -22,10 +22,13 @@ _RAISE = (
 
 
 class InstantiationBudget:
-    """How large a domain may become before it is refused.
+    """Limits of the size of a domain; counts what instantiation makes.
+
+    Args:
+        ground_schemas: Most ground actions, processes and events together.
 
     Attributes:
-        ground_schemas: Most ground actions, processes and events together.
+        ground_schemas: The same.
         fluents: Most fluents, four for each of these.
         bindings: Most bindings that are tried, 20 for each of these.
     """
@@ -87,11 +90,11 @@ class InstantiationBudget:
 
 
 class Facts:
-    """What is stated, and what of it may be otherwise in a later state.
+    """What is stated, and which of it may change.
 
     There are two kinds of worlds. In a *closed* one the states are those that the problem's
-    `:init` leads to: only what an instance that can apply changes may vary
-    (`serp.model.reachability` finds that out). In an *observed* one a state may be any: only what
+    `:init` leads to: only what an applicable instance changes may vary
+    (`serp.model.reachability` computes it). In an *observed* one a state may be any: only what
     `:init` states, no effect changes and no observation supplies is constant.
 
     Args:
@@ -99,8 +102,11 @@ class Facts:
         problem: The parsed problem, if there is one.
         supplied: None for a closed world, which needs a problem with an `:init`; else the names of
             the fluents that are known to be observed, such as `door-open hall`.
+        budget: Counts fluents and bindings.
 
     Attributes:
+        domain: The parsed domain.
+        budget: The budget.
         objects: All objects.
         true: The predicates that hold at the start.
         values: The numbers at the start.
@@ -115,8 +121,10 @@ class Facts:
         domain: x.DomainSyntax,
         problem: x.ProblemSyntax | None,
         supplied: Collection[str] | None,
+        budget: InstantiationBudget,
     ) -> None:
         self.domain = domain
+        self.budget = budget
         self.objects = problem.objects if problem else domain.constants
         self.position = {name: k for k, name in enumerate(self.objects)}
         self.true: set[Key] = set()
@@ -124,8 +132,7 @@ class Facts:
         if problem:
             self.true = {key_of(a.name, a.arguments, {}) for a in problem.true_atoms}
             self.values = {key_of(f.name, f.arguments, {}): n for f, n in problem.values}
-        self._members: dict[Sequence[str], tuple[str, ...]] = {}
-        self._sets: dict[Sequence[str], frozenset[str]] = {}
+        self._members: dict[Sequence[str], Collection[str]] = {}
         self.closed = supplied is None and problem is not None and problem.has_init
         self.changed = _changed_names(domain)
         stated = {key[0] for key in itertools.chain(self.true, self.values)}
@@ -138,11 +145,11 @@ class Facts:
         self.free = {tuple(name.split()) for name in supplied or ()}
 
     def varies(self, key: Key) -> bool:
-        """Whether a ground predicate or function may have another value than at the start."""
+        """Whether a ground predicate or function may differ from its value at the start."""
         return key[0] in self.varying or key in self.free
 
-    def free_missing_numbers(self, budget: InstantiationBudget) -> None:
-        """Let functions vary that some effect changes and `:init` gives no value: they start at 0.
+    def free_missing_numbers(self) -> None:
+        """Let functions vary that an effect changes and `:init` gives no value: they start at 0.
 
         Raises:
             DomainError: There are too many.
@@ -152,24 +159,15 @@ class Facts:
                 for key in self.keys_of(declaration):
                     if key not in self.values:
                         self.free.add(key)
-                        budget.check_fluents(len(self.free), declaration)
+                        self.budget.check_fluents(len(self.free), declaration)
 
-    def objects_of(self, types: Sequence[str]) -> tuple[str, ...]:
-        """Return the objects of one of the types, in the order of the files."""
+    def objects_of(self, types: Sequence[str]) -> Collection[str]:
+        """Return the objects of one of the types, an ordered set in the order of the files."""
         found = self._members.get(types)
         if found is None:
-            is_a = self.domain.is_a
-            found = tuple(
-                o.name for o in self.objects.values() if any(is_a(o.type, t) for t in types)
-            )
-            self._members[types] = found
-        return found
-
-    def members(self, types: Sequence[str]) -> frozenset[str]:
-        """Return the objects of one of the types, as a set."""
-        found = self._sets.get(types)
-        if found is None:
-            found = self._sets[types] = frozenset(self.objects_of(types))
+            is_a, objects = self.domain.is_a, self.objects.values()
+            names = (o.name for o in objects if any(is_a(o.type, t) for t in types))
+            found = self._members[types] = dict.fromkeys(names)
         return found
 
     def keys_of(self, declaration: x.Declaration) -> Iterator[Key]:
@@ -182,6 +180,19 @@ class Facts:
         """Sort tuples of a name and objects as `keys_of` yields them."""
         position = self.position
         return sorted(keys, key=lambda key: [position[name] for name in key[1:]])
+
+    def quantify(
+        self, parameters: tuple[x.SchemaParameter, ...], binding: Binding, place: Place
+    ) -> Iterator[Binding]:
+        """Yield the binding, extended by every choice of objects for the parameters.
+
+        Raises:
+            DomainError: Too many bindings have been tried.
+        """
+        names = [p.name for p in parameters]
+        for chosen in itertools.product(*(self.objects_of(p.types) for p in parameters)):
+            self.budget.count_binding(place)
+            yield {**binding, **dict(zip(names, chosen, strict=True))}
 
 
 def bound(term: x.SchemaTerm, binding: Binding) -> str:
@@ -201,24 +212,6 @@ def conjuncts(condition: x.Condition | None) -> Iterator[x.Condition]:
             yield from conjuncts(operand)
     elif condition is not None:
         yield condition
-
-
-def quantify(
-    facts: Facts,
-    budget: InstantiationBudget,
-    parameters: tuple[x.SchemaParameter, ...],
-    binding: Binding,
-    place: Place,
-) -> Iterator[Binding]:
-    """Yield the binding, extended by every choice of objects for the parameters.
-
-    Raises:
-        DomainError: Too many bindings have been tried.
-    """
-    names = [p.name for p in parameters]
-    for chosen in itertools.product(*(facts.objects_of(p.types) for p in parameters)):
-        budget.count_binding(place)
-        yield {**binding, **dict(zip(names, chosen, strict=True))}
 
 
 def _changed_names(domain: x.DomainSyntax) -> set[str]:

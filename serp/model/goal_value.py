@@ -27,7 +27,7 @@ _SIGNS = {Change.INCREASE: 1.0, Change.DECREASE: -1.0}
 
 @dataclass(frozen=True)
 class GoalValue:
-    """What reaching the goal is worth, as a function of the literals.
+    """What reaching the goal is worth, as a function of the parameters.
 
     Attributes:
         parameter: The entry of θ that holds it.
@@ -47,7 +47,7 @@ class GoalValue:
         return math.isfinite(self._range(theta, dt))
 
     def value(self, theta: Sequence[float], dt: float) -> float:
-        """Return the worth under literals and a control period."""
+        """Return the worth under parameters and a control period."""
         worth = 1.0 + STEPS * self._range(theta, dt)
         return worth if math.isfinite(worth) else UNBOUNDED
 

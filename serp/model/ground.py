@@ -1,17 +1,17 @@
-"""The instantiated domain: fluents, parameters, and ground actions, processes and events.
+"""The ground model: fluents, parameters, and ground actions, processes and events.
 
-All names are resolved to positions here: a fluent is a column of the state, a literal is an entry
-of the parameter vector θ. Nothing from the files but places and printable names is left.
+All names are resolved to positions: a fluent is a column of the state, a number of the files is an
+entry of the parameter vector θ.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from serp.pddl.source import Place
-from serp.pddl.syntax import Change, Kind
+from serp.pddl.syntax import Change, DomainSyntax, Kind
 
 if TYPE_CHECKING:
     from serp.model.goal_value import GoalValue
@@ -39,10 +39,15 @@ class Fluent:
     symbol: str
     arguments: tuple[str, ...]
 
+    @property
+    def key(self) -> tuple[str, ...]:
+        """The symbol and the objects."""
+        return (self.symbol, *self.arguments)
+
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One numeric literal of the files, an entry of θ.
+    """One number of the files, an entry of θ.
 
     Attributes:
         index: Position in θ.
@@ -213,8 +218,22 @@ class GroundMetric:
 
 @dataclass(frozen=True)
 class GroundModel:
-    """Everything that the transition model is compiled from."""
+    """Everything that the transition model is compiled from.
 
+    Attributes:
+        syntax: The domain as written.
+        fluents: The columns of a state.
+        parameters: The entries of θ.
+        actions, processes, events: The ground schemas, in file order.
+        goal: The problem's goal; None where there is none.
+        goal_rewarded: Whether reaching the goal is a reward: the files declare no `(reward)`.
+        goal_worth: How large that reward is; None: it is 1.
+        metric: The problem's metric, where it is not `(reward)`.
+        initial: The value of every fluent, or None where the problem leaves a number open.
+        static: Printable name → value of what the problem states and nothing changes.
+    """
+
+    syntax: DomainSyntax = field(repr=False, compare=False)
     fluents: tuple[Fluent, ...]
     parameters: tuple[Parameter, ...]
     actions: tuple[GroundSchema, ...]
@@ -222,14 +241,15 @@ class GroundModel:
     events: tuple[GroundSchema, ...]
     goal: Test | None
     goal_rewarded: bool
-    """Whether reaching the goal is a reward: the files know no `(reward)`."""
     goal_worth: GoalValue | None
-    """How large that reward is; None: it is 1."""
     metric: GroundMetric | None
     initial: tuple[float, ...] | None
-    """Value of every fluent, or None where the problem leaves a number open."""
     static: dict[str, float]
-    """Printable name → value of what the problem states and nothing changes."""
+
+    @property
+    def schemas(self) -> tuple[GroundSchema, ...]:
+        """The ground actions, processes and events."""
+        return (*self.actions, *self.processes, *self.events)
 
 
 def fluents_of(node: Test | Value) -> Iterator[int]:
@@ -247,6 +267,18 @@ def fluents_of(node: Test | Value) -> Iterator[int]:
                 yield from fluents_of(operand)
         case _:
             return
+
+
+def comparisons_of(test: Test) -> Iterator[Compare]:
+    """Yield every comparison of numbers in a test."""
+    match test:
+        case Compare():
+            yield test
+        case Not(operand):
+            yield from comparisons_of(operand)
+        case All(operands) | AnyOf(operands):
+            for operand in operands:
+                yield from comparisons_of(operand)
 
 
 def reads(schema: GroundSchema) -> set[int]:

@@ -1,7 +1,7 @@
 """Instantiation: schemas over objects → ground actions, processes and events.
 
-What cannot vary (see `serp.model.facts`) is a constant: it rules instances out, and takes no
-column of the state. Every other ground predicate and function is a fluent.
+What cannot vary (see `serp.model.facts`) is a constant: it rules instances out and takes no column
+of the state. Every other ground predicate and function is a fluent.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from serp.model.facts import (
     bound,
     conjuncts,
     key_of,
-    quantify,
 )
 from serp.model.goal_value import UNBOUNDED, GoalValue, goal_value_of
 from serp.model.reachability import reachable
@@ -52,29 +51,23 @@ def instantiate(
         DomainError: There are more instances or fluents than the limits allow, a number is read
             that has no value, or the metric contradicts `(reward)`.
     """
-    return _Instantiation(domain, problem, supplied, max_ground_schemas).run()
+    facts = Facts(domain, problem, supplied, InstantiationBudget(max_ground_schemas))
+    return _Instantiation(facts, problem).run()
 
 
 class _Instantiation:
-    def __init__(
-        self,
-        domain: x.DomainSyntax,
-        problem: x.ProblemSyntax | None,
-        supplied: Collection[str] | None,
-        max_ground_schemas: int,
-    ) -> None:
-        self.domain = domain
+    def __init__(self, facts: Facts, problem: x.ProblemSyntax | None) -> None:
+        self.domain = facts.domain
         self.problem = problem
-        self.budget = InstantiationBudget(max_ground_schemas)
-        self.facts = Facts(domain, problem, supplied)
+        self.facts = facts
         self.parameters: list[g.Parameter] = []
         self.parameter_at: dict[tuple[int, int], int] = {}
 
     def run(self) -> g.GroundModel:
-        self.facts.free_missing_numbers(self.budget)
-        bindings = reachable(self.facts, self.budget)
+        self.facts.free_missing_numbers()
+        bindings = reachable(self.facts)
         self.fluents = self._fluents()
-        self.index = {(f.symbol, *f.arguments): f.index for f in self.fluents}
+        self.index = {fluent.key: fluent.index for fluent in self.fluents}
         ground: dict[x.Kind, list[g.GroundSchema]] = {kind: [] for kind in x.Kind}
         for schema in self.domain.schemas:
             instances = (self._instance(schema, binding) for binding in bindings[schema.name])
@@ -83,6 +76,7 @@ class _Instantiation:
         metric = self._metric()
         worth = self._worth(metric, ground) if goal is not None and metric is not None else None
         return g.GroundModel(
+            syntax=self.domain,
             fluents=self.fluents,
             parameters=tuple(self.parameters),
             actions=tuple(ground[x.Kind.ACTION]),
@@ -92,7 +86,7 @@ class _Instantiation:
             goal_rewarded=goal is not None and x.REWARD not in self.domain.declarations,
             goal_worth=worth,
             metric=metric,
-            initial=self._initial(goal, metric, [s for kind in x.Kind for s in ground[kind]]),
+            initial=self._initial(goal, metric, itertools.chain(*ground.values())),
             static=self._static_values(),
         )
 
@@ -111,14 +105,14 @@ class _Instantiation:
             if name in self.facts.varying:
                 keys = self.facts.keys_of(declaration)
             for key in keys:
-                self.budget.check_fluents(len(fluents) + 1, declaration)
+                self.facts.budget.check_fluents(len(fluents) + 1, declaration)
                 fluents.append(
                     g.Fluent(" ".join(key), len(fluents), declaration.numeric, name, key[1:])
                 )
         return tuple(fluents)
 
     def _initial(
-        self, goal: g.Test | None, metric: g.GroundMetric | None, schemas: list[g.GroundSchema]
+        self, goal: g.Test | None, metric: g.GroundMetric | None, schemas: Iterable[g.GroundSchema]
     ) -> tuple[float, ...] | None:
         """Return the initial state; None where numbers are missing that will be observed."""
         if self.problem is None:
@@ -127,11 +121,10 @@ class _Instantiation:
         initial: list[float] = []
         missing: dict[str, list[str]] = {}
         for fluent in self.fluents:
-            key = (fluent.symbol, *fluent.arguments)
             if not fluent.numeric:
-                initial.append(1.0 if key in facts.true else 0.0)
-            elif key in facts.values:
-                initial.append(facts.values[key].value)
+                initial.append(1.0 if fluent.key in facts.true else 0.0)
+            elif fluent.key in facts.values:
+                initial.append(facts.values[fluent.key].value)
             else:
                 initial.append(0.0)
                 missing.setdefault(fluent.symbol, []).append(fluent.name)
@@ -152,14 +145,9 @@ class _Instantiation:
         return tuple(initial)
 
     def _static_values(self) -> dict[str, float]:
-        facts = self.facts
-        stated = {" ".join(key): 1.0 for key in facts.true if key not in self.index}
-        stated.update(
-            (" ".join(key), number.value)
-            for key, number in facts.values.items()
-            if key not in self.index
-        )
-        return stated
+        stated = dict.fromkeys(self.facts.true, 1.0)
+        stated.update((key, number.value) for key, number in self.facts.values.items())
+        return {" ".join(key): value for key, value in stated.items() if key not in self.index}
 
     # Instances ---------------------------------------------------------------------------------
 
@@ -189,7 +177,8 @@ class _Instantiation:
 
     # Expressions -------------------------------------------------------------------------------
 
-    def _literal(self, number: x.Number, role: str) -> g.ParameterRef:
+    def _parameter(self, number: x.Number, role: str) -> g.ParameterRef:
+        """Return the entry of θ for a number; instances of one schema share it."""
         at = (id(number.place.source), number.place.start)
         index = self.parameter_at.setdefault(at, len(self.parameters))
         if index == len(self.parameters):
@@ -199,7 +188,7 @@ class _Instantiation:
     def _value(self, expression: x.Expression, binding: Binding, role: str) -> g.Value:
         match expression:
             case x.Number():
-                return self._literal(expression, role)
+                return self._parameter(expression, role)
             case x.FunctionTerm(name, arguments, place):
                 key = key_of(name, arguments, binding)
                 if key in self.index:
@@ -211,7 +200,7 @@ class _Instantiation:
                         f"the problem gives values to other instances of `{name}`; add "
                         f"`(= ({' '.join(key)}) ...)` to its :init",
                     )
-                return self._literal(self.facts.values[key], "initial")
+                return self._parameter(self.facts.values[key], "initial")
             case x.TotalTime():
                 return g.Elapsed()
             case x.Arithmetic(operator, operands, _):
@@ -244,9 +233,8 @@ class _Instantiation:
             case x.Connective(operator, operands, place):
                 return self._connective(operator, operands, place, binding)
             case x.Quantified(operator, parameters, body, place):
-                tests = (
-                    self._test(body, inner) for inner in self._quantify(parameters, binding, place)
-                )
+                bindings = self.facts.quantify(parameters, binding, place)
+                tests = (self._test(body, inner) for inner in bindings)
                 return _join(tests, place, conjunction=operator == "forall")
 
     def _connective(
@@ -259,11 +247,6 @@ class _Instantiation:
             premise = _negate(next(tests), place)
             return _join(itertools.chain([premise], tests), place, conjunction=False)
         return _join(tests, place, conjunction=operator == "and")
-
-    def _quantify(
-        self, parameters: tuple[x.SchemaParameter, ...], binding: Binding, place: Place
-    ) -> Iterator[Binding]:
-        return quantify(self.facts, self.budget, parameters, binding, place)
 
     # Effects -----------------------------------------------------------------------------------
 
@@ -290,7 +273,7 @@ class _Instantiation:
                     if joined != g.Constant(False):
                         yield from self._effects(inner, binding, joined, role)
                 case x.ForallEffect(parameters, inner, place):
-                    for extended in self._quantify(parameters, binding, place):
+                    for extended in self.facts.quantify(parameters, binding, place):
                         yield from self._effects(inner, extended, condition, role)
 
     # Problem -----------------------------------------------------------------------------------
@@ -304,7 +287,7 @@ class _Instantiation:
     def _worth(
         self, metric: g.GroundMetric, ground: Mapping[x.Kind, list[g.GroundSchema]]
     ) -> GoalValue:
-        """Return what the goal is worth beside a metric, and add it to the literals."""
+        """Return what the goal is worth beside a metric, and add it to the parameters."""
         worth = goal_value_of(len(self.parameters), metric, *(ground[kind] for kind in x.Kind))
         written = [parameter.value for parameter in self.parameters]
         if not worth.bounded(written, 1.0):

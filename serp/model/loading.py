@@ -161,7 +161,7 @@ def load_domain(
     problem_file: str | Path | None = None,
     *,
     observed: bool = False,
-    max_ground_schemas: int = MAX_GROUND_SCHEMAS,
+    max_ground_schemas: int | None = None,
 ) -> Domain:
     """Load a domain and, where there is one, its problem.
 
@@ -171,7 +171,7 @@ def load_domain(
             `<name>.pddl` is taken if it exists.
         observed: Whether an environment gives the states; else they are those that the problem's
             `:init` leads to, and the model holds what can be reached from there.
-        max_ground_schemas: Most ground actions, processes and events together.
+        max_ground_schemas: Most ground actions, processes and events together; None: 50,000.
 
     Raises:
         DomainError: A file is missing, malformed, or uses what is not supported; the message
@@ -191,7 +191,7 @@ def load_domain(
         problem_source,
         syntax,
         problem,
-        max_ground_schemas,
+        MAX_GROUND_SCHEMAS if max_ground_schemas is None else max_ground_schemas,
         frozenset() if observed else None,
     )
     domain.model  # noqa: B018  (instantiated now, so that every error in the files is met here)

@@ -15,12 +15,11 @@ from typing import Any, Final
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import types
-from numba.core import cgutils
 from numba.extending import intrinsic
 
 from serp._util.compilation import cached_cfunc, cached_njit
 from serp.model.codegen import Generated
-from serp.model.interpreted import load_function
+from serp.model.program import load_function
 
 _POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 STEP_SIGNATURE = types.int64(_POINTER, types.int64, _POINTER, types.float64, _POINTER)
@@ -31,7 +30,7 @@ STACK: Final = 256
 
 
 def structure_digest(generated: Generated) -> str:
-    """Return a digest of a generated function; literals of the domain do not enter it."""
+    """Return a digest of a generated function; the numbers of the domain do not enter it."""
     return hashlib.sha256(ast.dump(generated.tree).encode()).hexdigest()[:24]
 
 
@@ -95,7 +94,8 @@ def _stack_room(typing_context):  # type: ignore[no-untyped-def]
     """
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        return cgutils.alloca_once(builder, ir.DoubleType(), size=STACK)  # type: ignore[no-untyped-call]
+        with builder.goto_entry_block():
+            return builder.alloca(ir.DoubleType(), size=STACK)
 
     return _POINTER(), generate
 
@@ -123,12 +123,12 @@ def step_batch(  # type: ignore[no-untyped-def]
     """
     batch = actions.shape[0]
     width = states.shape[0] // max(batch, 1)
-    literals = pointer_to(theta, 0)
+    parameters = pointer_to(theta, 0)
     for row in range(batch):
         state, target = pointer_to(states, row * width), pointer_to(out, row * (width + 1))
         for column in range(width):
             target[column] = state[column]
-        flags[row] = call_step(address, state, actions[row], literals, dt, target)
+        flags[row] = call_step(address, state, actions[row], parameters, dt, target)
 
 
 def address_of(callback: Any) -> np.intp:

@@ -9,7 +9,7 @@ tasks", Artificial Intelligence 173, 2009, section 6). Whatever else refutes a c
 
 What is constant at the end is constant in every state in which all that is not free is as at the
 start, and no step leaves these states. On them the smaller model is exact. Comparisons of numbers
-refute nothing: the numbers of a file may be corrected.
+refute nothing: the numbers of a file may be adapted.
 """
 
 from __future__ import annotations
@@ -18,22 +18,13 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from serp.model.facts import (
-    Binding,
-    Facts,
-    InstantiationBudget,
-    Key,
-    bound,
-    conjuncts,
-    key_of,
-    quantify,
-)
+from serp.model.facts import Binding, Facts, Key, bound, conjuncts, key_of
 from serp.pddl import syntax as x
 
 _Filters = Sequence[tuple[x.Condition, frozenset[str]]]
 
 
-def reachable(facts: Facts, budget: InstantiationBudget) -> dict[str, list[Binding]]:
+def reachable(facts: Facts) -> dict[str, list[Binding]]:
     """Find the instances that can apply; `facts.free` grows by what they change.
 
     Returns:
@@ -42,17 +33,17 @@ def reachable(facts: Facts, budget: InstantiationBudget) -> dict[str, list[Bindi
     Raises:
         DomainError: There are more instances, fluents or bindings than the budget allows.
     """
-    return _Reachability(facts, budget).run()
+    return _Reachability(facts).run()
 
 
 @dataclass(frozen=True, eq=False)
 class _Rule:
-    """A schema, its precondition taken apart.
+    """A schema with its precondition taken apart.
 
     Attributes:
         schema: The schema.
-        atoms: Predicates that have to hold and that not every state may have: what is joined.
-        filters: Other conditions that never change, each with the parameters it hangs on.
+        atoms: Predicates that have to hold and do not vary freely: what is joined.
+        filters: Other conditions that never change, each with the parameters that it depends on.
         rest: Conditions that may become possible while others become free.
         seen: The arguments of all instances met.
         instances: Those that can apply.
@@ -78,9 +69,9 @@ class _Item:
 
 
 class _Reachability:
-    def __init__(self, facts: Facts, budget: InstantiationBudget) -> None:
+    def __init__(self, facts: Facts) -> None:
         self.facts = facts
-        self.budget = budget
+        self.budget = facts.budget
         moving = facts.varying | facts.changed | {key[0] for key in facts.free}
         self.rules = [self._rule(schema, moving) for schema in facts.domain.schemas]
         self.users: dict[tuple[str, int, str], list[tuple[_Rule, x.Atom]]] = {}
@@ -206,7 +197,7 @@ class _Reachability:
         if len(extended) > len(binding):
             for parameter in rule.schema.parameters:
                 chosen = extended.get(parameter.name)
-                if chosen is not None and chosen not in self.facts.members(parameter.types):
+                if chosen is not None and chosen not in self.facts.objects_of(parameter.types):
                     return None
         return extended
 
@@ -242,7 +233,7 @@ class _Reachability:
                 case x.When(condition, inner):
                     self._try(_Item((condition,), inner, binding))
                 case x.ForallEffect(parameters, inner, place):
-                    for more in quantify(self.facts, self.budget, parameters, binding, place):
+                    for more in self.facts.quantify(parameters, binding, place):
                         self._apply(inner, more)
 
     def _free(self, key: Key) -> None:
@@ -279,7 +270,7 @@ class _Reachability:
                 each = (self._barred(c, binding, wanted) for c in operands)
                 return _joined(each, every=(operator == "and") == wanted)
             case x.Quantified(operator, parameters, body, place):
-                bindings = quantify(self.facts, self.budget, parameters, binding, place)
+                bindings = self.facts.quantify(parameters, binding, place)
                 each = (self._barred(body, inner, wanted) for inner in bindings)
                 return _joined(each, every=(operator == "forall") == wanted)
 

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.model import ground as g
-from serp.pddl.parser import parse_domain
-from serp.pddl.syntax import DomainSyntax, Kind
+from serp.pddl.syntax import Kind
 
 _MOST_IN_VIEW = 60
 WORLD = ""
@@ -67,8 +66,8 @@ class Lifting:
 
     def __init__(self, ground: g.GroundModel) -> None:
         self.ground = ground
-        self.syntax: DomainSyntax = parse_domain(ground.actions[0].place.source)
-        self.index = {(f.symbol, *f.arguments): f.index for f in ground.fluents}
+        self.syntax = ground.syntax
+        self.index = {fluent.key: fluent.index for fluent in ground.fluents}
         self._constants = tuple(self.syntax.constants)
         self._lenses: dict[tuple[str, str], Lens] = {}
 

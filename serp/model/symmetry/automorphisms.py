@@ -1,11 +1,9 @@
-"""Finding the permutations of objects that map an instantiated domain onto itself.
+"""Finding the permutations of objects that map a ground model onto itself.
 
 The model is a set of items (actions, processes, events, goal, metric, static values) over fluents
-over objects. Items that mean the same get the same number, whatever the order of conjuncts, sums
-and effects; a permutation is a symmetry when it maps items onto items. Candidates come from colour
-refinement with backtracking, as in tools for graph automorphisms (McKay 1981).
-
-What is found is exact, up to the order in which floats are added.
+over objects. Items that mean the same get the same number, see `serp.model.symmetry.numbering`; a
+permutation is a symmetry when it maps items onto items. Candidates come from colour refinement
+with backtracking, as in tools for graph automorphisms (McKay, "Practical graph isomorphism", 1981).
 """
 
 from __future__ import annotations
@@ -19,7 +17,7 @@ from serp.model.symmetry.numbering import GaveUp, Seen, Work
 from serp.model.symmetry.permutation import Asymmetry, Items
 
 MAX_WORK = 1_000_000
-"""Expressions looked at before the search gives up; about a second."""
+"""Expressions visited before the search gives up; about a second."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +25,7 @@ class Symmetries:
     """What the search found.
 
     Attributes:
-        generators: Symmetries that generate all that were found, none of them trivial.
+        generators: Symmetries that generate all that were found; none is trivial.
         complete: False where the search gave up: there may be more.
     """
 
@@ -35,7 +33,7 @@ class Symmetries:
     complete: bool
 
     def told(self) -> list[str]:
-        """Return the generators in words; of objects that are all alike in one."""
+        """Return the generators in words; interchangeable objects are listed together."""
         pairs = [s.objects for s in self.generators if len(s.objects) == 2]
         alike = _Orbits(name for pair in pairs for name in pair)
         for one, other in pairs:
@@ -53,12 +51,11 @@ class Symmetries:
 def find_symmetries(ground: g.GroundModel, max_work: int = MAX_WORK) -> Symmetries:
     """Find the permutations of objects that map a model onto itself.
 
-    Deterministic. Initial values are left out of account: where a task begins does not change what
-    its actions do.
+    Deterministic. Initial values do not count: the initial state does not change what actions do.
 
     Args:
         ground: The model.
-        max_work: Expressions looked at at most.
+        max_work: Most expressions that are visited.
     """
     return _Search(ground, max_work).run()
 
@@ -86,7 +83,7 @@ class _Search:
         """Yield symmetries that generate all others."""
         base = self._refined(dict.fromkeys(self.objects, 0))
         alike: dict[str, str] = {}
-        """Object → the first that it may simply be exchanged with (an equivalence)."""
+        """Object → the first one that it can be exchanged with (an equivalence)."""
         for position, name in enumerate(self.objects):
             alike[name] = name
             for first in self.objects[:position]:
@@ -155,7 +152,7 @@ class _Search:
         return self._try({o: cells[colour][0] for o, colour in left.items()})
 
     def _refined(self, colours: dict[str, int]) -> dict[str, int]:
-        """Split colours until objects of one colour play the same part among the colours."""
+        """Split colours until objects of one colour have the same role among the colours."""
         while True:
             finer = self._split(colours)
             if len(set(finer.values())) == len(set(colours.values())):
@@ -190,7 +187,7 @@ class _Search:
         return {name: number("colour", colours[name], tuple(sorted(parts[name]))) for name in parts}
 
     def _seen(self, colours: Mapping[str, int], name: str) -> Seen:
-        """Return what fluents are taken for by an object that sees but the colour of others."""
+        """Return the numbers of fluents for an object that sees only the colours of others."""
         known: dict[int, int] = {}
 
         def seen(column: int) -> int:

@@ -6,7 +6,7 @@ both: step(σs, σa) = σ step(s, a), reward and flags included.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,9 +17,10 @@ from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 
 _TRANSITIONS = 1024
-"""How many predictions are compared with that of their mirror image."""
+"""How many predictions are compared with those of their mirror images."""
+_FLAGS = ((APPLICABLE, "applicable"), (UNSAFE, "unsafe"), (TERMINAL, "terminal"))
 _TOLERANCE = 1e-6
-"""Largest difference of two numbers that count as equal, beside 1 or beside their size."""
+"""Largest difference of two numbers that count as equal, relative to 1 or to their size."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class ModelSymmetry:
     """A symmetry of a domain: (σs)[i] = signs[i] · s[columns[i]], and σa = actions[a].
 
     Attributes:
-        objects: What takes whose place, objects that stay left out.
+        objects: Object → its image; objects that stay are left out.
         columns: A column of the state for each column.
         signs: 1.0 or -1.0 for each column.
         actions: The image of each ground action.
@@ -72,8 +73,8 @@ def cycles(mapping: Mapping[Any, Any]) -> str:
 def permuted_columns(
     fluents: Sequence[g.Fluent], objects: Mapping[str, str]
 ) -> tuple[int, ...] | g.Fluent:
-    """Return the columns of σs for a permutation of objects, or a fluent that has no image."""
-    index = {(f.symbol, *f.arguments): f.index for f in fluents}
+    """Return the columns of σs for a permutation of objects, or a fluent without an image."""
+    index = {fluent.key: fluent.index for fluent in fluents}
     columns = [0] * len(fluents)
     for fluent in fluents:
         image = index.get((fluent.symbol, *(objects.get(o, o) for o in fluent.arguments)))
@@ -84,11 +85,10 @@ def permuted_columns(
 
 
 def violation(model: TransitionModel, symmetry: ModelSymmetry, seed: int = 0) -> str | None:
-    """Return where a model contradicts a symmetry, in words, or None where it does not.
+    """Return where a model contradicts a symmetry, in words; None where it does not.
 
     Predictions in random states are compared with those in their mirror images, to float accuracy.
-    The numbers are drawn from around 0 and around the literals of the files, where conditions
-    begin to hold.
+    The numbers are drawn from around 0 and around the parameters, where conditions begin to hold.
     """
     rng = np.random.default_rng(seed)
     count = len(model.actions)
@@ -109,9 +109,9 @@ def violation(model: TransitionModel, symmetry: ModelSymmetry, seed: int = 0) ->
 def _random_states(model: TransitionModel, count: int, rng: np.random.Generator) -> Vector:
     numeric = np.array([fluent.numeric for fluent in model.fluents], dtype=np.bool_)
     shape = (count, len(numeric))
-    literals = np.unique(np.abs(np.append(model.theta, 1.0)))
+    scales = np.unique(np.abs(np.append(model.theta, 1.0)))
     # Continuous draws: on a threshold itself, rounding may decide.
-    near = rng.choice(literals, shape) * rng.uniform(0.5, 1.5, shape)
+    near = rng.choice(scales, shape) * rng.uniform(0.5, 1.5, shape)
     numbers = np.where(rng.random(shape) < 0.5, near, rng.normal(size=shape))
     numbers *= rng.choice((-1.0, 1.0), shape)
     states: Vector = np.where(numeric, numbers, rng.integers(0, 2, shape))
@@ -121,34 +121,32 @@ def _random_states(model: TransitionModel, count: int, rng: np.random.Generator)
 def _difference(
     model: TransitionModel, symmetry: ModelSymmetry, state: Vector, image: Vector, action: int
 ) -> str | None:
-    """Return what the model predicts otherwise in the mirror image of a state, or None."""
+    """Return a difference between the prediction of a step and that of its mirror image."""
     here, flags = model.transition(state.tolist(), action)
     there, image_flags = model.transition(image.tolist(), symmetry.actions[action])
     name, image_name = model.actions[action].name, model.actions[symmetry.actions[action]].name
-    what = ""
-    # Where a step has no result, what is known of it may hang on the order of effects.
-    compared = (APPLICABLE | UNSAFE | TERMINAL) if flags & image_flags & APPLICABLE else APPLICABLE
-    if (flags ^ image_flags) & compared:
-        for bit, said in (
-            (APPLICABLE, "applicable"), (UNSAFE, "unsafe"), (TERMINAL, "terminal"),
-        ):  # fmt: skip
-            if (flags ^ image_flags) & compared & bit:
-                negation = ("", "not ") if flags & bit else ("not ", "")
-                what = f"`{name}` is {negation[0]}{said}, `{image_name}` is {negation[1]}{said}"
-                break
-    elif flags & APPLICABLE:
+
+    def differences() -> Iterator[str]:
+        # Where a step has no result, its other flags may depend on the order of effects.
+        both = flags & image_flags & APPLICABLE
+        for bit, word in _FLAGS if both else _FLAGS[:1]:
+            if (flags ^ image_flags) & bit:
+                no = ("", "not ") if flags & bit else ("not ", "")
+                yield f"`{name}` is {no[0]}{word}, `{image_name}` is {no[1]}{word}"
+        if not both:
+            return
         expected = symmetry.of_state(np.array(here[:-1]))
         for fluent, wanted, got in zip(model.fluents, expected.tolist(), there, strict=False):
             if not _same(wanted, got):
-                what = (
+                yield (
                     f"after `{image_name}` the mirror image of what `{name}` does has "
                     f"`{fluent.name}` {wanted:.6g}, the domain says {got:.6g}"
                 )
-                break
-        else:
-            if not _same(here[-1], there[-1]):
-                what = f"`{name}` is worth {here[-1]:.6g}, `{image_name}` {there[-1]:.6g}"
-    if not what:
+        if not _same(here[-1], there[-1]):
+            yield f"`{name}` is worth {here[-1]:.6g}, `{image_name}` {there[-1]:.6g}"
+
+    what = next(differences(), None)
+    if what is None:
         return None
     shown = ", ".join(f"{k} {v:.4g}" for k, v in model.values(state).items())
     return f"{what}; seen from the state {shown} and its mirror image"

@@ -1,8 +1,7 @@
-"""Numbers for what a model says: equal where two expressions mean the same.
+"""Numbers for conditions, values and effects, equal where two of them mean the same.
 
-The order of conjuncts, effects and operands does not matter, nor whether `(< a b)` was written or
-`(> b a)`; floats are added and multiplied in another order then, so that equal means equal up to
-their rounding.
+The order of conjuncts, effects and operands does not count, and `(> b a)` is `(< a b)`. As floats
+are then added and multiplied in another order, equal means equal up to rounding.
 """
 
 from __future__ import annotations
@@ -12,28 +11,28 @@ from collections.abc import Callable, Hashable, Iterator
 from serp.model import ground as g
 
 Seen = Callable[[int], int]
-"""What a fluent, by its column, is taken for."""
+"""Column of a fluent → the number that stands for it."""
 
 
 class GaveUp(Exception):
-    """More was looked at than allowed."""
+    """More expressions were visited than allowed."""
 
 
 class Work:
-    """Counts what was looked at.
+    """Counts the expressions that are visited.
 
     Args:
-        most: So much may be; None: anything.
+        most: The limit; None: there is none.
     """
 
     def __init__(self, most: int | None) -> None:
         self.left = most
 
     def count(self, amount: int = 1) -> None:
-        """Count some more.
+        """Count some.
 
         Raises:
-            GaveUp: It is more than allowed.
+            GaveUp: The limit is exceeded.
         """
         if self.left is not None:
             self.left -= amount
@@ -42,11 +41,11 @@ class Work:
 
 
 class Numbering:
-    """Gives out numbers, each key one.
+    """Assigns one number to each key.
 
     Args:
         ground: The model that expressions are from.
-        work: Counts them.
+        work: Counts the expressions.
     """
 
     def __init__(self, ground: g.GroundModel, work: Work) -> None:
@@ -60,7 +59,7 @@ class Numbering:
         return self.known.setdefault(key, len(self.known))
 
     def schema(self, schema: g.GroundSchema, seen: Seen) -> int:
-        """Return the number of what an action, process or event does, whatever its name."""
+        """Return the number of an action, process or event, whatever its name."""
         tests = sorted({self.test(test, seen) for test in schema.preconditions})
         effects = sorted(self._effect(effect, seen) for effect in schema.effects)
         return self.number(schema.kind, tuple(tests), tuple(effects))
@@ -99,7 +98,7 @@ class Numbering:
             case g.Read(fluent):
                 return self.number("read", seen(fluent))
             case g.ParameterRef(parameter):
-                return self.number("literal", self.theta[parameter])
+                return self.number("parameter", self.theta[parameter])
             case g.Elapsed():
                 return self.number("elapsed")
             case g.Negation(operand):
@@ -112,7 +111,7 @@ class Numbering:
 
 
 def _terms(value: g.Value, operator: str) -> Iterator[g.Value]:
-    """Yield the operands of a sum or product of several."""
+    """Yield the operands of a nested sum or product."""
     if isinstance(value, g.Operation) and value.operator == operator:
         yield from _terms(value.left, operator)
         yield from _terms(value.right, operator)

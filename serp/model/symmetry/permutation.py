@@ -1,4 +1,4 @@
-"""What a permutation of objects makes of a model: another model, or the same."""
+"""Applying a permutation of objects to a model: a symmetry maps the model onto itself."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _ADDITIVE = (Change.INCREASE, Change.DECREASE)
 
 
 class Asymmetry(Exception):
-    """A permutation is no symmetry.
+    """A permutation is not a symmetry.
 
     Attributes:
         what: The reason, in words.
@@ -29,7 +29,11 @@ class Asymmetry(Exception):
 
 
 def symmetry_of(ground: g.GroundModel, objects: Mapping[str, str]) -> ModelSymmetry:
-    """Return what a permutation of objects makes of states and actions.
+    """Return the symmetry that a permutation of objects is.
+
+    Args:
+        ground: The model.
+        objects: Object → its image; objects that are left out stay.
 
     Raises:
         Asymmetry: It does not map the model onto itself.
@@ -42,12 +46,12 @@ class Items:
 
     Args:
         ground: The model.
-        work: Counts what is looked at.
+        work: Counts the expressions that are visited.
 
     Attributes:
-        numbering: Numbers of all that was looked at.
+        numbering: Numbers of all that was visited.
         schemas: Actions, processes and events.
-        mentions: The objects that each of them is about.
+        mentions: The objects that each of them refers to.
         static: (symbol, *objects) of what is stated and never changes → its value.
     """
 
@@ -55,14 +59,14 @@ class Items:
         self.ground = ground
         self.work = work
         self.numbering = Numbering(ground, work)
-        self.schemas = (*ground.actions, *ground.processes, *ground.events)
+        self.schemas = ground.schemas
         self.static = {tuple(name.split()): value for name, value in ground.static.items()}
         self.same: Seen = int
         self.numbers = [self.numbering.schema(s, self.same) for s in self.schemas]
         self.named = {(s.kind, s.schema, s.arguments): k for k, s in enumerate(self.schemas)}
         self.mentions = [self._mentions(schema) for schema in self.schemas]
         self.plain: dict[int, list[int]] = {}
-        """Number → schemas without parameters that have it: they may take each other's place."""
+        """Number → schemas without parameters that have it: they are interchangeable."""
         for k, schema in enumerate(self.schemas):
             if not schema.arguments:
                 self.plain.setdefault(self.numbers[k], []).append(k)
@@ -88,7 +92,7 @@ class Items:
         """Return the symmetry that a permutation of objects is.
 
         Raises:
-            Asymmetry: It is none.
+            Asymmetry: It is not a symmetry.
         """
         fluents = self.ground.fluents
         self.work.count(len(fluents) + len(self.schemas))
@@ -143,10 +147,10 @@ class Items:
         return images
 
     def _same_order_of_events(self, images: Sequence[int]) -> None:
-        """Events fire in file order: where the mirror image fires them in another, it matters not.
+        """Check that no result depends on the order in which the mirror images of events fire.
 
-        Two neighbours may change places when neither reads what the other writes, and what both
-        write comes to the same in either order.
+        Events fire in file order. Two may be exchanged when neither reads what the other writes,
+        and what both write is the same in either order.
         """
         start = len(self.schemas) - len(self.ground.events)
         order = images[start:]
@@ -175,7 +179,7 @@ class Items:
 
 
 def _independent(one: g.GroundSchema, other: g.GroundSchema) -> bool:
-    """Whether two events come to the same in either order."""
+    """Whether two events have the same result in either order."""
     if g.writes(one) & g.reads(other) or g.writes(other) & g.reads(one):
         return False
     ways: dict[int, set[Hashable]] = {}

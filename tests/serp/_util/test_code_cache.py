@@ -13,7 +13,7 @@ import pytest
 
 from serp._util.code_cache import cache_folder
 from serp.errors import Notice
-from serp.model.codegen import generate_step
+from serp.model.codegen import generate_code
 from serp.model.native import compile_native
 from tests.generated import Texts, load_texts
 
@@ -30,7 +30,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_folder_is_made_for_its_owner_alone(folder: Path) -> None:
-    compile_native(generate_step(load_texts(HEATER).model.ground))
+    compile_native(generate_code(load_texts(HEATER).model.ground))
     assert cache_folder() == folder
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert [stat.S_IMODE(file.stat().st_mode) for file in folder.iterdir()] == [0o600]
@@ -52,23 +52,23 @@ def test_damaged_code_is_removed_compiled_anew_and_spoken_of(
     folder: Path, damage: Callable[[bytes], bytes]
 ) -> None:
     ground = load_texts(HEATER).model.ground
-    compile_native(generate_step(ground))
+    compile_native(generate_code(ground))
     (file,) = folder.iterdir()
     file.write_bytes(damage(file.read_bytes()))
     with pytest.warns(Notice, match="was damaged; it is compiled anew"):
-        assert compile_native(generate_step(ground)).cache_hits == 0
+        assert compile_native(generate_code(ground)).cache_hits == 0
     assert list(folder.iterdir()) == [file]
-    assert compile_native(generate_step(ground)).cache_hits == 1
+    assert compile_native(generate_code(ground)).cache_hits == 1
 
 
 def test_code_of_another_version_is_replaced_in_silence(folder: Path) -> None:
     ground = load_texts(HEATER).model.ground
-    compile_native(generate_step(ground))
+    compile_native(generate_code(ground))
     (file,) = folder.iterdir()
     whole = file.read_bytes()
     begin = whole.index(b"\n") + 1
     file.write_bytes(whole[:begin] + bytes(32) + whole[begin + 32 :])
-    assert compile_native(generate_step(ground)).cache_hits == 0
+    assert compile_native(generate_code(ground)).cache_hits == 0
     assert file.read_bytes()[: begin + 32] == whole[: begin + 32]
 
 
@@ -78,8 +78,8 @@ def test_a_folder_that_others_can_write_is_not_used(folder: Path) -> None:
     folder.chmod(0o777)
     ground = load_texts(HEATER).model.ground
     with pytest.warns(Notice, match="others can write: chmod go-w"):
-        compile_native(generate_step(ground))
-    assert compile_native(generate_step(ground)).cache_hits == 0
+        compile_native(generate_code(ground))
+    assert compile_native(generate_code(ground)).cache_hits == 0
     assert not list(folder.iterdir())
 
 
@@ -90,14 +90,14 @@ def test_a_folder_of_another_user_is_not_used(folder: Path) -> None:
     folder.mkdir(mode=0o755)
     os.chown(folder, 12_345, 12_345)
     with pytest.warns(Notice, match="belongs to another user"):
-        compile_native(generate_step(load_texts(HEATER).model.ground))
+        compile_native(generate_code(load_texts(HEATER).model.ground))
     assert not list(folder.iterdir())
 
 
 def test_a_folder_that_cannot_be_made_does_not_stop_anything(folder: Path) -> None:
     folder.write_text("")
     with pytest.warns(Notice, match="cannot be kept"):
-        compile_native(generate_step(load_texts(HEATER).model.ground))
+        compile_native(generate_code(load_texts(HEATER).model.ground))
 
 
 def test_every_command_works_with_a_cache_of_empty_files_and_says_so_in_one_line(

@@ -17,7 +17,7 @@ def test_a_right_file_is_summed_up(run: Run, walk: Path) -> None:
     shown = run("check", "walk.pddl").stdout
     assert "walk.pddl: right" in shown
     assert "domain walk (walk.pddl, walk-problem.pddl)" in shown
-    assert "4 fluents, 4 ground actions, 0 processes, 0 events, 5 literals, 3 objects" in shown
+    assert "4 fluents, 4 ground actions, 0 processes, 0 events, 5 parameters, 3 objects" in shown
     assert "unsafe: action go" in shown
     assert "reward: action go, action rest" in shown
     assert "terminal: nothing" in shown

@@ -37,25 +37,17 @@ def true_step(state: np.ndarray, force: float) -> np.ndarray:
     return state + PERIOD * np.array([v, cart, spin, pole])
 
 
-def test_it_has_the_four_fluents_and_two_actions(cartpole: Domain) -> None:
-    model = cartpole.model
-    assert [f.name for f in model.fluents] == [
-        *("cart-position", "cart-velocity", "pole-angle", "pole-velocity")
-    ]
-    assert [a.name for a in model.actions] == ["push-left", "push-right"]
-    assert model.rewarding and model.initial_state is None
-
-
-def test_unified_planning_reads_it_too(cartpole: Domain) -> None:
+def test_unified_planning_reads_the_same_names(cartpole: Domain) -> None:
     with warnings.catch_warnings():  # it uses old names of pyparsing
         warnings.simplefilter("ignore", DeprecationWarning)
         problem = PDDLReader().parse_problem(str(FILE))
-    ground = cartpole.model.ground
+    model, ground = cartpole.model, cartpole.model.ground
     assert [a.name for a in problem.actions] == [a.name for a in ground.actions]
     assert [p.name for p in problem.processes] == [p.name for p in ground.processes]
     assert [e.name for e in problem.events] == [e.name for e in ground.events]
     reserved = {"reward", "unsafe", "terminal"}
     assert {f.name for f in problem.fluents} - reserved == {f.name for f in ground.fluents}
+    assert model.rewarding and model.initial_state is None
 
 
 @pytest.mark.parametrize(("action", "force"), [("push-left", -10.0), ("push-right", 10.0)])

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from random import Random
 
+import pytest
+
 from serp.model.explanation import why_not_applicable, why_unsafe
-from serp.model.transition_model import TransitionModel
+from serp.model.transition_model import TransitionModel, Vector
 from tests.generated import PLANNABLE, Texts, generate, load_texts, random_states
 from tests.serp.planning.worlds import WORLDS, states_of, world
 
@@ -49,73 +50,69 @@ TEXT = """(define (domain lab)
 """
 
 
-def lab(**values: float | bool) -> tuple[TransitionModel, dict[str, float | bool]]:
-    model = load_texts(Texts(TEXT, None)).model
-    usual: dict[str, float | bool] = {f.name: 0.0 if f.numeric else False for f in model.fluents}
-    return model, {**usual, **values}
+@pytest.fixture(scope="module")
+def lab() -> TransitionModel:
+    return load_texts(Texts(TEXT, None)).model
 
 
-def not_applicable(action: str, **values: float | bool) -> str:
-    model, state = lab(**values)
-    return why_not_applicable(model, model.state(state), model.action_index(action))
+def state_of(model: TransitionModel, given: dict[str, float]) -> Vector:
+    return model.state({f.name: given.get(f.name, 0.0) for f in model.fluents})
 
 
-def unsafe(action: str, **values: float | bool) -> str:
-    model, state = lab(**values)
-    return why_unsafe(model, model.state(state), model.action_index(action))
+@pytest.mark.parametrize(
+    ("action", "given", "says"),
+    [
+        ("drive hall", {}, "`(open)` (line 8) does not hold (open = false)"),
+        (
+            "drive hall",
+            {"open": 1, "battery": 0.125},
+            "`(>= (battery) 0.25)` (line 9) does not hold (battery = 0.125)",
+        ),
+        (
+            "drive hall",
+            {"open": 1, "battery": 1, "at hall": 1},
+            "`(not (at ?to))` (line 10) does not hold (at hall = true)",
+        ),
+        (
+            "lift",
+            {"load": 1.5},
+            "`(or (open) (< (load) 1))` (line 14) does not hold (open = false, load = 1.5)",
+        ),
+        ("never", {}, "`(> 1 2)` (line 31) does not hold"),
+        (
+            "both",
+            {"open": 1},
+            "`(increase (load) 2)` (line 24) contradicts another effect",
+        ),
+        ("split", {}, "split gives no finite number"),
+    ],
+)
+def test_what_keeps_an_action_from_being_applicable_is_quoted(
+    lab: TransitionModel, action: str, given: dict[str, float], says: str
+) -> None:
+    index = lab.action_index(action)
+    assert why_not_applicable(lab, state_of(lab, given), index) == f"{action}: {says}"
 
 
-def test_a_failed_precondition_comes_with_the_values_that_it_reads() -> None:
-    assert (
-        not_applicable("drive hall") == "drive hall: `(open)` (line 8) does not hold (open = false)"
-    )
-    assert not_applicable("drive hall", open=True, battery=0.125) == (
-        "drive hall: `(>= (battery) 0.25)` (line 9) does not hold (battery = 0.125)"
-    )
-    model, state = lab(open=True, battery=1.0)
-    state["at hall"] = True
-    assert why_not_applicable(model, model.state(state), model.action_index("drive hall")) == (
-        "drive hall: `(not (at ?to))` (line 10) does not hold (at hall = true)"
-    )
-
-
-def test_a_failed_disjunction_shows_all_of_its_values() -> None:
-    assert not_applicable("lift", load=1.5) == (
-        "lift: `(or (open) (< (load) 1))` (line 14) does not hold (open = false, load = 1.5)"
-    )
-
-
-def test_a_precondition_that_reads_nothing_shows_no_values() -> None:
-    assert not_applicable("never") == "never: `(> 1 2)` (line 31) does not hold"
-
-
-def test_effects_that_contradict_each_other_are_quoted() -> None:
-    assert re.fullmatch(
-        r"both: `.+` \(line 24\) contradicts another effect", not_applicable("both", open=True)
-    )
-
-
-def test_a_result_that_is_no_number_is_named() -> None:
-    assert not_applicable("split") == "split: split gives no finite number"
-
-
-def test_an_applicable_action_is_said_to_be_one() -> None:
-    assert not_applicable("lift") == "lift is applicable"
-
-
-def test_the_effect_that_is_unsafe_is_quoted() -> None:
-    assert unsafe("lift", open=True, load=3.0) == "lift: `(unsafe)` (line 16)"
-
-
-def test_an_event_that_is_unsafe_is_named() -> None:
-    assert unsafe("drive hall", open=True, battery=0.25) == (
-        "drive hall: `(unsafe)` (line 36) through event empty"
-    )
-
-
-def test_what_is_not_unsafe_is_said_not_to_be() -> None:
-    assert unsafe("calm") == "calm is not predicted unsafe"
-    assert unsafe("lift", open=True, load=2.0) == "lift is not predicted unsafe"
+@pytest.mark.parametrize(
+    ("action", "given", "says"),
+    [
+        ("lift", {"open": 1, "load": 3}, "lift: `(unsafe)` (line 16)"),
+        (
+            "drive hall",
+            {"open": 1, "battery": 0.25},
+            "drive hall: `(unsafe)` (line 36) through event empty",
+        ),
+        ("calm", {}, "calm is not predicted unsafe"),
+        ("lift", {"open": 1, "load": 2}, "lift is not predicted unsafe"),
+    ],
+)
+def test_the_effect_or_event_that_is_unsafe_is_quoted(
+    lab: TransitionModel, action: str, given: dict[str, float], says: str
+) -> None:
+    index, state = lab.action_index(action), state_of(lab, given)
+    assert why_unsafe(lab, state, index) == says
+    assert why_not_applicable(lab, state, index) == f"{action} is applicable"
 
 
 def test_explanations_agree_with_predictions_on_generated_domains() -> None:

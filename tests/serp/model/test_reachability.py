@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from random import Random
 
+import numpy as np
 import pytest
 from hypothesis import given
 
+from serp.model.ground import writes
+from serp.model.transition_model import Vector
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainError
-from tests.generated import Generated, Texts, examples, load_texts, models
+from tests.generated import Generated, Texts, examples, load_texts, models_with_states
 
 LIFT = """(define (domain lift)
   (:types floor)
@@ -92,22 +95,45 @@ def test_what_leads_to_an_action_may_itself_have_to_be_reached(condition: str, l
     assert names == [*(["last"] if leads else []), "third", "second", "first"]
 
 
-@given(models())
-@examples(60)
-def test_whatever_can_be_done_from_the_initial_state_on_is_in_the_model(
-    generated: Generated,
+@given(models_with_states(count=4))
+@examples(120)
+def test_what_is_left_out_never_happens_and_what_is_fixed_is_as_stated(
+    drawn: tuple[Generated, Vector],
 ) -> None:
-    problem, model = generated.domain.problem_syntax, generated.model
-    if problem is None or model.initial_state is None:
-        return
-    random = Random(0)
-    known = {action.name for action in model.actions}
-    every = list(generated.oracle.instances(x.Kind.ACTION))
-    state = model.initial_state
-    for _ in range(6):
+    """In every state where they are observed, else in those that `:init` leads to."""
+    generated, states = drawn
+    model, oracle = generated.model, generated.oracle
+    every = list(oracle.instances(x.Kind.ACTION))
+    kept = [action.name for action in model.actions]
+    assert [name for name in every if name in set(kept)] == kept  # the order of the file
+    initial = {key: 0.0 for key in oracle.terms()} | oracle.initial()
+    fixed = {tuple(name.split()): value for name, value in model.ground.static.items()}
+    assert all(initial[key] == value for key, value in fixed.items())
+    columns = {fluent.key: fluent.numeric for fluent in model.fluents}
+    assert not fixed.keys() & columns.keys()
+    wider = generated.domain.observed().model
+    assert columns.keys() <= {fluent.key for fluent in wider.fluents}
+    static = {name for name, *_ in oracle.terms()} - {f.symbol for f in wider.fluents}
+    changed = {t for action in wider.actions for t in writes(action) if t >= 0}
+    assert not static & {wider.fluents[t].symbol for t in changed}
+    terms = {key: kind for key, kind in oracle.terms().items() if key[0] not in static}
+    assert {fluent.key: fluent.numeric for fluent in wider.fluents} == terms
+    if model.initial_state is not None:
+        assert model.initial_state.tolist() == [float(initial[f.key]) for f in model.fluents]
+        states = np.concatenate((states, walk(generated, model.initial_state)))
+    for state in states:
         spelled = generated.spelled(state)
-        possible = [name for name in every if generated.oracle.step(spelled, name).applicable]
-        assert known.issuperset(possible)
+        for name in set(every) - set(kept):
+            assert not oracle.step(spelled, name).applicable
+
+
+def walk(generated: Generated, state: Vector) -> Vector:
+    """The states of a random walk of a few steps."""
+    random, model, states = Random(0), generated.model, [state]
+    for _ in range(5):
+        outcomes = [model.step(states[-1], k) for k in range(len(model.actions))]
+        possible = [outcome.state for outcome in outcomes if outcome.applicable]
         if not possible:
-            return
-        state = model.step(state, random.choice(possible)).state
+            break
+        states.append(random.choice(possible))
+    return np.array(states)

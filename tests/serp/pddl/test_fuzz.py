@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.model.codegen import generate_step
+from serp.model.codegen import generate_code
 from serp.pddl.source import DomainError
 from tests.generated import FULL, Texts, examples, load_texts, write_texts
 from tests.generated.models import DOMAIN_FILE, PROBLEM_FILE
@@ -184,7 +184,7 @@ def test_deep_and_wide_conditions_run(condition: str) -> None:
     ).model
     states = np.array([[1.0, 1.0, 0.5], [1.0, 0.0, 0.0], [0.0, 1.0, 100.0], [0.0, 0.0, 3.0]])
     single = np.array([model.step(state, "a").state for state in states])
-    assert ast.unparse(generate_step(model.ground).tree)
+    assert ast.unparse(generate_code(model.ground).tree)
     if condition in COMPILED or not model.compiles:
         assert model.step(states, "a").state.tobytes() == single.tobytes()
 

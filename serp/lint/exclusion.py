@@ -27,7 +27,7 @@ def contradiction(tests: Iterable[g.Test], theta: Sequence[float]) -> Pair | Non
 
     Args:
         tests: A conjunction.
-        theta: The values of the literals.
+        theta: The values of the parameters.
     """
     known = _Known(theta)
     later: list[g.AnyOf] = []
@@ -42,14 +42,13 @@ def contradiction(tests: Iterable[g.Test], theta: Sequence[float]) -> Pair | Non
     return None
 
 
-def threshold(test: g.Test, theta: Sequence[float]) -> tuple[int, float] | None:
-    """Return the fluent and the number of a comparison of one with the other; None for others."""
-    if isinstance(test, g.Compare):
-        form = _difference(test, theta)
-        if len(form.terms) == 1:
-            ((atom, factor),) = form.terms.items()
-            if isinstance(atom, int):
-                return atom, float(-form.constant / factor)
+def threshold(test: g.Compare, theta: Sequence[float]) -> tuple[int, float] | None:
+    """Return the fluent and the number that a comparison compares; None for any other."""
+    form = _difference(test, theta)
+    if len(form.terms) == 1:
+        ((atom, factor),) = form.terms.items()
+        if isinstance(atom, int):
+            return atom, float(-form.constant / factor)
     return None
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import given
 
-from serp.model.exclusion import contradiction
+from serp.lint.exclusion import contradiction
 from serp.model.flags import APPLICABLE
 from serp.model.transition_model import Vector
 from tests.generated.models import Generated, models_with_states

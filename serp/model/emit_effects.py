@@ -1,0 +1,189 @@
+"""Building the syntax trees of effects: of actions and events at once, of processes over time."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from serp.model import ground as g
+from serp.model.emit import (
+    FLAG_NAMES,
+    Emitter,
+    Site,
+    assign,
+    constant,
+    entry,
+    joined,
+    store,
+    variable,
+)
+from serp.pddl.syntax import Change
+
+# Changes of one group commute; 0 is the group of a number that has not changed yet.
+_ASSIGNED, _ADDED, _SCALED = 1, 2, 3
+_GROUP = {Change.ASSIGN: _ASSIGNED, Change.INCREASE: _ADDED, Change.DECREASE: _ADDED}
+_OPERATIONS: dict[Change, ast.operator] = {
+    Change.INCREASE: ast.Add(),
+    Change.DECREASE: ast.Sub(),
+    Change.SCALE_UP: ast.Mult(),
+}
+
+
+class EffectEmitter(Emitter):
+    """Writes effects as statements that change `out`, `reward`, `unsafe` and `terminal`."""
+
+    def effects(
+        self, schema: g.GroundSchema, effects: Sequence[g.GroundEffect], source: str
+    ) -> None:
+        """Emit effects that are all evaluated before any is applied.
+
+        An action reads `s` and writes `out`, so nothing that it reads changes in between. An event
+        reads what it writes and keeps conditions and values in temporaries.
+        """
+        numbers = [e for e in effects if isinstance(e, g.SetNumber)]
+        booleans = [e for e in effects if isinstance(e, g.SetBoolean)]
+        booleans.sort(key=lambda e: e.value)  # delete before add (PDDL 2.1, definition 9)
+        contested = _contested(numbers)
+        keep = source == "out" and len(effects) > 1
+        ordered: list[g.GroundEffect] = [*booleans, *numbers]
+        conditions = self._conditions(schema, ordered, source)
+        prepared = []
+        for effect in ordered:
+            condition = conditions[id(effect.condition)]
+            value = self.value(effect.value, source) if isinstance(effect, g.SetNumber) else None
+            if keep:
+                condition = self.temporary(condition) if condition is not None else None
+                value = self.temporary(value) if value is not None else None
+            prepared.append((effect, condition, value))
+        self.body += [assign(f"kind{target}", constant(0)) for target in sorted(contested)]
+        for effect, condition, value in prepared:
+            with self.under(condition):
+                if isinstance(effect, g.SetBoolean):
+                    self._set_boolean(effect)
+                else:
+                    assert value is not None
+                    if effect.target in contested:
+                        value = self._refuse_conflict(schema, effect, value)
+                    self._set_number(effect, value)
+                self.body += self.report(Site("effect", schema, effect))
+        for target in sorted({e.target for e in numbers if e.target >= 0}):
+            self.require_finite(entry("out", target), Site("undefined", schema, None))
+
+    def rates(self, processes: Iterable[g.GroundSchema], source: str, *, rewards: bool) -> None:
+        """Emit one explicit Euler step: every rate is evaluated before any is applied.
+
+        Args:
+            processes: The processes.
+            source: The array that they read.
+            rewards: Whether to leave out all but the changes of the reward.
+        """
+        prepared = []
+        for process in processes:
+            effects = [e for e in process.effects if isinstance(e, g.SetNumber)]
+            if rewards:
+                effects = [e for e in effects if e.target == g.REWARD_TARGET]
+            if not effects:
+                continue
+            test = conjunction(process)
+            condition = None
+            if test is not None:
+                condition = self.temporary(self.truth(test, source, process))
+            for effect in effects:
+                rate = self.value(effect.value, source)
+                change = self.temporary(ast.BinOp(variable("dt"), ast.Mult(), rate))
+                prepared.append((process, effect, condition, change))
+        for process, effect, condition, change in prepared:
+            with self.under(condition):
+                self._set_number(effect, change)
+                self.body += self.report(Site("rate", process, effect))
+        first = {effect.target: process for process, effect, _, _ in reversed(prepared)}
+        for target in sorted(t for t in first if t >= 0):
+            self.require_finite(entry("out", target), Site("undefined", first[target], None))
+
+    def _conditions(
+        self, schema: g.GroundSchema, effects: Sequence[g.GroundEffect], source: str
+    ) -> dict[int, ast.expr | None]:
+        """Emit the conditions of effects, each once; return them by id, None where always true.
+
+        Where one of them is undefined, those of `(unsafe)` that hold still count.
+        """
+        uses = Counter(id(effect.condition) for effect in effects)
+        found: dict[int, ast.expr | None] = {}
+        doubts: list[tuple[ast.expr, g.Test]] = []
+        for effect in effects:
+            test, key = effect.condition, id(effect.condition)
+            if key in found:
+                continue
+            if isinstance(test, g.Constant) and test.value:
+                found[key] = None
+                continue
+            certain, doubt = self.decide(test, source)
+            if doubt is not None:
+                doubts.append((self.temporary(doubt), test))
+            found[key] = self.temporary(certain) if uses[key] > 1 else certain
+        damaging = [found[id(e.condition)] for e in effects if e.target == g.UNSAFE_TARGET]
+        if doubts and damaging:
+            with self.under(joined(ast.Or(), [doubt for doubt, _ in doubts])):
+                for condition in damaging:
+                    with self.under(condition):
+                        self.body.append(assign("unsafe", constant(True)))
+        for doubt, test in doubts:
+            self.refuse(doubt, Site("undefined", schema, test))
+        return found
+
+    def _set_boolean(self, effect: g.SetBoolean) -> None:
+        if effect.target in FLAG_NAMES:
+            self.body.append(assign(FLAG_NAMES[effect.target], constant(effect.value)))
+        else:
+            self.body.append(store(effect.target, constant(1.0 if effect.value else 0.0)))
+
+    def _refuse_conflict(
+        self, schema: g.GroundSchema, effect: g.SetNumber, value: ast.expr
+    ) -> ast.expr:
+        """Emit: the step has no result where another effect contradicts this one."""
+        kind, group = f"kind{effect.target}", _GROUP.get(effect.change, _SCALED)
+
+        def changed_by(group: int) -> ast.expr:
+            return ast.Compare(variable(kind), [ast.Eq()], [constant(group)])
+
+        others = [k for k in (_ASSIGNED, _ADDED, _SCALED) if k != group]
+        clash = joined(ast.Or(), [changed_by(other) for other in others])
+        if group == _ASSIGNED:
+            value = self.temporary(value)
+            differs = ast.Compare(entry("out", effect.target), [ast.NotEq()], [value])
+            clash = joined(ast.Or(), [clash, joined(ast.And(), [changed_by(_ASSIGNED), differs])])
+        self.refuse(clash, Site("conflict", schema, effect))
+        self.body.append(assign(kind, constant(group)))
+        return value
+
+    def _set_number(self, effect: g.SetNumber, value: ast.expr) -> None:
+        reward = effect.target == g.REWARD_TARGET
+        old: ast.expr = variable("reward") if reward else entry("out", effect.target)
+        if effect.change is Change.ASSIGN:
+            new = value
+        elif effect.change is Change.SCALE_DOWN:
+            new = self.quotient(old, value)
+        else:
+            new = ast.BinOp(old, _OPERATIONS[effect.change], value)
+        self.body.append(assign("reward", new) if reward else store(effect.target, new))
+
+
+def conjunction(schema: g.GroundSchema) -> g.Test | None:
+    """Return the whole precondition; None where there is none."""
+    tests = schema.preconditions
+    if len(tests) < 2:
+        return tests[0] if tests else None
+    return g.All(tests, schema.place)
+
+
+def _contested(effects: Sequence[g.SetNumber]) -> set[int]:
+    """Return the targets whose effects can contradict each other.
+
+    Increases and decreases commute, and so do scalings. An assignment beside anything else, or a
+    mixture of the two, has no defined result (PDDL 2.1, definition 8).
+    """
+    groups: dict[int, list[int]] = {}
+    for effect in effects:
+        groups.setdefault(effect.target, []).append(_GROUP.get(effect.change, _SCALED))
+    return {t for t, kinds in groups.items() if len(set(kinds)) > 1 or kinds.count(_ASSIGNED) > 1}

@@ -1,0 +1,208 @@
+"""States and actions of a model by name, checked when they come from outside."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from serp._util.text import did_you_mean, listed
+from serp.errors import SerpError
+from serp.model.ground import Fluent, GroundModel, GroundSchema, Parameter
+
+Vector = NDArray[np.float64]
+
+
+class StateError(SerpError):
+    """A state or an action does not fit the model."""
+
+
+class StateSpace:
+    """The states and actions of a ground model.
+
+    Args:
+        ground: The model.
+    """
+
+    def __init__(self, ground: GroundModel) -> None:
+        self.ground = ground
+        self._index = {fluent.name: fluent.index for fluent in ground.fluents}
+        self._actions = {action.name: k for k, action in enumerate(ground.actions)}
+
+    @property
+    def fluents(self) -> tuple[Fluent, ...]:
+        """The columns of a state."""
+        return self.ground.fluents
+
+    @property
+    def actions(self) -> tuple[GroundSchema, ...]:
+        """The ground actions, in file order."""
+        return self.ground.actions
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The numbers of the files, with role and place; θ holds their values."""
+        return self.ground.parameters
+
+    def state(self, values: Mapping[str, float | bool]) -> Vector:
+        """Return the state with the named values.
+
+        Args:
+            values: Fluent name → value, for every fluent.
+
+        Raises:
+            StateError: A fluent is missing, unknown, or its value is not a finite number.
+        """
+        if not isinstance(values, Mapping):
+            raise StateError(f"a state is given as fluent name → value, not as {values!r}")
+        if values.keys() != self._index.keys():
+            self.check_names(values)
+        state = np.empty(len(self.fluents))
+        for name, value in values.items():
+            try:
+                if isinstance(value, _NOT_NUMBERS):
+                    raise TypeError
+                state[self._index[name]] = value
+            except (TypeError, ValueError):
+                raise StateError(f"the value of fluent `{name}` is no number: {value!r}") from None
+        return self.check_state(state)
+
+    def values(self, state: Sequence[float] | Vector) -> dict[str, float | bool]:
+        """Return a state as fluent name → value (bool for predicates)."""
+        return {
+            f.name: float(state[f.index]) if f.numeric else bool(state[f.index])
+            for f in self.fluents
+        }
+
+    def check_names(self, names: Collection[str]) -> None:
+        """Check that the names are those of the fluents.
+
+        Raises:
+            StateError: One is unknown, or fluents are missing; names them.
+        """
+        for name in names:
+            if name not in self._index:
+                raise StateError(self._unknown_fluent(str(name)))
+        missing = listed(f.name for f in self.fluents if f.name not in names)
+        if missing:
+            raise StateError(
+                f"no value for fluent {missing}; given are {listed(map(str, names)) or 'none'}"
+            )
+
+    def _unknown_fluent(self, name: str) -> str:
+        if name in self.ground.static:
+            return (
+                f"`{name}` is fixed by the problem file and changed by no effect; "
+                "leave it out, or take it out of :init"
+            )
+        return f"unknown fluent `{name}`; {did_you_mean(name, self._index)}"
+
+    def check_state(self, state: ArrayLike) -> Vector:
+        """Return the state as float64 `[F]`.
+
+        Raises:
+            StateError: The shape is wrong, or a value is NaN, infinite, or, for a predicate,
+                neither 0 nor 1.
+        """
+        vector = self.check_shape(state)
+        for fluent, value in zip(self.fluents, vector.tolist(), strict=True):
+            if value - value != 0.0:
+                raise StateError(f"the value of fluent `{fluent.name}` is {value}")
+            if not fluent.numeric and value not in (0.0, 1.0):
+                raise StateError(f"predicate `{fluent.name}` is 0 or 1, not {value}")
+        return vector
+
+    def check_shape(self, values: ArrayLike) -> Vector:
+        """Return numbers as float64 `[F]`, whatever their values are.
+
+        Raises:
+            StateError: They are not numbers, or not one for every fluent; names those that have
+                none.
+        """
+        state = numbers(values, "a state")
+        wanted = len(self.fluents)
+        if state.shape == (wanted,):
+            return state
+        size = f"a state of this domain is {wanted} number{'' if wanted == 1 else 's'}"
+        if state.ndim != 1:
+            raise StateError(f"{size}, found shape {state.shape}")
+        names = [f.name for f in self.fluents]
+        if len(state) < wanted:
+            what = f"there is none for {listed(names[len(state) :])}"
+        else:
+            what = f"{len(state) - wanted} more than the fluents {listed(names)}"
+        raise StateError(f"{size} in the order of its fluents, found {len(state)}: {what}")
+
+    def action_index(self, action: int | str) -> int:
+        """Return the position of a ground action given by name or position.
+
+        Raises:
+            StateError: There is no such action.
+        """
+        if isinstance(action, bool | np.bool_):
+            raise StateError(f"an action is a name or a position, not {action!r}")
+        if isinstance(action, str):
+            name = " ".join(action.lower().strip("() ").split())
+            if name not in self._actions:
+                raise StateError(f"unknown action `{name}`; {did_you_mean(name, self._actions)}")
+            return self._actions[name]
+        try:
+            index = operator.index(action)
+        except TypeError:
+            raise StateError(f"an action is a name or a position, not {action!r}") from None
+        return self.check_action(index, 0)
+
+    def check_action(self, action: int, least: int) -> int:
+        """Return the position of an action.
+
+        Raises:
+            StateError: It is less than the least, or there are not so many actions.
+        """
+        if not least <= action < len(self.actions):
+            raise StateError(f"action {action} is not one of the {len(self.actions)} from 0 on")
+        return action
+
+    def check_batch(self, states: Vector, action: Any) -> NDArray[np.int64]:
+        """Return the actions of a batch of states `[B, F]` as positions `[B]`.
+
+        Args:
+            states: The states.
+            action: Name or position of one action, or `[B]` positions.
+
+        Raises:
+            StateError: The states are not of this model, or there is no such action.
+        """
+        batch, width = states.shape
+        if width != len(self.fluents):
+            raise StateError(
+                f"a state of this domain is {len(self.fluents)} numbers, found {width} columns"
+            )
+        given = np.asarray(self.action_index(action) if isinstance(action, str) else action)
+        if given.shape not in ((), (batch,)) or (given.size and given.dtype.kind not in "iu"):
+            raise StateError(f"actions must be {batch} positions, found {action!r}")
+        actions = np.broadcast_to(given.astype(np.int64), (batch,))
+        if batch and (actions.min() < 0 or actions.max() >= len(self.actions)):
+            raise StateError(f"actions must be among the {len(self.actions)} from 0 on")
+        return actions
+
+
+def numbers(values: ArrayLike, what: str) -> Vector:
+    """Return numbers as float64.
+
+    Raises:
+        StateError: They are not numbers; names `what` they should be.
+    """
+    try:
+        array = np.asarray(values)
+    except ValueError:  # lists of different lengths
+        array = np.asarray(None)
+    if array.dtype.kind not in "biuf":
+        raise StateError(f"{what} is numbers, found {values!r}")
+    return array.astype(np.float64, copy=False)
+
+
+_NOT_NUMBERS = (str, bytes, complex, np.complexfloating)
+"""What NumPy would convert to a number."""

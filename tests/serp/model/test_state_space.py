@@ -1,0 +1,116 @@
+"""States and actions from outside: what fits is taken, what does not is refused with its name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.model.transition_model import StateError, TransitionModel
+from tests.generated import Texts, load_texts
+
+
+@pytest.fixture(scope="module")
+def small() -> TransitionModel:
+    texts = Texts(
+        "(define (domain d) (:predicates (lit)) (:functions (heat) (cost))"
+        " (:action on :parameters () :precondition (and (not (lit))) :effect (and (lit)))"
+        " (:action warm :parameters () :precondition (and) :effect (and (increase (heat) 0.5))))",
+        "(define (problem p) (:domain d) (:init (= (cost) 2)))",
+    )
+    return load_texts(texts).model
+
+
+def test_states_by_name_and_actions_by_name_or_position(small: TransitionModel) -> None:
+    state = small.state({"heat": 1.5, "lit": True})
+    assert state.tolist() == [1.0, 1.5]
+    assert small.values(state) == {"lit": True, "heat": 1.5}
+    for action in ("warm", "(warm)", "WARM", 1, np.int64(1)):
+        small.step(state, action).state[0] = 7.0
+        assert small.step(state, action).state.tolist() == [1.0, 2.0]
+    assert state.tolist() == [1.0, 1.5]  # a step leaves its argument alone
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"heat": 1.0}, "no value for fluent `lit`; given are `heat`"),
+        ({"heat": 1.0, "lit": True, "het": 2.0}, "did you mean `heat`"),
+        ({"heat": 1.0, "lit": True, "cost": 2.0}, "`cost` is fixed by the problem file"),
+        ({"heat": float("nan"), "lit": True}, "fluent `heat` is nan"),
+        ({"heat": float("inf"), "lit": True}, "fluent `heat` is inf"),
+        ({"heat": "1", "lit": True}, "fluent `heat` is no number: '1'"),
+        ({"heat": 1.0, "lit": 0.5}, "`lit` is 0 or 1, not 0.5"),
+        ({1: 2.0}, "unknown fluent `1`"),
+        ([1.0], "a state is given as fluent name → value"),
+        (None, "a state is given as fluent name → value"),
+    ],
+)
+def test_values_that_do_not_fit_are_refused(small: TransitionModel, values: Any, says: str) -> None:
+    with pytest.raises(StateError, match=says):
+        small.state(values)
+
+
+@pytest.mark.parametrize(
+    ("state", "says"),
+    [
+        (np.zeros(1), "2 numbers .* found 1: there is none for `heat`"),
+        (np.zeros(3), "found 3: 1 more than the fl"),
+        (np.zeros(()), "found shape"),
+        (np.zeros((1, 2, 2)), "found shape"),
+        ("abc", "a state is numbers"),
+        (["a", "b"], "a state is numbers"),
+        ([[1.0], [2.0, 3.0]], "a state is numbers"),
+        ({"heat": 1.0}, "a state is numbers"),
+    ],
+)
+def test_arrays_that_are_no_states_are_refused(
+    small: TransitionModel, state: Any, says: str
+) -> None:
+    for use in (small.check_state, lambda state: small.step(state, 0)):
+        with pytest.raises(StateError, match=says):
+            use(state)
+
+
+@pytest.mark.parametrize(
+    ("states", "action", "says"),
+    [
+        (np.zeros(2), "warn", "did you mean `warm`"),
+        (np.zeros(2), 2, "action 2"),
+        (np.zeros(2), -1, "action -1"),
+        *((np.zeros(2), action, "name or a position") for action in (0.5, None, True)),
+        (np.zeros((2, 2)), "warn", "did you mean `warm`"),
+        *((np.zeros((2, 2)), action, "among the 2 from 0") for action in (2, -1, [0, 2])),
+        *((np.zeros((2, 2)), a, "2 positions") for a in ([0, 1, 0], [0.0, 1.0], [[0, 1]], None)),
+        (np.zeros((2, 3)), 0, "found 3 columns"),
+        (np.full(2, np.nan), 0, "cannot be stepped"),
+    ],
+)
+def test_steps_that_do_not_fit_are_refused(
+    small: TransitionModel, states: Any, action: Any, says: str
+) -> None:
+    with pytest.raises(StateError, match=says):
+        small.step(states, action)
+
+
+@pytest.mark.parametrize("theta", [[], [1.0, 2.0], [float("nan")], [float("inf")]])
+def test_parameters_that_do_not_fit_are_refused(small: TransitionModel, theta: list[float]) -> None:
+    with pytest.raises(StateError, match="theta must be 1 finite"):
+        small.replace(theta=theta)
+    with pytest.raises(ValueError, match="read-only"):
+        small.theta[0] = 3.0
+
+
+@pytest.mark.parametrize("dt", [0.0, -1.0, float("nan"), float("inf"), "a", True, [1.0]])
+def test_control_periods_that_make_no_sense_are_refused(small: TransitionModel, dt: Any) -> None:
+    with pytest.raises(StateError, match="control period"):
+        small.replace(dt=dt)
+
+
+@pytest.mark.parametrize("action", [-2, 2])
+def test_judging_an_action_that_does_not_exist_is_refused(
+    small: TransitionModel, action: int
+) -> None:
+    with pytest.raises(StateError, match=f"action {action} "):
+        small.judge(np.zeros(2), action, np.zeros(2))
