@@ -67,7 +67,7 @@ def step() -> str:
         parts.append(label(columns[i] + BOX + 35, up + 22, words))
     for x, title, below in zip(
         columns,
-        ("run folder", "replay buffer, learner", "model adaptation", "step record", "environment"),
+        ("run folder", "replay, learner", "model adaptation", "step record", "environment"),
         ("serp.runs", "serp.learning", "serp.adaptation", "serp.training", "gymnasium.Env"),
         strict=True,
     ):
@@ -110,13 +110,13 @@ def line() -> str:
     parts = [HEAD.format(width=990, height=310, title="The way of a line of PDDL")]
     parts.append(
         text(
-            495,
+            250,
             34,
             "(increase (pole-velocity) (* #t (* 15.8 (pole-angle))))",
             'font-family="monospace"',
         )
     )
-    parts.append(arrow((95, 30), (95, 60)))
+    parts.append(arrow((95, 40), (95, 60)))
     parts.append(
         chain(
             60,
@@ -132,17 +132,17 @@ def line() -> str:
     )
     for x, words in ((170, "places"), (370, "types"), (570, "objects"), (770, "indices, θ")):
         parts.append(label(x + 25, 145, words))
-    parts.append(arrow((895, 124), (895, 170), (495, 170), (495, 200)))
-    parts.append(label(700, 162, "(state, action, θ, Δt) → next state, reward, flags"))
+    parts.append(arrow((895, 124), (895, 184), (495, 184), (495, 204)))
+    parts.append(label(700, 177, "(state, action, θ, Δt) → next state, reward, flags"))
     for x, title, below in (
         (220, "lookahead", "serp.planning"),
         (420, "veto, explanation", "serp.control"),
         (620, "diagnosis, repair", "serp.diagnosis"),
     ):
         parts.append(box(x, 220, title, below, "#dcfce7"))
-    parts.append(arrow((495, 200), (295, 200), (295, 220)))
-    parts.append(arrow((495, 200), (495, 220)))
-    parts.append(arrow((495, 200), (695, 200), (695, 220)))
+    parts.append(arrow((495, 204), (295, 204), (295, 220)))
+    parts.append(arrow((495, 204), (495, 220)))
+    parts.append(arrow((495, 204), (695, 204), (695, 220)))
     parts.append(arrow((770, 252), (940, 252), (940, 124), dashed=True))
     parts.append(label(856, 245, "new θ, new effects"))
     return "".join(parts) + "</svg>\n"
