@@ -1,7 +1,7 @@
 """From an expert's PDDL file to a safe, explained, trained policy.
 
-The names below are the public interface; they are imported when first used, so that `import serp`
-itself costs next to nothing.
+The names below are the public interface. Each is imported when it is first used, so that `import
+serp` itself costs next to nothing.
 """
 
 from __future__ import annotations
@@ -9,36 +9,47 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+__version__ = "0.2.0.dev0"
 
 _HOMES = {
     "ActionMap": "serp.planning.action_map",
-    "Arbiter": "serp.control.arbiter",
     "AdaptationSettings": "serp.settings",
+    "Arbiter": "serp.control.arbiter",
     "ArbiterSettings": "serp.settings",
     "Comparison": "serp.compare.study",
     "DQN": "serp.learning",
-    "LearnerSettings": "serp.settings",
+    "Decision": "serp.control.arbiter",
+    "Diagnosis": "serp.diagnosis.diagnosis",
     "Domain": "serp.model.loading",
     "DomainError": "serp.pddl.source",
+    "EvaluationResult": "serp.training.evaluation",
     "GuideSettings": "serp.settings",
+    "LearnerSettings": "serp.settings",
     "Lookahead": "serp.planning.lookahead",
     "MonitorReplanner": "serp.planning.replanner",
     "Outcome": "serp.model.transition_model",
     "Plan": "serp.planning.replanner",
     "PlannerSettings": "serp.settings",
+    "PlanningGraph": "serp.planning.graph",
+    "Repaired": "serp.diagnosis.repair.repair",
     "Run": "serp.training.run",
+    "RunError": "serp.errors",
     "SerpError": "serp.errors",
     "Settings": "serp.settings",
+    "SettingsError": "serp.errors",
     "StateError": "serp.model.transition_model",
-    "Symmetry": "serp.tasks.task_symmetry",
+    "Symmetry": "serp.tasks.symmetry",
     "Task": "serp.tasks.task",
+    "TaskError": "serp.errors",
     "TrainingSettings": "serp.settings",
     "TransitionModel": "serp.model.transition_model",
     "compare": "serp.compare.study",
+    "diagnose": "serp.diagnosis.diagnosis",
     "load_domain": "serp.model.loading",
     "load_run": "serp.training.run",
+    "load_task": "serp.tasks.registry",
     "plan_and_learn": "serp.training.run",
+    "repair": "serp.diagnosis.repair.repair",
 }
 
 __all__ = [*sorted(_HOMES), "__version__"]
@@ -47,7 +58,15 @@ if TYPE_CHECKING:
     from serp.compare.study import Comparison as Comparison
     from serp.compare.study import compare as compare
     from serp.control.arbiter import Arbiter as Arbiter
+    from serp.control.arbiter import Decision as Decision
+    from serp.diagnosis.diagnosis import Diagnosis as Diagnosis
+    from serp.diagnosis.diagnosis import diagnose as diagnose
+    from serp.diagnosis.repair.repair import Repaired as Repaired
+    from serp.diagnosis.repair.repair import repair as repair
+    from serp.errors import RunError as RunError
     from serp.errors import SerpError as SerpError
+    from serp.errors import SettingsError as SettingsError
+    from serp.errors import TaskError as TaskError
     from serp.learning import DQN as DQN
     from serp.model.loading import Domain as Domain
     from serp.model.loading import load_domain as load_domain
@@ -56,6 +75,7 @@ if TYPE_CHECKING:
     from serp.model.transition_model import TransitionModel as TransitionModel
     from serp.pddl.source import DomainError as DomainError
     from serp.planning.action_map import ActionMap as ActionMap
+    from serp.planning.graph import PlanningGraph as PlanningGraph
     from serp.planning.lookahead import Lookahead as Lookahead
     from serp.planning.replanner import MonitorReplanner as MonitorReplanner
     from serp.planning.replanner import Plan as Plan
@@ -66,8 +86,10 @@ if TYPE_CHECKING:
     from serp.settings import PlannerSettings as PlannerSettings
     from serp.settings import Settings as Settings
     from serp.settings import TrainingSettings as TrainingSettings
+    from serp.tasks.registry import load_task as load_task
     from serp.tasks.symmetry import Symmetry as Symmetry
     from serp.tasks.task import Task as Task
+    from serp.training.evaluation import EvaluationResult as EvaluationResult
     from serp.training.run import Run as Run
     from serp.training.run import load_run as load_run
     from serp.training.run import plan_and_learn as plan_and_learn
@@ -76,7 +98,14 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module `serp` has no attribute `{name}`")
-    return getattr(import_module(_HOMES[name]), name)
+    home = _HOMES[name]
+    module = import_module(home)
+    # Kept, and the names of the same home with it: the function `serp.compare` has the name of the
+    # package that it comes from, which the import has put in its place.
+    for other, place in _HOMES.items():
+        if place == home:
+            globals()[other] = getattr(module, other)
+    return globals()[name]
 
 
 def __dir__() -> list[str]:

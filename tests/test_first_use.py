@@ -12,7 +12,6 @@ import signal
 import subprocess
 import sys
 import time
-import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -76,25 +75,6 @@ def test_a_run_leaves_everything_a_reader_wants(whole: Path) -> None:
     assert summary["episodes"] == len(rows(whole, "metrics")) == 9
 
 
-@pytest.mark.parametrize("policy", ["serp", "planner", "learner"])
-def test_each_policy_of_the_run_can_be_evaluated(policy: str, whole: Path) -> None:
-    done = serp(whole.parent, "evaluate", "whole", f"--policy={policy}", "--episodes=2", "--json")
-    result = json.loads(done.stdout)
-    assert result["policy"] == policy
-    assert len(result["returns"]) == 2
-
-
-def test_a_decision_is_drawn(folder: Path) -> None:
-    shown = installed(folder, "plan", "--domain=cartpole", "--svg=decision.svg")
-    assert "Chosen: push-" in shown
-    picture = ET.parse(folder / "decision.svg").getroot()
-    assert picture.tag == "{http://www.w3.org/2000/svg}svg"
-
-
-def test_the_shipped_domain_is_right(folder: Path) -> None:
-    assert "cartpole: right" in serp(folder, "check", "cartpole").stdout
-
-
 def test_an_edit_in_the_working_directory_takes_effect(tmp_path: Path) -> None:
     def rewards() -> Any:
         shown = json.loads(serp(tmp_path, "plan", "--domain=cartpole", "--json").stdout)
@@ -109,11 +89,6 @@ def test_an_edit_in_the_working_directory_takes_effect(tmp_path: Path) -> None:
     assert rewards() == pytest.approx([reward + 5.0 for reward in before])
 
 
-def test_a_missing_file_is_an_error(folder: Path) -> None:
-    done = serp(folder, "plan-and-learn", "--domain=domains/soccr.pddl", expect=1)
-    assert done.stderr == "Error: domains/soccr.pddl: there is no such file\n"
-
-
 def test_a_misspelt_function_is_pointed_at(tmp_path: Path) -> None:
     text = SHIPPED.read_text()
     line = text[: text.index("(* 15.8 (pole-angle))")].count("\n") + 1
@@ -126,14 +101,6 @@ def test_a_misspelt_function_is_pointed_at(tmp_path: Path) -> None:
         assert "^^^^^^^^^^" in message
         assert "did you mean `pole-angle`?" in message
     assert not (tmp_path / "runs").exists()
-
-
-def test_an_existing_run_is_not_overwritten(whole: Path) -> None:
-    before = {path: path.read_bytes() for path in whole.iterdir()}
-    done = serp(whole.parent, "plan-and-learn", *QUICK, "--out=whole", expect=1)
-    assert "whole holds a run already" in done.stderr
-    assert "Nothing was changed" in done.stderr
-    assert {path: path.read_bytes() for path in whole.iterdir()} == before
 
 
 class Terminal:

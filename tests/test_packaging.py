@@ -1,8 +1,7 @@
-"""What a user installs is whole, works elsewhere and imports fast; its arrows point one way."""
+"""What a user installs is whole, works elsewhere, and imports no more than it needs."""
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import subprocess
@@ -11,7 +10,6 @@ import sysconfig
 import tarfile
 import venv
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,7 +20,7 @@ PACKAGES = {
     "serp_adapters": ROOT / "adapters" / "serp_adapters",
     "serp_envs": ROOT / "envs" / "serp_envs",
 }
-HEAVY = ("gymnasium", "matplotlib", "networkx", "numba", "torch", "unified_planning")
+HEAVY = {"gymnasium", "matplotlib", "networkx", "numba", "pydantic", "torch", "unified_planning"}
 
 # The command as its script calls it, and on after it.
 COMMAND = """
@@ -127,25 +125,16 @@ def test_wheel_and_source_distribution_carry_the_licence(built: Path, wheel: Pat
 # The installation, used from another directory
 
 
-def test_the_installed_packages_are_not_the_checkout(installed: Path, tmp_path: Path) -> None:
+def test_the_installed_command_works_without_the_checkout(
+    installed: Path, wheel: Path, tmp_path: Path
+) -> None:
     script = "import serp, serp_adapters, serp_envs as e; print(serp.__file__, e.__file__)"
     for path in output([str(installed / "python"), "-c", script], tmp_path).split():
         assert Path(path).is_relative_to(installed.parent)
-
-
-def test_the_installed_command_knows_its_version(
-    installed: Path, wheel: Path, tmp_path: Path
-) -> None:
-    version = wheel.name.split("-")[1]
-    assert version in output([str(installed / "serp"), "--version"], tmp_path).split()
-
-
-def test_the_installed_command_lists_cartpole(installed: Path, tmp_path: Path) -> None:
-    assert "cartpole" in output([str(installed / "serp"), "list"], tmp_path)
-
-
-def test_the_installed_command_checks_the_domain_it_ships(installed: Path, tmp_path: Path) -> None:
-    assert "cartpole" in output([str(installed / "serp"), "check", "cartpole"], tmp_path)
+    command = str(installed / "serp")
+    assert wheel.name.split("-")[1] in output([command, "--version"], tmp_path).split()
+    assert "cartpole" in output([command, "list"], tmp_path)
+    assert "cartpole: right" in output([command, "check", "cartpole"], tmp_path)
 
 
 def test_the_installed_command_prefers_a_domain_of_the_working_directory(
@@ -183,30 +172,4 @@ def test_nothing_heavy_is_imported_before_it_is_needed(script: str, tmp_path: Pa
     printed = output([sys.executable, "-c", script + report], tmp_path)
     loaded = json.loads(printed.splitlines()[-1])
     assert "serp" in loaded
-    assert [name for name in HEAVY if name in loaded] == []
-
-
-# Arrows
-
-
-def imports(path: Path) -> Iterator[tuple[str, int]]:
-    """Top-level name and line of everything that a module imports, wherever in it."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"), str(path))):
-        if isinstance(node, ast.Import):
-            yield from ((alias.name.partition(".")[0], node.lineno) for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
-            yield node.module.partition(".")[0], node.lineno
-
-
-@pytest.mark.parametrize(
-    ("package", "others"),
-    [("serp", {"serp_adapters", "serp_envs"}), ("serp_envs", {"serp", "serp_adapters"})],
-)
-def test_arrows_point_one_way(package: str, others: set[str]) -> None:
-    found = [
-        (path, name, line)
-        for path in sorted(PACKAGES[package].rglob("*.py"))
-        for name, line in imports(path)
-    ]
-    assert found
-    assert [f"{path}:{line} imports {name}" for path, name, line in found if name in others] == []
+    assert HEAVY & {*loaded} == set()

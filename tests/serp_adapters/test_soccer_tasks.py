@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from serp.control.arbiter import Arbiter
 from serp.settings import resolve
-from serp.tasks.task import BoundTask
+from serp.tasks.bound_task import BoundTask
 from serp.training.agent import make_planner
 from serp_adapters.soccer import corner_kick, defender
 from serp_envs.soccer.contest import Contest

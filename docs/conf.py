@@ -1,0 +1,57 @@
+"""The documentation site. `sphinx-build -W --keep-going -n docs build/docs` needs no network."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+from pygments.lexers.lisp import CommonLispLexer
+from pygments.lexers.special import TextLexer
+from sphinx.highlighting import lexers
+
+from serp import __version__
+
+project = "SErP"
+author = "the SErP authors"
+project_copyright = "2026, the SErP authors"
+version = release = __version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx_click",
+    "sphinx_copybutton",
+    "sphinx_design",
+    "settings_table",
+]
+exclude_patterns = ["build"]
+lexers["pddl"] = CommonLispLexer()  # Pygments' own does not know PDDL+
+lexers["csv"] = TextLexer()
+html_theme = "furo"
+html_title = f"SErP {release}"
+html_show_sourcelink = False
+
+myst_enable_extensions = ["colon_fence", "deflist"]
+myst_heading_anchors = 4
+myst_links_external_new_tab = False
+
+# The public names are documented where they are exported, types in the description.
+napoleon_use_ivar = True
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented_params"
+autodoc_typehints_format = "short"
+autodoc_inherit_docstrings = False
+napoleon_numpy_docstring = False
+# Docstrings write code in single backquotes.
+default_role = "code"
+
+# No network: other libraries are named, not linked; nor are private names. A `word: text` that
+# begins the docstring of a property is taken for a type.
+nitpick_ignore_regex = [("py:.*", r"(?!serp\.[A-Za-z]\w*$).*")]
+
+copybutton_prompt_text = r"\$ |>>> "
+copybutton_prompt_is_regexp = True

@@ -1,0 +1,17 @@
+"""Compare SErP with its planner alone and its learner alone; real comparisons need 5 seeds."""
+
+import serp
+
+comparison = serp.compare(
+    "cartpole",
+    algorithms=["serp", "mrp", "dqn"],
+    seeds=1,
+    env_steps=400,
+    evaluation_episodes=2,
+    final_episodes=2,
+    out="runs/comparison",
+    jobs=1,
+    quiet=True,
+)
+print(comparison.overview())
+print("report:", comparison.path / "report.html")

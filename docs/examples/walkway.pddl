@@ -1,0 +1,21 @@
+; A robot on a platform of four rows and twelve columns. The goal is the last column of the lowest row.
+(define (domain walkway)
+  (:requirements :strips :typing :conditional-effects :numeric-fluents :time)
+  (:predicates (unsafe) (terminal))
+  (:functions (row) (column) (reward))
+
+  (:action north :parameters () :precondition (and)
+    :effect (and (when (> (row) 0) (decrease (row) 1))))
+  (:action east :parameters () :precondition (and)
+    :effect (and (when (< (column) 11) (increase (column) 1))))
+  (:action south :parameters () :precondition (and)
+    :effect (and (when (< (row) 3) (increase (row) 1))))
+  (:action west :parameters () :precondition (and)
+    :effect (and (when (> (column) 0) (decrease (column) 1))))
+
+  (:event drop :parameters () :precondition (and (= (row) 3) (> (column) 0) (< (column) 11))
+    :effect (and (unsafe)))
+  (:event goal :parameters () :precondition (and (= (row) 3) (= (column) 11))
+    :effect (and (terminal)))
+  (:event distance :parameters () :precondition (and)
+    :effect (and (decrease (reward) (+ (- 3 (row)) (- 11 (column)))))))

@@ -1,0 +1,143 @@
+"""The shape of the code: imports go one way, files are small, names are unique."""
+
+from __future__ import annotations
+
+import ast
+from collections import Counter
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+PACKAGES = {
+    "serp": ROOT / "serp",
+    "serp_adapters": ROOT / "adapters" / "serp_adapters",
+    "serp_envs": ROOT / "envs" / "serp_envs",
+}
+LAYERS = (
+    {"errors"},
+    {"_util"},
+    {"pddl"},
+    {"model"},
+    {"settings"},
+    {"planning", "learning"},
+    {"tasks", "lint"},
+    {"control"},
+    {"sysid"},
+    {"adaptation"},
+    {"runs", "training"},
+    {"diagnosis", "compare", "viz"},
+    {"cli"},
+    {"__main__"},
+)
+"""Parts of `serp` from the bottom up: a part imports from its own layer and those before it."""
+MOST_LINES = 400
+MOST_FILES = 16
+MOST_PARAMETERS = 10
+ABOVE: set[str] = {
+    "envs/serp_envs/soccer",
+    "serp/adaptation/step_kernels.py",
+    "serp/cli",
+    "serp/compare/study.py compare",
+    "serp/control/arbiter.py",
+    "serp/learning/dqn.py",
+    "serp/learning/kernels.py",
+    "serp/learning/replay.py",
+    "serp/learning/replay.py __init__",
+    "serp/lint/task_ranges.py imports serp.cli.output",
+    "serp/model/codegen.py",
+    "serp/model/transition_model.py",
+    "serp/pddl/expressions.py",
+    "serp/settings.py imports serp.adaptation.settings",
+    "serp/settings.py imports serp.control.arbiter",
+    "serp/settings.py imports serp.control.strategies.settings",
+    "serp/settings.py imports serp.learning.settings",
+    "serp/settings.py imports serp.planning.settings",
+    "serp/tasks/task.py",
+    "serp/training/progress.py",
+    "serp/training/run.py",
+}
+"""What exceeds a limit and is known."""
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
+def modules(package: str) -> list[Path]:
+    return sorted(PACKAGES[package].rglob("*.py"))
+
+
+def imports(path: Path) -> Iterator[str]:
+    """Full name of everything that a module imports, wherever in it."""
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            assert node.level == 0, path
+            yield node.module
+
+
+@pytest.mark.parametrize(
+    ("package", "others"),
+    [("serp", {"serp_adapters", "serp_envs"}), ("serp_envs", {"serp", "serp_adapters"})],
+)
+def test_imports_between_the_packages_go_one_way(package: str, others: set[str]) -> None:
+    found = [(path, name) for path in modules(package) for name in imports(path)]
+    assert [each for each in found if each[1].partition(".")[0] in others] == []
+
+
+def test_imports_inside_serp_go_one_way() -> None:
+    height = {part: i for i, layer in enumerate(LAYERS) for part in layer}
+    wrong = []
+    for path in modules("serp"):
+        part = path.relative_to(PACKAGES["serp"]).parts[0].removesuffix(".py")
+        if part == "__init__":
+            continue
+        for name in imports(path):
+            top, _, inner = name.partition(".")
+            other = inner.partition(".")[0]
+            if top == "serp" and other and height[other] > height[part]:
+                wrong.append(f"{path.relative_to(ROOT)} imports {name}")
+    assert {*wrong} <= ABOVE
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_files_and_folders_are_small(package: str) -> None:
+    lines = {path: len(path.read_text(encoding="utf-8").splitlines()) for path in modules(package)}
+    folders = Counter(path.parent for path in lines if path.name != "__init__.py")
+    large = {path for path, count in lines.items() if count > MOST_LINES}
+    large |= {folder for folder, count in folders.items() if count > MOST_FILES}
+    assert {str(path.relative_to(ROOT)) for path in large} <= ABOVE
+
+
+def test_no_class_name_occurs_twice_in_serp() -> None:
+    places: dict[str, list[str]] = {}
+    for path in modules("serp"):
+        for node in ast.walk(tree(path)):
+            if isinstance(node, ast.ClassDef):
+                places.setdefault(node.name, []).append(f"{path.relative_to(ROOT)}:{node.lineno}")
+    assert {name: where for name, where in places.items() if len(where) > 1} == {}
+
+
+def decorators(node: ast.FunctionDef) -> str:
+    return " ".join(ast.unparse(each) for each in node.decorator_list)
+
+
+def test_no_function_has_more_than_ten_parameters() -> None:
+    """Compiled kernels and commands of the command line excepted."""
+    wrong = []
+    for package in PACKAGES:
+        for path in modules(package):
+            for node in ast.walk(tree(path)):
+                if not isinstance(node, ast.FunctionDef):
+                    continue
+                given = node.args
+                count = len(given.posonlyargs) + len(given.args) + len(given.kwonlyargs)
+                excepted = any(word in decorators(node) for word in ("compiled", "njit", "click"))
+                if count > MOST_PARAMETERS and not excepted:
+                    wrong.append(f"{path.relative_to(ROOT)} {node.name}")
+    assert {*wrong} <= ABOVE
