@@ -65,7 +65,7 @@ def remarks(findings: Findings, ground: GroundModel) -> list[Remark]:
         findings: The findings.
         ground: The instantiated domain that they are about.
     """
-    writer = _Writer(ground)
+    writer = _RemarkWriter(ground)
     found = [writer.stochastic(effect) for effect in findings.stochastic]
     found += [writer.rule(rule) for rule in findings.rules]
     groups: dict[tuple[str, str], list[ParameterFinding | MissingEffect]] = {}
@@ -77,7 +77,7 @@ def remarks(findings: Findings, ground: GroundModel) -> list[Remark]:
     return sorted(found, key=lambda remark: -remark.cost)
 
 
-class _Writer:
+class _RemarkWriter:
     """Writes remarks with the names and places of one domain."""
 
     def __init__(self, ground: GroundModel) -> None:
