@@ -214,19 +214,20 @@ def conjuncts(condition: x.Condition | None) -> Iterator[x.Condition]:
         yield condition
 
 
+def nested_effects(effects: tuple[x.Effect, ...]) -> Iterator[x.Effect]:
+    """Yield effects and those inside of them."""
+    for effect in effects:
+        yield effect
+        if isinstance(effect, x.When | x.ForallEffect):
+            yield from nested_effects(effect.effects)
+
+
 def _changed_names(domain: x.DomainSyntax) -> set[str]:
     names: set[str] = set()
-
-    def collect(effects: tuple[x.Effect, ...]) -> None:
-        for effect in effects:
-            match effect:
-                case x.SetPredicate(atom):
-                    names.add(atom.name)
-                case x.ChangeFunction(_, function):
-                    names.add(function.name)
-                case x.When(_, inner) | x.ForallEffect(_, inner):
-                    collect(inner)
-
     for schema in domain.schemas:
-        collect(schema.effects)
+        for effect in nested_effects(schema.effects):
+            if isinstance(effect, x.SetPredicate):
+                names.add(effect.atom.name)
+            elif isinstance(effect, x.ChangeFunction):
+                names.add(effect.function.name)
     return names

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from serp.model.facts import Binding, Facts, Key, bound, conjuncts, key_of
+from serp.model.facts import Binding, Facts, Key, bound, conjuncts, key_of, nested_effects
 from serp.pddl import syntax as x
 
 _Filters = Sequence[tuple[x.Condition, frozenset[str]]]
@@ -331,23 +331,12 @@ def _parts(condition: x.Condition) -> Iterator[x.Condition]:
 def _calculates(schema: x.Schema) -> bool:
     """Whether the condition of an effect calculates.
 
-    It may then have no result, so that the action is not applicable, whatever the effect is worth.
+    It may then have no result, so that the action is not applicable, whatever the effect does.
     """
-
-    def calculating(effects: tuple[x.Effect, ...]) -> bool:
-        return any(
-            (
-                isinstance(effect, x.When)
-                and any(
-                    isinstance(part, x.NumericComparison)
-                    and (
-                        isinstance(part.left, x.Arithmetic) or isinstance(part.right, x.Arithmetic)
-                    )
-                    for part in _parts(effect.condition)
-                )
-            )
-            or (isinstance(effect, x.When | x.ForallEffect) and calculating(effect.effects))
-            for effect in effects
-        )
-
-    return calculating(schema.effects)
+    return any(
+        isinstance(part, x.NumericComparison)
+        and any(isinstance(side, x.Arithmetic) for side in (part.left, part.right))
+        for effect in nested_effects(schema.effects)
+        if isinstance(effect, x.When)
+        for part in _parts(effect.condition)
+    )

@@ -7,8 +7,10 @@ dictionary from ground terms to values. Nothing here is shared with `serp.model.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
+import operator
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -18,6 +20,7 @@ Key = tuple[str, ...]
 """A ground predicate or function: its name and the objects."""
 State = dict[Key, bool | float]
 Binding = dict[str, str]
+UNKNOWN = 0.5
 
 
 @dataclass(frozen=True)
@@ -183,18 +186,7 @@ class Oracle:
         after.update({key: False for key in deletes})
         after.update({key: True for key in adds})
         for change, key, value in numbers:
-            old = float(after[key])
-            match change:
-                case x.Change.ASSIGN:
-                    after[key] = value
-                case x.Change.INCREASE:
-                    after[key] = old + value
-                case x.Change.DECREASE:
-                    after[key] = old - value
-                case x.Change.SCALE_UP:
-                    after[key] = old * value
-                case x.Change.SCALE_DOWN:
-                    after[key] = quotient(old, value)
+            after[key] = CHANGES[change](float(after[key]), value)
         for _, key, _ in numbers:
             if key != (x.REWARD,) and not math.isfinite(after[key]):
                 raise NotApplicable
@@ -220,46 +212,38 @@ class Oracle:
     def holds(self, condition: x.Condition, state: State, binding: Binding) -> bool:
         """Whether a condition is true in a state; one that is undefined ends the step."""
         truth = self.truth(condition, state, binding)
-        if truth is None:
+        if truth == UNKNOWN:
             raise NotApplicable
-        return truth
+        return truth == 1
 
-    def truth(self, condition: x.Condition, state: State, binding: Binding) -> bool | None:
-        """The truth of a condition; None where it hangs on a number that is none."""
+    def truth(self, condition: x.Condition, state: State, binding: Binding) -> float:
+        """1 (true), 0 (false) or UNKNOWN, where it depends on a number that is NaN (Kleene)."""
         match condition:
             case x.Atom():
                 return bool(state[ground(condition, binding)])
             case x.SameObject(left, right):
                 return bound(left, binding) == bound(right, binding)
-            case x.NumericComparison(operator, left_side, right_side):
+            case x.NumericComparison(symbol, left_side, right_side):
                 left_value = self.value(left_side, state, binding)
                 right_value = self.value(right_side, state, binding)
                 if math.isnan(left_value) or math.isnan(right_value):
-                    return None
-                return {
-                    "<": left_value < right_value,
-                    "<=": left_value <= right_value,
-                    "=": left_value == right_value,
-                    ">=": left_value >= right_value,
-                    ">": left_value > right_value,
-                }[operator]
-            case x.Connective(operator, operands):
+                    return UNKNOWN
+                return COMPARISONS[symbol](left_value, right_value)
+            case x.Connective(word, operands):
                 truths = [self.truth(operand, state, binding) for operand in operands]
-                match operator:
+                match word:
                     case "and":
-                        return conjunction(truths)
+                        return min(truths, default=1)
                     case "or":
-                        return disjunction(truths)
+                        return max(truths, default=0)
                     case "not":
-                        return opposite(truths[0])
+                        return 1 - truths[0]
                     case _:  # imply
-                        return disjunction([opposite(truths[0]), truths[1]])
-            case x.Quantified(operator, parameters, body):
-                truths = [
-                    self.truth(body, state, {**binding, **more})
-                    for more in self.bindings(parameters)
-                ]
-                return conjunction(truths) if operator == "forall" else disjunction(truths)
+                        return max(1 - truths[0], truths[1])
+            case x.Quantified(word, parameters, body):
+                bindings = ({**binding, **more} for more in self.bindings(parameters))
+                truths = [self.truth(body, state, inner) for inner in bindings]
+                return min(truths, default=1) if word == "forall" else max(truths, default=0)
 
     def value(
         self, expression: x.Expression, state: State, binding: Binding, total_time: float = 0.0
@@ -272,37 +256,11 @@ class Oracle:
                 return float(state[ground(expression, binding)])
             case x.TotalTime():
                 return total_time
-            case x.Arithmetic(operator, operands):
+            case x.Arithmetic(symbol, operands):
                 values = [self.value(o, state, binding, total_time) for o in operands]
                 if len(values) == 1:
                     return -values[0]
-                result = values[0]
-                for value in values[1:]:
-                    match operator:
-                        case "+":
-                            result = result + value
-                        case "-":
-                            result = result - value
-                        case "*":
-                            result = result * value
-                        case "/":
-                            result = quotient(result, value)
-                return result
-
-
-def conjunction(truths: list[bool | None]) -> bool | None:
-    """False where one is false, else unknown where one is."""
-    return False if False in truths else None if None in truths else True
-
-
-def disjunction(truths: list[bool | None]) -> bool | None:
-    """True where one is true, else unknown where one is."""
-    return True if True in truths else None if None in truths else False
-
-
-def opposite(truth: bool | None) -> bool | None:
-    """The negation; unknown stays unknown."""
-    return None if truth is None else not truth
+                return functools.reduce(ARITHMETIC[symbol], values)
 
 
 def bound(term: x.SchemaTerm, binding: Binding) -> str:
@@ -344,3 +302,15 @@ def refuse_contradictions(numbers: list[tuple[x.Change, Key, float]]) -> None:
 A = x.Change.ASSIGN
 ADDITIVE = {x.Change.INCREASE, x.Change.DECREASE}
 SCALING = {x.Change.SCALE_UP, x.Change.SCALE_DOWN}
+CHANGES: dict[x.Change, Callable[[float, float], float]] = {
+    x.Change.ASSIGN: lambda old, value: value,
+    x.Change.INCREASE: operator.add,
+    x.Change.DECREASE: operator.sub,
+    x.Change.SCALE_UP: operator.mul,
+    x.Change.SCALE_DOWN: quotient,
+}
+ARITHMETIC = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": quotient}
+COMPARISONS = {
+    **{"<": operator.lt, "<=": operator.le, "=": operator.eq},
+    **{">=": operator.ge, ">": operator.gt},
+}
