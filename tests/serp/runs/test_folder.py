@@ -203,14 +203,14 @@ def test_a_reader_cannot_write(tmp_path):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (None, "is no run: it has no config.json"),
+        (None, "is not a run: it has no config.json"),
         ("{", "is damaged"),
-        ("[]", "no JSON object"),
+        ("[]", "not a JSON object"),
         ("{}", "was not written by serp"),
         ('{"format": 1, "config": {}}', "was not written by serp"),
         ('{"format": 99, "config": {}, "domain_files": {}}', "has format 99; .* newer serp"),
-        (about(created=None), "created is missing or no str"),
-        (about(machine=[]), "machine is missing or no dict"),
+        (about(created=None), "created is missing or not a str"),
+        (about(machine=[]), "machine is missing or not a dict"),
         (about(command=["serp", 3]), "command and domain_files are to hold texts"),
     ],
 )
