@@ -1,4 +1,4 @@
-"""How long numba has compiled in this process: time that is no part of training.
+"""How long numba has compiled in this process: time that is not part of training.
 
 What is compiled is kept on disk, so a loop costs this once after an installation or an edit. Times
 that are reported (seconds of training, steps a second) leave it out wherever it comes up.
@@ -62,7 +62,7 @@ def _name_of(data: Any) -> Any:
 
 
 _WATCH: Final = _Watch()
-# The passes are those of callbacks too, whose compilation is no event of its own. Neither comes up
+# Callbacks, whose compilation is not an event of its own, have passes too. Neither event comes up
 # where machine code is read from disk.
 for _kind in ("numba:compile", "numba:run_pass"):
     event.register(_kind, _WATCH)  # type: ignore[no-untyped-call]

@@ -57,7 +57,7 @@ def read_json(file: Path, advice: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise RunError(f"{file} is damaged ({error}). {advice}") from error
     if not isinstance(content, dict):
-        raise RunError(f"{file} is damaged (no JSON object). {advice}")
+        raise RunError(f"{file} is damaged (not a JSON object). {advice}")
     return content
 
 

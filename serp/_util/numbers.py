@@ -1,7 +1,7 @@
 """Numbers: as users give them, as they are shown to users, and the largest of them.
 
-Python's and NumPy's numbers are taken over as Python's. A truth value is no number here
-(`depth=True` is a slip, not 1), and NaN is none either.
+Python's and NumPy's numbers are taken over as Python's. A truth value is not a number
+here (`depth=True` is a mistake, not 1), and neither is NaN.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ def seed_of(value: Any) -> int:
     """Return a seed as an int.
 
     Raises:
-        SettingsError: It is no whole number, or negative.
+        SettingsError: It is not a whole number, or negative.
     """
     seed = whole(value, 0)
     if seed is None:

@@ -33,8 +33,8 @@ PREVIOUS = "checkpoint-previous.safetensors"
 DAMAGED = "checkpoint-damaged.safetensors"
 
 _ADVICE = (
-    "Nothing is left to go on from: restore a checkpoint from a copy, or train again with another "
-    "--out. What metrics.csv and decisions.csv say of the run can still be read."
+    "No checkpoint is left to continue from: restore a checkpoint from a copy, or train again with "
+    "another --out. metrics.csv and decisions.csv can still be read."
 )
 _ENTRY = "serp"
 _FLOAT = "float"
@@ -85,7 +85,7 @@ def load(path: Path | str) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, A
 
     Raises:
         CheckpointDamaged: The file is cut or altered.
-        RunError: There is no such file, it cannot be read, it is no checkpoint of serp, or a
+        RunError: There is no such file, it cannot be read, it is not a checkpoint of serp, or a
             newer serp wrote it.
     """
     path = Path(path)

@@ -72,7 +72,7 @@ def read_config(folder: Path) -> dict[str, Any]:
     """Read the ``config.json`` of a run: the keys that `config_text` writes.
 
     Raises:
-        RunError: The folder is missing or no run, or its ``config.json`` is damaged or of a
+        RunError: The folder is missing or not a run, or its ``config.json`` is damaged or of a
             newer serp.
     """
     if not os.path.isdir(folder):
@@ -85,7 +85,7 @@ def read_config(folder: Path) -> dict[str, Any]:
                 f"nothing to continue. Begin it anew, with --out {folder}."
             )
         raise RunError(
-            f"{folder} is no run: it has no {CONFIG}. Give a folder that plan-and-learn has made."
+            f"{folder} is not a run: it has no {CONFIG}. Give a folder that plan-and-learn made."
         )
     about = read_json(file, "Restore it from a copy.")
     version = about.get("format")
@@ -97,7 +97,7 @@ def read_config(folder: Path) -> dict[str, Any]:
     for key, kind in _KINDS.items():
         if not isinstance(about.get(key), kind):
             raise RunError(
-                f"{file} was not written by serp, or is damaged: {key} is missing or no "
+                f"{file} was not written by serp, or is damaged: {key} is missing or not a "
                 f"{kind.__name__}. Restore it from a copy."
             )
     texts = (*about["command"], *about["domain_files"].values())

@@ -125,7 +125,7 @@ class RunFolder(Closing):
             writing: Lock it and open its tables for appending, to continue the run.
 
         Raises:
-            RunError: There is no such folder, it is no run, its ``config.json`` is damaged or of
+            RunError: There is no such folder, it is not a run, its ``config.json`` is damaged or of
                 a newer serp, or another process writes it while `writing` is asked for.
         """
         path = Path(path)

@@ -61,7 +61,7 @@ def read_metrics(path: Path | str) -> dict[str, np.ndarray[Any, Any]]:
     Counts are int64, flags bool, everything else float64 with NaN for an empty cell.
 
     Raises:
-        RunError: See `read_rows`; also for a cell that is no number.
+        RunError: See `read_rows`; also for a cell that is not a number.
     """
     hints = get_type_hints(MetricsRow)
     kinds = [hints[field] for field in MetricsRow._fields]
@@ -92,7 +92,7 @@ def count_decisions(path: Path | str) -> DecisionCounts:
     """Count the decisions of ``decisions.csv``.
 
     Raises:
-        RunError: See `read_rows`; also for a cell that is no truth value.
+        RunError: See `read_rows`; also for a cell that is not 0 or 1.
     """
     tally = DecisionCounts()
     kinds = get_type_hints(_Counted)

@@ -46,7 +46,7 @@ def summarize(
         config: The resolved configuration; its ``domain``, ``preset``, ``seed``,
             ``learned_from`` and ``file_rewards`` are repeated.
         vetoes_by_reason: Reason → proposals refused for it, in the order to be listed.
-        compile_seconds: What compilation took; it is no part of ``wall_time``.
+        compile_seconds: What compilation took; it is not part of ``wall_time``.
 
     Returns:
         JSON values. ``return`` and ``domain_return`` hold the mean of the first 10, of the last 20
@@ -83,7 +83,7 @@ def summarize(
 def _means(returns: np.ndarray[Any, Any], env_steps: np.ndarray[Any, Any]) -> dict[str, Any]:
     if not len(returns):
         return {"first_10": None, "last_20": None, "best_20": None, "best_20_at_env_step": None}
-    # A mean over fewer episodes than the window is none of the candidates for the best one.
+    # A mean over fewer episodes than the window is not a candidate for the best one.
     full = min(WINDOW, len(returns)) - 1
     means = moving_mean(returns)
     best = full + int(np.argmax(means[full:]))

@@ -122,7 +122,7 @@ class BoundTask(Closing):
         self._check_grounding(given)
 
     def _check_grounding(self, given: Any) -> None:
-        """Check which fluents a first answer of the grounding gives; None where there is none."""
+        """Check which fluents the first answer of the grounding gives, if it gave any."""
         try:
             if isinstance(given, Mapping):
                 self.model.check_names(given)
@@ -147,7 +147,9 @@ class BoundTask(Closing):
                 f"task {self.name}: making the environment failed: {_short(error)}"
             ) from error
         if not isinstance(env, gym.Env):
-            raise TaskError(f"task {self.name}: make_env returned {type(env).__name__}, no gym.Env")
+            raise TaskError(
+                f"task {self.name}: make_env returned {type(env).__name__}, not a gymnasium.Env"
+            )
         return env
 
     # The way of data through a step ------------------------------------------------------------
@@ -158,7 +160,7 @@ class BoundTask(Closing):
         The first number outside the bounds that the space declares is a notice.
 
         Raises:
-            EnvironmentFailure: It is no member of the space, not made of real numbers, or holds
+            EnvironmentFailure: It is not a member of the space, not made of real numbers, or holds
                 NaN or an infinity.
         """
         try:

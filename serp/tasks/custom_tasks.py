@@ -38,7 +38,9 @@ def custom_task(name: str) -> Task:
     if isinstance(found, Task):
         return found
     if not callable(found):
-        raise TaskError(f"--task {name}: `{attribute}` is a {type(found).__name__}, no serp.Task")
+        raise TaskError(
+            f"--task {name}: `{attribute}` is a {type(found).__name__}, not a serp.Task"
+        )
     try:
         made = found()
     except SerpError:
@@ -46,7 +48,7 @@ def custom_task(name: str) -> Task:
     except Exception as error:
         raise _failed(f"--task {name}: making the task failed", error) from error
     if not isinstance(made, Task):
-        raise TaskError(f"--task {name}: it returned {type(made).__name__}, no serp.Task")
+        raise TaskError(f"--task {name}: it returned {type(made).__name__}, not a serp.Task")
     return made
 
 

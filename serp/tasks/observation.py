@@ -39,7 +39,7 @@ class Observations:
         size: Numbers in a vector.
 
     Raises:
-        ValueError: The space is none whose observations are vectors.
+        ValueError: Observations of the space are not vectors.
     """
 
     def __init__(self, space: Any) -> None:
@@ -60,8 +60,8 @@ class Observations:
         """Return an observation as a float64 vector `[size]` of its own.
 
         Raises:
-            ValueError: It is no member of the space, not made of real numbers, or not finite; the
-                text says which part of it, what was given and what is wanted.
+            ValueError: It is not a member of the space, not made of real numbers, or not finite;
+                the text says which part of it, what was given and what is wanted.
         """
         if isinstance(self.space, spaces.Box):
             vector = _flat(self.space, raw, "")
@@ -128,7 +128,7 @@ def _leaf_spaces(space: Any, path: str) -> Iterator[tuple[str, Any]]:
 
 
 def _leaves(space: Any, raw: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
-    """Give the path, the space and the value of every part that is no composite itself."""
+    """Give the path, the space and the value of every part that is not composite itself."""
     below = _below(space)
     if below is None:
         yield path, space, raw
@@ -152,7 +152,7 @@ def _flat(leaf: spaces.Space[Any], value: Any, path: str) -> NDArray[np.float64]
     except ValueError:  # lists of different lengths
         array = np.asarray(None)
     except Exception as error:  # a tensor with a gradient refuses, and others may raise anything
-        raise ValueError(f"{_named(path, value)}, which is no array: {error}") from None
+        raise ValueError(f"{_named(path, value)}, which is not an array: {error}") from None
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{_named(path, value)}; real numbers are wanted, for {leaf}")
     size = math.prod(leaf.shape)

@@ -41,7 +41,7 @@ def load_task(name: str) -> Task:
             f"task `{name}` ({entry.value}) cannot be made: {type(error).__name__}: {error}"
         ) from error
     if not isinstance(made, Task):
-        raise TaskError(f"`{entry.value}` returned {type(made).__name__}, no serp.Task")
+        raise TaskError(f"`{entry.value}` returned {type(made).__name__}, not a serp.Task")
     return made
 
 

@@ -56,7 +56,7 @@ def closed(mapping: Mapping[Any, Any]) -> dict[Any, Any]:
     """Return a permutation, chains of it closed.
 
     Raises:
-        ValueError: Two things have the same image, or it is no mapping.
+        ValueError: Two things have the same image, or it is not a mapping.
     """
     if not isinstance(mapping, Mapping):
         raise ValueError(f"expected a mapping such as {{'left': 'right'}}, not {mapping!r}")

@@ -69,7 +69,7 @@ class Task:
 
         Raises:
             DomainError: The files are missing or wrong.
-            TaskError: They are no names of files.
+            TaskError: They are not names of files.
         """
         if isinstance(self.domain, Domain):
             return self.domain.observed()

@@ -97,8 +97,8 @@ class TaskSymmetry:
 def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tuple[str, ...]]:
     """Return the symmetries that a task declares and its domain has.
 
-    The domain file is the expert's: an edit of one side alone is no mistake. What the file does not
-    have is left out.
+    The domain file is the expert's: an edit of one side alone is not a mistake. What the file does
+    not have is left out.
 
     Returns:
         The symmetries, and a line for each that was left out, with the reason.
@@ -157,7 +157,7 @@ class _Wrong(Exception):
 
 
 class _Unfit(_Wrong):
-    """A declared symmetry is none of this domain file: another file may have it."""
+    """This domain file does not have a declared symmetry; another file may have it."""
 
 
 def _resolve(task: BoundTask, symmetry: Symmetry) -> TaskSymmetry:
@@ -303,7 +303,7 @@ def _of_observation(
 
 
 def _numbers(values: Any) -> tuple[float, ...]:
-    """Return a sequence as numbers; nothing where it is none."""
+    """Return a sequence as numbers; empty where it is not one."""
     try:
         return tuple(float(value) for value in values)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Says when the environment does not come back."""
+"""Reports an environment that does not return from a call."""
 
 from __future__ import annotations
 

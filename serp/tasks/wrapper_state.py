@@ -103,7 +103,9 @@ class _Part:
             )
         kind = np.dtype(saved["dtype"])  # an update may have changed it
         if kind.kind not in "biuf":
-            raise ValueError(f"`{self.name}` is saved as {saved['dtype']}, which are no numbers")
+            raise ValueError(
+                f"`{self.name}` is saved as {saved['dtype']}, which is not a numeric type"
+            )
         array = np.array(saved["values"], dtype=kind).reshape(saved["shape"])
         return array if isinstance(current, np.ndarray) else array[()].item()
 

@@ -36,10 +36,10 @@ class Budget(Section):
         """Return the budget that `as_dict` wrote.
 
         Raises:
-            SettingsError: It is none.
+            SettingsError: It is not a budget.
         """
         if not isinstance(values, Mapping) or values.keys() != cls.model_fields.keys():
-            raise SettingsError(f"{values!r} is no budget")
+            raise SettingsError(f"{values!r} is not a budget")
         return cls(**values)
 
     @property

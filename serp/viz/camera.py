@@ -17,8 +17,8 @@ from serp.errors import EnvironmentFailure, TaskError
 from serp.tasks.bound_task import BoundTask
 from serp.training.run import Run
 
-ONE: Final = "rgb_array"
-SEVERAL: Final = "rgb_array_list"
+RGB_ARRAY: Final = "rgb_array"
+RGB_ARRAY_LIST: Final = "rgb_array_list"
 Picture = NDArray[np.uint8]
 
 
@@ -28,15 +28,15 @@ def render_mode_of(run: Run) -> str:
     Raises:
         TaskError: The environment offers no pictures.
     """
-    with run.environment(ONE) as task:
+    with run.environment(RGB_ARRAY) as task:
         modes = task.env.metadata.get("render_modes") or ()
-        if SEVERAL in modes:
-            return SEVERAL
-        if ONE in modes:
-            return ONE
+        if RGB_ARRAY_LIST in modes:
+            return RGB_ARRAY_LIST
+        if RGB_ARRAY in modes:
+            return RGB_ARRAY
         raise TaskError(
             f"task {task.name}: the environment draws no pictures; it needs the render mode "
-            f"`{ONE}`, and among metadata['render_modes'] are {', '.join(modes) or 'none'}"
+            f"`{RGB_ARRAY}`, and among metadata['render_modes'] are {', '.join(modes) or 'none'}"
         )
 
 
@@ -49,7 +49,7 @@ class Camera:
 
     def __init__(self, task: BoundTask) -> None:
         self._task = task
-        self._several = task.env.render_mode == SEVERAL
+        self._several = task.env.render_mode == RGB_ARRAY_LIST
         self._rate = real(task.env.metadata.get("render_fps"))
 
     def take(self) -> list[Picture]:

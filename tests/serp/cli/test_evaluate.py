@@ -46,7 +46,7 @@ def test_usage_errors(run: Run, trained: Path) -> None:
 def test_what_is_no_run_is_refused(run: Run) -> None:
     assert "no such folder" in run("evaluate", "nosuch", expect=1).stderr
     Path("empty").mkdir()
-    assert "is no run" in run("evaluate", "empty", expect=1).stderr
+    assert "is not a run" in run("evaluate", "empty", expect=1).stderr
 
 
 def test_a_run_of_a_task_that_is_not_installed_is_refused(run: Run, trained: Path) -> None:

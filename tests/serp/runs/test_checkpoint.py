@@ -243,29 +243,6 @@ def test_damaged_newest_falls_back_to_the_previous_and_says_so(tmp_path, damage)
     assert str(newest) in found.fallback
 
 
-_FILL_THE_DISK = """
-import resource, sys
-import numpy as np
-from serp.errors import RunError
-from serp.runs.checkpoint import save_rotating
-save_rotating(sys.argv[1], {"x": np.ones(10)}, {"episode": 0})
-resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))
-try:
-    save_rotating(sys.argv[1], {"x": np.ones(10_000)}, {"episode": 1})
-except RunError as error:
-    print(error)
-"""
-
-
-def test_write_that_fails_half_way_keeps_the_former_checkpoint(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-c", _FILL_THE_DISK, str(tmp_path)], capture_output=True, text=True
-    )
-    assert "File too large. The former checkpoint.safetensors is kept whole" in done.stdout
-    assert os.listdir(tmp_path) == [NEWEST]
-    assert load_newest(tmp_path).meta == {"episode": 0}
-
-
 _SAVE_FOR_EVER = """
 import sys
 import numpy as np

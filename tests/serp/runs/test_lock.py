@@ -30,15 +30,6 @@ def test_another_process_is_kept_out_until_it_dies(tmp_path):
         RunLock(tmp_path).release()
 
 
-def test_the_same_process_is_kept_out_too(tmp_path):
-    lock = RunLock(tmp_path)
-    with pytest.raises(RunError, match="is being written by"):
-        RunLock(tmp_path)
-    lock.release()
-    lock.release()
-    RunLock(tmp_path).release()
-
-
 def test_a_folder_that_is_gone_is_a_run_error(tmp_path):
     with pytest.raises(RunError, match=r"cannot write .*\.lock"):
         RunLock(tmp_path / "gone")

@@ -100,7 +100,7 @@ def test_the_task_of_an_installed_package_is_found_by_name(package: Path) -> Non
     ("name", "said"),
     [
         ("broken", r"task `broken` \(third_party_lab:broken\).*RuntimeError: no licence"),
-        ("other", "`third_party_lab:other` returned dict, no serp.Task"),
+        ("other", "`third_party_lab:other` returned dict, not a serp.Task"),
         ("wrong", "nowhere.pddl"),
         ("missing", r"task `missing` .*AttributeError"),
         ("absent", r"task `absent` .*ModuleNotFoundError"),
