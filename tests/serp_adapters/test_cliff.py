@@ -57,29 +57,34 @@ def walk(task: BoundTask, steps: int, seed: int) -> list[tuple[int, int, Any, di
     return seen
 
 
-def test_every_step_is_one_that_gymnasiums_table_has(task: BoundTask, table: Table) -> None:
-    """Fallen robots apart, which Gymnasium puts back to the start."""
-    for cell, action, (shown, reward, terminated, _), info in walk(task, 4_000, 1):
+def test_every_step_is_one_of_gymnasiums_table_and_a_fall_shows_its_cell(
+    task: BoundTask, table: Table
+) -> None:
+    """Gymnasium puts fallen robots back to the start; the slips are a third of the moves each."""
+    seen, falls, slips = walk(task, 20_000, 1), set(), np.zeros(3)
+    for cell, action, (shown, reward, terminated, _), info in seen:
         possible = {(n, r, t) for _, n, r, t in table[cell][action]}
+        ways = [moved(cell, (action + slip) % 4) for slip in (-1, 0, 1)]
         fell = shown in CLIFF
         assert info["falls"] == fell
         if fell:
             assert (36, -100, False) in possible
             assert (reward, terminated) == (-100.0, True)
+            assert shown in ways
+            falls.add((cell, action, shown))
         else:
             assert (shown, reward, terminated) in possible
-
-
-def test_the_cell_of_a_fall_is_where_one_of_the_three_moves_leads(
-    task: BoundTask, table: Table
-) -> None:
-    seen = walk(task, 20_000, 2)
-    falls = {(cell, action, shown[0]) for cell, action, shown, info in seen if info["falls"]}
-    for cell, action, fallen in falls:
-        assert fallen in {moved(cell, (action + slip) % 4) for slip in (-1, 0, 1)}
+        if len(set(ways)) == 3:
+            slips[ways.index(shown)] += 1
+        ground = task.model.action_index(task.actions.name(action))
+        judged = task.model.judge(task.ground(cell), ground, task.ground(shown))
+        assert (judged.terminal, judged.unsafe) == (terminated, fell)
     # From the start, slipping and not, and from above.
     assert {(36, 0, 37), (36, 1, 37)} <= falls
     assert len({fallen for cell, _, fallen in falls if cell != 36}) >= 3
+    assert slips.sum() > 3_000
+    np.testing.assert_allclose(slips / slips.sum(), 1 / 3, atol=0.03)
+    assert task.model.judge(task.ground(35), 2, task.ground(GOAL))[1:] == (False, True)
 
 
 def test_wherever_one_can_stand_only_one_cell_of_the_cliff_is_near(table: Table) -> None:
@@ -90,17 +95,6 @@ def test_wherever_one_can_stand_only_one_cell_of_the_cliff_is_near(table: Table)
         assert len(near) == bool(falls)
         if falls:
             assert near == {cell + (1 if cell == 36 else 12)}
-
-
-def test_a_third_of_the_moves_goes_to_each_side(task: BoundTask) -> None:
-    seen = walk(task, 20_000, 3)
-    counts = np.zeros(3)
-    for cell, action, (shown, *_), _ in seen:
-        ways = [moved(cell, (action + slip) % 4) for slip in (-1, 0, 1)]
-        if len(set(ways)) == 3:
-            counts[ways.index(shown)] += 1
-    assert counts.sum() > 3_000
-    np.testing.assert_allclose(counts / counts.sum(), 1 / 3, atol=0.03)
 
 
 def test_grounding_is_row_and_column(task: BoundTask) -> None:
@@ -120,17 +114,6 @@ def test_the_domain_moves_as_the_environment_does_without_slipping(task: BoundTa
             assert predicted.state.tolist() == task.ground(there).tolist()
             assert predicted.unsafe == (there in CLIFF)
             assert predicted.terminal == (there in CLIFF or there == GOAL)
-
-
-def test_flags_of_the_domain_agree_with_the_end_of_the_episode(task: BoundTask) -> None:
-    ends = set()
-    for cell, action, (shown, _, terminated, _), info in walk(task, 4_000, 4):
-        ground = task.model.action_index(task.actions.name(action))
-        judged = task.model.judge(task.ground(cell), ground, task.ground(shown))
-        assert (judged.terminal, judged.unsafe) == (terminated, bool(info["falls"]))
-        ends.add((judged.terminal, judged.unsafe))
-    assert {(True, True), (False, False)} <= ends
-    assert task.model.judge(task.ground(35), 2, task.ground(GOAL))[1:] == (False, True)
 
 
 def test_the_goal_ends_an_episode_without_a_fall(task: BoundTask, table: Table) -> None:

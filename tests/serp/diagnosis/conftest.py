@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from serp.model.transition_model import TransitionModel
-from tests.serp.sysid.truth import robots
+from tests.serp.diagnosis.made_up import robots
 
 
 @pytest.fixture

@@ -22,17 +22,18 @@ from serp.diagnosis.repair.repair import Repaired, repair
 from serp.model.loading import Domain
 from serp.model.transition_model import TransitionModel
 from serp.sysid.regression_data import predicted_steps
-from tests.serp.diagnosis.repairing import taken, written
-from tests.serp.sysid.rolls import DOMAINS, from_text, on_ice
-from tests.serp.sysid.truth import (
+from tests.serp.diagnosis.made_up import (
     chances,
     found,
-    literal,
     missing,
+    parameter,
     predictions_with,
     recorded,
     states_of,
+    taken,
+    written,
 )
+from tests.serp.sysid.rolls import DOMAINS, from_text, on_ice
 
 ROVER = """(define (domain rover)
   (:requirements :strips :numeric-fluents :time)
@@ -222,7 +223,7 @@ def test_a_repair_of_a_repair_says_anew_what_is_not_explained() -> None:
 
     def again(text: str, number: float, *sentences: str) -> str:
         domain = from_text(text)
-        told = found(literal(domain.model, 0, number, fluent="x", schema="go", error=0.001))
+        told = found(parameter(domain.model, 0, number, error=0.001))
         return repair(domain, told, sentences).text
 
     twice = again(once.text, 0.9, "the tide")
@@ -243,10 +244,10 @@ def made_up(model: TransitionModel, truth: Findings, told: Findings) -> Diagnosi
 
 
 def test_what_is_uncertain_or_hardly_matters_is_told_apart(model: TransitionModel) -> None:
-    truth = found(literal(model, 0, 2.5))
+    truth = found(parameter(model, 0, 2.5))
     told = found(
-        literal(model, 0, 2.5, cost=0.4),
-        literal(model, 3, 0.53, schema="cool", cost=0.4),  # not by four standard errors
+        parameter(model, 0, 2.5, cost=0.4),
+        parameter(model, 3, 0.53, cost=0.4),  # not by four standard errors
         missing(model, "battery ?r", {(): 0.3}, cost=1e-5),
         chances(model, "light", ({"lit": 1.0}, 0.5, True), cost=0.0),
     )
@@ -281,7 +282,7 @@ def test_where_nothing_can_be_compared_nothing_is_said(model: TransitionModel) -
 
 def test_everything_is_in_the_json(model: TransitionModel) -> None:
     truth = found(
-        literal(model, 0, 2.5), missing(model, "battery ?r", {("warmth",): 0.2}, cost=0.5)
+        parameter(model, 0, 2.5), missing(model, "battery ?r", {("warmth",): 0.2}, cost=0.5)
     )
     shown = json.loads(json.dumps(finite(export.as_dict(made_up(model, truth, truth)))))
     assert shown["steps"] == 400
@@ -294,7 +295,7 @@ def test_everything_is_in_the_json(model: TransitionModel) -> None:
 
 
 def test_the_table_has_a_row_for_each_action_and_quantity(model: TransitionModel) -> None:
-    truth = found(literal(model, 0, 2.5))
+    truth = found(parameter(model, 0, 2.5))
     diagnosis = made_up(model, truth, truth)
     head, *rows = export.table(diagnosis)
     assert len(rows) == len(model.actions) * (len(model.fluents) + 2)

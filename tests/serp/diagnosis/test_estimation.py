@@ -11,6 +11,7 @@ import pytest
 from serp.diagnosis.estimation import findings
 from serp.diagnosis.findings import Findings, MissingEffect
 from serp.sysid.transitions import TransitionMemory
+from tests.serp.diagnosis.made_up import predictions_with
 from tests.serp.sysid.rolls import (
     DOMAINS,
     DT,
@@ -20,7 +21,6 @@ from tests.serp.sysid.rolls import (
     imagined,
     on_ice,
 )
-from tests.serp.sysid.truth import predictions_with
 
 FLEET = """
 (define (domain fleet)

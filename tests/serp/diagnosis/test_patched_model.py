@@ -11,7 +11,7 @@ from serp.diagnosis.findings import Findings
 from serp.diagnosis.patched_model import forecast_with
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.regression_data import predictions
-from tests.serp.sysid.truth import chances, found, literal, missing, states_of
+from tests.serp.diagnosis.made_up import chances, found, missing, parameter, states_of
 
 
 def next_states(
@@ -36,7 +36,7 @@ def test_parameters_are_replaced_and_nothing_else(model: TransitionModel) -> Non
     np.testing.assert_array_equal(next_states(model, found(), states, actions), written)
     theta = model.theta.copy()
     theta[0], theta[3] = 2.5, 0.75
-    findings = found(literal(model, 0, 2.5), literal(model, 3, 0.75, schema="cool"))
+    findings = found(parameter(model, 0, 2.5), parameter(model, 3, 0.75))
     truth = predictions(model.replace(theta=theta), states, actions)
     np.testing.assert_array_equal(next_states(model, findings, states, actions), truth)
 

@@ -9,16 +9,16 @@ from serp.diagnosis.findings import Findings
 from serp.diagnosis.plots import PANELS, draw_diagnosis, panels_of, picture
 from serp.model.transition_model import TransitionModel
 from serp.sysid.regression_data import predictions
-from tests.serp.diagnosis.repairing import taken
-from tests.serp.sysid.rolls import DOMAINS, from_text, on_ice
-from tests.serp.sysid.truth import (
+from tests.serp.diagnosis.made_up import (
     found,
-    literal,
     missing,
+    parameter,
     predictions_with,
     recorded,
     states_of,
+    taken,
 )
+from tests.serp.sysid.rolls import DOMAINS, from_text, on_ice
 
 
 def pictured(model: TransitionModel, truth: Findings) -> Diagnosis:
@@ -31,7 +31,7 @@ def pictured(model: TransitionModel, truth: Findings) -> Diagnosis:
 
 def all_wrong(model: TransitionModel) -> Findings:
     return found(
-        literal(model, 0, 2.5), missing(model, "battery ?r", {("warmth",): 0.2}),
+        parameter(model, 0, 2.5), missing(model, "battery ?r", {("warmth",): 0.2}),
         missing(model, "warmth", {(): 0.1}, schema="", rate=True),
         missing(model, "place ?r", {(): 0.1}, schema="", rate=True),
         missing(model, "battery ?r", {(): 0.1}, schema="", rate=True),
@@ -52,7 +52,7 @@ def test_the_most_costly_pairs_are_drawn_and_no_more_than_can_be_read(
 
 
 def test_numbers_are_points_and_predicates_are_tables(model: TransitionModel) -> None:
-    diagnosis = pictured(model, found(literal(model, 0, 2.5)))
+    diagnosis = pictured(model, found(parameter(model, 0, 2.5)))
     figure = draw_diagnosis(diagnosis)
     by_title = dict(zip(titles(figure), figure.axes, strict=True))
     points = by_title["drive r1: place r1"].collections
@@ -70,7 +70,7 @@ def test_numbers_are_points_and_predicates_are_tables(model: TransitionModel) ->
 
 
 def test_equal_diagnoses_give_equal_bytes(model: TransitionModel) -> None:
-    drawn = pictured(model, found(literal(model, 0, 2.5)))
+    drawn = pictured(model, found(parameter(model, 0, 2.5)))
     assert picture(drawn, "svg") == picture(drawn, "svg")
 
 

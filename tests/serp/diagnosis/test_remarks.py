@@ -9,7 +9,7 @@ from serp._util.number_format import measured, rounded
 from serp.diagnosis.findings import EffectTerm, Findings, MissingEffect, ParameterFinding
 from serp.diagnosis.remarks import remarks, terms
 from serp.model.transition_model import TransitionModel
-from tests.serp.sysid.truth import chances, found, literal, missing
+from tests.serp.diagnosis.made_up import chances, found, missing, parameter
 
 CARTPOLE = Path(__file__).parents[3] / "domains" / "cartpole.pddl"
 
@@ -46,7 +46,7 @@ def test_a_literal_and_what_is_missing_beside_it_are_told_together() -> None:
 
 def test_the_most_costly_comes_first(model: TransitionModel) -> None:
     findings = found(
-        literal(model, 0, 2.0, cost=0.2),
+        parameter(model, 0, 2.0, cost=0.2),
         missing(model, "warmth", {(): 3.0}, schema="", rate=True, cost=0.7),
         chances(model, "light", ({}, 1.0, False), cost=0.5),
     )
@@ -57,9 +57,7 @@ def test_the_most_costly_comes_first(model: TransitionModel) -> None:
 
 def test_a_literal_among_others_is_named(model: TransitionModel) -> None:
     effect = "(decrease (battery ?r) (+ 0.2 (* 0.1 (place ?r))))"
-    findings = found(
-        literal(model, 1, 0.4, fluent="battery"), literal(model, 2, 0.3, fluent="battery")
-    )
+    findings = found(parameter(model, 1, 0.4), parameter(model, 2, 0.3))
     assert texts(findings, model) == [
         f"`drive`, line {line_of(effect, model)}: `{effect}`; observed 0.40 ± 0.02 for 0.2 in 412 "
         "steps; observed 0.30 ± 0.02 for 0.1 in 412 steps"
@@ -67,15 +65,15 @@ def test_a_literal_among_others_is_named(model: TransitionModel) -> None:
 
 
 def test_a_literal_that_agrees_is_left_out(model: TransitionModel) -> None:
-    assert texts(found(literal(model, 0, 1.53)), model) == []
-    assert len(texts(found(literal(model, 0, 1.55)), model)) == 1
-    exact = literal(model, 0, 1.5 + 1e-13, error=0.0)
+    assert texts(found(parameter(model, 0, 1.53)), model) == []
+    assert len(texts(found(parameter(model, 0, 1.55)), model)) == 1
+    exact = parameter(model, 0, 1.5 + 1e-13, error=0.0)
     assert texts(found(exact), model) == []
 
 
 def test_what_is_missing_beside_a_right_literal_is_told_with_it(model: TransitionModel) -> None:
     findings = found(
-        literal(model, 0, 1.51), missing(model, "place ?r", {("warmth", "battery ?r"): -0.4})
+        parameter(model, 0, 1.51), missing(model, "place ?r", {("warmth", "battery ?r"): -0.4})
     )
     (text,) = texts(findings, model)
     assert text.endswith(

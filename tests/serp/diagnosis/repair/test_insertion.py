@@ -8,7 +8,7 @@ from serp.diagnosis.findings import EffectTerm, MissingEffect
 from serp.diagnosis.repair.insertion import InsertionPoints
 from serp.diagnosis.repair.repair import repair
 from serp.pddl.source import Source
-from tests.serp.diagnosis.repairing import kept, of, written
+from tests.serp.diagnosis.made_up import found, kept, written
 from tests.serp.sysid.rolls import from_text
 
 SHAPES = {
@@ -43,14 +43,12 @@ def test_effects_fit_into_actions_of_any_shape(shape: str, newline: str) -> None
 ; after
 """.replace("\n", newline)
     domain = from_text(text)
-    found = of(
-        missing=(
-            MissingEffect("a", None, "g", (EffectTerm(0.5, 0.01, ("f",)),), False, 10, 1.0),
-            MissingEffect("a", None, "f", (EffectTerm(-2.0, 0.01, ()),), False, 10, 1.0),
-            MissingEffect("", None, "f", (EffectTerm(3.0, 0.01, ("g",)),), True, 10, 1.0),
-        )
+    findings = found(
+        MissingEffect("a", None, "g", (EffectTerm(0.5, 0.01, ("f",)),), False, 10, 1.0),
+        MissingEffect("a", None, "f", (EffectTerm(-2.0, 0.01, ()),), False, 10, 1.0),
+        MissingEffect("", None, "f", (EffectTerm(3.0, 0.01, ("g",)),), True, 10, 1.0),
     )
-    repaired = repair(domain, found)
+    repaired = repair(domain, findings)
     new = written(domain, repaired).model
     old = domain.model
     state = {"f": 4.0, "g": 2.0}

@@ -19,12 +19,12 @@ from serp.diagnosis.repair.repair import Repaired, repair
 from serp.pddl.portability import outside_portable_subset, refused_by_unified_planning
 from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.regression_data import predictions
-from tests.serp.diagnosis.repairing import (
+from tests.serp.diagnosis.made_up import (
     comments,
+    found,
     kept,
-    literal,
     logic,
-    of,
+    parameter,
     repaired_by,
     written,
 )
@@ -68,7 +68,7 @@ def test_a_repaired_file_is_repaired() -> None:
 
 def test_numbers_change_where_they_stand_and_nowhere_else() -> None:
     domain = from_text(CARTS)
-    repaired = repair(domain, of(literal(domain, 0, 0.7312, 0.02)))
+    repaired = repair(domain, found(parameter(domain.model, 0, 0.7312, error=0.02)))
     (change,) = repaired.repairs
     new = CARTS.replace("(increase (v ?c) 0.5)", "(increase (v ?c) 0.73)")
     lines = [line for line in repaired.text.splitlines(True) if "as written" not in line]
@@ -81,7 +81,7 @@ def test_numbers_change_where_they_stand_and_nowhere_else() -> None:
 
 def test_what_may_be_nothing_is_written_as_nothing() -> None:
     domain = from_text(CARTS)
-    nothing = repair(domain, of(literal(domain, 0, -0.02, 0.01)))
+    nothing = repair(domain, found(parameter(domain.model, 0, -0.02, error=0.01)))
     assert "(increase (v ?c) 0)" in nothing.text and "observed -0.02 +/- 0.01" in nothing.text
 
 
@@ -90,7 +90,7 @@ def test_an_assignment_takes_in_what_was_missing() -> None:
 
     def with_terms(*terms: EffectTerm) -> str:
         missing = MissingEffect("stop", None, "v ?c", terms, False, 50, 1.0)
-        return repair(domain, of(missing=(missing,))).text
+        return repair(domain, found(missing)).text
 
     own = EffectTerm(0.9996, 1e-5, ("v ?c",))
     assert "(increase (v ?c) 0.125)" in with_terms(own)
@@ -100,9 +100,9 @@ def test_an_assignment_takes_in_what_was_missing() -> None:
     assert "(assign (v ?c) (+ 0.125 (* 0.500 (v ?c))))" in half
     falling = repair(
         domain,
-        of(
-            literal(domain, 4, -0.5),
-            missing=(MissingEffect("stop", None, "v ?c", (own,), False, 50, 1.0),),
+        found(
+            parameter(domain.model, 4, -0.5, error=0.01),
+            MissingEffect("stop", None, "v ?c", (own,), False, 50, 1.0),
         ),
     )
     assert "(decrease (v ?c) 0.50)" in falling.text
@@ -112,7 +112,7 @@ def test_processes_have_new_names_and_typed_parameters() -> None:
     text = FLEET.replace("(:action rest", "(:action wind-changes")
     world = MissingEffect("", None, "wind", (EffectTerm(1.0, 0.01, ()),), True, 10, 1.0)
     typed = replace(world, fluent="way ?r")
-    repaired = repair(from_text(text, ROBOTS), of(missing=(world, world, typed)))
+    repaired = repair(from_text(text, ROBOTS), found(world, world, typed))
     assert "(:process way-changes\n    :parameters (?r - robot)" in repaired.text
     assert "(:process wind-changes-2" in repaired.text
     assert "(:process wind-changes-3" in repaired.text
@@ -126,7 +126,7 @@ def test_chance_is_told_in_comments() -> None:
         ObservedOutcome((), 0.33, 0.02, False),
     )
     place = domain.model.actions[0].place
-    repaired = repair(domain, of(stochastic=(StochasticEffect("up", place, outcomes, 500, 0.1),)))
+    repaired = repair(domain, found(StochasticEffect("up", place, outcomes, 500, 0.1)))
     lines = repaired.text.splitlines(True)
     added = [line for line in lines if line not in domain.source.text.splitlines(True)]
     assert all(line.strip().startswith(";") for line in added)
@@ -149,8 +149,8 @@ def test_soccer_keeps_its_rules() -> None:
     assert logic(written(domain, repaired)) == logic(domain)
     assert kept(domain.source.text, repaired.text)
     right = {p.place.line: p.value for p in domain.model.parameters if p.index in changed}
-    found = [p.value for p in written(domain, repaired).model.parameters if p.index in changed]
-    assert found == pytest.approx([2.0 * value for value in right.values()], rel=0.03)
+    values = [p.value for p in written(domain, repaired).model.parameters if p.index in changed]
+    assert values == pytest.approx([2.0 * value for value in right.values()], rel=0.03)
     assert len(repaired.repairs) == len(changed)
 
 
@@ -161,6 +161,6 @@ def test_a_problem_file_is_not_touched(tmp_path: Path) -> None:
     assert domain.problem_source is not None
     gain = next(p for p in domain.model.parameters if p.role == "initial")
     finding = ParameterFinding(gain, "drive", "way", 2.0, 3.0, 0.01, 100, 1.0)
-    (told,) = repair(domain, of(finding)).open
-    assert repair(domain, of(finding)) == Repaired(text, (), (told,))
+    (told,) = repair(domain, found(finding)).open
+    assert repair(domain, found(finding)) == Repaired(text, (), (told,))
     assert told.startswith("world-problem.pddl, line ") and "2.0 as written; observed 3" in told

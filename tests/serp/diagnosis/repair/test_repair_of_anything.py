@@ -24,11 +24,10 @@ from serp.sysid.candidate_effects import may_change
 from serp.sysid.lifted_features import WORLD, Lens, Lifted, Lifting
 from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.regression_data import predictions
-from tests.serp.diagnosis.repairing import kept, literal, logic, of, written
+from tests.serp.diagnosis.made_up import found, kept, logic, parameter, predictions_with, written
 from tests.serp.diagnosis.test_estimation import FLEET, ROBOTS
 from tests.serp.sysid.rolls import DOMAINS, from_text
 from tests.serp.sysid.test_parameter_fit import CARTS
-from tests.serp.sysid.truth import predictions_with
 
 SHIPPED = ("cartpole", "cartpole-no-velocity", "landing", "soccer", "cliff")
 EXACT = 1e-7  # a standard error that leaves all digits
@@ -80,8 +79,8 @@ def findings_of(draw: st.DrawFn, name: str) -> Findings:
     model = domain.model
     known = parameter_dependencies(model.ground)
     some = draw(st.sets(st.integers(0, len(known) - 1), max_size=4)) if known else set()
-    literals = [
-        literal(domain, k, value, EXACT)
+    numbers = [
+        parameter(model, k, value, error=EXACT)
         for k in sorted(some)
         if abs((value := draw(NUMBERS)) - known[k].parameter.value) > 0.05
     ]
@@ -99,7 +98,7 @@ def findings_of(draw: st.DrawFn, name: str) -> Findings:
         missing[lens.schema, target.name] = MissingEffect(
             lens.schema, place, target.name, terms, lens.schema == WORLD, 1234, 1.0
         )
-    return of(*literals, missing=tuple(missing.values()))
+    return found(*numbers, *missing.values())
 
 
 @pytest.mark.parametrize("name", ["carts", "fleet", *SHIPPED])
@@ -107,19 +106,19 @@ def findings_of(draw: st.DrawFn, name: str) -> Findings:
 @given(data=st.data())
 def test_the_file_stays_and_says_what_was_found(name: str, data: st.DataObject) -> None:
     domain = domain_of(name)
-    found = data.draw(findings_of(name))
-    repaired = repair(domain, found)
+    findings = data.draw(findings_of(name))
+    repaired = repair(domain, findings)
     new = written(domain, repaired)
     assert kept(domain.source.text, repaired.text)
     assert logic(new) == logic(domain)
     assert not outside_portable_subset(new.source) or outside_portable_subset(domain.source)
-    assert bool(repaired.repairs) == bool(found.parameters or found.missing)
+    assert bool(repaired.repairs) == bool(findings.parameters or findings.missing)
     model, again = domain.model.replace(dt=0.1), new.model.replace(dt=0.1)
     rng = np.random.default_rng(0)
     states = rng.uniform(-2.0, 2.0, size=(30, len(model.fluents)))
     states = np.where([f.numeric for f in model.fluents], states, states > 0.0)
     actions = rng.integers(len(model.actions), size=30)
-    told = predictions_with(model, found, states, actions)
+    told = predictions_with(model, findings, states, actions)
     assert predictions(again, states, actions) == pytest.approx(
         told, rel=1e-3, abs=1e-9, nan_ok=True
     )
@@ -139,7 +138,7 @@ def test_chance_changes_comments_alone(data: st.DataObject) -> None:
         ]
         if kinds:
             outcomes.append(StochasticEffect(action.schema, action.place, tuple(kinds), 77, 0.1))
-    repaired = repair(domain, of(stochastic=tuple(outcomes)))
+    repaired = repair(domain, found(*outcomes))
     assert len(repaired.repairs) == len(outcomes)
     rest = iter(domain.source.text.splitlines(keepends=True))
     expected = next(rest, None)
