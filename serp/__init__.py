@@ -17,7 +17,7 @@ _HOMES = {
     "Arbiter": "serp.control.arbiter",
     "ArbiterSettings": "serp.settings",
     "Comparison": "serp.compare.study",
-    "DQN": "serp.learning",
+    "DQN": "serp.learning.dqn",
     "Decision": "serp.control.arbiter",
     "Diagnosis": "serp.diagnosis.diagnosis",
     "Domain": "serp.model.loading",
@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from serp.errors import SerpError as SerpError
     from serp.errors import SettingsError as SettingsError
     from serp.errors import TaskError as TaskError
-    from serp.learning import DQN as DQN
+    from serp.learning.dqn import DQN as DQN
     from serp.model.loading import Domain as Domain
     from serp.model.loading import load_domain as load_domain
     from serp.model.transition_model import Outcome as Outcome
