@@ -18,7 +18,7 @@ _HOMES = {
     "ArbiterSettings": "serp.settings",
     "Comparison": "serp.compare.study",
     "DQN": "serp.learning.dqn",
-    "Decision": "serp.control.arbiter",
+    "Decision": "serp.control.decision",
     "Diagnosis": "serp.diagnosis.diagnosis",
     "Domain": "serp.model.loading",
     "DomainError": "serp.pddl.source",
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from serp.compare.study import Comparison as Comparison
     from serp.compare.study import compare as compare
     from serp.control.arbiter import Arbiter as Arbiter
-    from serp.control.arbiter import Decision as Decision
+    from serp.control.decision import Decision as Decision
     from serp.diagnosis.diagnosis import Diagnosis as Diagnosis
     from serp.diagnosis.diagnosis import diagnose as diagnose
     from serp.diagnosis.repair.repair import Repaired as Repaired

@@ -42,7 +42,7 @@ from serp.cli import main
 from serp.cli.root import serp as group
 from serp.compare.algorithms import OWN, algorithm_entries
 from serp.compare.study import compare
-from serp.control.arbiter import Actor, Reason
+from serp.control.decision import Actor, Reason
 from serp.model.facts import InstantiationBudget
 from serp.model.program import MAX_NATIVE_SIZE
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from typing import Any, Final, Literal, Protocol
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.text import did_you_mean
-from serp.errors import SerpError, SettingsError
+from serp._util import plugins
+from serp.errors import SettingsError
 
 GROUP: Final = "serp.algorithms"
 """Entry points of this group are algorithms from outside: functions as `MakeGuest`."""
@@ -149,7 +149,7 @@ OWN: Final[Mapping[str, Algorithm]] = {algorithm.name: algorithm for algorithm i
 
 def algorithm_entries() -> dict[str, EntryPoint]:
     """Return the offered algorithms from outside by name, without importing them."""
-    return {entry.name: entry for entry in entry_points(group=GROUP)}
+    return plugins.offered(GROUP)
 
 
 def find_algorithm(name: str) -> Algorithm:
@@ -161,20 +161,9 @@ def find_algorithm(name: str) -> Algorithm:
     """
     if name in OWN:
         return OWN[name]
-    entries = algorithm_entries()
-    if name not in entries:
-        raise SettingsError(
-            f"there is no algorithm `{name}`; {did_you_mean(name, [*OWN, *entries])}"
-        )
-    entry = entries[name]
-    try:
+    entry = plugins.find(algorithm_entries(), name, "algorithm", SettingsError, known=OWN)
+    with plugins.loading(entry, "algorithm", SettingsError):
         make = entry.load()
-    except SerpError:
-        raise
-    except Exception as error:
-        raise SettingsError(
-            f"algorithm `{name}` ({entry.value}) cannot be loaded: {type(error).__name__}: {error}"
-        ) from error
     description = (make.__doc__ or name).strip().splitlines()[0].rstrip(".")
     return Algorithm(name=name, description=description, kind="guest", make_guest=make)
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from serp.compare.plan import ComparisonPlan
 from serp.control.arbiter import Arbiter
+from serp.control.registry import make_planner
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.settings import Settings, resolve
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.reward import reward_source
-from serp.training.agent import make_planner
 
 _STEPS: Final = 500
 _SEED: Final = 0

@@ -14,7 +14,7 @@ from enum import StrEnum
 from typing import Any, Final, Protocol
 
 from serp._util.saved_state import Saved
-from serp.control.arbiter import Actor, Reason
+from serp.control.decision import Actor, Reason
 
 
 class Countable(Protocol):

@@ -17,11 +17,10 @@ from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
 from serp._util.saved_state import Arrays, Saved
-from serp.learning.dqn import DQN
-from serp.model.transition_model import Vector
+from serp.control.protocols import Learner
+from serp.control.step_record import StepRecord
 from serp.planning.leaf_value import LeafValue, value_at
 from serp.planning.lookahead import Lookahead
-from serp.tasks.reward import Judged
 
 _PERIOD: Final = 500
 """Env steps between two fits to the learner's values."""
@@ -98,7 +97,7 @@ class LeafValueBootstrap:
         seed: Seed of the random features.
     """
 
-    def __init__(self, planner: Lookahead, learner: DQN, seed: np.random.SeedSequence) -> None:
+    def __init__(self, planner: Lookahead, learner: Learner, seed: np.random.SeedSequence) -> None:
         self._planner = planner
         self._learner = learner
         self._fluents = len(planner.model.fluents)
@@ -131,32 +130,17 @@ class LeafValueBootstrap:
         """Whether planner and learner go by the same rewards."""
         return self._others <= _OTHERS * self._steps
 
-    def observe(
-        self,
-        state: Vector,
-        next_state: Vector,
-        judged: Judged,
-        terminated: bool,
-        truncated: bool,
-    ) -> None:
-        """Take an env step into account.
-
-        Args:
-            state: `[F]` before it.
-            next_state: `[F]` after it.
-            judged: What it was worth.
-            terminated: Whether the environment ended the episode with it.
-            truncated: Whether the episode was cut off there.
-        """
-        reward = judged.domain_reward
+    def observe(self, step: StepRecord) -> None:
+        """Take an env step into account."""
+        reward = step.domain_reward
         self._steps += 1
-        self._others += not math.isclose(reward, judged.reward, rel_tol=1e-6, abs_tol=1e-9)
-        if (truncated and not terminated) or not self._alike:
+        self._others += not math.isclose(reward, step.reward, rel_tol=1e-6, abs_tol=1e-9)
+        if (step.truncated and not step.terminated) or not self._alike:
             self._count[_HELD] = 0
         elif self._value.fitted:
             _follow(
-                self._value.packed, state, next_state, reward, terminated, self._discount,
-                self._window, self._count, self._means,
+                self._value.packed, step.state, step.next_state, reward, step.terminated,
+                self._discount, self._window, self._count, self._means,
             )  # fmt: skip
         if self._steps % _PERIOD == 0 and self._alike and self._learner.updates:
             self._fit()

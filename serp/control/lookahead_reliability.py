@@ -1,4 +1,4 @@
-"""How far the lookahead can be believed: how often its word was broken."""
+"""How far the lookahead can be relied on: how often it failed."""
 
 from __future__ import annotations
 
@@ -8,62 +8,69 @@ from typing import Any, Final
 from serp._util.saved_state import Saved
 
 _PER_STEP: Final = 0.001
-"""So many broken promises an env step are forgiven in the long run."""
+"""Failures an env step that are tolerated in the long run."""
 
 
 class LookaheadReliability:
-    """Counts what the lookahead promised and the world did not keep.
+    """Counts the failures of the lookahead.
 
-    Where the executed action leads, within the lookahead, to no place in which everything is
-    flagged or too risky, the lookahead has promised that what is unsafe can be kept away for as
-    long. The promise is broken where something unsafe is observed within that time all the same. A
-    lookahead whose word is broken again and again knows nothing of what endangers the robot, and
-    what it refuses beyond the next step is refused for no reason.
+    Where the executed action leads, within the lookahead, to no state in which every action is
+    flagged or too risky, the lookahead has predicted that everything unsafe can be avoided for as
+    long. It has failed where something unsafe is observed within that time all the same. A
+    lookahead that fails again and again does not know what endangers the robot; what it refuses
+    beyond the next step is refused without reason.
 
     Args:
         horizon: Control periods that the lookahead sees.
-        forgiven: So many broken promises are forgiven at once, and one more every 1,000 env steps;
-            None forgives all.
+        tolerated: Failures that are tolerated at once; one more is every 1,000 env steps. None
+            tolerates all.
+
+    Attributes:
+        failures: How often it failed.
+        steps: Env steps that were observed.
     """
 
-    def __init__(self, horizon: int, forgiven: int | None) -> None:
+    def __init__(self, horizon: int, tolerated: int | None) -> None:
         self._horizon = horizon
-        self._forgiven = forgiven
-        self.broken = 0
-        self._steps = 0
+        self._tolerated = tolerated
+        self.failures = 0
+        self.steps = 0
         self._since: int | None = None
-        """Env steps since the last promise of this episode."""
+        """Env steps since this episode's newest prediction of safety."""
 
     @property
-    def believed(self) -> bool:
-        """Whether the lookahead is believed beyond the next step."""
-        return self._forgiven is None or self.broken <= self._forgiven + _PER_STEP * self._steps
+    def reliable(self) -> bool:
+        """Whether the lookahead is relied on beyond the next step."""
+        return self._tolerated is None or self.failures <= self._tolerated + _PER_STEP * self.steps
 
-    def observe(self, promised: bool | None, unsafe: bool, last: bool) -> None:
+    def observe(self, predicted_safe: bool | None, unsafe: bool, last: bool) -> bool:
         """Take an env step into account.
 
         Args:
-            promised: Whether the executed action was promised to be safe; None for one that the
-                model does not know, after which no promise holds any more.
+            predicted_safe: Whether the lookahead predicted the executed action to be safe; None
+                for an action that the model does not know, after which no prediction counts.
             unsafe: Whether something unsafe was observed.
             last: Whether the episode ended with it.
+
+        Returns:
+            Whether the lookahead failed.
         """
-        self._steps += 1
-        if promised is None:
+        self.steps += 1
+        if predicted_safe is None:
             self._since = None
-        elif promised:
+        elif predicted_safe:
             self._since = 0
         elif self._since is not None:
             self._since += 1
-        if unsafe and self._since is not None and self._since < self._horizon:
-            self.broken += 1
+        failed = unsafe and self._since is not None and self._since < self._horizon
+        self.failures += failed
+        if failed or last:
             self._since = None
-        if last:
-            self._since = None
+        return failed
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {"broken": self.broken, "steps": self._steps}
+        return {"failures": self.failures, "steps": self.steps}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned.
@@ -71,6 +78,6 @@ class LookaheadReliability:
         Raises:
             RunError: It is damaged.
         """
-        saved = Saved("promises of the lookahead", {}, meta)
-        self.broken, self._steps = saved.whole("broken"), saved.whole("steps")
+        saved = Saved("lookahead reliability", {}, meta)
+        self.failures, self.steps = saved.whole("failures"), saved.whole("steps")
         self._since = None

@@ -67,7 +67,7 @@ def read_recorded(run: Path) -> Recorded:
     model = domain.model.replace(dt=made.dt)
     whole = Saved("run", checkpoint.arrays, checkpoint.meta)
     agent = Saved("agent", checkpoint.arrays, whole.part("agent")[1])
-    saved = Saved("correction", *agent.part("correction"))
+    saved = Saved("adaptation", *agent.part("adaptation"))
     experience, monitor = TransitionMemory.of(model), Monitor(model)
     experience.load_state_dict(*saved.part("experience"))
     monitor.load_state_dict(*saved.part("monitor"))

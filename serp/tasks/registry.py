@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
+from serp._util import plugins
 from serp._util.text import did_you_mean
-from serp.errors import SerpError, TaskError
+from serp.errors import TaskError
 from serp.model.loading import Domain, load_domain
 from serp.tasks.task import Task
 
@@ -16,7 +17,7 @@ GROUP = "serp.tasks"
 
 def task_entries() -> dict[str, EntryPoint]:
     """Return the offered tasks by name, without importing them."""
-    return {entry.name: entry for entry in entry_points(group=GROUP)}
+    return plugins.offered(GROUP)
 
 
 def load_task(name: str) -> Task:
@@ -25,21 +26,10 @@ def load_task(name: str) -> Task:
     Raises:
         TaskError: There is none, or the package that offers it fails.
     """
-    entries = task_entries()
-    if name not in entries:
-        raise TaskError(
-            f"there is no task `{name}`; {did_you_mean(name, entries) or 'none is installed'}\n"
-            "  one of your own: --task FILE.py:FUNCTION, or in Python the serp.Task itself"
-        )
-    entry = entries[name]
-    try:
+    advice = "\n  one of your own: --task FILE.py:FUNCTION, or in Python the serp.Task itself"
+    entry = plugins.find(task_entries(), name, "task", TaskError, advice=advice)
+    with plugins.loading(entry, "task", TaskError):
         made = entry.load()()
-    except SerpError:
-        raise
-    except Exception as error:
-        raise TaskError(
-            f"task `{name}` ({entry.value}) cannot be made: {type(error).__name__}: {error}"
-        ) from error
     if not isinstance(made, Task):
         raise TaskError(f"`{entry.value}` returned {type(made).__name__}, not a serp.Task")
     return made

@@ -8,50 +8,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.numbers import FLOAT32_MAX, best_of
+from serp._util.numbers import FLOAT32_MAX
 from serp._util.saved_state import Saved, nested
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.exploration_bonus import ExplorationBonus
-from serp.control.arbiter import Arbiter, Decision, Forecaster
+from serp.control.arbiter import Arbiter
+from serp.control.decision import Decision
 from serp.control.leaf_value_bootstrap import LeafValueBootstrap
-from serp.control.strategies.making import make_strategy
-from serp.control.strategies.strategy import Learner, Mask, Strategy, Values
+from serp.control.proposers import LearnerProposer
+from serp.control.protocols import Mask, Proposer
+from serp.control.registry import find_learner, make_planner, make_strategy
+from serp.control.step_record import StepRecord
+from serp.control.strategies.strategy import Strategy
+from serp.control.veto import NoVeto, VetoPolicy
 from serp.errors import EnvironmentFailure, TaskError
-from serp.learning.dqn import DQN, Proposal
-from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.forecast import Forecast
+from serp.learning.dqn import Proposal
+from serp.model.transition_model import Vector
+from serp.planning.action_map import ActionForecast
 from serp.planning.lookahead import Lookahead
-from serp.planning.replanner import MonitorReplanner
-from serp.settings import PlannerSettings, Settings
+from serp.settings import Settings
 from serp.sysid.transitions import CUT_OFF, GOES_ON, OVER
 from serp.tasks.bound_task import BoundTask
-from serp.tasks.reward import Judged, reward_source
+from serp.tasks.reward import reward_source
 from serp.tasks.task_symmetry import TaskSymmetry, declared_symmetries, symmetry_group
 
 Arrays = dict[str, NDArray[Any]]
 Meta = dict[str, Any]
-
-
-class _GraphPlanner:
-    """Forecasts of the planning graph, for domains too large to be compiled."""
-
-    def __init__(self, model: TransitionModel, settings: PlannerSettings) -> None:
-        self._replanner = MonitorReplanner(
-            model,
-            depth=settings.depth,
-            discount=settings.discount,
-            repeat=settings.repeat,
-            max_nodes=settings.max_nodes,
-            accepted_risk=settings.accepted_risk,
-        )
-
-    def forecast(self, state: Vector) -> Forecast:
-        return self._replanner.plan(state).forecast
-
-
-def make_planner(model: TransitionModel, settings: PlannerSettings) -> Forecaster:
-    """Return the fastest planner for a model; all give the same decisions."""
-    return Lookahead(model, settings) if model.compiles else _GraphPlanner(model, settings)
 
 
 def _learner_input(inputs: str) -> Callable[[Vector, Vector], Vector]:
@@ -75,46 +57,6 @@ def _too_large(values: Vector) -> int:
     return -1 if fits.all() else int(fits.argmin())
 
 
-class _Asked:
-    """The learner before one input."""
-
-    def __init__(self, learner: DQN, x: Vector) -> None:
-        self._learner = learner
-        self._x = x
-
-    def propose(
-        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
-    ) -> Proposal:
-        return _limited(self._learner.propose(self._x, explorable, base), among)
-
-    def propose_greedily(
-        self, *, among: Mask | None = None, base: Values | None = None
-    ) -> Proposal:
-        return _limited(self._learner.propose_greedily(self._x, base), among)
-
-    def member_q(self) -> Values:
-        return self._learner.member_q(self._x)
-
-    def target_q(self) -> Values:
-        return self._learner.target_q(self._x)
-
-
-class _Greedy(_Asked):
-    """The same, where nothing is explored."""
-
-    def propose(
-        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
-    ) -> Proposal:
-        return self.propose_greedily(among=among, base=base)
-
-
-def _limited(proposal: Proposal, among: Mask | None) -> Proposal:
-    """Return the best of the actions that a greedy choice is limited to."""
-    if among is None or proposal.q is None or among[proposal.action] or not among.any():
-        return proposal
-    return proposal._replace(action=best_of(proposal.q, among))
-
-
 class Agent:
     """Planner, learner and arbiter of one task.
 
@@ -122,36 +64,53 @@ class Agent:
         task: The task.
         settings: All settings.
         seed: Seed of everything random in the agent.
+        baseline: Whether the learner always acts, and nothing is refused.
 
     Attributes:
-        correction: What the model learns from its errors.
-        outlook: What the lookahead makes of the learner's values; None for nothing.
+        arbiter: Decides.
+        guarded: The same with the vetoes, whether or not they hold in training.
+        adaptation: What the model learns from its errors.
+        leaf_values: What the lookahead makes of the learner's values; None for nothing.
         symmetries: Those that the task declares and the learner uses.
         notices: What the user should know: symmetries that the domain file does not have, and a
-            model that cannot be corrected.
+            model that cannot adapt.
 
     Raises:
         TaskError: The task declares a symmetry that makes no sense.
     """
 
-    def __init__(self, task: BoundTask, settings: Settings, seed: int) -> None:
+    def __init__(
+        self, task: BoundTask, settings: Settings, seed: int, *, baseline: bool = False
+    ) -> None:
         self.task = task
         self.settings = settings
         self._learns_from = reward_source(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(5)
-        strategy_seed, learner_seed, random_seed, correction_seed, outlook_seed = seeds
-        self.correction = ModelAdaptation(task.model, settings.adaptation, correction_seed)
-        model = self.correction.model
+        strategy_seed, learner_seed, random_seed, adaptation_seed, leaf_value_seed = seeds
+        self.adaptation = ModelAdaptation(task.model, settings.adaptation, adaptation_seed)
+        model = self.adaptation.model
+        adapts = model is not task.model
+        actions = task.actions.over(model)
         planner = make_planner(model, settings.planner)
-        tries = 0 if model is task.model else settings.adaptation.min_visits
-        if model is task.model:  # then nobody knows whether it is worth imitating
-            settings = settings.replace({"arbiter": {"imitation_weight": 0.0}})
-        strategy = make_strategy(settings, strategy_seed)
+        make = Strategy if baseline else make_strategy
+        strategy = make(settings, strategy_seed, adapts=adapts)
         horizon = settings.planner.depth * settings.planner.repeat
-        self.arbiter = Arbiter(
-            planner, task.actions.over(model), settings.arbiter, strategy, horizon,
-            ExplorationBonus(self.correction.tried, tries), lambda: self.correction.trust,
-        )  # fmt: skip
+        self.guarded = Arbiter(
+            planner,
+            actions,
+            settings.arbiter,
+            strategy,
+            vetoes=VetoPolicy(actions, settings.arbiter, horizon),
+            exploration_bonus=ExplorationBonus(
+                self.adaptation.tried, settings.adaptation.min_visits if adapts else 0
+            ),
+            confidence=lambda: self.adaptation.trust,
+        )
+        self.arbiter = self.guarded
+        if baseline:
+            self.arbiter = Arbiter(
+                planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
+            )
         self._learner_input = _learner_input(settings.training.inputs)
         self.symmetries: tuple[TaskSymmetry, ...] = ()
         self.notices: tuple[str, ...] = ()
@@ -159,9 +118,9 @@ class Agent:
         if settings.learner.symmetry:
             self.symmetries, self.notices = declared_symmetries(task)
             group = symmetry_group(task, self.symmetries, settings.training.inputs)
-        if self.correction.notice is not None:
-            self.notices = (*self.notices, self.correction.notice)
-        self.learner = DQN(
+        if self.adaptation.notice is not None:
+            self.notices = (*self.notices, self.adaptation.notice)
+        self.learner = find_learner(settings.learner.name)(
             self._input_size(),
             task.actions.size,
             settings.learner,
@@ -169,15 +128,20 @@ class Agent:
             group,
             guided=strategy.guided,
         )
-        self.outlook = None
+        self.leaf_values = None
         if settings.bootstraps_leaves and isinstance(planner, Lookahead):
-            self.outlook = LeafValueBootstrap(planner, self.learner, outlook_seed)
+            self.leaf_values = LeafValueBootstrap(planner, self.learner, leaf_value_seed)
         self._random = np.random.default_rng(random_seed)
 
     def _input_size(self) -> int:
         sizes = {"observation": self.task.observation_size, "state": len(self.task.model.fluents)}
         inputs = self.settings.training.inputs
         return sum(sizes.values()) if inputs == "both" else sizes[inputs]
+
+    @property
+    def strategy(self) -> Strategy:
+        """Who proposes."""
+        return self.arbiter.strategy
 
     def perceive(self, raw: Any) -> tuple[Vector, Vector]:
         """Return the state `[F]` and the learner's input for an observation of the environment.
@@ -204,32 +168,14 @@ class Agent:
             )
         return state, self._learner_input(observation, state)
 
-    def observe(
-        self,
-        state: Vector,
-        action: int,
-        next_state: Vector,
-        judged: Judged,
-        terminated: bool,
-        truncated: bool,
-    ) -> None:
-        """Let model and lookahead learn from an env step.
-
-        Arguments are those of `ModelAdaptation.observe` and `LeafValueBootstrap.observe`.
-        """
-        ending = OVER if terminated else CUT_OFF if truncated else GOES_ON
-        # The file's rewards are compared with the environment's only where they stand for these.
-        worth = judged.reward if self._learns_from == "environment" else judged.domain_reward
-        self.correction.observe(state, action, next_state, ending, worth)
-        if self.outlook is not None:
-            self.outlook.observe(state, next_state, judged, terminated, truncated)
+    # Deciding ----------------------------------------------------------------------------------
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide by the arbiter, exploration included."""
         return self.arbiter.decide(state, self.before(x))
 
     def decide_randomly(self, state: Vector) -> Decision:
-        """Decide on a uniformly drawn proposal, for D_0; vetoes hold as ever."""
+        """Decide on a uniformly drawn proposal, for D_0; the vetoes hold."""
         action = int(self._random.integers(self.task.actions.size))
         return self.arbiter.judge_proposal(state, Proposal(action, True, None))
 
@@ -239,31 +185,73 @@ class Agent:
 
     def decide_in_turns(self, state: Vector, x: Vector, strategy: Strategy) -> Decision:
         """Decide as in training, with the turns of a strategy, but without exploration."""
-        return self.arbiter.decide_in_turns(state, _Greedy(self.learner, x), strategy)
+        return self.arbiter.decide_in_turns(
+            state, LearnerProposer(self.learner, x, explores=False), strategy
+        )
 
-    def decide_alone(self, state: Vector, x: Vector) -> Decision:
+    def decide_as_baseline(self, state: Vector, x: Vector) -> Decision:
         """Let the learner's greedy choice be executed: no planner, no veto."""
-        return self.arbiter.let(state, self.before(x))
+        return self.arbiter.execute_baseline(state, self.before(x))
 
-    def before(self, x: Vector) -> Learner:
+    def before(self, x: Vector) -> Proposer:
         """Return the learner as it stands before an input."""
-        return _Asked(self.learner, x)
+        return LearnerProposer(self.learner, x)
+
+    # Learning ----------------------------------------------------------------------------------
+
+    def observe(self, step: StepRecord) -> None:
+        """Let vetoes, model and leaf values learn from an env step of training."""
+        if self.arbiter.vetoes.observe(step):
+            self.adaptation.doubt()
+        ending = OVER if step.terminated else CUT_OFF if step.truncated else GOES_ON
+        # The file's rewards are compared with the environment's only where they stand for these.
+        reward = step.reward if self._learns_from == "environment" else step.domain_reward
+        self.adaptation.observe(step.state, step.ground, step.next_state, ending, reward)
+        if self.leaf_values is not None:
+            self.leaf_values.observe(step)
+
+    def remember(self, step: StepRecord, following: Decision | None) -> None:
+        """Put an env step into the learner's memory.
+
+        Args:
+            step: The step.
+            following: What was decided in the next state; None where the episode ended.
+        """
+        strategy, decision = self.strategy, step.decision
+        ahead: ActionForecast | None = None
+        allowed: Mask | None = None
+        if following is not None:
+            ahead = following.forecast
+            allowed = strategy.allowed(ahead, following.admissible)
+        elif not step.terminated:
+            ahead = self.arbiter.forecast(step.next_state)
+            allowed = strategy.allowed(ahead, self.arbiter.vetoes.admissible(ahead))
+        self.learner.remember(
+            step.x, decision.action, step.reward, step.next_x, step.terminated, step.truncated,
+            allowed, step.unsafe, strategy.guidance(decision.forecast, decision.action, ahead),
+        )  # fmt: skip
+
+    def learn(self) -> float | None:
+        """Make the learner's updates of one env step; return their mean loss, None for none."""
+        self.learner.margin_weight = self.strategy.margin_weight
+        return self.learner.learn()
+
+    # State -------------------------------------------------------------------------------------
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays, learner = self.learner.state_dict()
-        _, arbiter = self.arbiter.state_dict()
-        corrected, correction = self.correction.state_dict()
-        saved = nested("learner", arrays) | nested("correction", corrected)
+        adapted, adaptation = self.adaptation.state_dict()
+        saved = nested("learner", arrays) | nested("adaptation", adapted)
         meta = {
             "learner": learner,
-            "correction": correction,
-            "arbiter": arbiter,
+            "adaptation": adaptation,
+            "arbiter": self.arbiter.state_dict(),
             "random": self._random.bit_generator.state,
         }
-        if self.outlook is not None:
-            seen, meta["outlook"] = self.outlook.state_dict()
-            saved |= nested("outlook", seen)
+        if self.leaf_values is not None:
+            seen, meta["leaf_values"] = self.leaf_values.state_dict()
+            saved |= nested("leaf_values", seen)
         return saved, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -274,8 +262,8 @@ class Agent:
         """
         saved = Saved("agent", arrays, meta)
         self.learner.load_state_dict(*saved.part("learner"))
-        self.correction.load_state_dict(*saved.part("correction"))
-        self.arbiter.load_state_dict(*saved.part("arbiter"))
-        if self.outlook is not None:
-            self.outlook.load_state_dict(*saved.part("outlook"))
+        self.adaptation.load_state_dict(*saved.part("adaptation"))
+        self.arbiter.load_state_dict(saved.part("arbiter")[1])
+        if self.leaf_values is not None:
+            self.leaf_values.load_state_dict(*saved.part("leaf_values"))
         self._random.bit_generator.state = saved.generator_state("random", self._random)

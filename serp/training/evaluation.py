@@ -11,24 +11,21 @@ import numpy as np
 
 from serp._util.numbers import seed_of, whole
 from serp._util.text import did_you_mean
-from serp.control.arbiter import Decision
-from serp.control.decision_counts import DecisionCounts
+from serp.control.step_record import EpisodeTotals, StepRecord
 from serp.errors import SettingsError
-from serp.model.transition_model import Vector
 from serp.runs.summary import WINDOW
 from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
 from serp.training.policies import Policy
+from serp.training.rollout import Decide, Rollout, evaluation_seed
 
 EPISODES: Final = 100
 """Episodes of an evaluation where nothing else is said."""
 ENOUGH: Final = WINDOW
 """With fewer episodes than these, mean and interval say little."""
 CONFIDENCE: Final = 0.95
-_SEEDS = 2  # spawn key of the environment's seeds
 _DRAWS = 3  # spawn key of the draws of whose turn it is
-_Policy = Callable[[Vector, Vector], Decision]  # (state, input of the learner) → decision
-_Begin = Callable[[np.random.SeedSequence], _Policy]  # seed of an episode's draws → its policy
+_Begin = Callable[[np.random.SeedSequence], Decide]  # seed of an episode's draws → its policy
 
 
 @dataclass(frozen=True)
@@ -100,32 +97,6 @@ class EvaluationResult:
         }
 
 
-class Step(NamedTuple):
-    """One step of a policy.
-
-    Attributes:
-        number: Which step of the episode, from 1.
-        observation: What the environment showed, as it gave it.
-        state: The state `[F]` that this was grounded to, and decided on.
-        decision: What was done, who did it and why.
-        reward: The environment's reward.
-        terminated: Whether the environment ended the episode here.
-        truncated: Whether the environment cut it off here.
-        last: Whether it is over, by one of these or by the limit `training.episode_steps`.
-        info: What the environment says besides.
-    """
-
-    number: int
-    observation: Any
-    state: Vector
-    decision: Decision
-    reward: float
-    terminated: bool
-    truncated: bool
-    last: bool
-    info: dict[str, Any]
-
-
 class Episode(NamedTuple):
     """An episode that stands at its beginning, right after the reset.
 
@@ -133,11 +104,13 @@ class Episode(NamedTuple):
         number: Which episode, from 1.
         info: What the environment said at the reset.
         steps: Its steps, each carried out when it is asked for.
+        totals: What the steps so far add up to.
     """
 
     number: int
     info: dict[str, Any]
-    steps: Iterator[Step]
+    steps: Iterator[StepRecord]
+    totals: EpisodeTotals
 
 
 def play(
@@ -178,34 +151,17 @@ def play(
 def _play(
     agent: Agent, task: BoundTask, begin: _Begin, episodes: int, seed: int
 ) -> Iterator[Episode]:
+    limit = agent.settings.training.episode_steps
     for episode in range(episodes):
-        raw, info = task.reset(seed=episode_seed(seed, episode))
+        rollout = Rollout(task, agent.perceive, seed=evaluation_seed(seed, episode), limit=limit)
         decide = begin(np.random.SeedSequence(entropy=seed, spawn_key=(_DRAWS, episode)))
-        yield Episode(episode + 1, info, _steps(agent, task, decide, raw))
-
-
-def episode_seed(seed: int, episode: int) -> int:
-    """Return the environment's seed for an episode, from 0, of an evaluation."""
-    sequence = np.random.SeedSequence(entropy=seed, spawn_key=(_SEEDS, episode))
-    return int(sequence.generate_state(1)[0])
+        yield Episode(episode + 1, rollout.info, rollout.steps(decide), rollout.totals)
 
 
 def outcome_of(info: Mapping[str, Any]) -> str:
     """Return what the environment says of how an episode ended; empty where it says nothing."""
     outcome = info.get("outcome")
     return outcome if isinstance(outcome, str) else ""
-
-
-def _steps(agent: Agent, task: BoundTask, decide: _Policy, raw: Any) -> Iterator[Step]:
-    number, last = 0, False
-    while not last:
-        seen, number = raw, number + 1
-        state, x = agent.perceive(seen)
-        decision = decide(state, x)
-        raw, reward, terminated, truncated, info = task.step(decision.action)
-        limit = number >= agent.settings.training.episode_steps
-        last = terminated or truncated or limit
-        yield Step(number, seen, state, decision, reward, terminated, truncated, last, info)
 
 
 def evaluate(
@@ -221,35 +177,32 @@ def evaluate(
 
     `on_episode` is called at the end of each episode.
     """
-    returns: list[float] = []
-    lengths: list[int] = []
-    ended = 0
-    tally = DecisionCounts()
+    totals: list[EpisodeTotals] = []
     for episode in play(agent, task, policy, episodes=episodes, seed=seed):
-        total, length = 0.0, 0
-        for step in episode.steps:
-            total += step.reward
-            length = step.number
-            tally.count(step.decision)
-            ended += step.terminated
-        returns.append(total)
-        lengths.append(length)
+        for _ in episode.steps:
+            pass
+        totals.append(episode.totals)
         on_episode()
     return EvaluationResult(
-        policy, meaning_of(agent, policy), tuple(returns), tuple(lengths), ended,
-        tally.unsafe_executed, tally.vetoes,
-    )  # fmt: skip
+        policy=policy,
+        meaning=meaning_of(agent, policy),
+        returns=tuple(total.return_ for total in totals),
+        lengths=tuple(total.length for total in totals),
+        terminated=sum(total.terminated for total in totals),
+        unsafe_executed=sum(total.decisions.unsafe_executed for total in totals),
+        vetoes=sum(total.decisions.vetoes for total in totals),
+    )
 
 
 def meaning_of(agent: Agent, policy: Policy) -> str:
     """Say in words what a policy of an agent does."""
-    arbiter, strategy = agent.arbiter, agent.arbiter.strategy
+    strategy = agent.strategy
     if policy == "planner":
         return "the planner alone"
     if policy == "learner":
-        return f"{strategy.alone} alone, no veto"
+        return f"{strategy.baseline} alone, no veto"
     instead = "the planner's"
-    if arbiter.settings.after_veto == "learner":
+    if agent.settings.arbiter.after_veto == "learner":
         instead = "the learner's best that is not"
     chosen = strategy.choice if policy == "serp" else f"as in training: {strategy.turns}"
     return f"{chosen}, within the vetoes: a refused choice gives way to {instead}"
@@ -257,18 +210,18 @@ def meaning_of(agent: Agent, policy: Policy) -> str:
 
 def other_in_training(agent: Agent) -> str | None:
     """Say in words who acts in training, where that is not the policy `serp`; else None."""
-    strategy = agent.arbiter.strategy
+    strategy = agent.strategy
     return None if strategy.turns == strategy.choice else strategy.turns
 
 
 def _policies(agent: Agent) -> dict[str, _Begin]:
-    def in_turns(draws: np.random.SeedSequence) -> _Policy:
-        strategy = agent.arbiter.strategy.forked(draws)
+    def in_turns(draws: np.random.SeedSequence) -> Decide:
+        strategy = agent.strategy.forked(draws)
         return lambda state, x: agent.decide_in_turns(state, x, strategy)
 
     return {
         "serp": lambda draws: agent.decide_greedily,
         "planner": lambda draws: lambda state, x: agent.arbiter.plan(state),
-        "learner": lambda draws: agent.decide_alone,
+        "learner": lambda draws: agent.decide_as_baseline,
         "training": in_turns,
     }

@@ -14,13 +14,13 @@ import numpy as np
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.residual.solvers import accumulate_waves
-from serp.learning.dqn import DQN
+from serp.control.registry import find_learner
 from serp.planning.lookahead import Lookahead
 from serp.sysid.transitions import GOES_ON, OVER
 from serp.training.agent import Agent
 
 _OBSERVED: Final = 140
-"""Made-up steps that the correction observes: with more than a hundred all of it is in use, and
+"""Made-up steps that the adaptation observes: with more than a hundred all of it is in use, and
 random features with more than sixty of one action."""
 _WHOLE: Final = 10
 """The first of them lead from whole numbers to whole numbers, whose outcomes are counted."""
@@ -43,16 +43,16 @@ def rehearse(agent: Agent) -> None:
     states[: _WHOLE + 1] = np.round(states[: _WHOLE + 1])
     if isinstance(agent.arbiter.planner, Lookahead):
         _rehearse_learning(agent, states[0])
-    if agent.outlook is not None:
-        agent.outlook.rehearse()
+    if agent.leaf_values is not None:
+        agent.leaf_values.rehearse()
     if agent.task.model.compiled and agent.task.model.actions:
-        _rehearse_correction(agent, states)
+        _rehearse_adaptation(agent, states)
 
 
-def _rehearse_correction(agent: Agent, states: np.ndarray[Any, np.dtype[np.float64]]) -> None:
+def _rehearse_adaptation(agent: Agent, states: np.ndarray[Any, np.dtype[np.float64]]) -> None:
     seed = np.random.SeedSequence(0)
-    correction = ModelAdaptation(agent.task.model, agent.settings.adaptation, seed)
-    model, often = correction.model, 0
+    adaptation = ModelAdaptation(agent.task.model, agent.settings.adaptation, seed)
+    model, often = adaptation.model, 0
     if isinstance(model, AdaptedModel):
         changed = [sum(len(view.targets) for view in views) for views in model.views]
         often = changed.index(max(changed))
@@ -62,11 +62,11 @@ def _rehearse_correction(agent: Agent, states: np.ndarray[Any, np.dtype[np.float
     for step, (state, following) in enumerate(pairwise(states)):
         action = often if step % 2 else step // 2 % len(model.actions)
         ending = OVER if step == _OBSERVED - 1 else GOES_ON
-        correction.observe(state, action, following, ending)
+        adaptation.observe(state, action, following, ending)
 
 
 def _rehearse_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
-    arbiter, learner = agent.arbiter, agent.learner
+    arbiter, strategy, learner = agent.arbiter, agent.strategy, agent.learner
     forecast = arbiter.forecast(state)
     settings = learner.settings.replace(
         buffer_size=max(_ROOM, learner.settings.failing_window),
@@ -74,13 +74,13 @@ def _rehearse_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np.f
         protected_failing=min(_ROOM, learner.settings.protected_failing),
         learning_starts=0,
     )
-    stand_in = DQN(
+    stand_in = find_learner(settings.name)(
         learner.input_size, learner.action_count, settings, 0, learner.symmetry, learner.guided
     )
-    stand_in.margin_weight = arbiter.strategy.margin_weight
+    stand_in.margin_weight = strategy.margin_weight
     x = np.zeros(learner.input_size)
-    guidance = arbiter.strategy.guidance(forecast, 0, forecast)
-    allowed = arbiter.strategy.allowed(forecast, arbiter.admissible(forecast))
+    guidance = strategy.guidance(forecast, 0, forecast)
+    allowed = strategy.allowed(forecast, arbiter.vetoes.admissible(forecast))
     for step in range(_REMEMBERED):
         ended = step == _REMEMBERED - 1
         stand_in.remember(x, 0, 0.0, x, ended, False, None if ended else allowed, ended, guidance)

@@ -20,7 +20,8 @@ from serp._util.numbers import seed_of, whole
 from serp._util.saved_state import Saved
 from serp._util.terminal import bar
 from serp._util.threads import one_thread
-from serp.control.arbiter import Decision
+from serp.control.decision import Decision
+from serp.control.step_record import StepRecord
 from serp.errors import Interrupted, RunError, SettingsError, TaskError
 from serp.model.loading import Domain, load_domain
 from serp.model.transition_model import StateError
@@ -44,7 +45,7 @@ from serp.training.progress import ProgressStats
 from serp.training.progress_display import open_progress
 from serp.training.run_metadata import content_digests, read_run_metadata, refuse_changes
 from serp.training.stopping import stop_between_episodes
-from serp.training.trainer import Trainer, Transition
+from serp.training.trainer import Trainer
 
 
 def plan_and_learn(
@@ -253,7 +254,7 @@ def _train(
         cost = trainer.wall_time - begun
         return trainer.wall_time + min(settings.checkpoint_seconds, 50 * cost)
 
-    def after_step(transition: Transition) -> None:
+    def after_step(step: StepRecord) -> None:
         answer = stopping.answer("the episode", "the run then continues from its last checkpoint")
         if answer is not None:
             progress.answer(answer)
@@ -306,7 +307,7 @@ def _stats(trainer: Trainer, wall_time: float) -> ProgressStats:
         units=trainer.units,
         last_return=recent[-1] if recent else None,
         mean_return=float(np.mean(recent)) if recent else None,
-        rho=trainer.agent.arbiter.rho,
+        rho=trainer.agent.strategy.rho,
         vetoes=trainer.tally.vetoes,
         unsafe_executed=trainer.tally.unsafe_executed,
         wall_time=wall_time,

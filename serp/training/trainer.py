@@ -1,22 +1,21 @@
-"""Algorithm 1 of the paper: act as the arbiter decides, remember, learn, let ρ grow."""
+"""Training, Algorithm 1 of the paper: act as the arbiter decides, remember, learn, raise ρ."""
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.compile_time import compile_seconds, working_time
 from serp._util.saved_state import Saved
-from serp.control.arbiter import Decision
+from serp.control.decision import Decision
 from serp.control.decision_counts import DecisionCounts
+from serp.control.step_record import EpisodeTotals, OnStep, StepRecord
 from serp.errors import LearningFailure, SettingsError, TaskError
 from serp.model.transition_model import StateError, Vector
-from serp.planning.action_map import ActionForecast
 from serp.runs.rows import DecisionRow, MetricsRow
 from serp.runs.tables import Table
 from serp.settings import Settings
@@ -25,73 +24,10 @@ from serp.tasks.env_checks import single
 from serp.tasks.reward import Judge
 from serp.training.agent import Agent
 from serp.training.precompile import rehearse
+from serp.training.rollout import Rollout, training_seed
 
-_EPISODES = 1  # spawn key of the environment's seeds
 _MIRRORED = 256
 """With so many observations the symmetries that a task declares are checked."""
-
-
-def episode_seed(seed: int, episode: int) -> int:
-    """Return the environment's seed for an episode, from 0, of a training."""
-    sequence = np.random.SeedSequence(entropy=seed, spawn_key=(_EPISODES, episode))
-    return int(sequence.generate_state(1)[0])
-
-
-class Transition(NamedTuple):
-    """One env step of a training.
-
-    Attributes:
-        decision: What was done, who did it and why.
-        reward: What is learned from; see `serp.tasks.reward`.
-        env_reward: The environment's reward.
-        terminated: Whether the environment ended the episode here.
-        truncated: Whether the episode was cut off here.
-        info: What the environment says besides.
-    """
-
-    decision: Decision
-    reward: float
-    env_reward: float
-    terminated: bool
-    truncated: bool
-    info: dict[str, Any]
-
-
-@dataclass
-class _Episode:
-    """Counters of the episode that is running; they become its row of the metrics."""
-
-    return_: float = 0.0
-    domain_return: float = 0.0
-    length: int = 0
-    terminated: bool = False
-    truncated: bool = False
-    tally: DecisionCounts = field(default_factory=DecisionCounts)
-    losses: list[float] = field(default_factory=list)
-
-    def count(self, decision: Decision, env_reward: float, domain_reward: float) -> None:
-        self.length += 1
-        self.return_ += env_reward
-        self.domain_return += domain_reward
-        self.tally.count(decision)
-
-    def row(
-        self, episode: int, env_steps: int, rho: float, epsilon: float, wall: float
-    ) -> MetricsRow:
-        return MetricsRow(
-            episode=episode,
-            env_steps=env_steps,
-            return_=self.return_,
-            domain_return=self.domain_return,
-            length=self.length,
-            terminated=self.terminated,
-            truncated=self.truncated,
-            rho=rho,
-            epsilon=epsilon,
-            loss=float(np.mean(self.losses)) if self.losses else None,
-            wall_time=wall,
-            **self.tally.numbers(),
-        )
 
 
 class Trainer:
@@ -149,7 +85,7 @@ class Trainer:
         self.tally = DecisionCounts()
         self.recent: deque[float] = deque(maxlen=20)
         self.decisions = decisions
-        self.on_step: Callable[[Transition], None] | None = None
+        self.on_step: OnStep | None = None
         self._pretrained = settings.training.random_steps == 0
         self._wall_before, self._clock = 0.0, working_time()
         self._unit_value: Any = None
@@ -193,59 +129,38 @@ class Trainer:
             raise
 
     def _run_episode(self) -> MetricsRow:
-        agent, task, strategy = self.agent, self.task, self.agent.arbiter.strategy
-        episode = _Episode()
+        agent = self.agent
+        losses: list[float] = []
         self.under_way = self.env_steps + 1
-        raw, info = task.reset(seed=episode_seed(self.seed, self.episode))
-        self._notice_unit(info, reset=True)
-        state, x = self._perceive(raw)
+        rollout = Rollout(
+            self.task,
+            self._perceive,
+            seed=training_seed(self.seed, self.episode),
+            limit=self.settings.training.episode_steps,
+            judge=self.judge,
+        )
+        self._notice_unit(rollout.info, reset=True)
         random_phase = not self._pretrained
-        decision = self._decide(state, x, random_phase=random_phase)
-        while True:
+        decision: Decision | None = self._decide(rollout.state, rollout.x)
+        while decision is not None:
             self.under_way = self.env_steps + 1
-            self._log(decision, state)
-            raw, env_reward, terminated, truncated, info = task.step(decision.action)
-            next_state, next_x = self._perceive(raw)
-            ground = int(decision.forecast.ground[decision.action])
-            judged = self.judge(state, ground, next_state, env_reward)
-            reward, domain_reward, failed = judged
-            episode.count(decision, env_reward, domain_reward)
-            limit = self.settings.training.episode_steps
-            truncated = truncated or (episode.length >= limit and not terminated)
-            self._observe(decision, unsafe=failed, last=terminated or truncated)
-            agent.observe(state, ground, next_state, judged, terminated, truncated)
+            self._log(decision, rollout.state)
+            step = rollout.step(decision)
+            self._observe(step)
             self.env_steps += 1
             self.tally.count(decision)
-            # The next decision is made before learning: its mask belongs to this transition.
-            following: Decision | None = None
-            ahead: ActionForecast | None = None
-            allowed: NDArray[np.bool_] | None = None
-            if terminated:
-                pass
-            elif truncated:
-                ahead = agent.arbiter.forecast(next_state)
-                allowed = strategy.allowed(ahead, agent.arbiter.admissible(ahead))
-            else:
-                following = self._decide(next_state, next_x, random_phase=random_phase)
-                ahead = following.forecast
-                allowed = strategy.allowed(ahead, following.admissible)
-            agent.learner.remember(
-                x, decision.action, reward, next_x, terminated, truncated, allowed, failed,
-                strategy.guidance(decision.forecast, decision.action, ahead),
-            )  # fmt: skip
+            # The next decision is made before learning: its mask belongs to this step.
+            decision = None if step.last else self._decide(step.next_state, step.next_x)
+            agent.remember(step, decision)
             if not random_phase:
-                agent.learner.margin_weight = strategy.margin_weight
-                loss = agent.learner.learn()
+                loss = agent.learn()
                 if loss is not None:
-                    episode.losses.append(loss)
+                    losses.append(loss)
                 self._end_unit("step")
-            self._notice_unit(info)
+            self._notice_unit(step.info)
             if self.on_step is not None:
-                self.on_step(Transition(decision, reward, env_reward, terminated, truncated, info))
-            if following is None:
-                episode.terminated, episode.truncated = terminated, truncated
-                return self._end_episode(episode)
-            state, x, decision = next_state, next_x, following
+                self.on_step(step)
+        return self._end_episode(rollout.totals, losses)
 
     def _perceive(self, raw: Any) -> tuple[Vector, Vector]:
         state, x = self.agent.perceive(raw)
@@ -255,38 +170,47 @@ class Trainer:
                 symmetry.check_grounding(self.task, self.task.observation(raw), state)
         return state, x
 
-    def _decide(self, state: Vector, x: Vector, *, random_phase: bool) -> Decision:
-        if random_phase:
-            return self.agent.decide_randomly(state)
-        return self.agent.decide(state, x)
+    def _decide(self, state: Vector, x: Vector) -> Decision:
+        if self._pretrained:
+            return self.agent.decide(state, x)
+        return self.agent.decide_randomly(state)
 
-    def _end_episode(self, episode: _Episode) -> MetricsRow:
+    def _observe(self, step: StepRecord) -> None:
+        """Let the agent learn of the world, and tell the user where the lookahead has failed."""
+        vetoes, say = self.agent.arbiter.vetoes, self.task.on_notice
+        relied_on = vetoes.lookahead_reliable
+        self.agent.observe(step)
+        if relied_on and not vetoes.lookahead_reliable and say is not None:
+            say(
+                f"{vetoes.lookahead_failures} times in {self.env_steps + 1} env steps something "
+                "unsafe happened that the domain file predicted could be avoided. From here on "
+                "only its prediction of the next step vetoes: are the effects of its actions right?"
+            )
+
+    def _end_episode(self, totals: EpisodeTotals, losses: list[float]) -> MetricsRow:
         self.episode += 1
         agent = self.agent
         if self._pretrained:
             self._end_unit("episode")
-            agent.arbiter.strategy.end_episode(episode.return_, episode.length)
+            agent.strategy.end_episode(totals.return_, totals.length)
         elif self.env_steps >= self.settings.training.random_steps:
             agent.learner.pretrain()
             self._pretrained = True
-        self.recent.append(episode.return_)
-        return episode.row(
-            self.episode, self.env_steps, agent.arbiter.rho, agent.learner.epsilon, self.wall_time
+        self.recent.append(totals.return_)
+        return MetricsRow(
+            episode=self.episode,
+            env_steps=self.env_steps,
+            return_=totals.return_,
+            domain_return=totals.domain_return,
+            length=totals.length,
+            terminated=totals.terminated,
+            truncated=totals.truncated,
+            rho=agent.strategy.rho,
+            epsilon=agent.learner.epsilon,
+            loss=float(np.mean(losses)) if losses else None,
+            wall_time=self.wall_time,
+            **totals.decisions.numbers(),
         )
-
-    def _observe(self, decision: Decision, *, unsafe: bool, last: bool) -> None:
-        """Tell the arbiter what came of a decision, and the user what the arbiter makes of it."""
-        arbiter, say = self.agent.arbiter, self.task.on_notice
-        believed, broken = arbiter.promises.believed, arbiter.promises.broken
-        arbiter.observe(decision, unsafe=unsafe, last=last)
-        if arbiter.promises.broken > broken:
-            self.agent.correction.doubt()
-        if believed and not arbiter.promises.believed and say is not None:
-            say(
-                f"{arbiter.promises.broken} times in {self.env_steps + 1} env steps something "
-                "unsafe happened that the domain file said could be kept away. From here on it is "
-                "believed for the next step only: does it say rightly what the actions do?"
-            )
 
     def _notice_unit(self, info: Mapping[str, Any], *, reset: bool = False) -> None:
         """Let ρ grow when the counter that its unit names has changed."""
@@ -312,7 +236,7 @@ class Trainer:
 
     def _end_unit(self, unit: str) -> None:
         self.units += unit == self.settings.arbiter.rho_unit
-        self.agent.arbiter.strategy.end_unit(unit)
+        self.agent.strategy.end_unit(unit)
 
     def _log(self, decision: Decision, state: Vector) -> None:
         if self.decisions is None:

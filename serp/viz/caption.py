@@ -11,7 +11,7 @@ import matplotlib
 from PIL import Image, ImageDraw, ImageFont
 
 from serp._util.figures import ACTORS, REFUSED
-from serp.control.arbiter import Actor
+from serp.control.decision import Actor
 
 BACKGROUND: Final = "#16191F"
 INK: Final = "#F2F4F7"

@@ -9,14 +9,14 @@ from typing import Annotated, Final, NamedTuple
 from PIL import Image
 from pydantic import Field
 
-from serp.control.arbiter import Actor
-from serp.control.decision_counts import DecisionCounts
+from serp.control.decision import Actor
+from serp.control.step_record import StepRecord
 from serp.model.explanation import why_unsafe
 from serp.model.flags import RISKY, UNSAFE
 from serp.settings.base import Section
 from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
-from serp.training.evaluation import Episode, Step, outcome_of, play
+from serp.training.evaluation import Episode, outcome_of, play
 from serp.training.policies import Policy
 from serp.viz.camera import Camera, Picture
 from serp.viz.caption import Caption, CaptionBand, Cell, Mark
@@ -67,7 +67,7 @@ class Frame(NamedTuple):
     image: Image.Image
     seconds: float
     caption: Caption
-    step: Step | None
+    step: StepRecord | None
 
 
 class EpisodeResult(NamedTuple):
@@ -113,7 +113,7 @@ def film(
     return _Filming(agent, task, settings, on_episode).frames(episodes)
 
 
-def marks_of(agent: Agent, step: Step) -> tuple[Mark, ...]:
+def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
     """Return what is to be marked in a step: a veto with its reason, what is done at a risk."""
     decision, arbiter = step.decision, agent.arbiter
     names = arbiter.actions
@@ -163,15 +163,12 @@ class _Filming:
     def _film(self, episode: Episode) -> Iterator[Frame]:
         self._marked = 0.0
         strip: list[Cell] = []
-        total, tally = 0.0, DecisionCounts()
         start = Caption(None, "start", (f"episode {episode.number}",))
         # All that belongs to the reset is one moment.
         for picture in self._camera.take()[-1:]:
             yield from self._shoot(picture, self._camera.period(1), start, None, always=True)
         for step in episode.steps:
             decision = step.decision
-            total += step.reward
-            tally.count(decision)
             strip.append(Cell(decision.executed_by, decision.vetoed))
             marks = marks_of(self._agent, step)
             if marks:
@@ -182,7 +179,7 @@ class _Filming:
                 (
                     f"episode {episode.number}",
                     f"step {step.number}",
-                    f"return {_signed(total)}",
+                    f"return {_signed(step.episode.return_)}",
                 ),
                 strip=tuple(strip[-_STRIP:]),
             )
@@ -196,10 +193,10 @@ class _Filming:
                     always=end or (bool(marks) and k == 0), end=end,
                 )  # fmt: skip
             if step.last and self._on_episode is not None:
-                outcome = outcome_of(step.info)
-                counts = tally.vetoes, tally.unsafe_executed
+                totals, outcome = step.episode, outcome_of(step.info)
+                counts = totals.decisions.vetoes, totals.decisions.unsafe_executed
                 self._on_episode(
-                    EpisodeResult(episode.number, step.number, total, *counts, outcome)
+                    EpisodeResult(episode.number, step.number, totals.return_, *counts, outcome)
                 )
 
     def _shoot(
@@ -207,7 +204,7 @@ class _Filming:
         picture: Picture,
         period: float,
         caption: Caption,
-        step: Step | None,
+        step: StepRecord | None,
         *,
         always: bool,
         end: bool = False,

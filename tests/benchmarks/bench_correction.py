@@ -58,7 +58,7 @@ def steps_of(task: str, count: int) -> tuple[TransitionModel, list[Step]]:
         trainer = Trainer(bound, settings_of(task, "off"), 0)
         while trainer.env_steps < count:
             trainer.run_episode()
-        seen = trainer.agent.correction.experience
+        seen = trainer.agent.adaptation.experience
         columns = seen.states, seen.actions.tolist(), seen.next_states, seen.ended.tolist()
         return bound.model, list(zip(*columns, strict=True))[:count]
 
@@ -140,7 +140,7 @@ def trained(task: str, mode: str, env_steps: int, seed: int) -> tuple[float, flo
     """Env steps a second of a training, and the share of its time that `observe` takes."""
     with load_task(task).bind() as bound:
         trainer = Trainer(bound, settings_of(task, mode), seed)
-        correction, spent = trainer.agent.correction, 0.0
+        correction, spent = trainer.agent.adaptation, 0.0
         observe = correction.observe
 
         def timed(*step: Any) -> None:

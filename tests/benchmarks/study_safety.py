@@ -13,7 +13,8 @@ import argparse
 from collections import Counter
 from typing import Any
 
-from serp.control.arbiter import Decision
+from serp.control.decision import Decision
+from serp.control.step_record import StepRecord
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.model.transition_model import Vector
 from serp.settings import resolve
@@ -56,14 +57,12 @@ def watched(trainer: Trainer) -> Counter[str]:
         judge(agent, decision, state, counts)
         return decision
 
-    def observing(*arguments: Any, unsafe: bool, last: bool) -> None:
-        counts["damage"] += unsafe
-        observe(*arguments, unsafe=unsafe, last=last)
+    def on_step(step: StepRecord) -> None:
+        counts["damage"] += step.unsafe
 
-    observe = agent.arbiter.observe
     agent.decide = deciding  # type: ignore[method-assign]
     agent.decide_randomly = deciding_randomly  # type: ignore[method-assign]
-    agent.arbiter.observe = observing  # type: ignore[method-assign]
+    trainer.on_step = on_step
     return counts
 
 

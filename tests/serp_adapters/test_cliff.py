@@ -10,9 +10,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from serp.control.arbiter import Arbiter
+from serp.control.registry import make_planner
 from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
-from serp.training.agent import make_planner
 from serp_adapters import cliff
 
 Table = dict[int, dict[int, list[tuple[float, int, float, bool]]]]

@@ -17,9 +17,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from serp.control.arbiter import Arbiter
+from serp.control.registry import make_planner
 from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
-from serp.training.agent import make_planner
 from serp_adapters.soccer import corner_kick, defender
 from serp_envs.soccer.contest import Contest
 from serp_envs.soccer.corner_kick import CornerKick
@@ -159,7 +159,7 @@ def test_the_charge_alone_is_unsafe_wherever_it_is_chosen(
     for state in kind.module.ground(seen[::20]):
         forecast = arbiter.forecast(state)
         assert forecast.safe.tolist() == [True] * kind.charge + [False]
-        assert not arbiter.admissible(forecast)[kind.charge]
+        assert not arbiter.vetoes.admissible(forecast)[kind.charge]
         assert arbiter.plan(state).action != kind.charge
 
 

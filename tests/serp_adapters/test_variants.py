@@ -12,12 +12,12 @@ import pytest
 from numpy.typing import NDArray
 
 from serp.control.arbiter import Arbiter
+from serp.control.registry import make_planner
 from serp.model.transition_model import Judgement
 from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import find_task, task_entries
 from serp.tasks.task_symmetry import declared_symmetries
-from serp.training.agent import make_planner
 from serp.training.trainer import Trainer
 
 FOLDER = Path(__file__).resolve().parents[2] / "domains"

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp.compare.records import EvaluationRow
+from serp.control.decision import Decision
+from serp.control.step_record import StepRecord
 from serp.model.transition_model import Vector
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.task import Task
 from serp.training.agent import Agent
-from serp.training.evaluation import episode_seed, outcome_of
+from serp.training.evaluation import outcome_of
+from serp.training.rollout import Rollout, evaluation_seed
 
-Act = Callable[[Sequence[Vector], NDArray[np.float64]], Sequence[tuple[int, bool]]]
-"""(states, inputs `[B, F]`) → for each the environment action, and whether it is predicted unsafe.
-"""
+Act = Callable[[Sequence[Vector], NDArray[np.float64]], Sequence[Decision]]
+"""(states, inputs `[B, F]`) → a decision for each."""
 
 _MOST = 20
 """Environments side by side: more make a network's batch hardly cheaper."""
@@ -60,59 +61,42 @@ class Arena:
         statistics = trained_in.environment_state()
         for task in self._tasks:
             task.restore_environment(statistics, statistics_only=True)
-        rows: list[EvaluationRow | None] = [None] * episodes
+        lasts: dict[int, StepRecord] = {}
         waiting = iter(range(episodes))
         running = [
-            _Running(task, k, episode_seed(self._seed, k))
-            for task, k in zip(self._tasks, waiting, strict=False)
+            (task, k, self._begin(task, k)) for task, k in zip(self._tasks, waiting, strict=False)
         ]
-        limit = self._agent.settings.training.episode_steps
         while running:
-            seen = [self._agent.perceive(one.raw) for one in running]
-            inputs = np.stack([x for _, x in seen])
-            choices = act([state for state, _ in seen], inputs)
-            for one, (action, unsafe) in zip(list(running), choices, strict=True):
-                if not one.step(action, unsafe, limit):
+            inputs = np.stack([rollout.x for _, _, rollout in running])
+            decisions = act([rollout.state for _, _, rollout in running], inputs)
+            ongoing = []
+            for (task, episode, rollout), decision in zip(running, decisions, strict=True):
+                step = rollout.step(decision)
+                if not step.last:
+                    ongoing.append((task, episode, rollout))
                     continue
-                rows[one.episode] = one.row(policy, env_steps)
+                lasts[episode] = step
                 following = next(waiting, None)
-                if following is None:
-                    running.remove(one)
-                else:
-                    one.begin(following, episode_seed(self._seed, following))
-        return [row for row in rows if row is not None]
+                if following is not None:
+                    ongoing.append((task, following, self._begin(task, following)))
+            running = ongoing
+        return [_row(lasts[k], k, policy, env_steps) for k in range(episodes)]
+
+    def _begin(self, task: BoundTask, episode: int) -> Rollout:
+        limit = self._agent.settings.training.episode_steps
+        seed = evaluation_seed(self._seed, episode)
+        return Rollout(task, self._agent.perceive, seed=seed, limit=limit)
 
 
-class _Running:
-    """An episode that is being played."""
-
-    def __init__(self, task: BoundTask, episode: int, seed: int) -> None:
-        self._task = task
-        self.begin(episode, seed)
-
-    def begin(self, episode: int, seed: int) -> None:
-        self.episode = episode
-        self.raw, _ = self._task.reset(seed=seed)
-        self._return, self._length, self._unsafe = 0.0, 0, 0
-        self._terminated = False
-        self._info: dict[str, Any] = {}
-
-    def step(self, action: int, unsafe: bool, limit: int) -> bool:
-        """Make a step; return whether the episode is over."""
-        self.raw, reward, self._terminated, truncated, self._info = self._task.step(action)
-        self._return += reward
-        self._length += 1
-        self._unsafe += unsafe
-        return self._terminated or truncated or self._length >= limit
-
-    def row(self, policy: str, env_steps: int) -> EvaluationRow:
-        return EvaluationRow(
-            env_steps=env_steps,
-            policy=policy,
-            episode=self.episode + 1,
-            return_=self._return,
-            length=self._length,
-            terminated=self._terminated,
-            outcome=outcome_of(self._info),
-            unsafe=self._unsafe,
-        )
+def _row(last: StepRecord, episode: int, policy: str, env_steps: int) -> EvaluationRow:
+    totals = last.episode
+    return EvaluationRow(
+        env_steps=env_steps,
+        policy=policy,
+        episode=episode + 1,
+        return_=totals.return_,
+        length=totals.length,
+        terminated=totals.terminated,
+        outcome=outcome_of(last.info),
+        unsafe=totals.decisions.unsafe_executed,
+    )

@@ -3,34 +3,31 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp.compare.algorithms import Algorithm, ExternalAlgorithm
-from serp.compare.trials.baseline import Unguarded
-from serp.compare.trials.external_env import ExternalEnv, Fixed
+from serp.compare.trials.external_env import ExternalEnv
 from serp.compare.trials.terms import REWARDS, terms_of
-from serp.control.arbiter import Arbiter, Decision
+from serp.control.decision import Decision
+from serp.control.step_record import OnStep, StepRecord
 from serp.errors import RunError, SerpError
-from serp.model.flags import UNSAFE
+from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.settings import Settings
 from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
-from serp.training.trainer import Trainer, Transition
-
-OnStep = Callable[[Transition], None]
-Chosen = Sequence[tuple[int, bool]]
+from serp.training.trainer import Trainer
 
 
 class Contestant(Protocol):
     """An algorithm with a task and a seed.
 
     Attributes:
-        agent: Perceives; its arbiter holds the vetoes.
+        agent: Perceives; its guarded arbiter holds the vetoes.
         terms: Name → text: what it is like.
     """
 
@@ -40,7 +37,7 @@ class Contestant(Protocol):
     def train(self, env_steps: int, on_step: OnStep) -> None:
         """Train for at least so many env steps, unless `on_step` raises."""
 
-    def alone(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
+    def greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the greedy actions `[B]` of the learner alone."""
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
@@ -59,15 +56,15 @@ def make_contestant(
         seed: Seed of everything random.
     """
     if algorithm.make_guest is not None:
-        return _Visitor(algorithm, task, Agent(task, settings, seed), seed)
+        return _External(algorithm, task, Agent(task, settings, seed), seed)
     return _Own(algorithm, task, settings, seed)
 
 
 class _Own:
-    """A contender of ours: `Trainer` trains it.
+    """A contestant that `Trainer` trains.
 
     Args:
-        algorithm: Which, no guest.
+        algorithm: Which of our own.
         task: The task, in the environment to train in.
         settings: All settings.
         seed: Seed of everything random.
@@ -76,38 +73,29 @@ class _Own:
     def __init__(
         self, algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
     ) -> None:
-        self.agent = agent = Agent(task, settings, seed)
-        self._guarded = agent.arbiter
-        if algorithm.kind == "alone":
-            guarded = agent.arbiter
-            agent.arbiter = Unguarded(
-                guarded.planner, task.actions, settings.arbiter, guarded.strategy
-            )
-        self._trainer = Trainer(task, settings, seed, agent=agent)
+        self.agent = Agent(task, settings, seed, baseline=algorithm.kind == "alone")
+        self._trainer = Trainer(task, settings, seed, agent=self.agent)
         self._trainer.prepare()  # what is read from disk for the first step is no training
         self.terms = terms_of(algorithm, settings, self._trainer.judge.source)
 
     def train(self, env_steps: int, on_step: OnStep) -> None:
-        """Train for at least so many env steps, unless `on_step` raises."""
         self._trainer.on_step = on_step
         while self._trainer.env_steps < env_steps:
             self._trainer.run_episode()
 
-    def alone(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the greedy actions `[B]` of the learner alone."""
-        strategy, learner = self._guarded.strategy, self.agent.learner
+    def greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
+        strategy, learner = self.agent.strategy, self.agent.learner
         if strategy.guided is None or not strategy.guided.residual:
             return learner.greedy_batch(inputs)
-        bases = [strategy.base(self._guarded.forecast(state)) for state in states]
+        bases = [strategy.base(self.agent.guarded.forecast(state)) for state in states]
         return learner.greedy_batch(inputs, np.stack([base for base in bases if base is not None]))
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
-        """Decide greedily within the vetoes."""
-        return self._guarded.decide_greedily(state, self.agent.before(x))
+        return self.agent.guarded.decide_greedily(state, self.agent.before(x))
 
 
-class _Visitor:
-    """A guest: it trains itself in the environment that it is given."""
+class _External:
+    """A contestant from outside: it trains itself in the environment that it is given."""
 
     def __init__(self, algorithm: Algorithm, task: BoundTask, agent: Agent, seed: int) -> None:
         self.agent = agent
@@ -116,23 +104,23 @@ class _Visitor:
         assert algorithm.make_guest is not None
         self._name = algorithm.name
         with self._blamed():
-            self._guest: ExternalAlgorithm = algorithm.make_guest(env, task.name, seed)
+            self._algorithm: ExternalAlgorithm = algorithm.make_guest(env, task.name, seed)
         self.terms: Mapping[str, str] = {
             "learned from": REWARDS[env.judge.source],
-            **self._guest.terms,
+            **self._algorithm.terms,
         }
 
-    def _notice(self, transition: Transition) -> None:
+    def _notice(self, step: StepRecord) -> None:
         if self._on_step is not None:
-            self._on_step(transition)
+            self._on_step(step)
 
     def train(self, env_steps: int, on_step: OnStep) -> None:
         self._on_step = on_step
-        self._guest.learn(env_steps)
+        self._algorithm.learn(env_steps)
 
-    def alone(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
+    def greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
         with self._blamed():
-            actions: NDArray[Any] = np.asarray(self._guest.act(inputs.astype(np.float32)))
+            actions: NDArray[Any] = np.asarray(self._algorithm.act(inputs.astype(np.float32)))
             size = self.agent.learner.action_count
             whole = actions.dtype.kind in "iu" and actions.shape == (len(inputs),)
             if not whole or (actions < 0).any() or (actions >= size).any():
@@ -153,13 +141,5 @@ class _Visitor:
             raise RunError(f"`{self._name}` failed: {type(error).__name__}: {error}") from error
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
-        action = int(self.alone([state], x[np.newaxis])[0])
-        return self.agent.arbiter.judge_proposal(state, Fixed(action))
-
-
-def flagged(arbiter: Arbiter, states: Sequence[Vector], actions: NDArray[np.int64]) -> Chosen:
-    """Return each action with whether the file flags it unsafe in its state."""
-    return [
-        (int(action), bool(arbiter.forecast(state).flags[action] & UNSAFE))
-        for state, action in zip(states, actions, strict=True)
-    ]
+        action = int(self.greedy([state], x[np.newaxis])[0])
+        return self.agent.guarded.judge_proposal(state, Proposal(action, False, None))

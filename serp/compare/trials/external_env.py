@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
@@ -10,26 +9,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from serp.compare.trials.baseline import Unguarded
-from serp.control.arbiter import Decision
-from serp.model.transition_model import Vector
+from serp.control.step_record import OnStep
+from serp.learning.dqn import Proposal
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.reward import Judge
 from serp.training.agent import Agent
-from serp.training.trainer import Transition, episode_seed
-
-
-class Fixed:
-    """A proposal that stands already, whoever made it."""
-
-    exploratory = False
-    q = None
-
-    def __init__(self, action: int) -> None:
-        self.action = action
-
-    def __repr__(self) -> str:
-        return f"Fixed({self.action})"
+from serp.training.rollout import Rollout, training_seed
 
 
 class ExternalEnv(gym.Env[NDArray[np.float32], np.int64]):
@@ -49,24 +34,14 @@ class ExternalEnv(gym.Env[NDArray[np.float32], np.int64]):
         judge: Says what a step is worth.
     """
 
-    def __init__(
-        self,
-        task: BoundTask,
-        agent: Agent,
-        seed: int,
-        on_step: Callable[[Transition], None],
-    ) -> None:
+    def __init__(self, task: BoundTask, agent: Agent, seed: int, on_step: OnStep) -> None:
         self._task = task
         self._agent = agent
         self.judge = Judge(task, agent.settings)
-        self._unguarded = Unguarded(
-            agent.arbiter.planner, task.actions, agent.settings.arbiter, agent.arbiter.strategy
-        )
         self._seed = seed
         self._on_step = on_step
         self._episode = 0
-        self._length = 0
-        self._state: Vector | None = None
+        self._rollout: Rollout | None = None
         shape = (agent.learner.input_size,)
         self.observation_space = spaces.Box(-np.inf, np.inf, shape, np.float32)
         self.action_space = spaces.Discrete(task.actions.size)
@@ -75,29 +50,29 @@ class ExternalEnv(gym.Env[NDArray[np.float32], np.int64]):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Begin the next episode."""
-        raw, info = self._task.reset(seed=episode_seed(self._seed, self._episode))
+        rollout = Rollout(
+            self._task,
+            self._agent.perceive,
+            seed=training_seed(self._seed, self._episode),
+            limit=self._agent.settings.training.episode_steps,
+            judge=self.judge,
+        )
         self._episode += 1
-        self._length = 0
-        self._state, x = self._agent.perceive(raw)
-        return x.astype(np.float32), info
+        self._rollout = rollout
+        return rollout.x.astype(np.float32), rollout.info
 
     def step(
         self, action: np.int64 | int
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Make an env step."""
-        state = self._state
-        if state is None:
+        rollout = self._rollout
+        if rollout is None or rollout.over:
             raise gym.error.ResetNeeded("reset comes before step")
         if not self.action_space.contains(action):
             raise gym.error.InvalidAction(f"{action!r} is no action of {self.action_space}")
-        decision: Decision = self._unguarded.judge_proposal(state, Fixed(int(action)))
-        raw, env_reward, terminated, truncated, info = self._task.step(decision.action)
-        next_state, x = self._agent.perceive(raw)
-        ground = int(decision.forecast.ground[decision.action])
-        reward = self.judge(state, ground, next_state, env_reward).reward
-        self._length += 1
-        limit = self._agent.settings.training.episode_steps
-        truncated = truncated or (self._length >= limit and not terminated)
-        self._state = None if terminated or truncated else next_state
-        self._on_step(Transition(decision, reward, env_reward, terminated, truncated, info))
-        return x.astype(np.float32), reward, terminated, truncated, info
+        step = rollout.step(
+            self._agent.guarded.execute(rollout.state, Proposal(int(action), False, None))
+        )
+        self._on_step(step)
+        x = step.next_x.astype(np.float32)
+        return x, step.reward, step.terminated, step.truncated, step.info

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from serp._util.compile_time import working_time
 from serp._util.numbers import real
 from serp.compare.records import EpisodeRow
-from serp.control.decision_counts import DecisionCounts
+from serp.control.step_record import StepRecord
 from serp.errors import TaskError
 from serp.tasks.env_checks import single
 from serp.training.evaluation import outcome_of
-from serp.training.trainer import Transition
 
 
 class Log:
@@ -49,12 +48,7 @@ class Log:
         self.pauses = 0.0
         self.env_steps = 0
         self.rows: list[tuple[EpisodeRow, tuple[float, ...]]] = []
-        self._begin_episode()
-
-    def _begin_episode(self) -> None:
-        self._return = self._learner_return = 0.0
         self._avoidable = 0
-        self._tally = DecisionCounts()
 
     @property
     def seconds(self) -> float:
@@ -70,29 +64,27 @@ class Log:
         finally:
             self.pauses += self._clock() - begin
 
-    def step(self, transition: Transition) -> None:
+    def step(self, step: StepRecord) -> None:
         """Write an env step down."""
-        decision = transition.decision
         self.env_steps += 1
-        self._return += transition.env_reward
-        self._learner_return += transition.reward
-        self._tally.count(decision)
+        decision = step.decision
         if decision.unsafe:
-            # The same words as the arbiter's guarantee.
+            # The same condition as in the guarantee of the arbiter.
             self._avoidable += bool((decision.forecast.unflagged | self._available).any())
-        if transition.terminated or transition.truncated:
-            self._end_episode(transition)
+        if step.last:
+            self._end_episode(step)
 
-    def _end_episode(self, transition: Transition) -> None:
-        info, counts = transition.info, self._tally.numbers()
+    def _end_episode(self, last: StepRecord) -> None:
+        info, totals = last.info, last.episode
+        counts = totals.decisions.numbers()
         row = EpisodeRow(
             episode=len(self.rows) + 1,
             env_steps=self.env_steps,
             unit=_number(info.get(self._unit, 0)),
-            return_=self._return,
-            learner_return=self._learner_return,
-            length=self._tally.steps,
-            terminated=transition.terminated,
+            return_=totals.return_,
+            learner_return=totals.learner_return,
+            length=totals.length,
+            terminated=totals.terminated,
             outcome=outcome_of(info),
             unsafe=counts["unsafe_executed"],
             avoidable_unsafe=self._avoidable,
@@ -101,7 +93,7 @@ class Log:
             seconds=self.seconds,
         )
         self.rows.append((row, tuple(_counted(info, name) for name in self._counters)))
-        self._begin_episode()
+        self._avoidable = 0
 
 
 def _counted(info: dict[str, Any], name: str) -> float:

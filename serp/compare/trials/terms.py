@@ -6,24 +6,10 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from serp.compare.algorithms import Algorithm
+from serp.control.registry import find_strategy, strategy_names
 from serp.settings import Settings
 from serp.tasks.reward import Source
 
-_OF_STRATEGY: Final[Mapping[str, tuple[str, ...]]] = {
-    "mixture": (),
-    "jump-start": ("jump_stages", "jump_tolerance"),
-    "argmax-q": (),
-    "restrict": ("restrict_slack",),
-    "imitate-then-learn": ("imitation_steps", "margin"),
-    "residual": (),
-    "dqfd": ("imitation_steps", "margin"),
-}
-"""Strategy → the settings of section `guide` that it reads."""
-_MIXING: Final = (
-    "rho", "rho_increment", "rho_unit", "rho_max", "confidence_margin",
-    "imitation_weight", "indifferent",
-)  # fmt: skip
-"""Settings of the arbiter that only the mixture reads."""
 REWARDS: Final[Mapping[Source, str]] = {
     "domain": "rewards of the domain file",
     "environment": "reward of the environment",
@@ -88,14 +74,11 @@ def settings_in_use(algorithm: Algorithm, settings: Settings) -> dict[str, dict[
         return {name: said[name] for name in ("learner", "training")}
     if algorithm.kind == "planner":
         return {name: said[name] for name in ("planner", "adaptation")}
-    strategy = settings.guide.strategy
-    said["guide"] = {
-        name: value
-        for name, value in said["guide"].items()
-        if name == "strategy" or name in _OF_STRATEGY.get(strategy, ())
-    }
-    if strategy != "mixture":
-        said["arbiter"] = _without(said["arbiter"], _MIXING)
+    own = find_strategy(settings.guide.strategy).reads
+    for strategy in map(find_strategy, strategy_names()):
+        for setting in set(strategy.reads).difference(own):
+            section, _, name = setting.partition(".")
+            said[section].pop(name, None)
     return said
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +15,20 @@ from serp._util.threads import one_thread
 from serp.compare.algorithms import Algorithm, Changes, merged
 from serp.compare.protocol import ComparisonProtocol
 from serp.compare.records import EvaluationRow, Trial
-from serp.compare.trials.arena import Arena
-from serp.compare.trials.contestant import Chosen, Contestant, flagged, make_contestant
+from serp.compare.trials.arena import Act, Arena
+from serp.compare.trials.contestant import Contestant, make_contestant
 from serp.compare.trials.log import Log
+from serp.control.decision import Actor, Decision, Reason
+from serp.control.step_record import StepRecord
 from serp.errors import Notice, RunError, SerpError
+from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
+from serp.planning.action_map import ActionForecast
+from serp.planning.forecast import SAFE
 from serp.settings import Settings, resolve
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.task import Task
 from serp.tasks.watchdog import Watchdog
-from serp.training.trainer import Transition
 
 
 class _Spent(Exception):
@@ -91,36 +94,36 @@ def run_trial(
     """
     settings = trial_settings(algorithm, task, changes)
     with one_thread(), task.bind() as bound:
-        contender = make_contestant(algorithm, bound, settings, trial.seed)
-        return _Trial(algorithm, contender, bound, conditions, on_progress).run()
+        contestant = make_contestant(algorithm, bound, settings, trial.seed)
+        return _Trial(algorithm, contestant, bound, conditions, on_progress).run()
 
 
 class _Trial:
     def __init__(
         self,
         algorithm: Algorithm,
-        contender: Contestant,
+        contestant: Contestant,
         bound: BoundTask,
         conditions: ComparisonProtocol,
         on_progress: Callable[[int], None],
     ) -> None:
         self._algorithm = algorithm
-        self._contender = contender
+        self._contestant = contestant
         self._bound = bound
         self._conditions = conditions
         self._on_progress = on_progress
         self._next_progress = 0.0
         self._evaluations: list[EvaluationRow] = []
-        available = contender.agent.arbiter.available
+        available = contestant.agent.guarded.vetoes.available
         self._log = Log(available, unit_of(bound.task), bound.task.counters)
         self._watchdog = Watchdog(
             bound,
-            contender.agent.settings.training.slow_step_seconds,
+            contestant.agent.settings.training.slow_step_seconds,
             lambda: self._log.env_steps + 1,
             lambda line: warnings.warn(visible(line), Notice, stacklevel=2),
         )
         most = max(conditions.evaluation_episodes, conditions.final_episodes)
-        self._arena = Arena(bound.task, contender.agent, most, conditions.evaluation_seed)
+        self._arena = Arena(bound.task, contestant.agent, most, conditions.evaluation_seed)
 
     def run(self) -> Measured:
         try:
@@ -132,23 +135,23 @@ class _Trial:
         return Measured(
             log,
             self._evaluations,
-            dict(self._contender.terms),
+            dict(self._contestant.terms),
             {"training": log.seconds, "evaluation": log.pauses},
         )
 
     def _train(self) -> None:
         conditions, log, name = self._conditions, self._log, self._algorithm.name
         try:
-            self._contender.train(conditions.env_steps, self._after_step)
+            self._contestant.train(conditions.env_steps, self._after_step)
         except _Spent:
             pass
         except SerpError:
             raise
         except Exception as error:
-            if not self._guest:
+            if not self._external:
                 raise
             raise RunError(f"`{name}` failed: {type(error).__name__}: {error}") from error
-        if self._guest:
+        if self._external:
             if log.env_steps < conditions.env_steps:
                 raise RunError(
                     f"`{name}` made {log.env_steps} env steps of {conditions.env_steps} and ended"
@@ -156,14 +159,14 @@ class _Trial:
             self._evaluate(last=True)
 
     @property
-    def _guest(self) -> bool:
+    def _external(self) -> bool:
         return self._algorithm.kind == "guest"
 
-    def _after_step(self, transition: Transition) -> None:
+    def _after_step(self, step: StepRecord) -> None:
         log, conditions = self._log, self._conditions
         if log.env_steps >= conditions.env_steps:
             raise _Spent
-        log.step(transition)
+        log.step(step)
         now = time.monotonic()
         if now >= self._next_progress:
             self._next_progress = now + 0.3
@@ -171,7 +174,7 @@ class _Trial:
         if not conditions.due(log.env_steps):
             return
         last = log.env_steps >= conditions.env_steps
-        if last and self._guest:  # it has yet to learn from the last steps, and then ends
+        if last and self._external:  # it has yet to learn from the last steps, and then ends
             return
         self._evaluate(last=last)
         if last:
@@ -188,29 +191,64 @@ class _Trial:
                 self._play("planner", self._plan, conditions.final_episodes)
             return
         if not last:
-            self._play("learner", self._alone, conditions.evaluation_episodes)
+            self._play("learner", self._greedy, conditions.evaluation_episodes)
             return
-        self._play("learner", self._alone_flagged, conditions.final_episodes)
+        self._play("learner", self._greedy_forecast, conditions.final_episodes)
         self._play("vetoed", self._vetoed, conditions.final_episodes)
 
-    def _play(self, policy: str, act: Any, episodes: int) -> None:
+    def _play(self, policy: str, act: Act, episodes: int) -> None:
         self._evaluations += self._arena.play(
             act, episodes, policy=policy, env_steps=self._log.env_steps, trained_in=self._bound
         )
 
     # Policies ----------------------------------------------------------------------------------
 
-    def _alone(self, states: list[Vector], inputs: NDArray[np.float64]) -> Chosen:
-        return [(int(action), False) for action in self._contender.alone(states, inputs)]
+    def _greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> list[Decision]:
+        """Let the learner act; nothing is forecast, which would take most of the time."""
+        size = self._bound.actions.size
+        actions = self._contestant.greedy(states, inputs)
+        return [_not_forecast(int(action), size) for action in actions]
 
-    def _alone_flagged(self, states: list[Vector], inputs: NDArray[np.float64]) -> Chosen:
-        actions = self._contender.alone(states, inputs)
-        return flagged(self._contender.agent.arbiter, states, actions)
+    def _greedy_forecast(
+        self, states: Sequence[Vector], inputs: NDArray[np.float64]
+    ) -> list[Decision]:
+        """Let the learner act, and forecast what it does."""
+        actions = self._contestant.greedy(states, inputs)
+        execute = self._contestant.agent.guarded.execute
+        return [
+            execute(state, Proposal(int(action), False, None))
+            for state, action in zip(states, actions, strict=True)
+        ]
 
-    def _vetoed(self, states: list[Vector], inputs: NDArray[np.float64]) -> Chosen:
-        decisions = map(self._contender.vetoed, states, inputs)
-        return [(decision.action, decision.unsafe) for decision in decisions]
+    def _vetoed(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> list[Decision]:
+        return list(map(self._contestant.vetoed, states, inputs))
 
-    def _plan(self, states: list[Vector], inputs: NDArray[np.float64]) -> Chosen:
-        decisions = map(self._contender.agent.arbiter.plan, states)
-        return [(decision.action, decision.unsafe) for decision in decisions]
+    def _plan(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> list[Decision]:
+        return list(map(self._contestant.agent.guarded.plan, states))
+
+
+def _not_forecast(action: int, size: int) -> Decision:
+    """Return the record of a choice of the learner of which nothing is predicted."""
+    forecast = ActionForecast(
+        choice=-1,
+        ground=np.full(size, -1),
+        value=np.full(size, -np.inf),
+        path_risk=np.zeros(size),
+        safe_steps=np.full(size, SAFE),
+        reward=np.zeros(size),
+        flags=np.zeros(size, dtype=np.int64),
+    )
+    return Decision(
+        action=action,
+        executed_by=Actor.LEARNER,
+        reason=Reason.ACCEPTED,
+        proposed=action,
+        proposed_by=Actor.LEARNER,
+        rho=1.0,
+        predicted_reward=np.nan,
+        unsafe=False,
+        risk=np.nan,
+        proposal_unsafe=False,
+        admissible=np.ones(size, dtype=np.bool_),
+        forecast=forecast,
+    )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from serp.control.protocols import Proposer
 from serp.control.strategies.advice import advice
-from serp.control.strategies.strategy import Learner, Proposed, Situation, Strategy
+from serp.control.strategies.strategy import Situation, Strategy
+from serp.learning.dqn import Proposal
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.planning.action_map import ActionForecast
 
@@ -15,25 +17,20 @@ class ArgmaxQ(Strategy):
     the place of the imitation policy: the proposal with the larger value in the target network is
     executed, and the value of a next state is that of the better proposal there. Where both are
     worth the same, the planner acts.
-
-    Args:
-        scale: What planner's rewards are multiplied by to give units of Q.
     """
 
-    def __init__(self, *, scale: float) -> None:
-        self.guided = GuidedLearning(bootstrap_guide=True)
-        self._scale = scale
+    guided = GuidedLearning(bootstrap_guide=True)
 
     @property
     def choice(self) -> str:
         """Both proposals."""
         return "the planner's or the learner's choice, whichever the learner values more"
 
-    def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
+    def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the better proposal; exploration is the learner's."""
         return _better(situation, learner, learner.propose(situation.explorable))
 
-    def propose_greedily(self, situation: Situation, learner: Learner) -> Proposed | None:
+    def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the better proposal."""
         return _better(situation, learner, learner.propose_greedily())
 
@@ -41,10 +38,11 @@ class ArgmaxQ(Strategy):
         self, forecast: ActionForecast, action: int, following: ActionForecast | None
     ) -> Guidance | None:
         """Return the planner's choice in the next state."""
-        return advice(forecast, action, following, scale=self._scale, imitate=False)
+        scale = self._settings.learner.reward_scale
+        return advice(forecast, action, following, scale=scale, imitate=False)
 
 
-def _better(situation: Situation, learner: Learner, proposal: Proposed) -> Proposed | None:
+def _better(situation: Situation, learner: Proposer, proposal: Proposal) -> Proposal | None:
     planned = situation.forecast.choice
     if planned < 0 or not situation.admissible[planned]:
         return proposal

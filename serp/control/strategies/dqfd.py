@@ -6,10 +6,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from serp._util.saved_state import Saved
+from serp.control.protocols import Proposer
 from serp.control.strategies.advice import advice
-from serp.control.strategies.strategy import Learner, Proposed, Situation, Strategy
+from serp.control.strategies.strategy import Seed, Situation, Strategy
+from serp.learning.dqn import Proposal
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.planning.action_map import ActionForecast
+from serp.settings import Settings
 
 
 class Demonstrations(Strategy):
@@ -20,20 +23,19 @@ class Demonstrations(Strategy):
     With the Q-filter of Nair et al. (2018, arXiv 1709.10089) this holds only where the target
     network does not know better. Demonstrations stay in the memory: `learner.protected_early` and
     `learner.protected_share` say how many, and which share of a batch they and failing samples are.
-
-    Args:
-        steps: Env steps of demonstration.
-        margin: Margin of the imitation loss, in units of Q.
     """
 
-    def __init__(self, *, steps: int, margin: float) -> None:
+    reads = ("guide.imitation_steps", "guide.margin")
+
+    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
+        super().__init__(settings, seed, adapts=adapts)
+        margin = settings.guide.margin
         self.guided = GuidedLearning(margin=margin, margin_weight=1.0, q_filter=True)
-        self._steps = steps
         self._step = 0
 
     @property
     def _demonstrating(self) -> bool:
-        return self._step < self._steps
+        return self._step < self._settings.guide.imitation_steps
 
     @property
     def rho(self) -> float:
@@ -45,7 +47,7 @@ class Demonstrations(Strategy):
         """Whether the planner demonstrates."""
         return "the planner's choice" if self._demonstrating else self.choice
 
-    def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
+    def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Let the planner act in the demonstration, then ask the learner."""
         return None if self._demonstrating else learner.propose(situation.explorable)
 

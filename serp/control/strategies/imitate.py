@@ -9,28 +9,30 @@ from typing import Any
 import numpy as np
 
 from serp._util.saved_state import Saved
+from serp.control.protocols import Proposer
 from serp.control.strategies.advice import advice
-from serp.control.strategies.strategy import Learner, Proposed, Situation, Strategy
+from serp.control.strategies.strategy import Seed, Situation, Strategy
+from serp.learning.dqn import Proposal
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.planning.action_map import ActionForecast
+from serp.settings import Settings
 
 
 class ImitateThenLearn(Strategy):
     """K env steps of imitation, then reinforcement learning alone.
 
     LOKI (Cheng et al. 2018, arXiv 1805.10413): K is drawn uniformly from the second half of
-    `steps`. Imitation is online, as in DAgger (Ross et al. 2011, arXiv 1011.0686): the planner acts
-    with a probability that falls from 1 to 0 over the K steps, else the learner's greedy choice,
-    and in every state that is met the planner says what it would do. What is said is learned by
-    DQfD's margin loss beside the TD loss; after K steps that is switched off.
-
-    Args:
-        steps: Env steps of imitation at most.
-        margin: Margin of the imitation loss, in units of Q.
-        seed: Seed of K and of the draws.
+    `guide.imitation_steps`. Imitation is online, as in DAgger (Ross et al. 2011, arXiv 1011.0686):
+    the planner acts with a probability that falls from 1 to 0 over the K steps, else the learner's
+    greedy choice is executed. The planner's choice in every state is learned by DQfD's margin loss
+    beside the TD loss; after K steps that is switched off.
     """
 
-    def __init__(self, *, steps: int, margin: float, seed: int | np.random.SeedSequence) -> None:
+    reads = ("guide.imitation_steps", "guide.margin")
+
+    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
+        super().__init__(settings, seed, adapts=adapts)
+        margin, steps = settings.guide.margin, settings.guide.imitation_steps
         self.guided = GuidedLearning(margin=margin, margin_weight=1.0, q_filter=False)
         self._random = np.random.default_rng(seed)
         self._end = int(self._random.integers(steps // 2, steps + 1))
@@ -63,7 +65,7 @@ class ImitateThenLearn(Strategy):
         """1 during imitation, then 0."""
         return float(self._imitating)
 
-    def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
+    def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw whose turn it is during imitation; then ask the learner."""
         if not self._imitating:
             return learner.propose(situation.explorable)

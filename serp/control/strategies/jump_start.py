@@ -9,7 +9,10 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 from serp._util.saved_state import Saved
-from serp.control.strategies.strategy import Learner, Proposed, Situation, Strategy
+from serp.control.protocols import Proposer
+from serp.control.strategies.strategy import Seed, Situation, Strategy
+from serp.learning.dqn import Proposal
+from serp.settings import Settings
 
 _WINDOW: Final = 5
 """Episodes that a mean is taken over."""
@@ -23,15 +26,12 @@ class JumpStart(Strategy):
     the mark. Whenever the mean return of five episodes is within the tolerance of the best such
     mean so far, h shrinks by a stage. What the original evaluates apart are here the episodes of
     training themselves, which cost no samples.
-
-    Args:
-        stages: In so many stages h goes to 0.
-        tolerance: How much worse than the best mean a mean may be, as a share of its size.
     """
 
-    def __init__(self, *, stages: int, tolerance: float) -> None:
-        self._stages = stages
-        self._tolerance = tolerance
+    reads = ("guide.jump_stages", "guide.jump_tolerance")
+
+    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
+        super().__init__(settings, seed, adapts=adapts)
         self._longest = 0
         self._stage = -1
         """-1 while the planner acts alone."""
@@ -44,7 +44,7 @@ class JumpStart(Strategy):
         """h: so many steps of an episode are the planner's."""
         if self._stage < 0:
             return float("inf")
-        return self._longest * (1.0 - self._stage / self._stages)
+        return self._longest * (1.0 - self._stage / self._settings.guide.jump_stages)
 
     @property
     def rho(self) -> float:
@@ -61,7 +61,7 @@ class JumpStart(Strategy):
             return self.choice
         return f"the planner's choice in the first {math.ceil(steps)} steps, then the learner's"
 
-    def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
+    def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return None in the first h steps."""
         planners_turn = self._step < self.planned_steps
         self._step += 1
@@ -73,10 +73,11 @@ class JumpStart(Strategy):
         if self._stage < 0:
             self._longest = max(self._longest, length)
         self._recent.append(return_)
-        if len(self._recent) < _WINDOW or self._stage == self._stages:
+        if len(self._recent) < _WINDOW or self._stage == self._settings.guide.jump_stages:
             return
         mean = statistics.fmean(self._recent)
-        if self._stage < 0 or mean >= self._best - self._tolerance * abs(self._best):
+        tolerated = self._settings.guide.jump_tolerance * abs(self._best)
+        if self._stage < 0 or mean >= self._best - tolerated:
             self._best = max(self._best, mean)
             self._stage += 1
             self._recent.clear()
@@ -97,7 +98,8 @@ class JumpStart(Strategy):
             RunError: It is damaged.
         """
         saved = Saved("strategy", {}, meta)
-        self._longest, self._stage = saved.whole("longest"), saved.whole("stage", -1, self._stages)
+        self._longest = saved.whole("longest")
+        self._stage = saved.whole("stage", -1, self._settings.guide.jump_stages)
         self._best = -float("inf") if self._stage < 0 else saved.real("best", -math.inf, math.inf)
         self._recent.clear()
         self._recent.extend(saved.reals("recent", _WINDOW, -math.inf, math.inf, least=0))

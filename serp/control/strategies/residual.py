@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from serp.control.protocols import Proposer, Values
 from serp.control.strategies.advice import advice, values_of
-from serp.control.strategies.strategy import Learner, Proposed, Situation, Strategy, Values
+from serp.control.strategies.strategy import Situation, Strategy
+from serp.learning.dqn import Proposal
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.planning.action_map import ActionForecast
 
@@ -14,36 +16,32 @@ class Residual(Strategy):
     Residual learning (Johannink et al. 2019, arXiv 1812.03201; Silver et al. 2018, arXiv
     1812.06298) carried over from controls to values: the network learns what the planner's value
     lacks. Without the network the policy is the planner's.
-
-    Args:
-        scale: What planner's rewards are multiplied by to give units of Q.
     """
 
-    def __init__(self, *, scale: float) -> None:
-        self.guided = GuidedLearning(residual=True)
-        self._scale = scale
+    guided = GuidedLearning(residual=True)
 
     @property
     def choice(self) -> str:
         """With the planner's values."""
         return "the learner's choice, the planner's values a part of its own"
 
-    alone = choice
+    baseline = choice
 
-    def propose(self, situation: Situation, learner: Learner) -> Proposed:
+    def propose(self, situation: Situation, learner: Proposer) -> Proposal:
         """Return the choice by the sum, with exploration."""
         return learner.propose(situation.explorable, base=self.base(situation.forecast))
 
-    def propose_greedily(self, situation: Situation, learner: Learner) -> Proposed:
+    def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal:
         """Return the choice by the sum."""
         return learner.propose_greedily(base=self.base(situation.forecast))
 
     def base(self, forecast: ActionForecast) -> Values:
         """Return `[E]` the planner's values: they are a part of this learner's Q."""
-        return values_of(forecast, self._scale)
+        return values_of(forecast, self._settings.learner.reward_scale)
 
     def guidance(
         self, forecast: ActionForecast, action: int, following: ActionForecast | None
     ) -> Guidance | None:
         """Return the planner's values."""
-        return advice(forecast, action, following, scale=self._scale, imitate=False)
+        scale = self._settings.learner.reward_scale
+        return advice(forecast, action, following, scale=scale, imitate=False)

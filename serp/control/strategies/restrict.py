@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from serp.control.strategies.strategy import Learner, Mask, Proposed, Situation, Strategy
+from serp.control.protocols import Mask, Proposer
+from serp.control.strategies.strategy import Situation, Strategy
+from serp.learning.dqn import Proposal
 from serp.planning.action_map import ActionForecast
 
 
@@ -14,25 +16,21 @@ class Restrict(Strategy):
     DARLING (Leonetti, Iocchi and Stone 2016, Artificial Intelligence 241) lets plans within a share
     of the best one's cost decide which actions are reasonable. The restriction holds for choice,
     exploration and the value of the next state.
-
-    Args:
-        slack: How much worse than the best plan a plan may be, as a share of the best plan's worth.
     """
 
-    def __init__(self, *, slack: float) -> None:
-        self._slack = slack
+    reads = ("guide.restrict_slack",)
 
     @property
     def choice(self) -> str:
         """With the restriction."""
         return "the learner's choice among the actions of good enough plans"
 
-    def propose(self, situation: Situation, learner: Learner) -> Proposed:
+    def propose(self, situation: Situation, learner: Proposer) -> Proposal:
         """Return the learner's choice among reasonable actions, with exploration."""
         reasonable = self.allowed(situation.forecast, situation.admissible)
         return learner.propose(reasonable, among=reasonable)
 
-    def propose_greedily(self, situation: Situation, learner: Learner) -> Proposed:
+    def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal:
         """Return the learner's choice among reasonable actions."""
         reasonable = self.allowed(situation.forecast, situation.admissible)
         return learner.propose_greedily(among=reasonable)
@@ -44,5 +42,6 @@ class Restrict(Strategy):
         best = forecast.value[admissible].max()
         if not np.isfinite(best):  # the model knows none of them, or their worth is no number
             return admissible
-        reasonable: Mask = admissible & (forecast.value >= best - self._slack * abs(best))
+        slack = self._settings.guide.restrict_slack
+        reasonable: Mask = admissible & (forecast.value >= best - slack * abs(best))
         return reasonable

@@ -1,6 +1,6 @@
 """What a strategy is: a way in which planner and learner share the decisions.
 
-A strategy only proposes. Whatever it proposes passes `serp.control.arbiter.Arbiter`, so that
+A strategy only proposes; what it proposes passes `serp.control.arbiter.Arbiter`, so that
 the vetoes hold under every strategy.
 """
 
@@ -8,61 +8,21 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from serp.control.model_confidence import ModelConfidence
+from serp.control.protocols import Mask, Proposer, Values
+from serp.learning.dqn import Proposal
 from serp.planning.action_map import ActionForecast
 
 if TYPE_CHECKING:
     from serp.learning.guidance import Guidance, GuidedLearning
-
-Mask = NDArray[np.bool_]
-Values = NDArray[np.floating[Any]]
+    from serp.settings import Settings
 
 
-class Proposed(Protocol):
-    """What a learner proposes: an environment action, whether it was explored, and why."""
-
-    @property
-    def action(self) -> int:
-        """Environment action."""
-
-    @property
-    def exploratory(self) -> bool:
-        """Whether it was drawn at random."""
-
-    @property
-    def q(self) -> Values | None:
-        """`[E]` what each action promises in the learner's eyes; None where it was drawn."""
-
-
-class Learner(Protocol):
-    """A learner that stands before one observation."""
-
-    def propose(
-        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
-    ) -> Proposed:
-        """Propose, with exploration.
-
-        Args:
-            explorable: `[E]` actions to explore among; None for all.
-            among: `[E]` actions that the greedy choice is limited to; None for all.
-            base: `[E]` what is added to Q before the choice; None for nothing.
-        """
-
-    def propose_greedily(
-        self, *, among: Mask | None = None, base: Values | None = None
-    ) -> Proposed:
-        """Propose what promises most; arguments as in `propose`."""
-
-    def member_q(self) -> Values:
-        """Return `[members, E]` the values in the eyes of each of the learner's networks."""
-
-    def target_q(self) -> Values:
-        """Return `[E]` the values in the eyes of the slowly following target network."""
+Seed = int | np.random.SeedSequence
 
 
 class Situation(NamedTuple):
@@ -72,23 +32,33 @@ class Situation(NamedTuple):
         forecast: The planner's view.
         admissible: `[E]` actions that no veto refuses.
         explorable: `[E]` actions to explore among; None for all.
-        trust: How far the model can be trusted.
+        confidence: How far the model can be relied on.
     """
 
     forecast: ActionForecast
     admissible: Mask
     explorable: Mask | None
-    trust: ModelConfidence = ModelConfidence.OPEN
+    confidence: ModelConfidence = ModelConfidence.OPEN
 
 
 class Strategy:
     """Who proposes. This base class always asks the learner.
 
+    Args:
+        settings: All settings.
+        seed: Seed of its draws, where it draws.
+        adapts: Whether the model adapts. One that does not is never known to predict well.
+
     Attributes:
+        reads: The settings of its own, as `guide.margin`; other strategies do not read them.
         guided: How the learner is to use what the planner says; None for not at all.
     """
 
+    reads: ClassVar[tuple[str, ...]] = ()
     guided: GuidedLearning | None = None
+
+    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
+        self._settings = settings
 
     @property
     def rho(self) -> float:
@@ -101,8 +71,8 @@ class Strategy:
         return "the learner's choice"
 
     @property
-    def alone(self) -> str:
-        """In words: what `propose_alone` returns."""
+    def baseline(self) -> str:
+        """In words: what `propose_baseline` returns."""
         return "the learner's choice"
 
     @property
@@ -115,16 +85,16 @@ class Strategy:
         """Weight of the learner's imitation loss from now on."""
         return 0.0 if self.guided is None else self.guided.margin_weight
 
-    def propose(self, situation: Situation, learner: Learner) -> Proposed | None:
+    def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's proposal, or None where it is the planner's turn."""
         return learner.propose(situation.explorable)
 
-    def propose_greedily(self, situation: Situation, learner: Learner) -> Proposed | None:
+    def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return what the trained policy does: as `propose`, without exploration or draw."""
         return learner.propose_greedily()
 
-    def propose_alone(self, situation: Situation, learner: Learner) -> Proposed:
-        """Return what the learner does when nobody helps it."""
+    def propose_baseline(self, situation: Situation, learner: Proposer) -> Proposal:
+        """Return what the learner does without planner and veto."""
         return learner.propose_greedily(base=self.base(situation.forecast))
 
     def forked(self, seed: np.random.SeedSequence) -> Strategy:

@@ -185,7 +185,7 @@ def test_every_env_step_counts_and_nothing_across_a_reset() -> None:
     with task.bind() as bound:
         trainer = Trainer(bound, resolve("default", task.settings, changes), 3)
         lengths = [trainer.run_episode().length for _ in range(12)]
-    of = trainer.agent.correction
+    of = trainer.agent.adaptation
     seen = of.experience
     assert len(seen) == sum(lengths) == trainer.env_steps
     ends = np.flatnonzero(seen.ended)
@@ -416,7 +416,7 @@ def test_the_planner_of_a_training_sees_what_was_learned() -> None:
         before = trainer.agent.arbiter.planner.forecast(state).value.tobytes()
         trainer.run_episode()
         trainer.run_episode()
-        assert trainer.agent.correction.model is not bound.model
+        assert trainer.agent.adaptation.model is not bound.model
         assert trainer.agent.arbiter.planner.forecast(state).value.tobytes() != before
 
 

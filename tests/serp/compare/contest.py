@@ -25,8 +25,8 @@ from serp.compare.study import Comparison, compare
 from serp.compare.trials.trial import Measured, run_trial
 from serp.errors import RunError
 from serp.tasks.task import Task
+from serp.training.rollout import training_seed
 from serp.training.stopping import SIGNALS
-from serp.training.trainer import episode_seed
 from tests.serp.sample_tasks import Corridor, corridor
 
 CONDITIONS = ComparisonProtocol(
@@ -91,7 +91,7 @@ class Signalled(Walk):
         return super().reset(seed=seed, **options)
 
 
-BAD_SEED = episode_seed(1, 1)
+BAD_SEED = training_seed(1, 1)
 """The second episode of every trial with seed 1."""
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from serp.compare import algorithms
 from serp.compare.algorithms import GROUP, OWN, ablation, find_algorithm, merged
-from serp.control.strategies.making import STRATEGIES
+from serp.control.registry import strategy_names
 from serp.errors import MissingExtra, SerpError, SettingsError
 from serp.settings import resolve
 from tests.serp.compare import contest
@@ -27,7 +27,7 @@ def test_all_of_ours_are_there_with_settings_that_exist() -> None:
 
 
 def test_every_strategy_is_an_algorithm_that_guides_by_it() -> None:
-    for strategy in STRATEGIES:
+    for strategy in strategy_names():
         if strategy == "mixture":
             continue
         algorithm = find_algorithm(strategy)

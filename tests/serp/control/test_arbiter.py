@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from serp.control.arbiter import Actor, Arbiter, Decision, Reason
-from serp.control.strategies.mixture import mixture_of
-from serp.control.strategies.strategy import Mask, Values
+from serp.control.arbiter import Arbiter
+from serp.control.decision import Actor, Decision, Reason
+from serp.control.protocols import Mask, Values
+from serp.control.strategies.mixture import Mixture
 from serp.errors import SettingsError
 from serp.learning.dqn import DQN, Proposal
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE
@@ -23,7 +24,7 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.action_map import ActionMap
 from serp.planning.forecast import SAFE
 from serp.planning.lookahead import Lookahead
-from serp.settings import ArbiterSettings, LearnerSettings, PlannerSettings
+from serp.settings import ArbiterSettings, LearnerSettings, PlannerSettings, Settings
 from tests.serp.planning.worlds import WORLDS, load, states_of, text_of, world
 
 LEARNERS = (Actor.LEARNER, Actor.EXPLORATION)
@@ -202,7 +203,8 @@ def every_case(check: Checked, *, choices: int = 13) -> int:
                     PlannerSettings(depth=random.randint(1, 3), repeat=random.choice((1, 1, 2))),
                 )
                 settings = settings_of(random)
-                arbiter = Arbiter(planner, actions, settings, mixture_of(settings, seed=k))
+                mixture = Mixture(Settings(arbiter=settings), k)
+                arbiter = Arbiter(planner, actions, settings, mixture)
                 proposer = Proposer(1000 * seed + 100 * number + k, actions.size)
                 for state in states_of(model, random, STATES):
                     decision = arbiter.decide(state, proposer)
@@ -320,7 +322,7 @@ def test_the_record_tells_what_happened() -> None:
 
     every_case(check, choices=9)
     # What a model that does not correct itself predicts is certain: no risk is between.
-    assert set(reasons) == set(Reason) - {Reason.CURIOUS, Reason.TOO_RISKY, Reason.LEAST_RISK}
+    assert set(reasons) == set(Reason) - {Reason.LITTLE_TRIED, Reason.TOO_RISKY, Reason.LEAST_RISK}
     assert min(reasons.values()) >= 5
 
 
@@ -364,7 +366,7 @@ def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file() -> Non
         assert explanation.split(":")[0] in names
 
     every_case(check, choices=4)
-    unsaid = {Reason.PLANNER_TURN, Reason.CURIOUS, Reason.ACCEPTED}
+    unsaid = {Reason.PLANNER_TURN, Reason.LITTLE_TRIED, Reason.ACCEPTED}
     assert set(said) == set(Reason) - unsaid - {Reason.TOO_RISKY, Reason.LEAST_RISK}
 
 
@@ -440,7 +442,7 @@ def two(**settings: object) -> Arbiter:
     """An arbiter whose planner always wants action 0."""
     chosen = ArbiterSettings(**settings)  # type: ignore[arg-type]
     planner = Lookahead(TWO, PlannerSettings(depth=2))
-    return Arbiter(planner, ActionMap(TWO, 2), chosen, mixture_of(chosen, seed=7))
+    return Arbiter(planner, ActionMap(TWO, 2), chosen, Mixture(Settings(arbiter=chosen), 7))
 
 
 class Stubborn:
@@ -554,18 +556,22 @@ def test_what_is_tried_for_the_sake_of_learning_is_no_plan() -> None:
     """In its turn in training the planner tries something; its plan and all others stay."""
     plain = two(rho=0.0)
     other = 1 - plain.plan(STATE).action
-    curious = Arbiter(
+    exploring = Arbiter(
         plain.planner, plain.actions, plain.settings,
-        curiosity=lambda forecast: forecast._replace(choice=other),
+        exploration_bonus=lambda forecast: forecast._replace(choice=other),
     )  # fmt: skip
-    tried = curious.decide(STATE, propose(0))
-    assert (tried.action, tried.reason, tried.executed_by) == (other, Reason.CURIOUS, Actor.PLANNER)
+    tried = exploring.decide(STATE, propose(0))
+    assert (tried.action, tried.reason, tried.executed_by) == (
+        other,
+        Reason.LITTLE_TRIED,
+        Actor.PLANNER,
+    )
     assert tried.forecast.choice == plain.plan(STATE).action
     assert not tried.vetoed
-    assert curious.explain(tried, STATE) == ""
-    assert curious.plan(STATE).action == plain.plan(STATE).action
+    assert exploring.explain(tried, STATE) == ""
+    assert exploring.plan(STATE).action == plain.plan(STATE).action
     asked = Arbiter(
-        plain.planner, plain.actions, ArbiterSettings(rho=1.0), curiosity=lambda _: 1 / 0
+        plain.planner, plain.actions, ArbiterSettings(rho=1.0), exploration_bonus=lambda _: 1 / 0
     )
     assert asked.decide(STATE, propose(1)).executed_by is Actor.LEARNER
 
@@ -575,9 +581,8 @@ def test_a_restored_arbiter_goes_on_as_the_one_that_was_saved() -> None:
     for _ in range(50):
         arbiter.decide(STATE, propose(1))
         arbiter.strategy.end_unit("step")
-    arrays, meta = arbiter.state_dict()
     other = two(rho=0.5, rho_unit="step")
-    other.load_state_dict(arrays, meta)
+    other.load_state_dict(arbiter.state_dict())
     assert other.rho == arbiter.rho
     first = [arbiter.decide(STATE, propose(1)).executed_by for _ in range(200)]
     assert first == [other.decide(STATE, propose(1)).executed_by for _ in range(200)]

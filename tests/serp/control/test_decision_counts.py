@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from serp.control.arbiter import Actor, Reason
+from serp.control.decision import Actor, Reason
 from serp.training.run import Run, plan_and_learn
 from tests.serp.sample_tasks import corridor
 

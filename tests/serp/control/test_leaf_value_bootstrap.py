@@ -22,8 +22,8 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.leaf_value import LeafValue
 from serp.planning.lookahead import Lookahead
 from serp.settings import LearnerSettings, PlannerSettings
-from serp.tasks.reward import Judged
 from tests.generated import Texts, load_texts
+from tests.serp.control.records import step_record
 
 CHAIN = """
 (define (domain chain)
@@ -71,7 +71,7 @@ def learner(inputs: int = 1, seed: int = 0, **settings: Any) -> DQN:
 class Scene(NamedTuple):
     planner: Lookahead
     learner: DQN
-    outlook: LeafValueBootstrap
+    leaf_values: LeafValueBootstrap
 
 
 def scene(model: TransitionModel, dqn: DQN | None = None) -> Scene:
@@ -92,11 +92,11 @@ def believing(
     places: Vector | None = None,
     dqn: DQN | None = None,
 ) -> Scene:
-    """A scene whose outlook starts with known values; nothing replaces them, no learner learns."""
+    """A scene with known leaf values; nothing replaces them, no learner learns."""
     made = scene(model, dqn)
     places = np.arange(float(GOAL)) if places is None else places
     arrays = {"packed": packed_of(worth, places), "means": np.zeros(4)}
-    made.outlook.load_state_dict(arrays, EMPTY)
+    made.leaf_values.load_state_dict(arrays, EMPTY)
     return made
 
 
@@ -109,15 +109,18 @@ class Step(NamedTuple):
 
 
 def tell(
-    outlook: LeafValueBootstrap, steps: list[Step], learned: Callable[[float], float] = float
+    leaf_values: LeafValueBootstrap, steps: list[Step], learned: Callable[[float], float] = float
 ) -> None:
     for step in steps:
-        outlook.observe(
-            np.array([step.x]),
-            np.array([step.next_x]),
-            Judged(learned(step.reward), step.reward, False),
-            step.terminated,
-            step.truncated,
+        leaf_values.observe(
+            step_record(
+                state=[step.x],
+                next_state=[step.next_x],
+                reward=learned(step.reward),
+                domain_reward=step.reward,
+                terminated=step.terminated,
+                truncated=step.truncated,
+            )
         )
 
 
@@ -140,8 +143,8 @@ def right(places: Vector) -> Vector:
     return values
 
 
-def compared(outlook: LeafValueBootstrap) -> int:
-    _, meta = outlook.state_dict()
+def compared(leaf_values: LeafValueBootstrap) -> int:
+    _, meta = leaf_values.state_dict()
     return int(meta["compared"])
 
 
@@ -149,18 +152,18 @@ def compared(outlook: LeafValueBootstrap) -> int:
 
 
 def test_right_values_explain_what_is_received(chain: TransitionModel) -> None:
-    planner, _, outlook = believing(chain, right)
-    tell(outlook, walks(100))
-    assert outlook.explained == pytest.approx(1.0, abs=0.01)
-    assert outlook.proven
+    planner, _, leaf_values = believing(chain, right)
+    tell(leaf_values, walks(100))
+    assert leaf_values.explained == pytest.approx(1.0, abs=0.01)
+    assert leaf_values.proven
     assert planner.leaves.tobytes() == packed_of(right, np.arange(float(GOAL))).tobytes()
 
 
 def test_values_are_worth_what_they_say_about_differences(chain: TransitionModel) -> None:
     """Where the levels are wrong but the differences right, planning is right."""
-    _, _, outlook = believing(chain, lambda places: right(places) + 100.0)
-    tell(outlook, walks(100))
-    assert outlook.explained == pytest.approx(1.0, abs=0.01)
+    _, _, leaf_values = believing(chain, lambda places: right(places) + 100.0)
+    tell(leaf_values, walks(100))
+    assert leaf_values.explained == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -177,11 +180,11 @@ def test_values_are_worth_what_they_say_about_differences(chain: TransitionModel
 def test_wrong_values_are_not_believed(
     chain: TransitionModel, worth: Callable[[Vector], Vector], least: float, most: float
 ) -> None:
-    planner, _, outlook = believing(chain, worth)
-    tell(outlook, walks(100))
-    assert compared(outlook) > 500
-    assert least <= outlook.explained <= most
-    assert not outlook.proven
+    planner, _, leaf_values = believing(chain, worth)
+    tell(leaf_values, walks(100))
+    assert compared(leaf_values) > 500
+    assert least <= leaf_values.explained <= most
+    assert not leaf_values.proven
     assert planner.leaves.size == 0
 
 
@@ -202,10 +205,10 @@ def of_endless(places: Vector) -> Vector:
 
 def test_what_follows_the_window_is_worth_what_its_end_is(chain: TransitionModel) -> None:
     places = np.arange(81.0)
-    _, _, outlook = believing(chain, of_endless, places)
-    tell(outlook, [step for _ in range(8) for step in endless(0, 80)])
-    assert compared(outlook) == 8 * (80 - WINDOW)
-    assert outlook.explained == pytest.approx(1.0, abs=0.01)
+    _, _, leaf_values = believing(chain, of_endless, places)
+    tell(leaf_values, [step for _ in range(8) for step in endless(0, 80)])
+    assert compared(leaf_values) == 8 * (80 - WINDOW)
+    assert leaf_values.explained == pytest.approx(1.0, abs=0.01)
     _, _, other = believing(chain, lambda x: of_endless(x + 63), places)  # half a wave ahead
     tell(other, [step for _ in range(8) for step in endless(0, 80)])
     assert other.explained < 0.0
@@ -234,9 +237,9 @@ def by_definition(episodes: list[list[Step]], value: LeafValue) -> tuple[list[fl
 def test_what_is_explained_is_a_share_of_the_variance(chain: TransitionModel, seed: int) -> None:
     """By the definition, whatever the values, the rewards, and the ends of episodes."""
     random = np.random.default_rng(seed)
-    _, _, outlook = believing(chain, lambda x: np.sin(x) + right(x) / 5)
+    _, _, leaf_values = believing(chain, lambda x: np.sin(x) + right(x) / 5)
     value = LeafValue(1, np.random.SeedSequence(0))
-    value.restore(outlook.state_dict()[0]["packed"])
+    value.restore(leaf_values.state_dict()[0]["packed"])
     episodes, steps = [], 0
     while steps < 450:  # up to 500 the mean that forgets is that of all
         length = int(random.integers(1, 3 * WINDOW))
@@ -257,14 +260,14 @@ def test_what_is_explained_is_a_share_of_the_variance(chain: TransitionModel, se
         )
         steps += length
     # After so many steps it matters little that a reward that is no number is like no other one.
-    outlook.load_state_dict(outlook.state_dict()[0], {**EMPTY, "steps": 10**6})
+    leaf_values.load_state_dict(leaf_values.state_dict()[0], {**EMPTY, "steps": 10**6})
     for episode in episodes:
-        tell(outlook, episode)
+        tell(leaf_values, episode)
     received, errors = by_definition(episodes, value)
-    assert compared(outlook) == len(received)
+    assert compared(leaf_values) == len(received)
     assert 200 <= len(received) <= 500
     expected = 1.0 - np.var(errors) / np.var(received)
-    assert outlook.explained == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert leaf_values.explained == pytest.approx(expected, rel=1e-9, abs=1e-9)
 
 
 # What is judged, and what not --------------------------------------------------------------------
@@ -273,18 +276,18 @@ def test_what_is_explained_is_a_share_of_the_variance(chain: TransitionModel, se
 @pytest.mark.parametrize("length", [1, 2, WINDOW - 1, WINDOW, WINDOW + 1, 70])
 def test_a_terminated_episode_is_judged_whole(chain: TransitionModel, length: int) -> None:
     for truncated in (False, True):  # an end counts, also where time is up as well
-        _, _, outlook = believing(chain, right)
+        _, _, leaf_values = believing(chain, right)
         steps = [Step(0.0, 1.0, 1.0) for _ in range(length - 1)]
-        tell(outlook, [*steps, Step(0.0, 1.0, 1.0, True, truncated)])
-        assert compared(outlook) == length
+        tell(leaf_values, [*steps, Step(0.0, 1.0, 1.0, True, truncated)])
+        assert compared(leaf_values) == length
 
 
 @pytest.mark.parametrize("length", [1, 2, WINDOW - 1, WINDOW, WINDOW + 1, 70])
 def test_of_an_episode_cut_off_only_what_is_complete(chain: TransitionModel, length: int) -> None:
-    _, _, outlook = believing(chain, right)
+    _, _, leaf_values = believing(chain, right)
     steps = [Step(0.0, 1.0, 1.0) for _ in range(length - 1)]
-    tell(outlook, [*steps, Step(0.0, 1.0, 1.0, truncated=True)])
-    assert compared(outlook) == max(0, length - WINDOW)
+    tell(leaf_values, [*steps, Step(0.0, 1.0, 1.0, truncated=True)])
+    assert compared(leaf_values) == max(0, length - WINDOW)
 
 
 def test_nothing_is_judged_across_the_end_of_an_episode(chain: TransitionModel) -> None:
@@ -294,42 +297,42 @@ def test_nothing_is_judged_across_the_end_of_an_episode(chain: TransitionModel) 
     for start in (0, 5, 11):
         tell(one, [*(step._replace(reward=1e6) for step in walk(0)[:10]),
                    Step(10.0, 11.0, -1e6, truncated=True)])  # fmt: skip
-        for outlook in (one, other):
-            tell(outlook, walk(start))
+        for leaf_values in (one, other):
+            tell(leaf_values, walk(start))
     assert one.state_dict()[0]["means"].tobytes() == other.state_dict()[0]["means"].tobytes()
     assert compared(one) == compared(other) == 20 + 15 + 9
 
 
 @pytest.mark.parametrize("reward", [math.nan, math.inf, -math.inf, 1e200])
 def test_rewards_that_are_no_numbers_teach_nothing(chain: TransitionModel, reward: float) -> None:
-    planner, _, outlook = believing(chain, right)
-    tell(outlook, walks(100))
-    before = {name: a.tobytes() for name, a in outlook.state_dict()[0].items()}
-    count = compared(outlook)
-    tell(outlook, walk(0, reward))  # the last one, so that each of its sums holds it
-    assert {name: a.tobytes() for name, a in outlook.state_dict()[0].items()} == before
-    assert compared(outlook) == count
-    assert outlook.proven
-    tell(outlook, walks(3, seed=1))
-    assert compared(outlook) > count
+    planner, _, leaf_values = believing(chain, right)
+    tell(leaf_values, walks(100))
+    before = {name: a.tobytes() for name, a in leaf_values.state_dict()[0].items()}
+    count = compared(leaf_values)
+    tell(leaf_values, walk(0, reward))  # the last one, so that each of its sums holds it
+    assert {name: a.tobytes() for name, a in leaf_values.state_dict()[0].items()} == before
+    assert compared(leaf_values) == count
+    assert leaf_values.proven
+    tell(leaf_values, walks(3, seed=1))
+    assert compared(leaf_values) > count
     assert planner.leaves.size > 0
 
 
 def test_a_few_comparisons_prove_nothing(chain: TransitionModel) -> None:
-    _, _, outlook = believing(chain, right)
+    _, _, leaf_values = believing(chain, right)
     for _ in range(9):
-        tell(outlook, walk(0))
-        assert (outlook.explained, outlook.proven) == (0.0, False)
-    tell(outlook, walk(0))
-    assert compared(outlook) == 200
-    assert outlook.proven
+        tell(leaf_values, walk(0))
+        assert (leaf_values.explained, leaf_values.proven) == (0.0, False)
+    tell(leaf_values, walk(0))
+    assert compared(leaf_values) == 200
+    assert leaf_values.proven
 
 
 def test_where_nothing_differs_nothing_is_explained(chain: TransitionModel) -> None:
-    _, _, outlook = believing(chain, right)
+    _, _, leaf_values = believing(chain, right)
     steps = [Step(19.0, 20.0, 10.0, True)] * 300
-    tell(outlook, steps)
-    assert (outlook.explained, outlook.proven) == (0.0, False)
+    tell(leaf_values, steps)
+    assert (leaf_values.explained, leaf_values.proven) == (0.0, False)
 
 
 # Whose rewards -----------------------------------------------------------------------------------
@@ -340,43 +343,43 @@ def test_values_of_other_rewards_are_not_believed(
     chain: TransitionModel, every: int, believed: bool
 ) -> None:
     """In more than one step of a hundred the learner is told something else than the planner."""
-    planner, _, outlook = believing(chain, right)
-    tell(outlook, walks(40, seed=2))  # they have proven right before
-    assert outlook.proven
+    planner, _, leaf_values = believing(chain, right)
+    tell(leaf_values, walks(40, seed=2))  # they have proven right before
+    assert leaf_values.proven
     for number, step in enumerate(walks(200), 1):
-        tell(outlook, [step], lambda r, n=number: r + (n % every == 0))
-    assert outlook.proven is believed
+        tell(leaf_values, [step], lambda r, n=number: r + (n % every == 0))
+    assert leaf_values.proven is believed
     assert (planner.leaves.size > 0) is believed
 
 
 def test_what_is_told_otherwise_from_the_beginning_is_never_believed(
     chain: TransitionModel,
 ) -> None:
-    planner, _, outlook = believing(chain, right)
+    planner, _, leaf_values = believing(chain, right)
     for step in walks(100):
-        tell(outlook, [step], lambda r: 2.0 * r - 1.0)
+        tell(leaf_values, [step], lambda r: 2.0 * r - 1.0)
         assert planner.leaves.size == 0
-    assert compared(outlook) == 0
+    assert compared(leaf_values) == 0
 
 
 def test_rewards_that_differ_by_rounding_are_alike(chain: TransitionModel) -> None:
-    _, _, outlook = believing(chain, right)
-    tell(outlook, walks(100), lambda r: float(np.float32(r + 1e-10)))
-    assert outlook.proven
+    _, _, leaf_values = believing(chain, right)
+    tell(leaf_values, walks(100), lambda r: float(np.float32(r + 1e-10)))
+    assert leaf_values.proven
 
 
 # Where values come from and go -------------------------------------------------------------------
 
 
 def test_what_no_longer_holds_is_taken_away_and_given_again(chain: TransitionModel) -> None:
-    planner, _, outlook = believing(chain, right)
-    tell(outlook, walks(100))
+    planner, _, leaf_values = believing(chain, right)
+    tell(leaf_values, walks(100))
     assert planner.leaves.size > 0
-    tell(outlook, [step for k in range(100) for step in walk(k % 19, -10.0)])
-    assert not outlook.proven
+    tell(leaf_values, [step for k in range(100) for step in walk(k % 19, -10.0)])
+    assert not leaf_values.proven
     assert planner.leaves.size == 0
-    tell(outlook, walks(400))
-    assert outlook.proven
+    tell(leaf_values, walks(400))
+    assert leaf_values.proven
     assert planner.leaves.size > 0
 
 
@@ -396,8 +399,12 @@ class World:
             terminated, truncated = next_x >= GOAL, steps >= 40
             reward = 10.0 if terminated else 0.0
             state, following = np.array([x]), np.array([next_x])
-            judged = Judged(reward, reward, False)
-            self.made.outlook.observe(state, following, judged, terminated, truncated)
+            self.made.leaf_values.observe(
+                step_record(
+                    state=state, next_state=following, reward=reward, terminated=terminated,
+                    truncated=truncated,
+                )
+            )  # fmt: skip
             dqn = self.made.learner
             dqn.remember(state, action, reward, following, terminated, truncated)
             dqn.learn()
@@ -420,7 +427,7 @@ def test_a_learner_that_learns_is_believed_and_shows_the_planner_the_way(
     assert (before.indifferent, before.choice) == (True, 0)
     for _ in range(100):
         world.episode()
-    assert world.made.outlook.proven
+    assert world.made.leaf_values.proven
     after = world.made.planner.forecast(far)
     assert (after.indifferent, after.choice) == (False, 1)
     assert (world.made.planner.forecast(np.array([18.0])).value == [0.0, 9.9]).all()  # it sees that
@@ -434,7 +441,7 @@ def test_nothing_is_learned_from_a_learner_that_has_not_learned(
     for _ in range(2):
         world.episode()
     assert world.made.learner.updates == 0
-    assert world.made.outlook.state_dict()[0]["packed"].size == 0
+    assert world.made.leaf_values.state_dict()[0]["packed"].size == 0
 
 
 @pytest.mark.parametrize("width", [1, 3])
@@ -449,13 +456,13 @@ def test_a_fit_is_to_the_states_at_the_end_of_what_the_learner_sees(
         x, next_x = random.standard_normal((2, width))
         made.learner.remember(x, 0, 1.0, next_x, False, False)
     made.learner.pretrain(3)
-    tell(made.outlook, [Step(0.0, 1.0, 1.0)] * 59)
-    assert made.outlook.state_dict()[0]["packed"].size == 0
+    tell(made.leaf_values, [Step(0.0, 1.0, 1.0)] * 59)
+    assert made.leaf_values.state_dict()[0]["packed"].size == 0
     inputs, values = made.learner.newest_values(25)
     expected = LeafValue(1, np.random.SeedSequence(4))
     expected.fit(inputs[:, -1:].astype(np.float64), values)
-    tell(made.outlook, [Step(0.0, 1.0, 1.0)])
-    assert made.outlook.state_dict()[0]["packed"].tobytes() == expected.packed.tobytes()
+    tell(made.leaf_values, [Step(0.0, 1.0, 1.0)])
+    assert made.leaf_values.state_dict()[0]["packed"].tobytes() == expected.packed.tobytes()
 
 
 def test_a_domain_without_fluents_is_no_reason_to_fail(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -472,8 +479,8 @@ def test_a_domain_without_fluents_is_no_reason_to_fail(monkeypatch: pytest.Monke
     for _ in range(12):
         made.learner.remember(np.zeros(2), 0, 1.0, np.zeros(2), False, False)
         made.learner.pretrain(1)
-        made.outlook.observe(np.zeros(0), np.zeros(0), Judged(1.0, 1.0, False), False, False)
-    assert made.outlook.state_dict()[0]["packed"].size > 0
+        made.leaf_values.observe(step_record(state=np.zeros(0), reward=1.0))
+    assert made.leaf_values.state_dict()[0]["packed"].size > 0
 
 
 def test_a_learner_that_looks_no_step_ahead_sees_nothing_beyond(
@@ -484,11 +491,11 @@ def test_a_learner_that_looks_no_step_ahead_sees_nothing_beyond(
     for _ in range(20):
         world.episode()
     assert world.made.learner.updates > 0
-    assert world.made.outlook.state_dict()[0]["packed"].size == 0
+    assert world.made.leaf_values.state_dict()[0]["packed"].size == 0
     # Values that it is given are judged by a step each.
-    _, _, outlook = believing(chain, right, dqn=learner(discount=0.0))
-    tell(outlook, walk(0)[:7])
-    assert compared(outlook) == 7
+    _, _, leaf_values = believing(chain, right, dqn=learner(discount=0.0))
+    tell(leaf_values, walk(0)[:7])
+    assert compared(leaf_values) == 7
 
 
 # State -------------------------------------------------------------------------------------------
@@ -496,7 +503,7 @@ def test_a_learner_that_looks_no_step_ahead_sees_nothing_beyond(
 
 def everything(world: World) -> Any:
     made = world.made
-    states = [*made.learner.state_dict(), *made.outlook.state_dict()]
+    states = [*made.learner.state_dict(), *made.leaf_values.state_dict()]
     states += [{"leaves": made.planner.leaves}, world.random.bit_generator.state]
     return json.dumps(
         [
@@ -520,10 +527,10 @@ def test_resume_equals_uninterrupted(
     world, other = living(chain), living(chain)
     for _ in range(episodes):
         world.episode()
-    arrays, meta = copy.deepcopy(world.made.outlook.state_dict())
-    assert (arrays["packed"].size > 0, world.made.outlook.proven) == (fitted, proven)
+    arrays, meta = copy.deepcopy(world.made.leaf_values.state_dict())
+    assert (arrays["packed"].size > 0, world.made.leaf_values.proven) == (fitted, proven)
     other.made.learner.load_state_dict(*copy.deepcopy(world.made.learner.state_dict()))
-    other.made.outlook.load_state_dict(arrays, json.loads(json.dumps(meta)))
+    other.made.leaf_values.load_state_dict(arrays, json.loads(json.dumps(meta)))
     other.random.bit_generator.state = world.random.bit_generator.state
     assert everything(other) == everything(world)
     for _ in range(25):
@@ -533,17 +540,17 @@ def test_resume_equals_uninterrupted(
 
 
 def test_what_is_saved_is_not_changed_by_what_comes(chain: TransitionModel) -> None:
-    _, _, outlook = believing(chain, right)
-    tell(outlook, walks(20))
-    arrays, meta = outlook.state_dict()
+    _, _, leaf_values = believing(chain, right)
+    tell(leaf_values, walks(20))
+    arrays, meta = leaf_values.state_dict()
     before = [array.tobytes() for array in arrays.values()], dict(meta)
-    tell(outlook, walks(20, seed=1))
+    tell(leaf_values, walks(20, seed=1))
     assert ([array.tobytes() for array in arrays.values()], meta) == before
 
 
 def test_a_state_that_does_not_fit_is_refused(chain: TransitionModel) -> None:
-    _, _, outlook = believing(chain, right)
-    arrays, meta = outlook.state_dict()
+    _, _, leaf_values = believing(chain, right)
+    arrays, meta = leaf_values.state_dict()
     wider = LeafValue(2, np.random.SeedSequence(0))
     wider.fit(np.zeros((3, 2)), np.arange(3.0))
     for wrong, told in (
@@ -553,14 +560,14 @@ def test_a_state_that_does_not_fit_is_refused(chain: TransitionModel) -> None:
         ({}, {"compared": "many"}),
     ):
         with pytest.raises(RunError, match="values of leaves cannot be taken over"):
-            scene(chain).outlook.load_state_dict({**arrays, **wrong}, {**meta, **told})
+            scene(chain).leaf_values.load_state_dict({**arrays, **wrong}, {**meta, **told})
     for name in arrays:
         with pytest.raises(RunError, match=name):
-            scene(chain).outlook.load_state_dict(
+            scene(chain).leaf_values.load_state_dict(
                 {k: a for k, a in arrays.items() if k != name}, meta
             )
     for name in meta:
         with pytest.raises(RunError, match=name):
-            scene(chain).outlook.load_state_dict(
+            scene(chain).leaf_values.load_state_dict(
                 arrays, {k: v for k, v in meta.items() if k != name}
             )

@@ -10,15 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp._util.numbers import best_of
-from serp.control.arbiter import Actor, Arbiter
-from serp.control.strategies.making import STRATEGIES, make_strategy
-from serp.control.strategies.strategy import Mask, Values
+from serp.control.arbiter import Arbiter
+from serp.control.decision import Actor
+from serp.control.proposers import LearnerProposer
+from serp.control.protocols import Mask, Values
+from serp.control.registry import make_strategy, strategy_names
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.planning.action_map import ActionMap
 from serp.planning.forecast import SAFE, Forecast
 from serp.settings import resolve
-from serp.training.agent import _Asked
 from tests.serp.planning.worlds import load
 
 ACTIONS = 4
@@ -74,7 +75,7 @@ finite = st.lists(st.sampled_from([0.0, 1.0, -1e39]), min_size=ACTIONS, max_size
 masks = st.lists(st.booleans(), min_size=ACTIONS, max_size=ACTIONS)
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("strategy", strategy_names())
 @settings(max_examples=40, deadline=None)
 @given(
     q=wild,
@@ -95,7 +96,7 @@ def test_no_value_of_a_learner_brings_about_what_is_refused(
         asked.arbiter, make_strategy(asked, 0),
     )  # fmt: skip
     with np.errstate(over="ignore", invalid="ignore"):
-        learner = _Asked(Wild(np.array(q, np.float32)), np.zeros(1))  # type: ignore[arg-type]
+        learner = LearnerProposer(Wild(np.array(q, np.float32)), np.zeros(1))  # type: ignore[arg-type]
         for decide in (arbiter.decide, arbiter.decide_greedily):
             decision = decide(np.zeros(1), learner)
             if decision.admissible.any():

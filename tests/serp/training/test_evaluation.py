@@ -11,8 +11,8 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from serp.control.arbiter import Actor
-from serp.control.strategies.making import STRATEGIES
+from serp.control.decision import Actor
+from serp.control.registry import strategy_names
 from serp.errors import EnvironmentFailure, SettingsError, TaskError
 from serp.settings import resolve
 from serp.tasks.registry import load_task
@@ -200,7 +200,7 @@ def test_what_is_evaluated_is_named_in_words(tmp_path: Path) -> None:
     assert evaluate(half, half.task, episodes=1).as_dict()["meaning"] == meaning_of(half, "serp")
 
 
-@pytest.mark.parametrize("strategy", sorted(set(STRATEGIES) - {"mixture"}))
+@pytest.mark.parametrize("strategy", sorted({*strategy_names()} - {"mixture"}))
 def test_every_strategy_is_evaluated_as_it_trains(tmp_path: Path, strategy: str) -> None:
     """At the beginning of a training, where planner and learner have their shares."""
     task = corridor(tmp_path)

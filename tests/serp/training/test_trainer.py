@@ -11,6 +11,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from serp.control.step_record import StepRecord
 from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
 from serp.planning.lookahead import Lookahead
 from serp.runs import checkpoint
@@ -201,7 +202,7 @@ def test_resume_equals_uninterrupted_while_the_lookahead_uses_the_learners_value
     settings = settings.replace({"planner": {"leaf_value": "never"}})
     without = run(14)
     assert without[0] != whole[0]  # it does make a difference
-    assert not any(name.startswith("outlook") for name in without[1])
+    assert not any(name.startswith("leaf_values") for name in without[1])
 
 
 def test_a_run_saved_without_values_of_leaves_is_not_continued_with_them(tmp_path: Path) -> None:
@@ -210,7 +211,7 @@ def test_a_run_saved_without_values_of_leaves_is_not_continued_with_them(tmp_pat
     never = settings.replace({"planner": {"leaf_value": "never"}})
     trainer = Trainer(task.bind(), never, 3)
     trainer.run_episode()
-    with pytest.raises(RunError, match="outlook is missing"):
+    with pytest.raises(RunError, match="leaf_values is missing"):
         Trainer(task.bind(), settings, 3).load_state_dict(*trainer.state_dict())
 
 
@@ -230,24 +231,8 @@ def test_the_lookahead_gets_the_learners_values_where_they_are_those_of_states(
     task = corridor(tmp_path)
     settings = settings_of(task, "default").replace({"training": {"inputs": "both"}})
     agent = Trainer(task.bind(), settings.replace(changes), 3).agent
-    assert (agent.outlook is not None) is there
-    assert Trainer(task.bind(), settings_of(task, "paper"), 3).agent.outlook is None
-
-
-class Listening:
-    """Takes down what an outlook is told."""
-
-    def __init__(self, trainer: Trainer) -> None:
-        self.seen: list[tuple[Any, ...]] = []
-        outlook = trainer.agent.outlook
-        assert outlook is not None
-        observe = outlook.observe
-
-        def listen(*step: Any) -> None:
-            self.seen.append(step)
-            observe(*step)
-
-        outlook.observe = listen  # type: ignore[method-assign]
+    assert (agent.leaf_values is not None) is there
+    assert Trainer(task.bind(), settings_of(task, "paper"), 3).agent.leaf_values is None
 
 
 @pytest.mark.parametrize(
@@ -260,22 +245,21 @@ class Listening:
         ("environment", "sum"),
     ],
 )
-def test_values_are_held_against_the_rewards_of_the_file(
+def test_a_step_is_judged_by_the_rewards_of_file_and_setting(
     tmp_path: Path, declared: str, learned: str
 ) -> None:
     task = corridor(tmp_path, reward=declared)
     settings = settings_of(task, "default").replace({"training": {"reward": learned}})
     reward = declared if learned == "task" else learned
     trainer = Trainer(task.bind(), settings, 5)
-    listening, recorder = Listening(trainer), Recorder(trainer)
+    recorder, seen = Recorder(trainer), list[StepRecord]()
+    trainer.on_step = seen.append
     rows = [trainer.run_episode() for _ in range(8)]
-    for (state, following, judged, *ends), learned in zip(
-        listening.seen, recorder.seen, strict=True
-    ):
-        assert (judged.reward, ends) == (learned[2], list(learned[4:6]))
-        assert (following[0], state[0]) == (learned[3][0], learned[0][0])
-        assert (judged.domain_reward == judged.reward) is (reward == "domain")
-    by_file = sum(seen[2].domain_reward for seen in listening.seen)
+    for step, remembered in zip(seen, recorder.seen, strict=True):
+        assert (step.reward, step.terminated, step.truncated) == (remembered[2], *remembered[4:6])
+        assert (step.next_state[0], step.state[0]) == (remembered[3][0], remembered[0][0])
+        assert (step.domain_reward == step.reward) is (reward == "domain")
+    by_file = sum(step.domain_reward for step in seen)
     assert by_file == pytest.approx(sum(row.domain_return for row in rows))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp.control.arbiter import Actor
+from serp.control.decision import Actor
 from serp.viz.caption import Caption, CaptionBand, Cell, Mark
 
 LONG = "side-advance-very-far-to-the-left " * 20

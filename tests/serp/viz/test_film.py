@@ -12,9 +12,10 @@ import pytest
 from PIL import ImageColor
 
 from serp._util import figures
+from serp.control.step_record import StepRecord
 from serp.errors import SettingsError
 from serp.training.agent import Agent
-from serp.training.evaluation import Step, evaluate, play
+from serp.training.evaluation import evaluate, play
 from serp.viz.film import END, HOLD, EpisodeResult, FilmSettings, Frame, film, marks_of
 from tests.serp.viz.scene import DT, Drawn, Ticking, Timed, bound, reckless_agent, several
 
@@ -30,7 +31,7 @@ def filmed(agent: Agent, folder: Path, **settings: Any) -> list[Frame]:
     return list(film(agent, bound(folder), FilmSettings(**settings)))
 
 
-def steps(agent: Agent, folder: Path, policy: Any = "serp", episodes: int = 3) -> list[Step]:
+def steps(agent: Agent, folder: Path, policy: Any = "serp", episodes: int = 3) -> list[StepRecord]:
     played = play(agent, bound(folder), policy, episodes=episodes)
     return [step for episode in played for step in episode.steps]
 

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp.compare.trials.baseline import Unguarded
-from serp.control.arbiter import Actor, Reason
+from serp.control.decision import Actor, Reason
 from serp.learning.dqn import Proposal
 from serp.settings import resolve
 from serp.training.agent import Agent
@@ -18,36 +17,32 @@ from tests.serp.compare.contest import episodes_of, measured, walk
 LEFT = 0
 
 
-def unguarded(folder: Path, **arbiter: Any) -> tuple[Unguarded, Agent]:
+def baseline(folder: Path, **arbiter: Any) -> Agent:
     task = walk(folder).bind()
-    agent = Agent(task, resolve("default", task.task.settings, {"arbiter": arbiter}), 0)
-    return (
-        Unguarded(
-            agent.arbiter.planner, task.actions, agent.settings.arbiter, agent.arbiter.strategy
-        ),
-        agent,
-    )
+    settings = resolve("default", task.task.settings, {"arbiter": arbiter})
+    return Agent(task, settings, 0, baseline=True)
 
 
 def test_nothing_is_refused_and_danger_is_counted(tmp_path: Path) -> None:
-    arbiter, agent = unguarded(tmp_path, r_min=100.0, unmodelled="veto")
+    agent = baseline(tmp_path, r_min=100.0, unmodelled="veto")
     state, _ = agent.perceive(np.array([-2.0, 0.0]))
     for exploratory in (False, True):
-        decision = arbiter.judge_proposal(state, Proposal(LEFT, exploratory, None))
+        proposal = Proposal(LEFT, exploratory, None)
+        decision = agent.arbiter.judge_proposal(state, proposal)
         assert decision.action == decision.proposed == LEFT
         assert decision.reason is Reason.ACCEPTED
         assert not decision.vetoed
         assert decision.unsafe
         assert decision.executed_by is (Actor.EXPLORATION if exploratory else Actor.LEARNER)
         assert decision.admissible.all()
-    guarded = agent.arbiter.judge_proposal(state, Proposal(LEFT, False, None))
-    assert guarded.action != LEFT
+        assert agent.guarded.execute(state, proposal).action == LEFT
+        assert agent.guarded.judge_proposal(state, proposal).action != LEFT
 
 
 def test_it_explores_among_all_actions_and_asks_no_planner(tmp_path: Path) -> None:
-    arbiter, agent = unguarded(tmp_path, rho=0.0, rho_increment=0.0, exploration_slack=0.0)
+    agent = baseline(tmp_path, rho=0.0, rho_increment=0.0, exploration_slack=0.0)
     state, x = agent.perceive(np.array([0.0, 0.0]))
-    decisions = [arbiter.decide(state, agent.before(x)) for _ in range(300)]
+    decisions = [agent.decide(state, x) for _ in range(300)]
     explored = {d.action for d in decisions if d.executed_by is Actor.EXPLORATION}
     assert explored == {0, 1, 2, 3}
     assert {d.proposed_by for d in decisions} == {Actor.EXPLORATION}  # epsilon begins at 1

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from serp.compare.algorithms import find_algorithm
-from serp.compare.trials.contestant import Contestant, flagged, make_contestant
+from serp.compare.trials.contestant import Contestant, make_contestant
 from serp.compare.trials.external_env import ExternalEnv
 from serp.compare.trials.trial import trial_settings
 from serp.errors import RunError
@@ -23,39 +23,36 @@ def trained(folder: Path, name: str, env_steps: int = 60) -> tuple[Contestant, A
     task = walk(folder)
     algorithm = find_algorithm(name)
     bound = task.bind()
-    contender = make_contestant(algorithm, bound, trial_settings(algorithm, task, {}), 0)
-    contender.train(env_steps, lambda transition: None)
-    return contender, bound
+    contestant = make_contestant(algorithm, bound, trial_settings(algorithm, task, {}), 0)
+    contestant.train(env_steps, lambda step: None)
+    return contestant, bound
 
 
 @pytest.mark.parametrize("name", OWN)
 def test_alone_it_does_what_the_agent_does_alone_and_vetoed_nothing_unsafe(
     tmp_path: Path, name: str
 ) -> None:
-    contender, _ = trained(tmp_path, name)
-    agent = contender.agent
+    contestant, _ = trained(tmp_path, name)
+    agent = contestant.agent
     seen = [agent.perceive(place) for place in PLACES]
     states, inputs = [state for state, _ in seen], np.stack([x for _, x in seen])
-    alone = contender.alone(states, inputs)
-    assert alone.shape == (len(PLACES),)
-    for (state, x), action in zip(seen, alone, strict=True):
-        assert agent.decide_alone(state, x).action == action
-        decision = contender.vetoed(state, x)
+    greedy = contestant.greedy(states, inputs)
+    assert greedy.shape == (len(PLACES),)
+    for (state, x), action in zip(seen, greedy, strict=True):
+        assert agent.decide_as_baseline(state, x).action == action
+        decision = contestant.vetoed(state, x)
         assert not decision.unsafe
         assert decision.admissible[decision.action]
-    wanted = [(int(action), bool(a.unsafe)) for action, a in zip(
-        alone, (agent.decide_alone(state, x) for state, x in seen), strict=True)]  # fmt: skip
-    assert flagged(agent.arbiter, states, alone) == wanted
 
 
 def test_one_from_outside_is_held_by_the_same_vetoes(tmp_path: Path, guests: None) -> None:
-    contender, _ = trained(tmp_path, "drawing")
-    assert contender.terms["who acts"] == "chance"
-    states = [contender.agent.perceive(place)[0] for place in PLACES]
+    contestant, _ = trained(tmp_path, "drawing")
+    assert contestant.terms["who acts"] == "chance"
+    states = [contestant.agent.perceive(place)[0] for place in PLACES]
     for place, state in zip(PLACES, states, strict=True):
-        x = contender.agent.perceive(place)[1]
-        assert contender.alone([state], x[np.newaxis]).tolist() == [1]
-        decision = contender.vetoed(state, x)
+        x = contestant.agent.perceive(place)[1]
+        assert contestant.greedy([state], x[np.newaxis]).tolist() == [1]
+        decision = contestant.vetoed(state, x)
         assert decision.proposed == 1
         assert not decision.unsafe
 
@@ -64,13 +61,13 @@ def test_what_one_from_outside_chooses_is_one_of_the_actions(
     tmp_path: Path, guests: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A negative number is no last action, and 1.5 no 1."""
-    contender, bound = trained(tmp_path, "drawing")
-    state, x = contender.agent.perceive(PLACES[0])
+    contestant, bound = trained(tmp_path, "drawing")
+    state, x = contestant.agent.perceive(PLACES[0])
     for wrong in ([-1], [4], [1.5], [[1]], [True], [], None):
         monkeypatch.setattr(Drawing, "act", lambda self, inputs, given=wrong: given)
         with pytest.raises(RunError, match="`drawing` failed: .*1 whole numbers 0 ... 3 are want"):
-            contender.vetoed(state, x)
-    env = ExternalEnv(bound, contender.agent, 0, lambda transition: None)
+            contestant.vetoed(state, x)
+    env = ExternalEnv(bound, contestant.agent, 0, lambda step: None)
     env.reset()
     for action in (-1, 4, 1.5):
         with pytest.raises(gym.error.InvalidAction, match="is no action of Discrete"):
@@ -80,8 +77,8 @@ def test_what_one_from_outside_chooses_is_one_of_the_actions(
 
 @pytest.mark.parametrize("name", OWN)
 def test_what_it_is_like_is_said_for_the_table_of_what_differs(tmp_path: Path, name: str) -> None:
-    contender, _ = trained(tmp_path, name, env_steps=1)
-    terms = contender.terms
+    contestant, _ = trained(tmp_path, name, env_steps=1)
+    terms = contestant.terms
     assert set(terms) == {"learner", "learned from", "planner", "who acts", "vetoes"}
     alone = name in ("dqn", "dqn-paper")
     assert (terms["planner"] == "none") == (terms["vetoes"] == "none") == alone

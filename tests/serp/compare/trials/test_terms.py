@@ -8,7 +8,7 @@ import pytest
 
 from serp.compare.algorithms import OWN, Algorithm, find_algorithm
 from serp.compare.trials.terms import settings_in_use, terms_of
-from serp.control.strategies.making import STRATEGIES
+from serp.control.registry import strategy_names
 from serp.settings import GuideSettings, Settings, resolve
 from tests.serp.compare.contest import GUIDED
 
@@ -35,7 +35,7 @@ def test_only_what_is_read_is_told(name: str) -> None:
 
 def test_every_setting_of_the_guide_is_read_by_some_strategy() -> None:
     told = set()
-    for strategy in STRATEGIES:
+    for strategy in strategy_names():
         algorithm = find_algorithm("serp" if strategy == "mixture" else strategy)
         used = settings_in_use(algorithm, settings_of(algorithm))
         assert used is not None

@@ -7,11 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.control.strategies.strategy import Mask, Situation, Strategy, Values
+from serp.control.protocols import Mask, Values
+from serp.control.strategies.strategy import Situation, Strategy
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE
 from serp.planning.action_map import ActionForecast
 from serp.planning.forecast import SAFE
+from serp.settings import Settings
 
 
 def forecast(values: Sequence[float]) -> ActionForecast:
@@ -92,3 +94,8 @@ class Known:
 def learner_acts(strategy: Strategy) -> bool:
     """Whether the learner is asked next, all else equal."""
     return strategy.propose(situation([1.0, 0.0]), Known([0.0, 1.0])) is not None
+
+
+def guide(**values: object) -> Settings:
+    """Settings with these of section `guide`."""
+    return Settings().replace({"guide": values})

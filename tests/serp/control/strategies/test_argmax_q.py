@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from serp.control.strategies.argmax_q import ArgmaxQ
+from serp.settings import Settings
 from tests.serp.control.strategies.scene import Known, forecast, situation
 
-STRATEGY = ArgmaxQ(scale=1.0)
+STRATEGY = ArgmaxQ(Settings())
 
 
 @pytest.mark.parametrize("greedily", [False, True])

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 
 from serp.control.strategies.dqfd import Demonstrations
-from tests.serp.control.strategies.scene import forecast, learner_acts
+from tests.serp.control.strategies.scene import forecast, guide, learner_acts
 
 STEPS = 7
 
 
 def after(steps: int) -> Demonstrations:
-    strategy = Demonstrations(steps=STEPS, margin=0.8)
+    strategy = Demonstrations(guide(imitation_steps=STEPS))
     for _ in range(steps):
         strategy.end_unit("step")
         strategy.end_unit("episode")

@@ -11,7 +11,7 @@ import pytest
 
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.control.arbiter import Actor, Decision, Reason
-from serp.control.strategies.making import STRATEGIES
+from serp.control.registry import strategy_names
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel
 from serp.settings import Settings, resolve
@@ -108,7 +108,7 @@ def watch(agent: Agent, size: int, settings: Settings, met: Counter[str]) -> Non
     The model corrects itself while it is trained: what counts is that of the moment.
     """
     decide, decide_randomly = agent.decide, agent.decide_randomly
-    model, accepted = agent.correction.model, settings.planner.accepted_risk
+    model, accepted = agent.adaptation.model, settings.planner.accepted_risk
 
     def checked(decision: Decision, state: Any) -> Decision:
         check(decision, kinds(model, state, size, accepted), settings, met)
@@ -124,15 +124,15 @@ def watch(agent: Agent, size: int, settings: Settings, met: Counter[str]) -> Non
 
 def learn_anything(agent: Agent, seed: int) -> None:
     """Let the model be corrected by anything that could ever be learned, and by nothing else."""
-    model, rng = agent.correction.model, np.random.default_rng(seed)
+    model, rng = agent.adaptation.model, np.random.default_rng(seed)
     assert isinstance(model, AdaptedModel)
     if seed % 2:
         corrections.publish(model, rng, corrections.WILD)
     corrections.count(model, rng)
-    agent.correction._learners = agent.correction._reestimation = None
+    agent.adaptation._learners = agent.adaptation._reestimation = None
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("strategy", strategy_names())
 def test_nothing_unsafe_is_executed_while_there_is_an_alternative(strategy: str) -> None:
     """In training, exploration and D_0 included, and of the trained policy; real learners."""
     met: Counter[str] = Counter()
@@ -141,7 +141,7 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative(strategy: str)
         settings = settings_of(strategy, Random(seed), seed)
         trainer = Trainer(task, settings, seed)
         size, agent = task.actions.size, trainer.agent
-        if isinstance(agent.correction.model, AdaptedModel) and seed % 3:
+        if isinstance(agent.adaptation.model, AdaptedModel) and seed % 3:
             learn_anything(agent, seed)
         watch(agent, size, settings, met)
         while trainer.env_steps < STEPS:
@@ -158,7 +158,7 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative(strategy: str)
         assert met[actor] > 50, actor
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("strategy", strategy_names())
 def test_what_the_greedy_policy_does_follows_the_strategy(strategy: str) -> None:
     """In real worlds, before anything is learned and after."""
     compared = 0

@@ -7,11 +7,11 @@ import json
 import pytest
 
 from serp.control.strategies.imitate import ImitateThenLearn
-from tests.serp.control.strategies.scene import Known, forecast, learner_acts, situation
+from tests.serp.control.strategies.scene import Known, forecast, guide, learner_acts, situation
 
 
 def imitating(steps: int = 1_000, seed: int = 0) -> ImitateThenLearn:
-    return ImitateThenLearn(steps=steps, margin=0.8, seed=seed)
+    return ImitateThenLearn(guide(imitation_steps=steps), seed)
 
 
 def end_of(strategy: ImitateThenLearn, most: int) -> int:

@@ -9,7 +9,7 @@ from random import Random
 import pytest
 
 from serp.control.strategies.jump_start import JumpStart
-from tests.serp.control.strategies.scene import Known, learner_acts, situation
+from tests.serp.control.strategies.scene import Known, guide, learner_acts, situation
 
 FIRST = 5
 """In so many episodes the planner acts alone."""
@@ -23,7 +23,7 @@ def episode(strategy: JumpStart, return_: float, length: int) -> list[bool]:
 
 
 def test_the_planner_acts_alone_in_the_first_episodes() -> None:
-    strategy = JumpStart(stages=4, tolerance=0.1)
+    strategy = JumpStart(guide(jump_stages=4, jump_tolerance=0.1))
     for length in (3, 12, 7, 12, 2):
         assert strategy.planned_steps == math.inf
         assert strategy.rho == 0.0
@@ -32,7 +32,7 @@ def test_the_planner_acts_alone_in_the_first_episodes() -> None:
 
 
 def test_the_planner_acts_in_the_first_h_steps_of_an_episode_and_the_learner_after_them() -> None:
-    strategy = JumpStart(stages=5, tolerance=0.0)
+    strategy = JumpStart(guide(jump_stages=5, jump_tolerance=0.0))
     random = Random(1)
     for _ in range(60):
         h, length = strategy.planned_steps, random.randint(1, 10)
@@ -46,7 +46,7 @@ def test_the_planner_acts_in_the_first_h_steps_of_an_episode_and_the_learner_aft
 def test_h_shrinks_stage_by_stage_to_nothing_while_returns_hold(
     tolerance: float, level: float
 ) -> None:
-    strategy = JumpStart(stages=4, tolerance=tolerance)
+    strategy = JumpStart(guide(jump_stages=4, jump_tolerance=tolerance))
     seen = []
     for _ in range(FIRST * 6):
         episode(strategy, level, 20)
@@ -56,7 +56,7 @@ def test_h_shrinks_stage_by_stage_to_nothing_while_returns_hold(
 
 
 def test_h_stays_where_returns_fall_and_goes_on_when_they_are_back() -> None:
-    strategy = JumpStart(stages=4, tolerance=0.1)
+    strategy = JumpStart(guide(jump_stages=4, jump_tolerance=0.1))
     for _ in range(FIRST):
         episode(strategy, 100.0, 20)
     for _ in range(3 * FIRST):
@@ -69,7 +69,7 @@ def test_h_stays_where_returns_fall_and_goes_on_when_they_are_back() -> None:
 
 def test_the_mark_is_the_best_mean_so_far() -> None:
     for worse, h in ((-5.6, 8), (-5.4, 7)):
-        strategy = JumpStart(stages=9, tolerance=0.1)
+        strategy = JumpStart(guide(jump_stages=9, jump_tolerance=0.1))
         for return_ in (-10.0, -5.0, worse):
             for _ in range(FIRST):
                 episode(strategy, return_, 9)
@@ -79,7 +79,8 @@ def test_the_mark_is_the_best_mean_so_far() -> None:
 def test_h_never_grows_whatever_happens() -> None:
     for seed in range(20):
         random = Random(seed)
-        strategy = JumpStart(stages=random.randint(1, 12), tolerance=random.random())
+        stages, tolerance = random.randint(1, 12), random.random()
+        strategy = JumpStart(guide(jump_stages=stages, jump_tolerance=tolerance))
         before = strategy.planned_steps
         for _ in range(200):
             episode(strategy, random.gauss(0, 10), random.randint(1, 30))
@@ -89,7 +90,7 @@ def test_h_never_grows_whatever_happens() -> None:
 
 
 def test_the_trained_policy_is_the_learners() -> None:
-    strategy = JumpStart(stages=2, tolerance=0.1)
+    strategy = JumpStart(guide(jump_stages=2, jump_tolerance=0.1))
     proposal = strategy.propose_greedily(situation([1.0, 0.0]), Known([0.0, 1.0]))
     assert proposal is not None
     assert proposal.action == 1
@@ -97,7 +98,7 @@ def test_the_trained_policy_is_the_learners() -> None:
 
 
 def test_rho_says_who_acts_next() -> None:
-    strategy = JumpStart(stages=2, tolerance=0.1)
+    strategy = JumpStart(guide(jump_stages=2, jump_tolerance=0.1))
     random = Random(3)
     for _ in range(40):
         for _ in range(6):
@@ -108,10 +109,10 @@ def test_rho_says_who_acts_next() -> None:
 @pytest.mark.parametrize("episodes", [0, 2, 5, 13, 40])
 def test_a_restored_strategy_goes_on_as_the_one_that_was_saved(episodes: int) -> None:
     random = Random(episodes)
-    one = JumpStart(stages=6, tolerance=0.2)
+    one = JumpStart(guide(jump_stages=6, jump_tolerance=0.2))
     for _ in range(episodes):
         episode(one, random.random(), random.randint(1, 9))
-    other = JumpStart(stages=6, tolerance=0.2)
+    other = JumpStart(guide(jump_stages=6, jump_tolerance=0.2))
     learner_acts(other)
     other.load_state_dict(json.loads(json.dumps(one.state_dict())))
     for _ in range(40):

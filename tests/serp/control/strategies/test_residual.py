@@ -8,19 +8,24 @@ import numpy as np
 import pytest
 
 from serp.control.strategies.residual import Residual
+from serp.settings import Settings
 from tests.serp.control.strategies.scene import Known, forecast, situation
+
+
+def residual(scale: float) -> Residual:
+    return Residual(Settings().replace({"learner": {"reward_scale": scale}}))
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.1])
 def test_a_network_that_adds_nothing_leaves_the_planners_choice(scale: float) -> None:
-    random, strategy = Random(0), Residual(scale=scale)
+    random, strategy = Random(0), residual(scale)
     for _ in range(100):
         seen = situation([random.gauss(0, 5) for _ in range(4)])
         learner = Known([0.0] * 4)
         for proposal in (
             strategy.propose(seen, learner),
             strategy.propose_greedily(seen, learner),
-            strategy.propose_alone(seen, learner),
+            strategy.propose_baseline(seen, learner),
         ):
             assert proposal.action == seen.forecast.choice
             assert proposal.q is not None
@@ -28,22 +33,22 @@ def test_a_network_that_adds_nothing_leaves_the_planners_choice(scale: float) ->
 
 
 def test_what_the_network_adds_decides_where_it_is_more_than_the_planners_difference() -> None:
-    strategy, seen = Residual(scale=0.5), situation([4.0, 0.0])
+    strategy, seen = residual(0.5), situation([4.0, 0.0])
     assert strategy.propose_greedily(seen, Known([0.0, 1.9])).action == 0
     assert strategy.propose_greedily(seen, Known([0.0, 2.1])).action == 1
 
 
 def test_an_action_without_a_value_counts_as_the_least_of_the_others() -> None:
-    strategy = Residual(scale=1.0)
+    strategy = residual(1.0)
     assert strategy.base(forecast([3.0, -np.inf, 1.0])).tolist() == [3.0, 1.0, 1.0]
     assert strategy.base(forecast([-np.inf, -np.inf])).tolist() == [0.0, 0.0]
 
 
 def test_the_learner_is_told_the_planners_values_of_both_states() -> None:
-    said = Residual(scale=0.5).guidance(forecast([2.0, 4.0]), 0, forecast([6.0, 8.0]))
+    said = residual(0.5).guidance(forecast([2.0, 4.0]), 0, forecast([6.0, 8.0]))
     assert said is not None
     assert (said.action, said.value) == (-1, 1.0)
     assert said.next_values.tolist() == [3.0, 4.0]
-    ended = Residual(scale=0.5).guidance(forecast([2.0, 4.0]), 1, None)
+    ended = residual(0.5).guidance(forecast([2.0, 4.0]), 1, None)
     assert ended is not None
     assert (ended.value, ended.next_values.tolist()) == (2.0, [0.0, 0.0])

@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp.control.arbiter import Actor
+from serp.control.decision import Actor
+from serp.control.registry import strategy_names
+from serp.control.step_record import StepRecord
 from serp.control.strategies.jump_start import JumpStart
-from serp.control.strategies.making import STRATEGIES
 from serp.runs.checkpoint import NEWEST, load
 from serp.settings import Settings, resolve
 from serp.tasks.task import Task
 from serp.training.run import load_run, plan_and_learn
-from serp.training.trainer import Trainer, Transition
+from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import corridor
 
 EPISODES = 15
@@ -68,7 +69,7 @@ def train(folder: Path, out: Path, strategy: str, **options: Any) -> tuple[Any, 
     )
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("strategy", strategy_names())
 def test_resume_equals_uninterrupted(tmp_path: Path, strategy: str) -> None:
     whole = train(tmp_path, tmp_path / "whole", strategy, episodes=EPISODES)
     train(tmp_path, tmp_path / "run", strategy, episodes=3)
@@ -77,7 +78,7 @@ def test_resume_equals_uninterrupted(tmp_path: Path, strategy: str) -> None:
     assert resumed == whole
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("strategy", strategy_names())
 def test_a_run_acts_by_its_strategy_when_it_is_loaded(tmp_path: Path, strategy: str) -> None:
     with without_pictures():
         run = plan_and_learn(
@@ -94,10 +95,10 @@ def test_a_run_acts_by_its_strategy_when_it_is_loaded(tmp_path: Path, strategy: 
         assert (one.action, one.reason) == (other.action, other.reason)
 
 
-def steps_of(folder: Path, strategy: str, episodes: int) -> tuple[Trainer, list[Transition]]:
+def steps_of(folder: Path, strategy: str, episodes: int) -> tuple[Trainer, list[StepRecord]]:
     task = corridor(folder)
     trainer = Trainer(task.bind(), settings_of(task, strategy), 1)
-    made: list[Transition] = []
+    made: list[StepRecord] = []
     trainer.on_step = made.append
     for _ in range(episodes):
         trainer.run_episode()
@@ -107,7 +108,7 @@ def steps_of(folder: Path, strategy: str, episodes: int) -> tuple[Trainer, list[
 def test_jump_start_begins_every_episode_with_the_planner(tmp_path: Path) -> None:
     task = corridor(tmp_path)
     trainer = Trainer(task.bind(), settings_of(task, "jump-start"), 1)
-    made: list[Transition] = []
+    made: list[StepRecord] = []
     trainer.on_step = made.append
     strategy = trainer.agent.arbiter.strategy
     assert isinstance(strategy, JumpStart)
@@ -175,12 +176,12 @@ def test_an_untrained_residual_learner_is_the_planner_and_the_learner_alone_too(
         state, seen = agent.perceive(np.array([x, 0.3]))
         planned = agent.arbiter.plan(state)
         assert agent.decide_greedily(state, seen).action == planned.action
-        alone = agent.decide_alone(state, seen)
+        alone = agent.decide_as_baseline(state, seen)
         value = planned.forecast.value
         assert value[alone.action] == value[task.bind().actions.modelled].max()
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("strategy", strategy_names())
 def test_every_strategy_learns_and_its_learner_is_asked_in_the_end(
     tmp_path: Path, strategy: str
 ) -> None:

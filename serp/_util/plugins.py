@@ -1,0 +1,66 @@
+"""Implementations found by name: entry points that installed packages declare."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib.metadata import EntryPoint, entry_points
+
+from serp._util.text import did_you_mean
+from serp.errors import SerpError
+
+
+def offered(group: str) -> dict[str, EntryPoint]:
+    """Return the entry points of a group by name, without importing them."""
+    return {entry.name: entry for entry in entry_points(group=group)}
+
+
+def find(
+    entries: Mapping[str, EntryPoint],
+    name: str,
+    what: str,
+    failure: type[SerpError],
+    *,
+    known: Iterable[str] = (),
+    setting: str = "",
+    advice: str = "",
+) -> EntryPoint:
+    """Return the entry point of a name.
+
+    Args:
+        entries: Where to look.
+        name: The name.
+        what: What is looked for, such as `task`, for the message.
+        failure: The error that says that there is none.
+        setting: The setting that names it, for the message.
+        known: Other names that could have been meant.
+        advice: What the message ends with.
+
+    Raises:
+        SerpError: There is none; of the class `failure`.
+    """
+    if name not in entries:
+        meant = did_you_mean(name, [*known, *entries]) or "none is installed"
+        where = f"{setting}: " if setting else ""
+        raise failure(f"{where}there is no {what} `{name}`; {meant}{advice}")
+    return entries[name]
+
+
+@contextmanager
+def loading(entry: EntryPoint, what: str, failure: type[SerpError]) -> Iterator[None]:
+    """Say what failed while an entry point is loaded or called, whatever it raised.
+
+    Args:
+        entry: The entry point.
+        what: What it is, such as `task`, for the message.
+        failure: The error to raise instead; a `SerpError` speaks for itself.
+    """
+    try:
+        yield
+    except SerpError:
+        raise
+    except Exception as error:
+        raise failure(
+            f"{what} `{entry.name}` ({entry.value}) cannot be loaded: "
+            f"{type(error).__name__}: {error}"
+        ) from error

@@ -1,0 +1,77 @@
+"""What was decided in one state: by whom, why, and what was predicted of it."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.planning.action_map import ActionForecast
+
+
+class Actor(StrEnum):
+    """Who proposed or executed an action."""
+
+    PLANNER = "planner"
+    LEARNER = "learner"
+    EXPLORATION = "exploration"
+    FALLBACK = "fallback"
+
+
+class Reason(StrEnum):
+    """Why the executed action was executed."""
+
+    PLANNER_TURN = "planner's turn"
+    LITTLE_TRIED = "planner tries what it hardly knows"
+    ACCEPTED = "proposal accepted"
+    NOT_APPLICABLE = "proposal not applicable"
+    UNDEFINED = "proposal has no defined result"
+    UNSAFE = "proposal predicted unsafe"
+    TOO_RISKY = "proposal predicted too risky"
+    UNSAFE_AHEAD = "proposal leads to where all is predicted unsafe"
+    LOW_REWARD = "proposal predicted below R_min"
+    UNMODELLED = "proposal unknown to the model"
+    LEAST_RISK = "every action is predicted too risky"
+    NO_SAFE_ACTION = "every action is predicted unsafe"
+    NO_APPLICABLE_ACTION = "no action of the model is applicable"
+
+
+class Decision(NamedTuple):
+    """The record of one decision. Actions are environment actions.
+
+    Attributes:
+        action: What is executed.
+        executed_by: Whose action it is; FALLBACK where neither planner nor learner had one.
+        reason: Why.
+        proposed: What was proposed; -1 where the planner had no action to propose.
+        proposed_by: By whom.
+        rho: ρ at that moment.
+        predicted_reward: Predicted reward of the executed action, one step; NaN where the model
+            does not know it or it is not applicable.
+        unsafe: Whether the file as written flags the executed action.
+        risk: Predicted probability, in [0, 1], that it is unsafe; 1 where it is flagged, NaN where
+            the model does not know it or it is not applicable.
+        proposal_unsafe: Whether the proposed action is flagged, or its risk not accepted.
+        admissible: `[E]` actions that no veto refuses; all False where every one is refused.
+        forecast: The planner's view of the state.
+    """
+
+    action: int
+    executed_by: Actor
+    reason: Reason
+    proposed: int
+    proposed_by: Actor
+    rho: float
+    predicted_reward: float
+    unsafe: bool
+    risk: float
+    proposal_unsafe: bool
+    admissible: NDArray[np.bool_]
+    forecast: ActionForecast
+
+    @property
+    def vetoed(self) -> bool:
+        """Whether a proposal of the learner was refused."""
+        return self.proposed_by is not Actor.PLANNER and self.reason is not Reason.ACCEPTED

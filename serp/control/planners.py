@@ -1,0 +1,38 @@
+"""The planner `lookahead`, in the form that a model allows."""
+
+from __future__ import annotations
+
+from serp.control.protocols import Planner
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.forecast import Forecast
+from serp.planning.lookahead import Lookahead
+from serp.planning.replanner import MonitorReplanner
+from serp.settings import PlannerSettings
+
+
+class GraphPlanner:
+    """Forecasts of the planning graph, for domains too large to be compiled.
+
+    Args:
+        model: The transition model.
+        settings: The settings of the planner.
+    """
+
+    def __init__(self, model: TransitionModel, settings: PlannerSettings) -> None:
+        self._replanner = MonitorReplanner(
+            model,
+            depth=settings.depth,
+            discount=settings.discount,
+            repeat=settings.repeat,
+            max_nodes=settings.max_nodes,
+            accepted_risk=settings.accepted_risk,
+        )
+
+    def forecast(self, state: Vector) -> Forecast:
+        """Return the planner's view of a state `[F]`."""
+        return self._replanner.plan(state).forecast
+
+
+def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:
+    """Return the fastest lookahead for a model; all give the same decisions."""
+    return Lookahead(model, settings) if model.compiles else GraphPlanner(model, settings)

@@ -1,0 +1,162 @@
+"""What planners and learners offer; each is found by name through an entry point.
+
+`serp.planners` holds functions of `MakePlanner`, `serp.learners` functions of `MakeLearner`,
+`serp.strategies` classes derived from `serp.control.strategies.strategy.Strategy`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.learning.dqn import Proposal
+from serp.learning.guidance import Guidance, GuidedLearning
+from serp.learning.symmetry_group import SymmetryGroup
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.forecast import Forecast
+from serp.settings import LearnerSettings, PlannerSettings
+
+Mask = NDArray[np.bool_]
+Values = NDArray[np.floating[Any]]
+
+
+class Planner(Protocol):
+    """What plans; `serp.planning.lookahead.Lookahead` is one."""
+
+    def forecast(self, state: Vector) -> Forecast:
+        """Return the planner's view of a state `[F]`."""
+
+
+MakePlanner = Callable[[TransitionModel, PlannerSettings], Planner]
+
+
+class Proposer(Protocol):
+    """A learner before one input, as strategies ask it."""
+
+    def propose(
+        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
+        """Propose, with exploration.
+
+        Args:
+            explorable: `[E]` actions to explore among; None for all.
+            among: `[E]` actions that the greedy choice is limited to; None for all.
+            base: `[E]` what is added to Q before the choice; None for nothing.
+        """
+
+    def propose_greedily(
+        self, *, among: Mask | None = None, base: Values | None = None
+    ) -> Proposal:
+        """Propose the action of the largest value; arguments as in `propose`."""
+
+    def member_q(self) -> Values:
+        """Return `[members, E]` the values in the eyes of each of the learner's networks."""
+
+    def target_q(self) -> Values:
+        """Return `[E]` the values in the eyes of the slowly following target network."""
+
+
+class Learner(Protocol):
+    """What learns the values of E environment actions; `serp.learning.dqn.DQN` is one.
+
+    Its arguments are those of `MakeLearner`. Values are in units of reward × `reward_scale`.
+
+    Attributes:
+        input_size: Numbers in one input, F.
+        action_count: E.
+        settings: Its settings.
+        symmetry: The symmetries that it uses; None for none.
+        guided: How it uses what the planner says; None for not at all.
+        margin_weight: Weight of its imitation loss from now on.
+    """
+
+    input_size: int
+    action_count: int
+    settings: LearnerSettings
+    symmetry: SymmetryGroup | None
+    guided: GuidedLearning | None
+    margin_weight: float
+
+    @property
+    def updates(self) -> int:
+        """Gradient updates so far."""
+
+    @property
+    def epsilon(self) -> float:
+        """The probability that the next proposal explores."""
+
+    def propose(self, x: Vector, explorable: Mask | None, base: Values | None) -> Proposal:
+        """Propose an action for an input `[F]`, with exploration; see `Proposer.propose`."""
+
+    def propose_greedily(self, x: Vector, base: Values | None = None) -> Proposal:
+        """Propose the action of the largest value for an input `[F]`."""
+
+    def greedy_batch(
+        self, x: NDArray[np.floating], base: NDArray[np.floating] | None = None
+    ) -> NDArray[np.int64]:
+        """Return the actions `[B]` of the largest values for inputs `[B, F]`."""
+
+    def member_q(self, x: Vector) -> Values:
+        """Return `[members, E]` the values in the eyes of each network."""
+
+    def target_q(self, x: Vector) -> Values:
+        """Return `[E]` the values in the eyes of the target network."""
+
+    def newest_values(self, count: int) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return the newest inputs in memory and what their states are worth, in rewards."""
+
+    def remember(
+        self,
+        observation: Vector,
+        action: int,
+        reward: float,
+        next_observation: Vector,
+        terminated: bool,
+        truncated: bool,
+        next_allowed: Mask | None = None,
+        failing: bool = False,
+        guidance: Guidance | None = None,
+    ) -> None:
+        """Take one env step with the executed action.
+
+        Args:
+            observation: Input `[F]` before it.
+            action: The executed environment action.
+            reward: What is learned from.
+            next_observation: Input `[F]` after it.
+            terminated: Whether the environment ended the episode.
+            truncated: Whether it was cut off.
+            next_allowed: `[E]` the actions that the next state is the best of; None for all.
+            failing: Whether something unsafe was observed.
+            guidance: What the planner says of the step, where `guided` uses it.
+        """
+
+    def learn(self) -> float | None:
+        """Make the updates of one env step; return their mean loss, None for none."""
+
+    def pretrain(self, updates: int | None = None) -> float | None:
+        """Make updates on the first data; by default as many as the settings say."""
+
+    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned."""
+
+
+class MakeLearner(Protocol):
+    """Makes a learner."""
+
+    def __call__(
+        self,
+        input_size: int,
+        action_count: int,
+        settings: LearnerSettings,
+        seed: np.random.SeedSequence | int,
+        symmetry: SymmetryGroup | None = None,
+        guided: GuidedLearning | None = None,
+    ) -> Learner:
+        """Return a learner; equal seeds give equal bits."""

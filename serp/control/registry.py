@@ -1,0 +1,82 @@
+"""Planners, learners and strategies by name; each is an entry point of an installed package.
+
+To add one, declare it in the package that has it; nothing here changes::
+
+    [project.entry-points."serp.strategies"]
+    my-strategy = "my_package.strategy:MyStrategy"
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final, cast
+
+import numpy as np
+
+from serp._util import plugins
+from serp.control.protocols import MakeLearner, MakePlanner, Planner
+from serp.control.strategies.strategy import Strategy
+from serp.errors import SettingsError
+from serp.model.transition_model import TransitionModel
+from serp.settings import PlannerSettings, Settings
+
+PLANNERS: Final = "serp.planners"
+LEARNERS: Final = "serp.learners"
+STRATEGIES: Final = "serp.strategies"
+
+
+def strategy_names() -> list[str]:
+    """Return the names of all strategies, sorted."""
+    return sorted(plugins.offered(STRATEGIES))
+
+
+def find_strategy(name: str) -> type[Strategy]:
+    """Return the strategy of a name.
+
+    Raises:
+        SettingsError: There is none, or it cannot be loaded.
+    """
+    found = _load(STRATEGIES, name, "strategy", "guide.strategy")
+    if not (isinstance(found, type) and issubclass(found, Strategy)):
+        raise SettingsError(f"guide.strategy: `{name}` is {found!r}, no subclass of {Strategy!r}")
+    return found
+
+
+def make_strategy(
+    settings: Settings, seed: int | np.random.SeedSequence, *, adapts: bool = True
+) -> Strategy:
+    """Return the strategy that `guide.strategy` names.
+
+    Args:
+        settings: All settings.
+        seed: Seed of its draws.
+        adapts: Whether the model adapts.
+
+    Raises:
+        SettingsError: There is none, or it cannot be loaded.
+    """
+    return find_strategy(settings.guide.strategy)(settings, seed, adapts=adapts)
+
+
+def make_planner(model: TransitionModel, settings: PlannerSettings) -> Planner:
+    """Return the planner that `planner.name` names.
+
+    Raises:
+        SettingsError: There is none, or it cannot be loaded.
+    """
+    make = cast(MakePlanner, _load(PLANNERS, settings.name, "planner", "planner.name"))
+    return make(model, settings)
+
+
+def find_learner(name: str) -> MakeLearner:
+    """Return what makes the learner of a name.
+
+    Raises:
+        SettingsError: There is none, or it cannot be loaded.
+    """
+    return cast(MakeLearner, _load(LEARNERS, name, "learner", "learner.name"))
+
+
+def _load(group: str, name: str, what: str, setting: str) -> Any:
+    entry = plugins.find(plugins.offered(group), name, what, SettingsError, setting=setting)
+    with plugins.loading(entry, what, SettingsError):
+        return entry.load()

@@ -1,0 +1,98 @@
+"""One record of an env step, and the totals of an episode."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from serp.control.decision import Decision
+from serp.control.decision_counts import DecisionCounts
+from serp.model.transition_model import Vector
+
+
+@dataclass(slots=True)
+class EpisodeTotals:
+    """What an episode adds up to.
+
+    Attributes:
+        length: Env steps.
+        return_: Sum of the environment's rewards.
+        domain_return: Sum of the rewards of the domain file.
+        learner_return: Sum of the rewards that are learned from.
+        terminated: Whether the environment ended it.
+        truncated: Whether it was cut off.
+        decisions: Counts of its decisions.
+    """
+
+    length: int = 0
+    return_: float = 0.0
+    domain_return: float = 0.0
+    learner_return: float = 0.0
+    terminated: bool = False
+    truncated: bool = False
+    decisions: DecisionCounts = field(default_factory=DecisionCounts)
+
+    def add(self, step: StepRecord) -> None:
+        """Add a step."""
+        self.length = step.number
+        self.return_ += step.env_reward
+        self.domain_return += step.domain_reward
+        self.learner_return += step.reward
+        self.terminated, self.truncated = step.terminated, step.truncated
+        self.decisions.count(step.decision)
+
+
+class StepRecord(NamedTuple):
+    """One env step: what was seen, decided and received.
+
+    `serp.training.rollout.Rollout` makes it; training, evaluation, comparison and films read it.
+
+    Attributes:
+        number: Which step of its episode, from 1.
+        observation: What the environment showed before the step, as it gave it.
+        state: State `[F]` that it was grounded to.
+        x: The learner's input before the step.
+        decision: What was executed, who decided it and why.
+        reward: What is learned from; the environment's reward where nothing is judged.
+        domain_reward: R(s′) of the domain file; 0 where it says nothing, or nothing is judged.
+        env_reward: The environment's reward.
+        unsafe: Whether the domain file says that something unsafe was observed.
+        next_state: State `[F]` after the step.
+        next_x: The learner's input after it.
+        terminated: Whether the environment ended the episode.
+        truncated: Whether the environment or the limit on its steps cut it off.
+        info: What the environment says besides.
+        episode: The totals of the episode up to and including this step. All its steps share one
+            object, so that it holds until the next step.
+    """
+
+    number: int
+    observation: Any
+    state: Vector
+    x: Vector
+    decision: Decision
+    reward: float
+    domain_reward: float
+    env_reward: float
+    unsafe: bool
+    next_state: Vector
+    next_x: Vector
+    terminated: bool
+    truncated: bool
+    info: dict[str, Any]
+    episode: EpisodeTotals
+
+    @property
+    def last(self) -> bool:
+        """Whether the episode ended with this step."""
+        return self.terminated or self.truncated
+
+    @property
+    def ground(self) -> int:
+        """Ground action that was executed; -1 where the model does not know it."""
+        return int(self.decision.forecast.ground[self.decision.action])
+
+
+OnStep = Callable[[StepRecord], None]
+"""Called with every env step, after what it teaches was learned."""

@@ -1,0 +1,162 @@
+"""Which actions are refused, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.saved_state import Saved
+from serp.control.decision import Reason
+from serp.control.lookahead_reliability import LookaheadReliability
+from serp.control.step_record import StepRecord
+from serp.model.flags import APPLICABLE, RISKY, UNDEFINED, UNSAFE
+from serp.planning.action_map import ActionForecast, ActionMap
+from serp.planning.forecast import SAFE
+from serp.settings import ArbiterSettings
+
+Mask = NDArray[np.bool_]
+
+
+class VetoPolicy:
+    """Refuses what is flagged, too risky, undefined, not applicable or worth less than R_min.
+
+    With `arbiter.veto_horizon` of `lookahead` it also refuses what leads, within the lookahead, to
+    a state where every action is flagged or too risky, while another action does not; unless the
+    lookahead has proven unreliable. Actions that the model does not know are refused or not, as
+    `arbiter.unmodelled` says.
+
+    Args:
+        actions: The map between ground and environment actions.
+        settings: The settings of the arbiter.
+        horizon: Control periods that the planner looks ahead.
+
+    Attributes:
+        available: `[E]` the actions that the model does not know and that may be executed.
+    """
+
+    def __init__(self, actions: ActionMap, settings: ArbiterSettings, horizon: int = 1) -> None:
+        self._actions = actions
+        self._settings = settings
+        self._reliability = LookaheadReliability(horizon, settings.max_lookahead_failures)
+        self.available: Mask = ~actions.modelled & (settings.unmodelled == "allow")
+
+    def admissible(self, forecast: ActionForecast) -> Mask:
+        """Return `[E]` which actions are not refused."""
+        allowed = forecast.safe
+        if self._settings.r_min is not None:
+            allowed &= forecast.reward >= self._settings.r_min
+        if self._settings.veto_horizon == "lookahead" and self.lookahead_reliable:
+            # Only the best that the model knows counts: without a safe plan no plan is refused.
+            known = forecast.safe_steps[self._actions.modelled]
+            if known.size and known.max() == SAFE:
+                allowed &= forecast.safe_steps == SAFE
+        return allowed | self.available
+
+    def explorable(self, forecast: ActionForecast, admissible: Mask) -> Mask | None:
+        """Return `[E]` which actions are explored among; None for all of them."""
+        slack = self._settings.exploration_slack
+        if slack is None:
+            return None
+        if slack == np.inf or not admissible.any():
+            return admissible
+        good = forecast.value >= forecast.value[admissible].max() - slack
+        explorable: Mask = admissible & (good | ~self._actions.modelled)
+        return explorable
+
+    def why_refused(self, forecast: ActionForecast, action: int) -> Reason:
+        """Return why an action is refused that is not admissible."""
+        if not self._actions.modelled[action]:
+            return Reason.UNMODELLED
+        flags = int(forecast.flags[action])
+        if flags & UNSAFE:
+            return Reason.UNSAFE
+        if flags & RISKY:
+            return Reason.TOO_RISKY
+        if flags & UNDEFINED:
+            return Reason.UNDEFINED
+        if not flags & APPLICABLE:
+            return Reason.NOT_APPLICABLE
+        r_min = self._settings.r_min
+        if r_min is not None and forecast.reward[action] < r_min:
+            return Reason.LOW_REWARD
+        return Reason.UNSAFE_AHEAD
+
+    @property
+    def lookahead_reliable(self) -> bool:
+        """Whether the lookahead is relied on beyond the next step."""
+        return self._reliability.reliable
+
+    @property
+    def lookahead_failures(self) -> int:
+        """How often the lookahead failed."""
+        return self._reliability.failures
+
+    def observe(self, step: StepRecord) -> bool:
+        """Compare an env step of training with what the lookahead predicted.
+
+        Returns:
+            Whether the lookahead failed: something unsafe happened that it predicted could be
+            avoided.
+        """
+        decision = step.decision
+        known = bool(self._actions.modelled[decision.action])
+        safe = known and bool(decision.forecast.safe_steps[decision.action] == SAFE)
+        return self._reliability.observe(safe if known else None, step.unsafe, step.last)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {"reliability": self._reliability.state_dict()}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        self._reliability.load_state_dict(Saved("vetoes", {}, meta).part("reliability")[1])
+
+
+class NoVeto:
+    """Refuses nothing. The guarantee of `serp.control.arbiter.Arbiter` does not hold.
+
+    For baselines, whose steps are forecast all the same, so that what is predicted unsafe is
+    counted.
+
+    Args:
+        actions: The map between ground and environment actions.
+
+    Attributes:
+        available: `[E]` the actions that the model does not know.
+    """
+
+    lookahead_reliable = False
+    lookahead_failures = 0
+
+    def __init__(self, actions: ActionMap) -> None:
+        self.available: Mask = ~actions.modelled
+
+    def admissible(self, forecast: ActionForecast) -> Mask:
+        """Return `[E]` True."""
+        return np.ones(len(forecast.flags), dtype=np.bool_)
+
+    def explorable(self, forecast: ActionForecast, admissible: Mask) -> Mask | None:
+        """Return None: all actions are explored among."""
+        return None
+
+    def why_refused(self, forecast: ActionForecast, action: int) -> Reason:
+        """Raise: nothing is refused."""
+        raise AssertionError(f"action {action} is admissible")
+
+    def observe(self, step: StepRecord) -> bool:
+        """Return False: the lookahead is not relied on."""
+        return False
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return nothing: there is no state."""
+        return {}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore nothing."""

@@ -1,0 +1,63 @@
+"""Records of env steps that were never made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from serp.control.decision import Actor, Decision, Reason
+from serp.control.step_record import EpisodeTotals, StepRecord
+from serp.model.flags import APPLICABLE
+from serp.planning.action_map import ActionForecast
+from serp.planning.forecast import SAFE
+
+DECISION = Decision(
+    action=0,
+    executed_by=Actor.LEARNER,
+    reason=Reason.ACCEPTED,
+    proposed=0,
+    proposed_by=Actor.LEARNER,
+    rho=0.5,
+    predicted_reward=0.0,
+    unsafe=False,
+    risk=0.0,
+    proposal_unsafe=False,
+    admissible=np.ones(1, bool),
+    forecast=ActionForecast(
+        0, np.zeros(1, int), np.zeros(1), np.zeros(1), np.full(1, SAFE), np.zeros(1),
+        np.full(1, APPLICABLE),
+    ),
+)  # fmt: skip
+
+
+def step_record(decision: Decision = DECISION, **given: Any) -> StepRecord:
+    """Return the record of a step; `x` stands for the state, `reward` for every reward."""
+    reward = given.pop("reward", 0.0)
+    state = np.asarray(given.pop("state", np.zeros(1)), dtype=float)
+    following = np.asarray(given.pop("next_state", state), dtype=float)
+    step = StepRecord(
+        number=1,
+        observation=state,
+        state=state,
+        x=state,
+        decision=decision,
+        reward=reward,
+        domain_reward=reward,
+        env_reward=reward,
+        unsafe=False,
+        next_state=following,
+        next_x=following,
+        terminated=False,
+        truncated=False,
+        info={},
+        episode=EpisodeTotals(),
+    )
+    return step._replace(**given)
+
+
+def episode_of(steps: Sequence[StepRecord]) -> list[StepRecord]:
+    """Return the steps as one episode, numbered and added up; ask for them one by one."""
+    totals = EpisodeTotals()
+    return [step._replace(number=k, episode=totals) for k, step in enumerate(steps, 1)]

@@ -1,0 +1,108 @@
+"""Planners, learners and strategies are found by name; adding one edits no file of serp."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from serp.control.planners import GraphPlanner
+from serp.control.registry import find_learner, make_planner, make_strategy, strategy_names
+from serp.control.strategies.strategy import Strategy
+from serp.errors import SettingsError
+from serp.learning.dqn import DQN
+from serp.planning.lookahead import Lookahead
+from serp.settings import PlannerSettings, Settings, resolve
+from tests.serp.planning.worlds import world
+
+PACKAGE = """
+from serp.control.strategies.strategy import Strategy
+
+class Mine(Strategy):
+    pass
+
+class NoStrategy:
+    pass
+"""
+ENTRY_POINTS = """
+[serp.strategies]
+mine = my_strategies:Mine
+no-strategy = my_strategies:NoStrategy
+not-there = my_strategies:Nothing
+"""
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package with strategies of its own."""
+    (tmp_path / "my_strategies.py").write_text(PACKAGE)
+    info = tmp_path / "my_strategies-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-strategies\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(ENTRY_POINTS)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_strategies", raising=False)
+
+
+def named(strategy: str) -> Strategy:
+    return make_strategy(resolve("default", None, {"guide": {"strategy": strategy}}), 0)
+
+
+def test_a_strategy_of_another_package_is_made_by_its_name(installed: None) -> None:
+    assert "mine" in strategy_names()
+    assert type(named("mine")).__name__ == "Mine"
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("jump-strat", "guide.strategy: there is no strategy `jump-strat`; did you mean `jump-st"),
+        ("no-strategy", "guide.strategy: `no-strategy` is .*NoStrategy.*, no subclass of .*Strat"),
+        ("not-there", r"`not-there` \(my_strategies:Nothing\) cannot be loaded: AttributeError"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(installed: None, name: str, said: str) -> None:
+    with pytest.raises(SettingsError, match=said):
+        named(name)
+
+
+def test_our_own_are_found_by_name() -> None:
+    assert {*strategy_names()} == {
+        "argmax-q", "dqfd", "imitate-then-learn", "jump-start", "mixture", "residual", "restrict",
+    }  # fmt: skip
+    for name in strategy_names():
+        assert named(name).state_dict() is not None
+    assert find_learner(Settings().learner.name) is DQN
+    assert isinstance(make_planner(world(0), PlannerSettings()), Lookahead)
+    with pytest.raises(SettingsError, match="planner.name: there is no planner `look`"):
+        make_planner(world(0), PlannerSettings(name="look"))
+    with pytest.raises(SettingsError, match="learner.name: there is no learner `ddqn`; did you m"):
+        find_learner("ddqn")
+
+
+def test_a_model_too_large_to_be_compiled_is_planned_with_alike(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = world(1)
+    compiled = make_planner(model, PlannerSettings(depth=2))
+    monkeypatch.setattr(type(model), "compiles", False)
+    other = make_planner(model, PlannerSettings(depth=2))
+    assert isinstance(other, GraphPlanner)
+    state = np.zeros(len(model.fluents))
+    for one, another in zip(compiled.forecast(state), other.forecast(state), strict=True):
+        assert np.array_equal(one, another)
+
+
+def test_the_settings_reach_the_strategy() -> None:
+    settings = resolve("default", None, {
+        "guide": {"strategy": "dqfd", "imitation_steps": 2, "margin": 0.3},
+    })  # fmt: skip
+    strategy = make_strategy(settings, 0)
+    assert strategy.guided is not None
+    assert strategy.guided.margin == 0.3
+    assert strategy.rho == 0.0
+    strategy.end_unit("step")
+    strategy.end_unit("step")
+    assert strategy.rho == 1.0
