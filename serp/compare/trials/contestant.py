@@ -58,7 +58,7 @@ def make_contestant(
         settings: All settings.
         seed: Seed of everything random.
     """
-    if algorithm.make_guest is not None:
+    if algorithm.make_external is not None:
         return _Visitor(algorithm, task, Agent(task, settings, seed), seed)
     return _Own(algorithm, task, settings, seed)
 
@@ -78,7 +78,7 @@ class _Own:
     ) -> None:
         self.agent = agent = Agent(task, settings, seed)
         self._guarded = agent.arbiter
-        if algorithm.kind == "alone":
+        if algorithm.kind == "baseline":
             guarded = agent.arbiter
             agent.arbiter = Unguarded(
                 guarded.planner, task.actions, settings.arbiter, guarded.strategy
@@ -113,10 +113,10 @@ class _Visitor:
         self.agent = agent
         self._on_step: OnStep | None = None
         env = ExternalEnv(task, agent, seed, self._notice)
-        assert algorithm.make_guest is not None
+        assert algorithm.make_external is not None
         self._name = algorithm.name
         with self._blamed():
-            self._guest: ExternalAlgorithm = algorithm.make_guest(env, task.name, seed)
+            self._guest: ExternalAlgorithm = algorithm.make_external(env, task.name, seed)
         self.terms: Mapping[str, str] = {
             "learned from": REWARDS[env.judge.source],
             **self._guest.terms,

@@ -157,7 +157,7 @@ class _Trial:
 
     @property
     def _guest(self) -> bool:
-        return self._algorithm.kind == "guest"
+        return self._algorithm.kind == "external"
 
     def _after_step(self, transition: Transition) -> None:
         log, conditions = self._log, self._conditions
