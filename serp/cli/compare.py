@@ -1,4 +1,4 @@
-"""`serp compare`: algorithms side by side on one task, on equal terms."""
+"""`serp compare`: several algorithms on one task, under one protocol."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import click
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say, stopped_by
 from serp.cli.output import open_console, print_result, print_table
-from serp.cli.tasks import asked_task, own_task_option
+from serp.cli.tasks import asked_task, limited, own_task_name, own_task_option
 from serp.cli.values import parse_settings
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 @click.command(
     "compare",
     cls=ExampledCommand,
-    short_help="Compare algorithms on one task, on equal terms.",
+    short_help="Compare algorithms on one task, under one protocol.",
     examples=[
         "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
         "serp compare --domain cartpole --model-variants all",
@@ -37,15 +37,16 @@ if TYPE_CHECKING:
                    "with a setting changed. May be repeated.  "
                    "[default: serp,mrp,dqn]")  # fmt: skip
 @click.option("--seeds", metavar="N|A-B|A,B",
-              help="So many seeds from 0 on, or the seeds themselves.  [default: 5]")  # fmt: skip
+              help="How many seeds from 0 on, or the seeds themselves.  [default: 5]")  # fmt: skip
 @click.option("--env-steps", type=click.IntRange(min=1), metavar="N",
               help="Budget of each training.")  # fmt: skip
 @click.option("--model-variants", multiple=True, metavar="FILE,...",
-              help="How bad may the model be? Other domain files for the task: files, names of "
-                   "files beside the task's own, patterns, or `all`. May be repeated.")  # fmt: skip
-@click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
-              help="Change a setting of all our algorithms, where none sets it itself; may be "
+              help="Other domain files for the task, to see how bad the model may be: files, "
+                   "names of files beside the task's own, patterns, or `all`. May be "
                    "repeated.")  # fmt: skip
+@click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
+              help="Change a setting of all of serp's algorithms that do not set it themselves; "
+                   "may be repeated.")  # fmt: skip
 @click.option("--threshold", type=float, metavar="X",
               help="Return from which a policy counts as good.")  # fmt: skip
 @click.option("--evaluate-every", type=click.IntRange(min=1), metavar="N",
@@ -60,25 +61,22 @@ if TYPE_CHECKING:
                    "[default: runs/compare-<domain>-<time>]")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(min=1), metavar="N",
               help="Processes.  [default: one a core]")  # fmt: skip
+@click.option("--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
+              help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="No display; print the folder alone.")
 @click.option("--list", "listing", is_flag=True, help="List the algorithms.")
 @click.pass_context
 def command(
     ctx: click.Context,
+    /,
     domain: str | None,
     algorithms: tuple[str, ...],
     seeds: str | None,
     model_variants: tuple[str, ...],
     assignments: tuple[str, ...],
-    out: Path | None,
-    quiet: bool,
+    max_ground_schemas: int | None,
     listing: bool,
-    env_steps: int | None,
-    threshold: float | None,
-    evaluate_every: int | None,
-    evaluation_episodes: int | None,
-    final_episodes: int | None,
-    jobs: int | None,
+    **options: Any,
 ) -> int | None:
     """Train several algorithms on one task, with the same budget, seeds, reward and observation.
 
@@ -90,30 +88,34 @@ def command(
         _list()
         return None
     task = asked_task(domain)
-    if task is None and out is None:
+    if task is None and options["out"] is None:
         raise click.UsageError(
             "give --domain (`serp list` names the tasks), --task, or --out DIR", ctx
         )
+    if task is None and max_ground_schemas is not None:
+        raise click.UsageError(
+            "--max-ground-schemas cannot change in a comparison that is continued", ctx
+        )
     names, changed = _algorithms(algorithms)
-    settings = parse_settings(assignments)
-    chosen = _seeds(ctx, seeds)
+    options |= {
+        "algorithms": names,
+        "changed": changed,
+        "seeds": _seeds(ctx, seeds),
+        "settings": parse_settings(assignments),
+        "model_variants": _named(model_variants, "--model-variants"),
+    }
+    if task is not None:
+        task = limited(task, max_ground_schemas)
     from serp.compare.study import compare
     from serp.errors import Interrupted
 
     try:
-        comparison = compare(
-            task, algorithms=names, seeds=chosen, settings=settings,
-            model_variants=_named(model_variants, "--model-variants"),
-            changed=changed, out=out, quiet=quiet, env_steps=env_steps, threshold=threshold,
-            evaluate_every=evaluate_every, evaluation_episodes=evaluation_episodes,
-            final_episodes=final_episodes, jobs=jobs,
-        )  # fmt: skip
+        comparison = compare(task, **options)
     except Interrupted as stop:
-        say(
-            f"{stop}.\nGo on with the same command" + (" and --out of that folder." * (out is None))
-        )
+        missing = " and --out of that folder." if options["out"] is None else "."
+        say(f"{stop}.\nGo on with the same command{missing}")
         return stopped_by(stop.signal)
-    if quiet:
+    if options["quiet"]:
         print_result(comparison.path)
     else:
         _print_results(comparison)
@@ -189,11 +191,14 @@ def _list() -> None:
     from serp.compare.algorithms import OWN, algorithm_entries
 
     rows = [(name, algorithm.description) for name, algorithm in OWN.items()]
-    rows += [(name, f"from outside ({e.value})") for name, e in algorithm_entries().items()]
+    rows += [(name, f"external ({e.value})") for name, e in algorithm_entries().items()]
     print_table(open_console(), ("algorithm", ""), rows)
 
 
 def _print_results(comparison: Comparison) -> None:
+    own = own_task_name()
+    more = ["serp", "compare", *(("--task", own) if own else ()), "--out", str(comparison.path)]
+    more += ["--seeds", "10"]
     console = open_console()
     console.print("")
     print_table(console, *comparison.overview())
@@ -206,7 +211,6 @@ def _print_results(comparison: Comparison) -> None:
         [
             (f"  {comparison.path / 'report.html'}", "the whole comparison on one page"),
             (f"  {comparison.path / 'measures.csv'}", "all measures, a row a trial"),
-            (f"  serp compare --out {shlex.quote(str(comparison.path))} --seeds 10",
-             "more seeds; what is there is kept"),
+            ("  " + shlex.join(more), "more seeds; what is there is kept"),
         ],
     )  # fmt: skip

@@ -14,7 +14,7 @@ from click.core import ParameterSource
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say, stopped_by
 from serp.cli.output import number, open_console, plural, print_result, print_table
-from serp.cli.tasks import asked_task, domain_of, own_task_name, own_task_option
+from serp.cli.tasks import asked_task, limited, own_task_name, own_task_option
 from serp.cli.values import parse_settings
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ def command(
             raise click.UsageError(
                 "give --domain (`serp list` names the tasks), --task, or --resume RUN", ctx
             )
-        path, task = out, _limited(asked, max_ground_schemas)
+        path, task = out, limited(asked, max_ground_schemas)
     from serp.errors import Interrupted
     from serp.training.run import plan_and_learn
 
@@ -125,16 +125,6 @@ def command(
     else:
         _print_results(run, domain)
     return None
-
-
-def _limited(task: Task, max_ground_schemas: int | None) -> Task:
-    """Return a task whose domain may be so large."""
-    import dataclasses
-
-    if max_ground_schemas is None:
-        return task
-    domain = domain_of(task, None, max_ground_schemas)
-    return dataclasses.replace(task, domain=domain, problem=None)
 
 
 def _run_to_resume(ctx: click.Context, given: str | None, out: Path | None) -> Path:

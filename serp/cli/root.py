@@ -11,7 +11,7 @@ COMMANDS = {
     "plan-and-learn": "Train: the planner acts first, the learner takes over.",
     "plan": "Show one decision of the planner, as a table or a picture.",
     "evaluate": "Measure a trained policy.",
-    "compare": "Compare algorithms on one task, on equal terms.",
+    "compare": "Compare algorithms on one task, under one protocol.",
     "diagnose": "Say what a run found wrong or missing in its domain file.",
     "repair": "Write the domain file as a run would have it.",
     "watch": "See a trained policy act, in a window or on a film.",

@@ -67,6 +67,20 @@ def asked_task(domain: str | None) -> Task | None:
     return dataclasses.replace(task, domain=file, problem=None)
 
 
+def limited(task: Task, max_ground_schemas: int | None) -> Task:
+    """Return a task whose domain may be so large; None for the usual limit.
+
+    Raises:
+        DomainError: A file is wrong, or the domain too large.
+    """
+    import dataclasses
+
+    if max_ground_schemas is None:
+        return task
+    domain = domain_of(task, None, max_ground_schemas)
+    return dataclasses.replace(task, domain=domain, problem=None)
+
+
 def domain_of(task: Task, problem: Path | None, max_ground_schemas: int | None) -> Domain:
     """Return the domain of a task.
 

@@ -1,4 +1,4 @@
-"""The algorithms that can be compared, those of other libraries included."""
+"""The algorithms that can be compared, external ones of other libraries included."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from serp._util import plugins
 from serp.errors import SettingsError
 
 GROUP: Final = "serp.algorithms"
-"""Entry points of this group are algorithms from outside: functions as `MakeGuest`."""
+"""Entry points of this group are external algorithms: functions as `MakeExternalAlgorithm`."""
 
 Changes = Mapping[str, Mapping[str, Any]]
 
 
 class ExternalAlgorithm(Protocol):
-    """A learner from outside, on an environment that it was given.
+    """A learner of another library, on an environment that it was given.
 
     Attributes:
-        terms: Name → text: what it is like, for the table of what differs.
+        terms: Name → text: its characteristics, for the table of what differs.
     """
 
     terms: Mapping[str, str]
@@ -36,10 +36,16 @@ class ExternalAlgorithm(Protocol):
         """Return the greedy actions `[B]` for inputs `[B, F]`."""
 
 
-MakeGuest = Callable[[gym.Env[Any, Any], str, int], ExternalAlgorithm]
-"""(environment with flat observations and discrete actions, name of the task, seed) → guest."""
+MakeExternalAlgorithm = Callable[[gym.Env[Any, Any], str, int], ExternalAlgorithm]
+"""(environment with flat observations and discrete actions, name of the task, seed) → algorithm."""
 
-Kind = Literal["guided", "alone", "planner", "guest"]
+Kind = Literal["guided", "baseline", "planner", "external"]
+
+SERP: Final = "serp"
+PLANNER: Final = "mrp"
+"""The algorithm that is the planner alone."""
+DQN: Final = "dqn"
+"""The algorithm that is the learner alone: the baseline."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,11 +55,11 @@ class Algorithm:
     Attributes:
         name: Its name.
         description: One line.
-        kind: `guided`: planner, learner and vetoes. `alone`: our learner without planner and veto.
-            `planner`: the planner without a learner. `guest`: from outside.
+        kind: `guided`: planner, learner and vetoes. `baseline`: serp's learner without planner and
+            veto. `planner`: the planner without a learner. `external`: of another library.
         preset: Preset of its settings.
         changes: What it changes in them.
-        make_guest: For a guest: makes it.
+        make_external: For an external algorithm: makes it.
     """
 
     name: str
@@ -61,11 +67,11 @@ class Algorithm:
     kind: Kind
     preset: str = "default"
     changes: Changes = field(default_factory=dict)
-    make_guest: MakeGuest | None = None
+    make_external: MakeExternalAlgorithm | None = None
 
     @property
     def uses_model(self) -> bool:
-        """Whether it is another algorithm with another domain file."""
+        """Whether its results depend on the domain file."""
         return self.kind in ("guided", "planner")
 
 
@@ -77,18 +83,17 @@ def _guided(name: str, description: str, changes: Changes | None = None) -> Algo
 
 
 _NO_GUIDE: Final[Changes] = {"guide": {"strategy": "mixture"}}
-"""Others make the learner listen to the planner, or act in the planner's place."""
+"""Other strategies let the planner influence the learner, or replace its actions."""
 
-_ALONE: Final[Changes] = {
+_BASELINE: Final[Changes] = {
     **_NO_GUIDE,
     "planner": {"leaf_value": "never"},
     "adaptation": {"mode": "off"},
 }
-"""Nor does a model play any part that had to be corrected."""
+"""Nothing depends on a model, so there is none to adapt."""
 
 _CALM: Final[Changes] = {"learner": {"epsilon_start": 0.1}}
-"""Little exploration from the first step on: what begins as good as the planner would lose it all.
-"""
+"""Little exploration from the first step on: who begins as good as the planner has much to lose."""
 
 _OWN: Final[tuple[Algorithm, ...]] = (
     Algorithm(name="serp", description="preset default", kind="guided"),
@@ -119,15 +124,15 @@ _OWN: Final[tuple[Algorithm, ...]] = (
     Algorithm(
         name="dqn",
         description="the learner of preset default alone: no planner, no veto",
-        kind="alone",
-        changes=_ALONE,
+        kind="baseline",
+        changes=_BASELINE,
     ),
     Algorithm(
         name="dqn-paper",
         description="the learner of preset paper alone: no planner, no veto",
-        kind="alone",
+        kind="baseline",
         preset="paper",
-        changes=_ALONE,
+        changes=_BASELINE,
     ),
     _guided("jump-start", "the planner begins each episode, the learner ends it (JSRL)"),
     _guided("argmax-q", "whichever of both proposals the learner values more (IBRL)"),
@@ -144,11 +149,11 @@ _OWN: Final[tuple[Algorithm, ...]] = (
 )
 
 OWN: Final[Mapping[str, Algorithm]] = {algorithm.name: algorithm for algorithm in _OWN}
-"""What this library has, by name."""
+"""The algorithms of this library, by name."""
 
 
 def algorithm_entries() -> dict[str, EntryPoint]:
-    """Return the offered algorithms from outside by name, without importing them."""
+    """Return the installed external algorithms by name, without importing them."""
     return plugins.offered(GROUP)
 
 
@@ -165,16 +170,16 @@ def find_algorithm(name: str) -> Algorithm:
     with plugins.loading(entry, "algorithm", SettingsError):
         make = entry.load()
     description = (make.__doc__ or name).strip().splitlines()[0].rstrip(".")
-    return Algorithm(name=name, description=description, kind="guest", make_guest=make)
+    return Algorithm(name=name, description=description, kind="external", make_external=make)
 
 
 def ablation(algorithm: Algorithm, name: str, changes: Changes) -> Algorithm:
     """Return an algorithm with some settings changed, under a name of its own.
 
     Raises:
-        SettingsError: It comes from outside: serp knows none of its settings.
+        SettingsError: It is an external algorithm, whose settings serp does not know.
     """
-    if algorithm.kind == "guest":
+    if algorithm.kind == "external":
         raise SettingsError(f"`{algorithm.name}` has no settings that serp could change")
     return replace(
         algorithm,
@@ -185,7 +190,7 @@ def ablation(algorithm: Algorithm, name: str, changes: Changes) -> Algorithm:
 
 
 def merged(first: Changes, second: Changes) -> Changes:
-    """Return both; where they contradict each other the second holds."""
+    """Return both; where they differ, the second applies."""
     return {
         section: {**first.get(section, {}), **second.get(section, {})}
         for section in {**first, **second}

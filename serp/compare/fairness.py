@@ -1,4 +1,4 @@
-"""Whether all domain files of a comparison reward alike."""
+"""Check that all domain files of a comparison judge observed steps alike."""
 
 from __future__ import annotations
 
@@ -21,14 +21,13 @@ _SEED: Final = 0
 
 
 def judges_alike(plan: ComparisonPlan, bound: BoundTask) -> list[str]:
-    """Return a sentence for each domain file that judges observed steps unlike the base file.
+    """Return a sentence for each domain file that judges steps of random actions unlike the base.
 
     Where rewards of the domain file are learned from, its learners are trained on another reward.
-    Judged are observed steps of random actions.
 
     Args:
         plan: The comparison.
-        bound: The task with the base file, in an environment that nobody else uses.
+        bound: The task with the base file, in an environment of its own.
     """
     settings = resolve("default", bound.task.settings, plan.changes)
     with contextlib.ExitStack() as stack:
@@ -47,7 +46,7 @@ def judges_alike(plan: ComparisonPlan, bound: BoundTask) -> list[str]:
 def _different(
     variants: Mapping[str, BoundTask], bound: BoundTask, settings: Settings
 ) -> dict[str, str]:
-    """Return which variants judge unlike the base, and in what."""
+    """Return the variants that judge unlike the base, with what they judge otherwise."""
     different: dict[str, str] = {}
     if not variants:
         return different
@@ -87,7 +86,7 @@ def _grounded(files: Mapping[str, BoundTask], raw: Any) -> dict[str, Vector]:
 def _judged(
     model: TransitionModel, before: Vector, action: str | None, after: Vector
 ) -> tuple[float, bool] | None:
-    """Return reward and whether it was unsafe, as a domain file judges it; None: it cannot."""
+    """Return reward and whether it was unsafe by a domain file; None if that has no such action."""
     try:
         judged = model.judge(before, -1 if action is None else model.action_index(action), after)
     except StateError:

@@ -1,22 +1,43 @@
-"""The folder of a comparison while it is written: locked, and gone where nothing was begun."""
+"""The folder of a comparison: who may write it, its plan, and the domain files that it keeps.
+
+comparison/plan.json                     what is compared
+comparison/domains/VARIANT.pddl          the domain files as they were at the beginning
+comparison/trials/…                      complete trials, see `serp.compare.trial_files`
+comparison/report.md, …                  the report, see `serp.compare.report.report`
+"""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import math
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Final
 
-from serp._util.files import cannot_write
-from serp.compare.storage import DOMAINS, PLAN
-from serp.errors import RunError
+from serp._util.files import cannot_write, make_inside, write_durably
+from serp._util.json_files import json_text, read_json
+from serp.compare.algorithms import Changes
+from serp.compare.protocol import ComparisonProtocol
+from serp.compare.records import Trial
+from serp.compare.trial_files import file_name
+from serp.errors import RunError, SettingsError
+from serp.model.facts import MAX_GROUND_SCHEMAS
+from serp.model.loading import Domain, load_domain
 from serp.runs.config import CONFIG
 from serp.runs.lock import LOCK, RunLock
+from serp.tasks.task import Task
+
+FORMAT: Final = 2
+_PLAN: Final = "plan.json"
+_DOMAINS: Final = "domains"
 
 
 @contextlib.contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Make a folder and lock it; where no plan was written, what was made is removed again.
+    """Make a folder and lock it; if no plan was written in it, remove what was made.
 
     Args:
         folder: It may exist.
@@ -34,9 +55,9 @@ def writing(folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        begun = (folder / PLAN).exists()
-        if not begun:  # what is there was made here: the folder was empty before
-            shutil.rmtree(folder / DOMAINS, ignore_errors=True)
+        begun = (folder / _PLAN).exists()
+        if not begun:  # the folder was empty before, so that what it holds was made here
+            shutil.rmtree(folder / _DOMAINS, ignore_errors=True)
         lock.release()
         if folder in missing and not begun:
             shutil.rmtree(folder, ignore_errors=True)
@@ -46,12 +67,8 @@ def writing(folder: Path) -> Iterator[None]:
 
 
 def _refuse_foreign(folder: Path) -> None:
-    """Refuse a folder that holds something, and no comparison.
-
-    Raises:
-        RunError: It does.
-    """
-    if not folder.is_dir() or (folder / PLAN).exists():
+    """Raise RunError for a folder that holds something other than a comparison."""
+    if not folder.is_dir() or (folder / _PLAN).exists():
         return
     if any(entry.name != LOCK for entry in folder.iterdir()):
         what = "a run" if (folder / CONFIG).exists() else "other files"
@@ -59,3 +76,152 @@ def _refuse_foreign(folder: Path) -> None:
             f"{folder} holds {what}, no comparison. Give a new or empty folder with --out. Nothing "
             "was changed."
         )
+
+
+# The plan -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class SavedPlan:
+    """What `plan.json` holds: everything that was asked of a comparison up to now.
+
+    Attributes:
+        task: Name of the task.
+        variants: Names of the domain files, the base first.
+        algorithms: Name → what a name of the form `algorithm:text` changes in the settings.
+        trials: All that are asked for.
+        protocol: Budget and evaluations.
+        changes: What is changed in the settings of all algorithms.
+        threshold: Return from which a policy counts as good; None for none.
+        max_ground_schemas: How large its domains may be.
+    """
+
+    task: str
+    variants: Sequence[str]
+    algorithms: Mapping[str, Changes]
+    trials: Sequence[Trial]
+    protocol: ComparisonProtocol
+    changes: Changes
+    threshold: float | None
+    max_ground_schemas: int
+
+
+def write_plan(folder: Path, plan: SavedPlan) -> None:
+    """Write `plan.json`, so that the comparison can be continued.
+
+    Raises:
+        RunError: The disk refused it.
+    """
+    values = {"format": FORMAT, **dataclasses.asdict(plan)}
+    write_durably(folder / _PLAN, json_text(_with_infinities_as_text(values)))
+
+
+def read_plan(folder: Path) -> SavedPlan | None:
+    """Return what `write_plan` wrote; None if the folder holds no comparison.
+
+    Raises:
+        RunError: The file is damaged, or another version of serp wrote it.
+    """
+    file = folder / _PLAN
+    if not file.is_file():
+        return None
+    advice = "Restore it from a copy, or begin another comparison."
+    values = read_json(file, advice)
+    if "conditions" in values or values.get("format", FORMAT) != FORMAT:
+        raise RunError(
+            f"{file} was written by another version of serp, with other names of settings: this "
+            "comparison cannot be continued. Compare in another folder (--out)."
+        )
+    try:
+        return SavedPlan(
+            task=str(values["task"]),
+            variants=[str(values["variants"][0]), *map(str, values["variants"][1:])],
+            algorithms={
+                name: loaded_changes(changes) for name, changes in values["algorithms"].items()
+            },
+            trials=[Trial(str(a), str(v), int(seed)) for a, v, seed in values["trials"]],
+            protocol=ComparisonProtocol(**values["protocol"]),
+            changes=loaded_changes(values["changes"]),
+            threshold=values["threshold"],
+            max_ground_schemas=int(values["max_ground_schemas"]),
+        )
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError, SettingsError):
+        raise RunError(f"{file} is no plan of a comparison. {advice}") from None
+
+
+_INFINITIES: Final = {"inf": math.inf, "-inf": -math.inf}
+
+
+def _with_infinities_as_text(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _with_infinities_as_text(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_with_infinities_as_text(item) for item in value]
+    return str(value) if value in (math.inf, -math.inf) else value
+
+
+def loaded_changes(changes: Mapping[str, Mapping[str, Any]]) -> Changes:
+    """Return changes of settings as they are after reading them from JSON: tuples, infinities."""
+
+    def value(found: Any) -> Any:
+        if isinstance(found, list):
+            return tuple(found)
+        return _INFINITIES.get(found, found) if isinstance(found, str) else found
+
+    return {
+        section: {name: value(found) for name, found in values.items()}
+        for section, values in changes.items()
+    }
+
+
+# Domain files -------------------------------------------------------------------------------------
+
+
+def kept_file(folder: Path, variant: str) -> Path:
+    """Return where a comparison keeps the domain file of a variant."""
+    return folder / _DOMAINS / f"{file_name(variant)}.pddl"
+
+
+def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
+    """Return a task with a domain file as the comparison keeps it.
+
+    The file as it was at the beginning is copied into the folder, so that a later edit changes
+    nothing.
+
+    Raises:
+        RunError: The comparison has another file of that name.
+    """
+    place = kept_file(folder, variant)
+    texts = {place: domain.source.text}
+    beside = place.with_name(f"{place.stem}-problem.pddl")
+    problem = None if domain.problem_source is None else beside
+    if domain.problem_source is not None:
+        texts[beside] = domain.problem_source.text
+    elif place.is_file() and beside.is_file():
+        raise RunError(
+            f"{beside} is a problem file, and the domain file `{variant}` has none now. Compare in "
+            "another folder (--out)."
+        )
+    make_inside(folder, _DOMAINS)
+    for file, text in texts.items():
+        if file.is_file() and file.read_bytes() != text.encode():
+            raise RunError(
+                f"{file} is not what the domain file `{variant}` says now: it was edited since "
+                "this comparison began. Compare in another folder (--out)."
+            )
+        write_durably(file, text)
+    return with_domain(task, place, problem, domain.max_ground_schemas)
+
+
+def with_domain(
+    task: Task, file: Path, problem: Path | None = None, limit: int = MAX_GROUND_SCHEMAS
+) -> Task:
+    """Return a task with another domain file, which may be so large.
+
+    Raises:
+        DomainError: The limit is not the usual one, and the file is missing or wrong.
+    """
+    if limit == MAX_GROUND_SCHEMAS:
+        return dataclasses.replace(task, domain=file, problem=problem)
+    domain = load_domain(file, problem, observed=True, max_ground_schemas=limit)
+    return dataclasses.replace(task, domain=domain, problem=None)

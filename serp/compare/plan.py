@@ -1,57 +1,56 @@
-"""What a comparison consists of: its algorithms, domain files, seeds and terms."""
+"""What a comparison consists of: its algorithms, domain files, seeds and protocol."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from serp._util.files import make_inside, write_durably
-from serp._util.json_files import finite, json_text, read_json
 from serp.compare.algorithms import Algorithm, Changes, ablation, find_algorithm
+from serp.compare.folder import SavedPlan
 from serp.compare.protocol import ComparisonProtocol
 from serp.compare.records import Trial
-from serp.compare.storage import DOMAINS, PLAN, digest, file_name, is_complete, read_about
+from serp.compare.trial_files import digest, is_complete, read_metadata
 from serp.compare.trials.trial import trial_settings
 from serp.errors import RunError, SettingsError
-from serp.model.loading import Domain
 from serp.settings import Settings
 from serp.tasks.task import Task
 
 _WHAT: Final = {
     "settings": "other settings",
     "domain": "another domain file",
-    "conditions": "another budget or other evaluations",
+    "protocol": "another budget or other evaluations",
     "algorithm": "another algorithm",
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ComparisonPlan:
     """A comparison, as far as it was asked for up to now.
 
     Attributes:
         folder: Its folder.
-        name: Name of the task.
+        task: Name of the task.
         variants: Name of each domain file → the task with that file. The first is the base:
             algorithms that use no model run on it alone.
         algorithms: By name.
         trials: All that are asked for.
-        conditions: The equal terms.
+        protocol: Budget and evaluations.
         changes: What is changed in the settings of all algorithms.
         threshold: Return from which a policy counts as good; None for none.
+        max_ground_schemas: How large its domains may be.
     """
 
     folder: Path
-    name: str
+    task: str
     variants: Mapping[str, Task]
     algorithms: Mapping[str, Algorithm]
     trials: Sequence[Trial]
-    conditions: ComparisonProtocol
+    protocol: ComparisonProtocol
     changes: Changes
     threshold: float | None
+    max_ground_schemas: int
 
     @property
     def base(self) -> str:
@@ -62,6 +61,19 @@ class ComparisonPlan:
     def seeds(self) -> list[int]:
         """All seeds, in ascending order."""
         return sorted({trial.seed for trial in self.trials})
+
+    def saved(self) -> SavedPlan:
+        """Return the plan as `plan.json` holds it."""
+        return SavedPlan(
+            task=self.task,
+            variants=list(self.variants),
+            algorithms={name: found.changes for name, found in self.algorithms.items()},
+            trials=self.trials,
+            protocol=self.protocol,
+            changes=self.changes,
+            threshold=self.threshold,
+            max_ground_schemas=self.max_ground_schemas,
+        )
 
     def settings(self, trial: Trial) -> Settings:
         """Return the settings of a trial."""
@@ -76,7 +88,7 @@ class ComparisonPlan:
         return {
             "settings": digest(self.settings(trial).as_dict()),
             "domain": digest({"texts": texts}),
-            "conditions": digest(self.conditions.as_dict()),
+            "protocol": digest(asdict(self.protocol)),
             "algorithm": digest({"kind": algorithm.kind, "preset": algorithm.preset}),
         }
 
@@ -91,7 +103,7 @@ class ComparisonPlan:
             if not is_complete(self.folder, trial):
                 missing.append(trial)
                 continue
-            before, now = read_about(self.folder, trial).get("made_of", {}), self.made_of(trial)
+            before, now = read_metadata(self.folder, trial).get("made_of", {}), self.made_of(trial)
             for part, what in _WHAT.items():
                 if before.get(part) != now[part]:
                     raise RunError(
@@ -101,61 +113,8 @@ class ComparisonPlan:
                     )
         return missing
 
-    def write(self) -> None:
-        """Write `plan.json`, so that the comparison can be continued.
 
-        Raises:
-            RunError: The disk refused it.
-        """
-        values = {
-            "task": self.name,
-            "variants": list(self.variants),
-            "algorithms": {
-                name: {"changes": algorithm.changes} for name, algorithm in self.algorithms.items()
-            },
-            "trials": [list(trial) for trial in self.trials],
-            "conditions": self.conditions.as_dict(),
-            "changes": self.changes,
-            "threshold": self.threshold,
-        }
-        write_durably(self.folder / PLAN, json_text(_plain(values)))
-
-
-def _plain(value: Any) -> Any:
-    """Return JSON values, the infinities as text."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return str(value) if isinstance(value, float) and finite(value) is None else value
-
-
-def read_plan(folder: Path) -> dict[str, Any] | None:
-    """Return what `ComparisonPlan.write` wrote; None where there is no comparison.
-
-    Raises:
-        RunError: The file is damaged.
-    """
-    if not (folder / PLAN).is_file():
-        return None
-    advice = "Restore it from a copy, or begin another comparison."
-    plan = read_json(folder / PLAN, advice)
-    try:
-        ComparisonProtocol.from_dict(plan["conditions"])
-        whole = (
-            all(isinstance(entry["changes"], dict) for entry in plan["algorithms"].values())
-            and all(len(trial) == 3 for trial in plan["trials"])
-            and isinstance(plan["variants"][0], str)
-            and {"task", "changes", "threshold"} <= plan.keys()
-        )
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError, SettingsError):
-        whole = False
-    if not whole:
-        raise RunError(f"{folder / PLAN} is no plan of a comparison. {advice}")
-    return plan
-
-
-def named(names: Iterable[str], changed: Mapping[str, Changes]) -> dict[str, Algorithm]:
+def named_algorithms(names: Iterable[str], changed: Mapping[str, Changes]) -> dict[str, Algorithm]:
     """Return algorithms by name.
 
     Args:
@@ -171,7 +130,7 @@ def named(names: Iterable[str], changed: Mapping[str, Changes]) -> dict[str, Alg
         algorithm = find_algorithm(base)
         if colon:
             if name not in changed:
-                raise SettingsError(f"nothing is said of what `{name}` changes")
+                raise SettingsError(f"`{name}`: say in `changed` which settings it changes")
             algorithm = ablation(algorithm, name, changed[name])
         found[name] = algorithm
     return found
@@ -188,40 +147,3 @@ def trials_of(
         for name, algorithm in algorithms.items()
         if algorithm.uses_model or variant == variants[0]
     ]
-
-
-def kept_file(folder: Path, variant: str) -> Path:
-    """Return where a comparison keeps the domain file of a variant."""
-    return folder / DOMAINS / f"{file_name(variant)}.pddl"
-
-
-def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
-    """Return the task with the domain file as the comparison keeps it.
-
-    The file as it was at the beginning is copied into the folder, so that an edit in between
-    changes nothing.
-
-    Raises:
-        RunError: The comparison has another file of that name.
-    """
-    place = kept_file(folder, variant)
-    texts = {place: domain.source.text}
-    beside = place.with_name(f"{place.stem}-problem.pddl")
-    problem = None if domain.problem_source is None else beside
-    if domain.problem_source is not None:
-        texts[beside] = domain.problem_source.text
-    elif place.is_file() and beside.is_file():
-        raise RunError(
-            f"{beside} is a problem file, and the domain file `{variant}` has none now. Compare in "
-            "another folder (--out)."
-        )
-    folder.mkdir(parents=True, exist_ok=True)
-    make_inside(folder, DOMAINS)
-    for file, text in texts.items():
-        if file.is_file() and file.read_bytes() != text.encode():
-            raise RunError(
-                f"{file} is not what the domain file `{variant}` says now: it was edited since "
-                "this comparison began. Compare in another folder (--out)."
-            )
-        write_durably(file, text)
-    return dataclasses.replace(task, domain=place, problem=problem)

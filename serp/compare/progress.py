@@ -18,10 +18,10 @@ from serp.compare.records import Trial
 
 
 class RemainingTime:
-    """How long the rest takes.
+    """Estimates how long the rest takes.
 
-    A trial of an algorithm that was seen already takes as long per env step as that did; one of
-    another algorithm as long as all that was seen.
+    A trial is assumed to take as long per env step as its algorithm did so far, or as all did where
+    that is unknown.
 
     Args:
         trials: What is to be run.
@@ -47,12 +47,12 @@ class RemainingTime:
 
     @property
     def share(self) -> float:
-        """The share of all env steps that are done."""
+        """Share of all env steps that are done."""
         left = sum(self._left.values())
         return 1.0 - left / max(1, self._env_steps * len(self._left))
 
     def notice(self, trial: Trial, env_steps: int) -> None:
-        """Take notice of where a trial stands."""
+        """Record the env steps of a trial so far."""
         now = self._clock()
         before = self._left[trial]
         self._left[trial] = self._env_steps - min(env_steps, self._env_steps)
@@ -62,13 +62,13 @@ class RemainingTime:
         self._seen[trial] = now
 
     def end(self, trial: Trial, *, complete: bool) -> None:
-        """Take notice of the end of a trial; one that failed says nothing of speed."""
+        """Record the end of a trial; one that failed does not count for the speed."""
         if complete:
             self.notice(trial, self._env_steps)
         self._left[trial] = 0
 
     def seconds_left(self) -> float | None:
-        """Return an estimate; None where nothing was seen yet."""
+        """Return an estimate; None while nothing is known."""
         steps, seconds = sum(self._steps.values()), sum(self._seconds.values())
         if not steps:
             return None
@@ -83,16 +83,16 @@ class RemainingTime:
 
 
 class Display:
-    """Shows where a comparison stands, on standard error.
+    """Shows the progress of a comparison on standard error.
 
     Args:
-        outlook: How far it is.
+        remaining: Estimates what is left.
         count: How many trials are to be run.
         quiet: Show nothing.
     """
 
-    def __init__(self, outlook: RemainingTime, count: int, *, quiet: bool) -> None:
-        self._outlook = outlook
+    def __init__(self, remaining: RemainingTime, count: int, *, quiet: bool) -> None:
+        self._remaining = remaining
         self._count = count
         self._ended = 0
         self._quiet = quiet
@@ -124,13 +124,13 @@ class Display:
                 self._bar.stop()
 
     def notice(self, trial: Trial, env_steps: int) -> None:
-        """Show where a trial stands."""
-        self._outlook.notice(trial, env_steps)
+        """Show the env steps of a trial so far."""
+        self._remaining.notice(trial, env_steps)
         self._show()
 
     def end(self, trial: Trial, error: str | None) -> None:
         """Show that a trial has ended."""
-        self._outlook.end(trial, complete=error is None)
+        self._remaining.end(trial, complete=error is None)
         self._ended += 1
         how = "" if error is None else f": failed. {error}"
         self.say(f"[{self._ended}/{self._count}] {named_trial(trial)}{how}{self._left(', ')}")
@@ -146,7 +146,7 @@ class Display:
         if self._bar is not None and self._task is not None:
             self._bar.update(
                 self._task,
-                completed=self._outlook.share,
+                completed=self._remaining.share,
                 description=self._where(),
                 left=self._left(""),
             )
@@ -155,10 +155,10 @@ class Display:
         return f"{self._ended} of {self._count} trials"
 
     def _left(self, before: str) -> str:
-        seconds = self._outlook.seconds_left()
+        seconds = self._remaining.seconds_left()
         return "" if seconds is None else f"{before}about {duration(seconds)} left"
 
 
 def named_trial(trial: Trial) -> str:
-    """Return a trial in words."""
+    """Return the name of a trial."""
     return f"{trial.algorithm} on {trial.variant}, seed {trial.seed}"

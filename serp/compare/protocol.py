@@ -1,10 +1,8 @@
-"""What is equal for all algorithms of a comparison."""
+"""The protocol of a comparison: budget and evaluations, the same for all of its trials."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
 
 from serp._util.numbers import whole
 from serp.errors import SettingsError
@@ -12,11 +10,11 @@ from serp.errors import SettingsError
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonProtocol:
-    """The equal terms of a comparison.
+    """Budget and evaluations, the same for all trials of a comparison.
 
     Attributes:
         env_steps: Budget of a training.
-        evaluate_every: The learner alone is evaluated every so many env steps, and at the end.
+        evaluate_every: Env steps between evaluations of the learner alone; the last is at the end.
         evaluation_episodes: Episodes of such an evaluation.
         final_episodes: Episodes of each evaluation at the end.
         evaluation_seed: Seed of the environment in evaluations; every evaluation plays the same
@@ -40,15 +38,6 @@ class ComparisonProtocol:
                 raise SettingsError(f"{name} must be a whole number >= {least}, not {value!r}")
             object.__setattr__(self, name, number)
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> ComparisonProtocol:
-        """Return the conditions that `as_dict` wrote."""
-        return cls(**values)
-
-    def as_dict(self) -> dict[str, int]:
-        """Return JSON values."""
-        return asdict(self)
-
     def due(self, env_steps: int) -> bool:
-        """Whether the learner is evaluated after so many env steps."""
+        """Return whether the learner is evaluated after so many env steps."""
         return env_steps % self.evaluate_every == 0 or env_steps == self.env_steps

@@ -1,4 +1,4 @@
-"""What one trial leaves behind: the rows of its episodes and evaluations, and what it was.
+"""What one trial leaves behind: the rows of its episodes and evaluations, and its metadata.
 
 A *trial* is one algorithm with one seed on one domain file (a *variant*). Its folder holds
 `episodes.csv`, `evaluations.csv` and, once it is complete, `trial.json`.
@@ -77,7 +77,7 @@ class EvaluationRow(NamedTuple):
         terminated: Whether the environment ended it.
         outcome: As in `EpisodeRow`.
         unsafe: Executed actions that the model predicts unsafe; 0 for `learner` at checkpoints
-            before the last, where nobody asks the model.
+            before the last, where the model is not asked.
     """
 
     env_steps: int
@@ -96,7 +96,7 @@ EVALUATION_COLUMNS: Final = tuple(name.removesuffix("_") for name in EvaluationR
 
 @dataclass(frozen=True)
 class Record:
-    """Everything that a complete trial left behind.
+    """Everything that a complete trial leaves behind.
 
     Attributes:
         trial: What it is of.
@@ -104,12 +104,12 @@ class Record:
             environment's info that the task declares (`Task.counters`): its value at the end of
             the episode.
         evaluations: Columns `EVALUATION_COLUMNS`.
-        about: JSON values: `env_steps` (budget), `terms` (name → text: what the algorithm is like,
-            see `serp.compare.algorithms`), `settings` (section → setting → value; null for an
-            algorithm from outside), `seconds` ({"training": …, "evaluation": …}).
+        metadata: JSON values: `env_steps` (budget), `terms` (name → text: characteristics of the
+            algorithm), `settings` (section → setting → value; null for an external algorithm),
+            `seconds` ({"training": …, "evaluation": …}).
     """
 
     trial: Trial
     episodes: Columns
     evaluations: Columns
-    about: dict[str, Any]
+    metadata: dict[str, Any]

@@ -1,17 +1,18 @@
-"""What is asked for: from the arguments of `compare` to a plan."""
+"""From the options of `compare` to a plan, with what the comparison consisted of before."""
 
 from __future__ import annotations
 
-import dataclasses
+import glob
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TypedDict, TypeVar
 
-from serp._util.numbers import real, seed_of
-from serp.compare.algorithms import Changes
-from serp.compare.analysis.results import PLAIN, PLANNER
-from serp.compare.domain_files import domain_files
-from serp.compare.plan import ComparisonPlan, keep_domain, kept_file, named, trials_of
+from serp._util.numbers import real, seed_of, whole
+from serp._util.text import did_you_mean
+from serp.compare.algorithms import DQN, PLANNER, Changes
+from serp.compare.folder import SavedPlan, keep_domain, kept_file, loaded_changes, with_domain
+from serp.compare.plan import ComparisonPlan, named_algorithms, trials_of
 from serp.compare.protocol import ComparisonProtocol
 from serp.compare.records import Trial
 from serp.errors import RunError, SettingsError, TaskError
@@ -22,19 +23,84 @@ from serp.tasks.task import Task
 
 _T = TypeVar("_T")
 
-ALGORITHMS: Final = ("serp", "mrp", "dqn")
-"""What is compared where nothing is said."""
+ALGORITHMS: Final = ("serp", PLANNER, DQN)
+"""What is compared by default."""
+SEEDS: Final = 5
 
 
-def task_asked(
-    task: Task | str | None, before: Mapping[str, Any] | None, folder: Path | None
-) -> Task:
-    """Return the task that is meant.
+class ComparisonRequest(TypedDict, total=False):
+    """The options of `serp.compare`; one that is absent or None has its default.
+
+    In a comparison that is continued, the default is what it consists of so far.
+
+    Attributes:
+        algorithms: Names, see `serp.compare.algorithms`; the first is what the others are compared
+            with. `name:text` is one with other settings, see `changed`. By default `serp`, `mrp`
+            and `dqn`.
+        seeds: How many seeds from 0 on, or the seeds themselves; 5 by default.
+        env_steps: Budget of each trial; by default `training.env_steps` of the task.
+        model_variants: Domain files for the same task, on each of which every algorithm that uses
+            a model is run, too: files, names of files beside the task's own domain file
+            (`cartpole-reversed`), patterns of either, or `all`: every file there whose name is that
+            of the task, a hyphen and more.
+        settings: Section → setting → value, changed for all of serp's algorithms.
+        changed: Name such as `serp:learner.members=1` → what is changed for that one alone.
+        threshold: Return from which a policy counts as good; by default the `reward_threshold` of
+            the environment's Gymnasium specification, if it has one.
+        evaluate_every: Env steps between evaluations of the learner alone; a tenth of the budget by
+            default.
+        evaluation_episodes: Episodes of each; 10 by default.
+        final_episodes: Episodes of each evaluation at the end; 50 by default.
+        out: Folder of the comparison; by default `runs/compare-<domain>-<time>`.
+        jobs: Processes; as many as the machine has cores by default.
+        quiet: Show no progress.
+    """
+
+    algorithms: Iterable[str] | None
+    seeds: int | Iterable[int] | None
+    env_steps: int | None
+    model_variants: Iterable[str | Path]
+    settings: Changes | None
+    changed: Mapping[str, Changes] | None
+    threshold: float | None
+    evaluate_every: int | None
+    evaluation_episodes: int | None
+    final_episodes: int | None
+    out: str | Path | None
+    jobs: int | None
+    quiet: bool
+
+
+def requested_folder(out: Any) -> Path | None:
+    """Return the folder that is named; None for the default.
+
+    Raises:
+        SettingsError: It is no name of a folder.
+    """
+    if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
+        raise SettingsError(f"out must be the name of a folder, not {out!r}")
+    return None if out is None else Path(out)
+
+
+def requested_processes(jobs: int | None) -> int:
+    """Return how many processes may be used.
+
+    Raises:
+        SettingsError: It is no whole number, or less than 1.
+    """
+    count = whole(os.cpu_count() or 1 if jobs is None else jobs, 1)
+    if count is None:
+        raise SettingsError(f"jobs must be a whole number >= 1, not {jobs!r}")
+    return count
+
+
+def requested_task(task: Task | str | None, before: SavedPlan | None, folder: Path | None) -> Task:
+    """Return the task that is named.
 
     Args:
         task: The task, its name or a domain file; None for that of the comparison so far.
-        before: The plan so far; None where there is none.
-        folder: The comparison's folder, where one is named.
+        before: The plan so far, if there is one.
+        folder: The comparison's folder, if one is named.
 
     Raises:
         SerpError: There is no such task.
@@ -51,125 +117,183 @@ def task_asked(
             + ("" if folder is None else f"; {folder} holds no comparison yet")
         )
     assert folder is not None
-    # As it was kept: what is installed or in the working directory may be another file.
-    kept = kept_file(folder, str(before["variants"][0]))
-    return dataclasses.replace(load_task(str(before["task"])), domain=kept, problem=None)
+    # The kept file: what is installed or in the working directory may be another by now.
+    kept = kept_file(folder, before.variants[0])
+    return with_domain(load_task(before.task), kept, limit=before.max_ground_schemas)
 
 
-def conditions_asked(
-    before: Mapping[str, Any] | None, bound: BoundTask, **given: int | None
-) -> ComparisonProtocol:
-    """Return the equal terms: those of the comparison so far, else defaults.
+def requested_plan(
+    folder: Path, before: SavedPlan | None, bound: BoundTask, request: ComparisonRequest
+) -> ComparisonPlan:
+    """Return what was asked for before together with what is asked for now.
+
+    The domain files are copied into the folder.
+
+    Args:
+        folder: The folder of the comparison, locked.
+        before: Its plan so far, if there is one.
+        bound: The task with the base domain file.
+        request: What is asked for now.
 
     Raises:
-        SettingsError: One is out of range, or differs from what the comparison had so far.
+        SerpError: Something in the request is wrong, or differs from what cannot change.
     """
-    said = {name: value for name, value in given.items() if value is not None}
-    if before is not None:
-        conditions = dict(before["conditions"])
-        for name, value in said.items():
-            if conditions[name] != value:
-                raise SettingsError(
-                    f"this comparison has {name} = {conditions[name]}, not {value}: all of its "
-                    "trials are on equal terms. Compare in another folder (--out)."
-                )
-        return ComparisonProtocol.from_dict(conditions)
-    budget = said.pop("env_steps", None)
-    if budget is None:
-        budget = resolve("default", bound.task.settings).training.env_steps
-    every = said.pop("evaluate_every", None)
-    return ComparisonProtocol(
-        env_steps=budget, evaluate_every=max(1, budget // 10) if every is None else every, **said
-    )
-
-
-def plan_asked(
-    folder: Path,
-    before: Mapping[str, Any] | None,
-    bound: BoundTask,
-    *,
-    algorithms: Iterable[str] | None,
-    seeds: int | Iterable[int] | None,
-    model_variants: Iterable[str | Path],
-    settings: Changes | None,
-    changed: Mapping[str, Changes] | None,
-    threshold: float | None,
-    conditions: ComparisonProtocol,
-) -> ComparisonPlan:
-    """Return what was asked for before, and what is asked for now."""
-    if before is not None and before["task"] != bound.name:
-        raise RunError(f"{folder} compares on task {before['task']}, not on {bound.name}")
-    old = before or {"algorithms": {}, "trials": [], "variants": [], "changes": {}}
-    if before is not None and settings and _loaded(settings) != _loaded(old["changes"]):
+    if before is not None and before.task != bound.name:
+        raise RunError(f"{folder} compares on task {before.task}, not on {bound.name}")
+    changes, threshold = request.get("settings") or {}, request.get("threshold")
+    if before is not None and changes and loaded_changes(changes) != before.changes:
         raise SettingsError(
             "settings of a comparison cannot change once it has begun. Compare in another folder "
             "(--out)."
         )
-    known = {name: _loaded(entry["changes"]) for name, entry in old["algorithms"].items()}
-    first = None if algorithms is None else _unique(algorithms)
-    now = first or list(known or ALGORITHMS)
-    own = Path(bound.domain.source.name)
-    base = _base(bound, own) if before is None else str(old["variants"][0])
-    if own == kept_file(folder, base):  # others lie beside the one that is installed
-        own = Path(load_task(bound.name).load().source.name)
-    files = domain_files(model_variants, bound.name, own)
-    if files:  # what a file is worth is what its planner is worth; plain DQN is the line to beat
-        now = _unique([*now, PLANNER, PLAIN])
-    found = named(_unique([*known, *now]), {**known, **(changed or {})})
     if threshold is not None and real(threshold) is None:
         raise SettingsError(f"threshold must be a number, not {threshold!r}")
-    variants = {base: keep_domain(folder, base, bound.domain, bound.task)}
-    given = _by_name(files)
-    for name, file in given.items():
-        if name == base:
-            raise SettingsError(f"{file}: a model variant needs another name than `{base}`")
-        variants[name] = _variant(folder, name, file, bound)
-    for name in old["variants"]:
-        if name not in variants:
-            variants[name] = _variant(folder, name, kept_file(folder, name), bound)
-    trials = [Trial(str(a), str(v), int(s)) for a, v, s in old["trials"]]
-    asked = {name: found[name] for name in now}
-    places = [base, *given] if given or before is None else [*variants]
-    chosen = _seeds(seeds, trials)
-    if before is None or files or algorithms is not None or seeds is not None:
-        trials += trials_of(asked, places, chosen)
+    protocol = _protocol(before, bound, request)
+    base = _base_name(bound) if before is None else before.variants[0]
+    files = domain_files(request.get("model_variants") or (), bound.name, _installed(bound, folder))
+    algorithms, now = _algorithms(before, request, with_rivals=bool(files))
+    variants = _variants(folder, before, bound, base, files)
+    trials = [] if before is None else list(before.trials)
+    if before is None or files or not {"algorithms", "seeds"}.isdisjoint(_given(request)):
+        named = [base, *(file.stem for file in files)]
+        asked = named if files or before is None else list(variants)
+        trials += trials_of(
+            {name: algorithms[name] for name in now}, asked, _seeds(request.get("seeds"), trials)
+        )
     if threshold is None:
-        threshold = old.get("threshold", _threshold_of(bound))
+        threshold = default_threshold(bound) if before is None else before.threshold
     return ComparisonPlan(
         folder=folder,
-        name=bound.name,
+        task=bound.name,
         variants=variants,
-        algorithms=found,
+        algorithms=algorithms,
         trials=_unique(trials),
-        conditions=conditions,
-        changes=_loaded(old["changes"]) if before is not None else dict(settings or {}),
+        protocol=protocol,
+        changes=changes if before is None else before.changes,
         threshold=threshold,
+        max_ground_schemas=bound.domain.max_ground_schemas,
     )
 
 
-def _loaded(changes: Mapping[str, Mapping[str, Any]]) -> Changes:
-    """Return changes as they were before they went through JSON."""
-    words = {"inf": float("inf"), "-inf": -float("inf")}
-    return {
-        section: {
-            name: tuple(value)
-            if isinstance(value, list)
-            else words.get(value, value)
-            if isinstance(value, str)
-            else value
-            for name, value in values.items()
-        }
-        for section, values in changes.items()
-    }
+def _given(request: ComparisonRequest) -> dict[str, Any]:
+    return {name: value for name, value in request.items() if value is not None}
 
 
-def _unique(items: Iterable[_T]) -> list[_T]:
-    return list(dict.fromkeys(items))
+def _protocol(
+    before: SavedPlan | None, bound: BoundTask, request: ComparisonRequest
+) -> ComparisonProtocol:
+    """Return the protocol: that of the comparison so far, else what is asked for and defaults.
+
+    Raises:
+        SettingsError: A value is out of range, or differs from that of the comparison so far.
+    """
+    names = ("env_steps", "evaluate_every", "evaluation_episodes", "final_episodes")
+    given = {name: value for name, value in _given(request).items() if name in names}
+    if before is not None:
+        for name, value in given.items():
+            if getattr(before.protocol, name) != value:
+                raise SettingsError(
+                    f"this comparison has {name} = {getattr(before.protocol, name)}, not {value}: "
+                    "all of its trials have the same protocol. Compare in another folder (--out)."
+                )
+        return before.protocol
+    if "env_steps" not in given:
+        given["env_steps"] = resolve("default", bound.task.settings).training.env_steps
+    return ComparisonProtocol(**{"evaluate_every": max(1, given["env_steps"] // 10), **given})
+
+
+def _algorithms(
+    before: SavedPlan | None, request: ComparisonRequest, *, with_rivals: bool
+) -> tuple[dict[str, Any], list[str]]:
+    """Return all algorithms by name, and the names of those that are asked for now.
+
+    Args:
+        before: The plan so far, if there is one.
+        request: What is asked for now.
+        with_rivals: Whether to add what a domain file is measured against: the planner that
+            believes it, and the learner alone.
+    """
+    known = {} if before is None else before.algorithms
+    now = _unique(request.get("algorithms") or ()) or list(known or ALGORITHMS)
+    if with_rivals:
+        now = _unique([*now, PLANNER, DQN])
+    changed = {**known, **(request.get("changed") or {})}
+    return named_algorithms(_unique([*known, *now]), changed), now
+
+
+def _variants(
+    folder: Path, before: SavedPlan | None, bound: BoundTask, base: str, files: Sequence[Path]
+) -> dict[str, Task]:
+    """Return the task with each domain file, as the comparison keeps it; the base first."""
+    places = {name: kept_file(folder, name) for name in (before.variants if before else ())}
+    places.pop(base, None)
+    given: dict[str, Path] = {}
+    for file in files:
+        other = given.setdefault(file.stem, file)
+        if other != file:
+            raise SettingsError(f"two model variants are called `{file.stem}`: {other} and {file}")
+    variants = {base: keep_domain(folder, base, bound.domain, bound.task)}
+    for name, file in {**given, **{n: p for n, p in places.items() if n not in given}}.items():
+        if name == base:
+            raise SettingsError(f"{file}: a model variant needs another name than `{base}`")
+        task = with_domain(bound.task, file, limit=bound.domain.max_ground_schemas)
+        with task.bind() as variant:  # says what does not fit
+            variants[name] = keep_domain(folder, name, variant.domain, task)
+    return variants
+
+
+def domain_files(asked: Iterable[str | Path], task: str, own: Path) -> list[Path]:
+    """Return the domain files that `model_variants` names, in order, each once.
+
+    Args:
+        asked: See `ComparisonRequest`.
+        task: Name of the task.
+        own: The task's own domain file.
+
+    Raises:
+        TaskError: A name or pattern matches no file.
+    """
+    found: dict[Path, None] = {}
+    for name in map(str, asked):
+        with_suffix = name if name.endswith(".pddl") else f"{name}.pddl"
+        if name == "all":
+            matches = sorted(own.parent.glob(f"{glob.escape(task)}-*.pddl"))
+        elif glob.has_magic(name):
+            matches = sorted(map(Path, glob.glob(name))) or sorted(own.parent.glob(with_suffix))
+        else:
+            places = (Path(name), own.parent / with_suffix)
+            matches = [path for path in places if path.is_file()][:1]
+        matches = [path for path in matches if not path.name.endswith("-problem.pddl")]
+        if not matches:
+            known = sorted(path.stem for path in own.parent.glob("*.pddl") if path != own)
+            raise TaskError(f"there is no domain file {name}; {did_you_mean(name, known)}")
+        found.update(dict.fromkeys(matches))
+    return list(found)
+
+
+def _installed(bound: BoundTask, folder: Path) -> Path:
+    """Return the task's own domain file, beside which its variants lie."""
+    own = Path(bound.domain.source.name)
+    if own.parent == kept_file(folder, "any").parent:
+        own = Path(load_task(bound.name).load().source.name)
+    return own
+
+
+def _base_name(bound: BoundTask) -> str:
+    """Return the name of the base variant: that of the task, or of a variant's file."""
+    name = Path(bound.domain.source.name).stem
+    return name if name.startswith(f"{bound.name}-") else bound.name
+
+
+def default_threshold(bound: BoundTask) -> float | None:
+    """Return the `reward_threshold` of the environment's specification, if it has one."""
+    specification = bound.env.spec
+    return None if specification is None else specification.reward_threshold
 
 
 def _seeds(seeds: int | Iterable[int] | None, trials: Sequence[Trial]) -> list[int]:
     if seeds is None:
-        return sorted({trial.seed for trial in trials}) or list(range(5))
+        return sorted({trial.seed for trial in trials}) or list(range(SEEDS))
     if isinstance(seeds, int) and not isinstance(seeds, bool):
         if seeds < 1:
             raise SettingsError(f"seeds must be a number >= 1 of them, or a list, not {seeds}")
@@ -182,37 +306,5 @@ def _seeds(seeds: int | Iterable[int] | None, trials: Sequence[Trial]) -> list[i
     raise SettingsError(f"seeds must be a number of them, or a list, not {seeds!r}")
 
 
-def _base(bound: BoundTask, file: Path) -> str:
-    """Return what the file that is compared on is called: like its task, or like a variant."""
-    return file.stem if file.stem.startswith(f"{bound.name}-") else bound.name
-
-
-def _threshold_of(bound: BoundTask) -> float | None:
-    specification = bound.env.spec
-    return None if specification is None else specification.reward_threshold
-
-
-def _variant(folder: Path, name: str, file: Path, bound: BoundTask) -> Task:
-    """Return the task with another domain file.
-
-    Raises:
-        DomainError: The file is missing or wrong.
-        TaskError: It does not fit the task.
-    """
-    task = dataclasses.replace(bound.task, domain=file, problem=None)
-    with task.bind() as variant:  # says what does not fit
-        return keep_domain(folder, name, variant.domain, task)
-
-
-def _by_name(files: Iterable[str | Path]) -> dict[str, Path]:
-    """Return the domain files by what they are called in the comparison.
-
-    Raises:
-        SettingsError: Two have the same name.
-    """
-    found: dict[str, Path] = {}
-    for file in map(Path, files):
-        other = found.setdefault(file.stem, file)
-        if other != file:
-            raise SettingsError(f"two model variants are called `{file.stem}`: {other} and {file}")
-    return found
+def _unique(items: Iterable[_T]) -> list[_T]:
+    return list(dict.fromkeys(items))

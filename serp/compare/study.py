@@ -2,34 +2,36 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Unpack
 
-from serp._util.numbers import whole
-from serp.compare.algorithms import Algorithm, Changes
 from serp.compare.analysis.results import Results
 from serp.compare.fairness import judges_alike
-from serp.compare.folder import writing
-from serp.compare.plan import ComparisonPlan, kept_file, read_plan
+from serp.compare.folder import read_plan, write_plan, writing
+from serp.compare.metadata import metadata_of
+from serp.compare.plan import ComparisonPlan
 from serp.compare.progress import Display, RemainingTime, named_trial
 from serp.compare.records import Trial
-from serp.compare.report.metadata import ComparisonAbout
-from serp.compare.report.report import overview, write_report
-from serp.compare.request import conditions_asked, plan_asked, task_asked
-from serp.compare.rerun_command import command
-from serp.compare.storage import is_complete, read_trial
+from serp.compare.report.tables import overview
+from serp.compare.request import (
+    ComparisonRequest,
+    requested_folder,
+    requested_plan,
+    requested_processes,
+    requested_task,
+)
+from serp.compare.trial_files import is_complete, read_trial
 from serp.compare.trials.contestant import make_contestant
 from serp.compare.trials.terms import settings_in_use
-from serp.compare.trials.trial import unit_of
 from serp.compare.workers import Job, portable, run_here, run_in_processes
-from serp.errors import Interrupted, RunError, SettingsError
+from serp.errors import Interrupted, MissingExtra, RunError
 from serp.runs.placement import default_path
-from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
-from serp.tasks.reward import reward_source
 from serp.tasks.task import Task
+from serp.training.agent import Agent
 from serp.training.stopping import Stopping, stop_between_episodes
 
 
@@ -46,33 +48,17 @@ class Comparison:
     results: Results
 
     def overview(self) -> tuple[list[str], list[list[str]]]:
-        """Return a table: its head, and a row an algorithm."""
+        """Return a table: the titles of its columns, and a row an algorithm."""
         return overview(self.results)
 
     @property
     def caution(self) -> str | None:
-        """What to beware of in intervals and verdicts: few seeds; None for nothing."""
+        """A warning that intervals and verdicts are of few seeds; None if there are enough."""
         return self.results.caution(*self.results.variants)
 
 
-def compare(
-    task: Task | str | None = None,
-    *,
-    algorithms: Iterable[str] | None = None,
-    seeds: int | Iterable[int] | None = None,
-    env_steps: int | None = None,
-    model_variants: Iterable[str | Path] = (),
-    settings: Changes | None = None,
-    changed: Mapping[str, Changes] | None = None,
-    threshold: float | None = None,
-    evaluate_every: int | None = None,
-    evaluation_episodes: int | None = None,
-    final_episodes: int | None = None,
-    out: str | Path | None = None,
-    jobs: int | None = None,
-    quiet: bool = False,
-) -> Comparison:
-    """Compare algorithms on one task, on equal terms.
+def compare(task: Task | str | None = None, **request: Unpack[ComparisonRequest]) -> Comparison:
+    """Compare algorithms on one task under one protocol.
 
     What was complete in `out` before is kept: with more algorithms, seeds or domain files only what
     is missing is run, and an interrupted comparison goes on.
@@ -80,37 +66,21 @@ def compare(
     Args:
         task: The task, the name of an installed one, or a domain file that belongs to one. None:
             that of the comparison in `out`.
-        algorithms: Names, see `serp.compare.algorithms`; the first is what the others are
-            compared with. `name:text` is one with other settings, see `changed`.
-        seeds: So many seeds from 0 on, or the seeds themselves; 5 by default.
-        env_steps: Budget of each trial; by default `training.env_steps` of the task.
-        model_variants: Domain files for the same task, on each of which what uses a model runs
-            too; see `serp.compare.domain_files`.
-        settings: Section → setting → value, changed for all of our algorithms.
-        changed: Name such as `serp:learner.members=1` → what is changed for that one alone.
-        threshold: Return from which a policy counts as good; by default what the environment says
-            (`reward_threshold` of its Gymnasium specification), if it says anything.
-        evaluate_every: Env steps between evaluations of the learner alone; a tenth of the budget by
-            default.
-        evaluation_episodes: Episodes of each; 10 by default.
-        final_episodes: Episodes of each evaluation at the end; 50 by default.
-        out: Folder of the comparison; by default `runs/compare-<domain>-<time>`.
-        jobs: Processes; as many as the machine has cores by default.
-        quiet: Show no progress.
+        **request: See `serp.compare.request.ComparisonRequest`.
 
     Raises:
         SerpError: Task, settings or folder are wrong, or a trial failed. Trials that are complete
             are kept, and the report is made of them.
         Interrupted: Ctrl-C, SIGTERM or SIGHUP; what is complete is kept.
     """
-    if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
-        raise SettingsError(f"out must be the name of a folder, not {out!r}")
-    folder = None if out is None else Path(out)
+    unknown = [name for name in request if name not in ComparisonRequest.__annotations__]
+    if unknown:
+        raise TypeError(f"compare() got an unexpected keyword argument {unknown[0]!r}")
+    _require_report()
+    folder = requested_folder(request.get("out"))
     before = None if folder is None else read_plan(folder)
-    base = task_asked(task, before, folder)
-    count = whole(os.cpu_count() or 1 if jobs is None else jobs, 1)
-    if count is None:
-        raise SettingsError(f"jobs must be a whole number >= 1, not {jobs!r}")
+    base = requested_task(task, before, folder)
+    processes = requested_processes(request.get("jobs"))
     with base.bind() as bound:
         if folder is None:
             folder = default_path(f"compare-{bound.name}")
@@ -119,29 +89,20 @@ def compare(
                 raise RunError(
                     f"another process has changed {folder} just now. Run the command again."
                 )
-            plan = plan_asked(
-                folder, before, bound,
-                algorithms=algorithms, seeds=seeds, model_variants=model_variants,
-                settings=settings, changed=changed, threshold=threshold,
-                conditions=conditions_asked(
-                    before, bound, env_steps=env_steps, evaluate_every=evaluate_every,
-                    evaluation_episodes=evaluation_episodes, final_episodes=final_episodes,
-                ),
-            )  # fmt: skip
+            plan = requested_plan(folder, before, bound, request)
             missing = plan.missing()
             _try_algorithms(plan, bound)
-            plan.write()
-            notes = judges_alike(plan, bound)
-            about = _about(plan, bound, notes)
+            write_plan(folder, plan.saved())
+            metadata = metadata_of(plan, bound, judges_alike(plan, bound))
             with stop_between_episodes() as stopping:
-                failed = _run(plan, missing, count, stopping, quiet=quiet)
-                done = (trial for trial in plan.trials if is_complete(folder, trial))
-                records = tuple(read_trial(folder, trial) for trial in done)
-                results = write_report(folder, records, about).results
-    if stopping.signal is not None and len(results.records) + len(failed) < len(plan.trials):
+                quiet = request.get("quiet", False)
+                failed = _run(plan, missing, processes, stopping, quiet=quiet)
+                done = [trial for trial in plan.trials if is_complete(folder, trial)]
+                results = Results([read_trial(folder, trial) for trial in done], metadata)
+                write_report(folder, results)
+    if stopping.signal is not None and len(done) + len(failed) < len(plan.trials):
         raise Interrupted(
-            f"stopped with {len(results.records)} of {len(plan.trials)} trials complete in "
-            f"{folder}",
+            f"stopped with {len(done)} of {len(plan.trials)} trials complete in {folder}",
             stopping.signal,
         )
     if failed:
@@ -152,17 +113,32 @@ def compare(
     return Comparison(folder, results)
 
 
+def _require_report() -> None:
+    """Raise MissingExtra if the report could not be written in the end."""
+    if any(find_spec(name) is None for name in ("jinja2", "markdown_it", "matplotlib")):
+        raise MissingExtra("the report of a comparison", "report")
+
+
+def write_report(folder: Path, results: Results) -> None:
+    """Write the report; what it needs besides serp's dependencies is imported here alone."""
+    from serp.compare.report.report import write_report
+
+    write_report(folder, results)
+
+
 def _try_algorithms(plan: ComparisonPlan, bound: BoundTask) -> None:
-    """Refuse before anything is run what cannot be run: settings, missing libraries.
+    """Make each algorithm once, so that what cannot be made is refused before anything runs.
 
     Raises:
-        SerpError: An algorithm cannot be made.
+        SerpError: An algorithm cannot be made, or its settings are wrong.
     """
     for name, algorithm in plan.algorithms.items():
         trial = next(trial for trial in plan.trials if trial.algorithm == name)
         settings = plan.settings(trial)
-        if algorithm.kind == "guest":
+        if algorithm.kind == "external":
             make_contestant(algorithm, bound, settings, trial.seed)
+        else:
+            Agent(bound, settings, trial.seed)
 
 
 def _run(
@@ -173,7 +149,7 @@ def _run(
     *,
     quiet: bool,
 ) -> list[tuple[str, str]]:
-    """Run trials until it is asked to stop; return what failed."""
+    """Run trials until a signal asks to stop; return those that failed, each with its error."""
     failed: list[tuple[str, str]] = []
     if not missing:
         return failed
@@ -181,8 +157,8 @@ def _run(
     jobs = [_job(plan, trial) for trial in missing]
     here = processes > 1 and not portable(jobs)
     processes = 1 if here else processes
-    outlook = RemainingTime(missing, plan.conditions.env_steps, processes)
-    with Display(outlook, len(missing), quiet=quiet) as display:
+    remaining = RemainingTime(missing, plan.protocol.env_steps, processes)
+    with Display(remaining, len(missing), quiet=quiet) as display:
         if here:
             display.say(
                 "The trials run one after another: the task has functions that cannot be imported "
@@ -192,7 +168,7 @@ def _run(
         def stopped() -> bool:
             return stopping.requested
 
-        def notice(trial: Trial, env_steps: int) -> None:
+        def on_progress(trial: Trial, env_steps: int) -> None:
             answer = stopping.answer(
                 "the trials that run", "they are run again when the comparison goes on"
             )
@@ -201,9 +177,9 @@ def _run(
             display.notice(trial, env_steps)
 
         if processes == 1:
-            ends = run_here(jobs, notice, stopped)
+            ends = run_here(jobs, on_progress, stopped)
         else:
-            ends = run_in_processes(jobs, processes, notice, stopped)
+            ends = run_in_processes(jobs, processes, on_progress, stopped)
         for ended in ends:
             display.end(ended.trial, ended.error)
             if ended.error is not None:
@@ -213,45 +189,14 @@ def _run(
 
 def _job(plan: ComparisonPlan, trial: Trial) -> Job:
     """Return what a worker needs for one trial."""
-    algorithm: Algorithm = plan.algorithms[trial.algorithm]
-    about = {
-        "env_steps": plan.conditions.env_steps,
+    algorithm = plan.algorithms[trial.algorithm]
+    metadata = {
+        "env_steps": plan.protocol.env_steps,
         "settings": settings_in_use(algorithm, plan.settings(trial)),
         "description": algorithm.description,
         "made_of": plan.made_of(trial),
     }
-    task = plan.variants[trial.variant]
-    return Job(plan.folder, trial, algorithm, task, plan.conditions, plan.changes, about)
-
-
-def _about(plan: ComparisonPlan, bound: BoundTask, notes: Sequence[str]) -> ComparisonAbout:
-    conditions = plan.conditions
-    settings = resolve("default", bound.task.settings, plan.changes)
-    return ComparisonAbout(
-        task=plan.name,
-        algorithms=list(plan.algorithms),
-        variants={
-            name: kept_file(plan.folder, name).relative_to(plan.folder).as_posix()
-            for name in plan.variants
-        },
-        base=plan.base,
-        trials=plan.trials,
-        env_steps=conditions.env_steps,
-        seeds=plan.seeds,
-        threshold=plan.threshold,
-        evaluate_every=conditions.evaluate_every,
-        evaluation_episodes=conditions.evaluation_episodes,
-        final_episodes=conditions.final_episodes,
-        rewarded_by=reward_source(bound.rewarded_by, settings),
-        inputs=_INPUTS[settings.training.inputs],
-        command=command(plan),
-        unit=unit_of(bound.task),
-        notes=notes,
-    )
-
-
-_INPUTS = {
-    "observation": "the observation",
-    "state": "the grounded state",
-    "both": "the observation and the grounded state",
-}
+    return Job(
+        plan.folder, trial, algorithm, plan.variants[trial.variant], plan.protocol, plan.changes,
+        metadata,
+    )  # fmt: skip

@@ -20,7 +20,7 @@ from typing import Any
 from serp.compare.algorithms import Algorithm, Changes
 from serp.compare.protocol import ComparisonProtocol
 from serp.compare.records import Trial
-from serp.compare.storage import is_complete, write_trial
+from serp.compare.trial_files import is_complete, write_trial
 from serp.compare.trials.trial import run_trial
 from serp.errors import SerpError
 from serp.tasks.task import Task
@@ -38,29 +38,29 @@ class Job:
         trial: What it is of.
         algorithm: Its algorithm.
         task: The task with the domain file of the variant.
-        conditions: The equal terms.
+        protocol: Budget and evaluations.
         changes: What is changed in the settings of all algorithms.
-        about: What a trial is to say of itself besides what it finds.
+        metadata: What `trial.json` is to hold besides what the trial finds.
     """
 
     folder: Path
     trial: Trial
     algorithm: Algorithm
     task: Task
-    conditions: ComparisonProtocol
+    protocol: ComparisonProtocol
     changes: Changes
-    about: Mapping[str, Any]
+    metadata: Mapping[str, Any]
 
     def run(self, on_progress: OnProgress) -> Ended:
         """Run the trial, write what it found, and return how it ended."""
         trial = self.trial
         try:
             measured = run_trial(
-                trial, self.algorithm, self.task, self.conditions, self.changes,
+                trial, self.algorithm, self.task, self.protocol, self.changes,
                 partial(on_progress, trial),
             )  # fmt: skip
-            about = {**self.about, "terms": measured.terms, "seconds": measured.seconds}
-            write_trial(self.folder, trial, measured, about, self.task.counters)
+            metadata = {**self.metadata, "terms": measured.terms, "seconds": measured.seconds}
+            write_trial(self.folder, trial, measured, metadata, self.task.counters)
         except SerpError as error:
             notes: list[str] = getattr(error, "__notes__", [])
             return Ended(trial, "\n".join([str(error), *notes]))
@@ -81,7 +81,7 @@ class Ended:
 
 
 def portable(jobs: Sequence[Job]) -> bool:
-    """Whether the jobs can be sent to other processes: functions in them have to be importable."""
+    """Return whether jobs can be sent to other processes, which import the functions in them."""
     try:
         sent = pickle.dumps(jobs)
     except Exception:  # whatever an attribute of somebody's task raises

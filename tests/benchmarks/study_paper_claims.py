@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from serp.compare.analysis.statistics import Estimate, difference, mean, standard_deviation
-from serp.compare.report.markdown import estimate_text
+from serp.compare.report.formatting import estimate_text
 
 MARGIN = 0.05  # of the range of returns: what counts as similar, and as not below
 

@@ -56,7 +56,7 @@ def running_return(record: Record, at: Array) -> Array:
 
     Smoothed is the mean over this episode and the 19 before it (over as many as there are).
     Piecewise constant: episode i runs from the step after the end of episode i - 1 to its own
-    end. After the last complete episode its return goes on, as nothing else is known.
+    end. The last complete episode's return is used to the end, as nothing else is known.
 
     Args:
         record: Of a trial.
@@ -73,17 +73,17 @@ def running_return(record: Record, at: Array) -> Array:
 
 
 def training_curves(records: Sequence[Record], env_steps: int) -> Curves:
-    """Training return over env steps from 0 to the budget, smoothed over 20 episodes."""
+    """Return training returns over env steps from 0 to the budget, smoothed over 20 episodes."""
     grid = np.linspace(0, env_steps, GRID)
     rows = [running_return(record, grid) for record in records]
     return _stacked(grid, rows)
 
 
 def episode_curves(records: Sequence[Record]) -> Curves:
-    """Training return over episodes, smoothed over 20.
+    """Return training returns over episodes, smoothed over 20.
 
-    It ends with the seed that has the fewest episodes: where only the trials with short episodes
-    are left, an average would be one over the bad trials.
+    They end with the seed that has the fewest episodes: beyond it, an average would be over the
+    trials with short episodes alone.
     """
     played = [record for record in records if len(record.episodes["return"])]
     count = min((len(record.episodes["return"]) for record in played), default=0)
@@ -93,9 +93,9 @@ def episode_curves(records: Sequence[Record]) -> Curves:
 
 
 def unit_curves(records: Sequence[Record]) -> Curves:
-    """Mean return of the episodes of each unit (game), up to the unit that every seed has.
+    """Return mean returns of the episodes of each unit (game), up to the last that all seeds have.
 
-    A unit in which no episode ended takes the value of the one before.
+    A unit in which no episode ended has the value of the one before.
     """
     played = [record for record in records if len(record.episodes["return"])]
     count = min((int(record.episodes["unit"].max()) + 1 for record in played), default=0)
@@ -115,7 +115,7 @@ def unit_curves(records: Sequence[Record]) -> Curves:
 
 
 def evaluation_curves(records: Sequence[Record]) -> Curves:
-    """Mean return of the learner alone at the checkpoints of all seeds, straight in between."""
+    """Return mean returns of the learner alone at all checkpoints, interpolated linearly."""
     found = [points for record in records if len((points := checkpoints(record)).env_steps)]
     if not found:
         return Curves(np.zeros(0), np.zeros((0, 0)))
@@ -126,7 +126,7 @@ def evaluation_curves(records: Sequence[Record]) -> Curves:
 
 
 def _thinned(count: int) -> NDArray[np.int64]:
-    """Whole numbers from 1 to `count`, no more than `GRID` of them, the ends among them."""
+    """Return at most `GRID` whole numbers from 1 to `count`, both ends among them."""
     if count <= GRID:
         return np.arange(1, count + 1)
     return np.unique(np.round(np.linspace(1, count, GRID)).astype(np.int64))

@@ -1,4 +1,4 @@
-"""What the measures of a trial are called, mean, and whether more of them is better."""
+"""Names, meanings and units of the measures of a trial, and which way is better."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Measure(NamedTuple):
     Attributes:
         name: Its column in `measures.csv`.
         title: In tables, short.
-        meaning: What it is, in one sentence.
+        meaning: Its definition, in a sentence or two.
         unit: `return`, `env steps`, `episodes`, `steps`, `seconds`, `share` or `count`.
         better: Which way is better; None where neither is.
         time: Whether it is a time until something, infinite where that never happened.
@@ -26,170 +26,94 @@ class Measure(NamedTuple):
     time: bool = False
 
 
+# fmt: off
 MEASURES: Final = (
-    Measure(
-        "training_area",
-        "area under the training curve",
-        "Time average, over the budget, of the return of the training episode that is running at "
-        "each env step; the last complete episode's return goes on to the end of the budget.",
-        "return",
-        "higher",
-    ),
-    Measure(
-        "learner_area",
-        "area under the learner's curve",
-        "Area under the mean returns of the learner alone (greedy, no planner, no veto) at the "
-        "checkpoints, by the trapezoid rule, divided by the budget; the first and the last value "
-        "go on to the ends of the budget.",
-        "return",
-        "higher",
-    ),
-    Measure(
-        "first_10",
-        "first 10 episodes",
-        "Mean return of the first 10 training episodes (of all, where there are fewer).",
-        "return",
-        "higher",
-    ),
-    Measure(
-        "first_50",
-        "first 50 episodes",
-        "Mean return of the first 50 training episodes (of all, where there are fewer).",
-        "return",
-        "higher",
-    ),
-    Measure(
-        "last_20",
-        "last 20 episodes",
-        "Mean return of the last 20 training episodes (of all, where there are fewer).",
-        "return",
-        "higher",
-    ),
-    Measure(
-        "threshold_env_steps",
-        "env steps to the threshold",
-        "Env steps until the mean return of 20 training episodes in a row first reaches the "
-        "threshold. Fewer than 20 training episodes are too few to say so, or to say never.",
-        "env steps",
-        "lower",
-        True,
-    ),
-    Measure(
-        "threshold_episodes",
-        "episodes to the threshold",
-        "Training episodes until the same.",
-        "episodes",
-        "lower",
-        True,
-    ),
-    Measure(
-        "learner_threshold_env_steps",
-        "env steps to the learner's threshold",
-        "Env steps "
-        "until an evaluation of the learner alone first reaches the threshold in the mean. Fewer "
-        "than 20 evaluation episodes in all are too few to say so, or to say never.",
-        "env steps",
-        "lower",
-        True,
-    ),
-    Measure(
-        "learner_threshold_held",
-        "threshold held",
-        "Share of the evaluations after that one that reach the threshold, too.",
-        "share",
-        "higher",
-    ),
-    Measure(
-        "final_learner",
-        "final learner alone",
-        "Mean return of the learner alone (greedy, no planner, no veto) at the end of training. "
-        "`residual` keeps the planner's values, which are a part of its Q.",
-        "return",
-        "higher",
-    ),
-    Measure(
-        "final_vetoed",
-        "final policy within the vetoes",
-        "The same within the vetoes. What takes the place of a refused proposal is for the "
-        "algorithm's settings to say (`arbiter.after_veto`); for algorithms from outside it is the "
-        "planner's action.",
-        "return",
-        "higher",
-    ),
-    Measure(
-        "planner",
-        "planner alone",
-        "Mean return of the planner alone, evaluated at the end of training.",
-        "return",
-        "higher",
-    ),
-    Measure("episodes", "episodes", "Complete training episodes.", "episodes", None),
-    Measure(
-        "terminated",
-        "terminated episodes",
-        "Training episodes that the environment ended (a "
-        "fall, a goal; not a limit of time or steps).",
-        "episodes",
-        None,
-    ),
-    Measure(
-        "unsafe",
-        "unsafe executed",
-        "Actions executed in training that the domain file flags unsafe.",
-        "steps",
-        "lower",
-    ),
-    Measure(
-        "avoidable_unsafe",
-        "avoidable unsafe executed",
-        "Those of them that were executed while another action was not flagged.",
-        "steps",
-        "lower",
-    ),
-    Measure(
-        "final_learner_unsafe",
-        "unsafe, final learner alone",
-        "Unsafe actions of the final evaluation of the learner alone, an episode.",
-        "steps",
-        "lower",
-    ),
-    Measure(
-        "final_vetoed_unsafe",
-        "unsafe, final policy within the vetoes",
-        "Unsafe actions of the final evaluation within the vetoes, an episode.",
-        "steps",
-        "lower",
-    ),
-    Measure("vetoes", "vetoes", "Proposals refused in training.", "steps", None),
-    Measure(
-        "planner_share",
-        "planner's share",
-        "Share of the env steps in which the planner's action was executed.",
-        "share",
-        None,
-    ),
-    Measure(
-        "seconds",
-        "seconds of training",
-        "Wall time of training, evaluations left out.",
-        "seconds",
-        "lower",
-    ),
-    Measure(
-        "seconds_per_1000",
-        "seconds per 1,000 env steps",
-        "The same per 1,000 env steps.",
-        "seconds",
-        "lower",
-    ),
+    Measure("training_area", "area under the training curve",
+            "Time average, over the budget, of the return of the training episode that is running "
+            "at each env step; the last complete episode's return goes on to the end of the "
+            "budget.",
+            "return", "higher"),
+    Measure("learner_area", "area under the learner's curve",
+            "Area under the mean returns of the learner alone (greedy, no planner, no veto) at "
+            "the checkpoints, by the trapezoid rule, divided by the budget; the first and the "
+            "last value go on to the ends of the budget.",
+            "return", "higher"),
+    Measure("first_10", "first 10 episodes",
+            "Mean return of the first 10 training episodes (of all, where there are fewer).",
+            "return", "higher"),
+    Measure("first_50", "first 50 episodes",
+            "Mean return of the first 50 training episodes (of all, where there are fewer).",
+            "return", "higher"),
+    Measure("last_20", "last 20 episodes",
+            "Mean return of the last 20 training episodes (of all, where there are fewer).",
+            "return", "higher"),
+    Measure("threshold_env_steps", "env steps to the threshold",
+            "Env steps until the mean return of 20 training episodes in a row first reaches the "
+            "threshold. Fewer than 20 training episodes are too few to say so, or to say never.",
+            "env steps", "lower", True),
+    Measure("threshold_episodes", "episodes to the threshold",
+            "Training episodes until the same.",
+            "episodes", "lower", True),
+    Measure("learner_threshold_env_steps", "env steps to the learner's threshold",
+            "Env steps until an evaluation of the learner alone first reaches the threshold in "
+            "the mean. Fewer than 20 evaluation episodes in all are too few to say so, or to say "
+            "never.",
+            "env steps", "lower", True),
+    Measure("learner_threshold_held", "threshold held",
+            "Share of the evaluations after that one that reach the threshold, too.",
+            "share", "higher"),
+    Measure("final_learner", "final learner alone",
+            "Mean return of the learner alone (greedy, no planner, no veto) at the end of "
+            "training. `residual` keeps the planner's values, which are a part of its Q.",
+            "return", "higher"),
+    Measure("final_vetoed", "final policy within the vetoes",
+            "The same within the vetoes. What takes the place of a refused proposal is for the "
+            "algorithm's settings to say (`arbiter.after_veto`); for algorithms from outside it "
+            "is the planner's action.",
+            "return", "higher"),
+    Measure("planner", "planner alone",
+            "Mean return of the planner alone, evaluated at the end of training.",
+            "return", "higher"),
+    Measure("episodes", "episodes",
+            "Complete training episodes.",
+            "episodes", None),
+    Measure("terminated", "terminated episodes",
+            "Training episodes that the environment ended (a fall, a goal; not a limit of time or "
+            "steps).",
+            "episodes", None),
+    Measure("unsafe", "unsafe executed",
+            "Actions executed in training that the domain file flags unsafe.",
+            "steps", "lower"),
+    Measure("avoidable_unsafe", "avoidable unsafe executed",
+            "Those of them that were executed while another action was not flagged.",
+            "steps", "lower"),
+    Measure("final_learner_unsafe", "unsafe, final learner alone",
+            "Unsafe actions of the final evaluation of the learner alone, an episode.",
+            "steps", "lower"),
+    Measure("final_vetoed_unsafe", "unsafe, final policy within the vetoes",
+            "Unsafe actions of the final evaluation within the vetoes, an episode.",
+            "steps", "lower"),
+    Measure("vetoes", "vetoes",
+            "Proposals refused in training.",
+            "steps", None),
+    Measure("planner_share", "planner's share",
+            "Share of the env steps in which the planner's action was executed.",
+            "share", None),
+    Measure("seconds", "seconds of training",
+            "Wall time of training, evaluations left out.",
+            "seconds", "lower"),
+    Measure("seconds_per_1000", "seconds per 1,000 env steps",
+            "The same per 1,000 env steps.",
+            "seconds", "lower"),
 )
 """All measures that every trial has, in the order in which they are reported."""
+# fmt: on
 
 BY_NAME: Final[Mapping[str, Measure]] = {measure.name: measure for measure in MEASURES}
 
 
 def extra_measures(names: Iterable[str]) -> tuple[Measure, ...]:
-    """Describe measures that only some tasks have: outcomes and counters of the environment."""
+    """Return the measures that only some tasks have: outcomes and counters of the environment."""
     found = []
     for name in sorted({name for name in names if name not in BY_NAME}):
         kind, _, what = name.partition(".")

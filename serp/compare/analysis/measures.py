@@ -1,4 +1,4 @@
-"""Takes every measure of a trial; `serp.compare.analysis.definitions` says what they are."""
+"""The values of all measures of a trial; `serp.compare.analysis.definitions` defines them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LEARNER_THRESHOLD: Final = ("learner_threshold_env_steps", "learner_threshold_he
 
 
 def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str, float]:
-    """Take every measure of a trial.
+    """Return every measure of a trial.
 
     Args:
         record: Of the trial.
@@ -30,8 +30,8 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
 
     Returns:
         Every name of `serp.compare.analysis.definitions.MEASURES`, then `outcome.<name>` and
-        `info.<name>`, as far as there are such. NaN where nothing was measured or too few episodes
-        tell (see `undecided`), infinity for times until what never happened.
+        `info.<name>`, if there are any. NaN where nothing was measured or there are too few
+        episodes (see `undecided`), infinity for times until what never happened.
     """
     episodes = record.episodes
     returns = episodes["return"].astype(np.float64)
@@ -75,7 +75,7 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
 def undecided(record: Record, threshold: float | None) -> tuple[str, ...]:
     """Return the measures of a threshold that a trial has too few episodes for.
 
-    One lucky episode is no good policy, and a few bad ones are no "never".
+    A few episodes do not show that a policy is good, nor that it never is.
     """
     if threshold is None:
         return ()
@@ -85,7 +85,7 @@ def undecided(record: Record, threshold: float | None) -> tuple[str, ...]:
 
 
 def training_area(ends: Array, returns: Array, env_steps: int) -> float:
-    """Time average over a budget of the return of the running episode.
+    """Return the time average over a budget of the return of the running episode.
 
     Args:
         ends: Env step at which each episode ended, rising.
@@ -100,7 +100,7 @@ def training_area(ends: Array, returns: Array, env_steps: int) -> float:
 
 
 def learner_area(points: Checkpoints, env_steps: int) -> float:
-    """Area under a curve of evaluations, divided by the budget."""
+    """Return the area under a curve of evaluations, divided by the budget."""
     if not len(points.env_steps) or env_steps <= 0:
         return float("nan")
     inside = (points.env_steps > 0) & (points.env_steps < env_steps)
@@ -133,7 +133,7 @@ def _learner_threshold(points: Checkpoints, threshold: float | None) -> dict[str
 
 
 def _final(record: Record, policy: str, column: str) -> float:
-    """Mean over the episodes of a policy's last evaluation."""
+    """Return the mean over the episodes of a policy's last evaluation."""
     evaluations = record.evaluations
     rows = evaluations["policy"] == policy
     if not rows.any():
@@ -143,7 +143,7 @@ def _final(record: Record, policy: str, column: str) -> float:
 
 
 def _seconds(record: Record) -> float:
-    found = (record.about.get("seconds") or {}).get("training")
+    found = (record.metadata.get("seconds") or {}).get("training")
     if found is not None:
         return float(found)
     seconds = record.episodes["seconds"]

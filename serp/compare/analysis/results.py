@@ -20,80 +20,67 @@ from serp.compare.analysis.statistics import (
     mean,
     times,
 )
+from serp.compare.metadata import ComparisonMetadata
 from serp.compare.records import Record, Trial
-from serp.compare.report.metadata import ComparisonAbout
 
 Array = NDArray[np.float64]
 
-PLANNER: Final = "mrp"
-"""The algorithm that is the planner alone."""
-PLAIN: Final = "dqn"
-"""The algorithm that is the learner alone: the line to beat."""
-OURS: Final = "serp"
 ENOUGH: Final = 5
-"""Intervals over fewer seeds than these are rough: they are too narrow as a rule."""
+"""Intervals over fewer seeds than these are rough: they tend to be too narrow."""
 
 
 class Results:
     """Finished trials, in the order of the tables, and their measures.
 
     Args:
-        records: Of finished trials, in any order; some may be missing. Of two of the same trial the
-            last one counts.
-        about: What the comparison was asked for.
+        records: Of finished trials, in any order; some may be missing.
+        metadata: What the comparison was asked for.
 
     Attributes:
-        about: As given.
+        metadata: As given.
         records: In the order of algorithms, variants (the base first) and seeds.
         measured: Trial → name of a measure → value; see `serp.compare.analysis.measures`.
         undecided: Trial → measures of the threshold that it has too few episodes for.
         missing: Trials that were asked for and are not there.
     """
 
-    def __init__(self, records: Iterable[Record], about: ComparisonAbout) -> None:
-        self.about = about
+    def __init__(self, records: Iterable[Record], metadata: ComparisonMetadata) -> None:
+        self.metadata = metadata
         found = {record.trial: record for record in records}
-        order = sorted(found, key=self._place)
+        order = [
+            trial
+            for algorithm in metadata.algorithms
+            for variant in self.variants
+            for seed in metadata.seeds
+            if (trial := Trial(algorithm, variant, seed)) in found
+        ]
         self.records = tuple(found[trial] for trial in order)
         self.measured = {
-            trial: measure(found[trial], about.env_steps, about.threshold) for trial in order
+            trial: measure(found[trial], metadata.protocol.env_steps, metadata.threshold)
+            for trial in order
         }
-        self.undecided = {trial: undecided(found[trial], about.threshold) for trial in order}
-        self.missing = tuple(trial for trial in about.trials if trial not in found)
+        self.undecided = {trial: undecided(found[trial], metadata.threshold) for trial in order}
+        self.missing = tuple(trial for trial in metadata.trials if trial not in found)
         self._estimates: dict[tuple[str, str, str], Estimate] = {}
-
-    def _place(self, trial: Trial) -> tuple[int, str, int, str, int]:
-        algorithms, variants = list(self.about.algorithms), list(self.variants)
-        return (
-            algorithms.index(trial.algorithm) if trial.algorithm in algorithms else len(algorithms),
-            trial.algorithm,
-            variants.index(trial.variant) if trial.variant in variants else len(variants),
-            trial.variant,
-            trial.seed,
-        )
 
     @cached_property
     def variants(self) -> tuple[str, ...]:
         """Names of the domain files that were asked for, the base first."""
-        others = (name for name in self.about.variants if name != self.about.base)
-        return (self.about.base, *others)
+        others = (name for name in self.metadata.variants if name != self.metadata.base)
+        return (self.metadata.base, *others)
 
     @cached_property
     def algorithms(self) -> tuple[str, ...]:
         """Algorithms with a finished trial on the base variant."""
-        return self.on(self.about.base)
+        return self.on(self.metadata.base)
 
     def on(self, variant: str) -> tuple[str, ...]:
-        """Algorithms with a finished trial on a variant, in order."""
-        return tuple(
-            dict.fromkeys(
-                record.trial.algorithm for record in self.records if record.trial.variant == variant
-            )
-        )
+        """Return the algorithms with a finished trial on a variant, in order."""
+        return tuple(dict.fromkeys(t.algorithm for t in self.measured if t.variant == variant))
 
     def of(self, algorithm: str, variant: str | None = None) -> tuple[Record, ...]:
-        """The trials of an algorithm on a variant (the base by default), by seed."""
-        chosen = self.about.base if variant is None else variant
+        """Return the trials of an algorithm on a variant (the base by default), by seed."""
+        chosen = self.metadata.base if variant is None else variant
         return tuple(
             record
             for record in self.records
@@ -108,9 +95,9 @@ class Results:
         )
 
     def values(self, algorithm: str, name: str, variant: str | None = None) -> Array:
-        """A measure of every trial of an algorithm on a variant, by seed.
+        """Return a measure of every trial of an algorithm on a variant, by seed.
 
-        An outcome that never came in a trial counts 0; NaN is what was not measured.
+        An outcome that a trial never had counts 0; NaN is what was not measured.
         """
         absent = 0.0 if name.startswith("outcome.") else np.nan
         return np.array(
@@ -122,18 +109,18 @@ class Results:
         )
 
     def times(self, algorithm: str, name: str, variant: str | None = None) -> Times:
-        """Sum up a measure that is a time until something."""
+        """Return the median of a measure that is a time until something, with its interval."""
         few = sum(name in self.undecided[record.trial] for record in self.of(algorithm, variant))
         return times(self.values(algorithm, name, variant), few)
 
     def caution(self, *variants: str) -> str | None:
-        """Say of some variants (the base by default) that they have few seeds; None: they have not.
+        """Return a warning if some variants (the base by default) have few seeds.
 
-        It stands wherever intervals and verdicts are shown.
+        It is shown with all intervals and verdicts.
         """
         counts = {
             (name, variant): len(self.of(name, variant))
-            for variant in variants or (self.about.base,)
+            for variant in variants or (self.metadata.base,)
             for name in self.on(variant)
         }
         few = {place: count for place, count in counts.items() if count < ENOUGH}
@@ -145,23 +132,23 @@ class Results:
         return f"Few seeds ({seeds}{of}): intervals and verdicts are rough. Take at least {ENOUGH}."
 
     def known(self, algorithm: str, name: str, variant: str | None = None) -> Array:
-        """The same for intervals: what is unknown is left out.
+        """Return the values of a measure for intervals: those that are unknown are left out.
 
         A time until what never happened counts as the whole training, which favours the trial
-        that failed: a difference in favour of another algorithm is at least what it says.
+        that failed: a difference in favour of another algorithm is at least that large.
         """
         values = self.values(algorithm, name, variant)
         measured = BY_NAME.get(name)
         if measured is not None and measured.time:
-            whole: Array | float = float(self.about.env_steps)
+            whole: Array | float = float(self.metadata.protocol.env_steps)
             if measured.unit == "episodes":
                 whole = self.values(algorithm, "episodes", variant)
             values = np.where(np.isposinf(values), whole, values)
         return values[~np.isnan(values)]
 
     def estimate(self, algorithm: str, name: str, variant: str | None = None) -> Estimate:
-        """The interquartile mean of a measure over the seeds, with its 95 % interval."""
-        key = (algorithm, name, variant or self.about.base)
+        """Return the interquartile mean of a measure over the seeds, with its 95 % interval."""
+        key = (algorithm, name, variant or self.metadata.base)
         if key not in self._estimates:
             self._estimates[key] = estimate([self.known(*key)])
         return self._estimates[key]

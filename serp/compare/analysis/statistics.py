@@ -1,12 +1,13 @@
-"""Statistics of a few seeds: interquartile means, bootstrap intervals, times that never came.
+"""Statistics of a few seeds: interquartile means, bootstrap intervals, censored times.
 
 Means of a handful of training runs say little without an interval. The interquartile mean (mean of
 the middle half) with percentile intervals from a stratified bootstrap is what Agarwal et al., *Deep
 Reinforcement Learning at the Edge of the Statistical Precipice* (NeurIPS 2021, arXiv:2108.13264),
 recommend: robust against one lucky or failed run, and less wasteful than the median.
 
-Everywhere: values that are NaN were not measured and are left out; results do not depend on the
-order of the seeds; the generator has a fixed seed, so that equal data give equal intervals.
+Values that are NaN were not measured and are left out. Results do not depend on the order of the
+seeds. The generator has a fixed seed, so that equal data give equal intervals. The intervals are
+those of `scipy.stats.bootstrap`, except that of a median of times (see `times`).
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class Estimate(NamedTuple):
 
 
 class Times(NamedTuple):
-    """Times until something happened, in trials of which some never saw it.
+    """Times until something happened; in some trials it never did.
 
     Attributes:
         median: Of all trials, with infinity for never; NaN without trials.
@@ -77,19 +78,19 @@ class CurveBand(NamedTuple):
 
 
 def mean(values: Array) -> Array:
-    """Mean along the last axis; NaN where that is empty."""
+    """Return the mean along the last axis; NaN if that is empty."""
     with np.errstate(invalid="ignore"):  # infinities of both signs
         return _reduced(np.mean, values)
 
 
 def interquartile_mean(values: Array) -> Array:
-    """Mean of the middle half along the last axis; NaN where that is empty."""
+    """Return the mean of the middle half along the last axis; NaN if that is empty."""
     with np.errstate(invalid="ignore"):
         return _reduced(lambda v, axis: trim_mean(v, 0.25, axis=axis), values)
 
 
 def standard_deviation(values: Array) -> Array:
-    """Standard deviation (n - 1) along the last axis; 0 for one value, NaN where it is empty."""
+    """Return the standard deviation (n - 1) along the last axis; 0 for one value, NaN for none."""
     if values.shape[-1] == 1:
         return np.zeros(values.shape[:-1])
     with np.errstate(invalid="ignore"):
@@ -97,7 +98,7 @@ def standard_deviation(values: Array) -> Array:
 
 
 def median(values: Array) -> float:
-    """Median; NaN where there are no values."""
+    """Return the median; NaN if there are no values."""
     return float(np.median(values)) if len(values) else float("nan")
 
 
@@ -142,7 +143,7 @@ def difference(
     ours, theirs = (
         [values for values in map(_sorted, side) if len(values)] for side in (first, second)
     )
-    # Without a spread on one side, an interval would claim that it has none.
+    # One value on a side tells nothing of its spread, so that there is no interval.
     if min(_most(ours), _most(theirs)) < 2:
         return Estimate(_difference(ours, theirs, statistic), None, None)
     split = len(ours)
@@ -156,10 +157,10 @@ def difference(
 
 
 def times(values: ArrayLike, too_few: int = 0) -> Times:
-    """Sum up times, infinity standing for never.
+    """Return the median of times, infinity standing for never, with its interval.
 
-    The interval takes its ends from among the medians of the resampled trials, so that it can
-    reach up to infinity.
+    The ends of the interval are medians of resampled trials: scipy's interpolate between two, which
+    has no meaning next to infinity.
 
     Args:
         values: `[trials]`.
@@ -182,14 +183,14 @@ def times(values: ArrayLike, too_few: int = 0) -> Times:
 
 
 def mean_band(curves: Array) -> CurveBand:
-    """Mean of curves `[seeds, G]` with one standard deviation on each side, as in the paper."""
+    """Return the mean of curves `[seeds, G]` ± one standard deviation, as in the paper."""
     across = curves.T
     centre, spread = mean(across), standard_deviation(across)
     return CurveBand(centre, centre - spread, centre + spread)
 
 
 def interquartile_band(curves: Array) -> CurveBand:
-    """Interquartile mean of curves `[seeds, G]` with its pointwise 95 % bootstrap interval.
+    """Return the interquartile mean of curves `[seeds, G]` with its pointwise 95 % interval.
 
     All points use the same resampled seeds. Rows that hold a NaN are left out.
     """
@@ -233,7 +234,7 @@ def _interval(strata: Sequence[Array], statistic: Callable[[Sequence[Array]], Ar
 def _bootstrap(
     strata: Sequence[Array], statistic: Callable[[Sequence[Array]], Array], *, resamples: int
 ) -> tuple[Array, Array]:
-    """Ends of the percentile interval; every stratum `[..., seeds]` is resampled by itself."""
+    """Return the ends of the percentile interval; strata `[..., seeds]` are resampled alone."""
     # A stratum of one seed stays as it is: scipy wants two, and twice the same is the same.
     whole = [stratum if stratum.shape[-1] > 1 else None for stratum in strata]
     resampled = [stratum for stratum in whole if stratum is not None]

@@ -1,7 +1,7 @@
-"""How bad may the model be? One algorithm over several domain files for the same task.
+"""One algorithm on several domain files for the same task: how bad may the model be?
 
-For every domain file (a *variant*): what the planner that believes it is worth, what comes of
-learning with it, and whether that is worse than learning without any planner.
+For every domain file (a *variant*): the return of the planner that uses it, the results of learning
+with it, and whether these are worse than those of learning without a planner.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.compare.analysis.results import OURS, PLAIN, PLANNER, Results
+from serp.compare.algorithms import DQN, PLANNER, SERP
+from serp.compare.analysis.results import Results
 from serp.compare.analysis.statistics import Estimate, difference, estimate, mean
 
 Verdict = Literal["holds", "does not hold", "undecided", "not measured"]
@@ -41,7 +42,7 @@ class Check(NamedTuple):
 
 
 class VariantRow(NamedTuple):
-    """What came of one domain file.
+    """The results on one domain file.
 
     Attributes:
         variant: Its name.
@@ -65,13 +66,13 @@ class VariantRow(NamedTuple):
 
 
 def subject(results: Results) -> str:
-    """The algorithm that the variants are told of: `serp`, else the first with any trial."""
+    """Return the algorithm whose results on variants are shown: `serp`, else the first."""
     names = {record.trial.algorithm: None for record in results.records}
-    return OURS if OURS in names else next(iter(names), OURS)
+    return SERP if SERP in names else next(iter(names), SERP)
 
 
 def variant_rows(results: Results) -> tuple[VariantRow, ...]:
-    """A row for each variant that has a finished trial, the base first."""
+    """Return a row for each variant that has a finished trial, the base first."""
     ours = subject(results)
     return tuple(
         _row(results, ours, variant) for variant in results.variants if results.of(ours, variant)
@@ -79,20 +80,20 @@ def variant_rows(results: Results) -> tuple[VariantRow, ...]:
 
 
 def pooled_final(results: Results) -> Check:
-    """The final learner over all variants together against plain DQN's.
+    """Compare the final learner over all variants together with that of plain DQN.
 
-    The variants are the strata: the seeds of each are resampled by themselves. Plain DQN knows no
-    domain file, so its trials are one stratum, however often they are compared with.
+    The variants are the strata: the seeds of each are resampled alone. Plain DQN uses no domain
+    file, so that its trials are one stratum.
     """
     ours = subject(results)
     found = [name for name in results.variants if results.of(ours, name)]
     strata = [results.known(ours, "final_learner", name) for name in found]
-    plain = results.known(PLAIN, "final_learner")
-    return _check(PLAIN, difference(strata, [plain], mean), FINAL_MARGIN * results.range)
+    plain = results.known(DQN, "final_learner")
+    return _check(DQN, difference(strata, [plain], mean), FINAL_MARGIN * results.range)
 
 
 def planner_returns(results: Results, variant: str) -> NDArray[np.float64]:
-    """Mean return of the planner alone in each trial that evaluated it."""
+    """Return the mean return of the planner alone in each trial that evaluated it."""
     for algorithm in (PLANNER, subject(results)):
         found = results.known(algorithm, "planner", variant)
         if len(found):
@@ -107,7 +108,7 @@ def _row(results: Results, ours: str, variant: str) -> VariantRow:
     planner_early = results.known(PLANNER, EARLY, variant)
     if not len(planner_early):
         planner_early = planner_returns(results, variant)
-    rivals = {PLANNER: planner_early, PLAIN: plain_early}
+    rivals = {PLANNER: planner_early, DQN: plain_early}
     better = max(rivals, key=lambda name: rivals[name].mean() if len(rivals[name]) else -np.inf)
     final_difference = difference([final], [_plain(results, "final_learner", variant)], mean)
     return VariantRow(
@@ -117,7 +118,7 @@ def _row(results: Results, ours: str, variant: str) -> VariantRow:
         area=results.estimate(ours, "training_area", variant),
         early=results.estimate(ours, EARLY, variant),
         final=results.estimate(ours, "final_learner", variant),
-        final_check=_check(PLAIN, final_difference, FINAL_MARGIN * results.range),
+        final_check=_check(DQN, final_difference, FINAL_MARGIN * results.range),
         early_check=_check(
             better, difference([early], [rivals[better]], mean), EARLY_MARGIN * results.range
         ),
@@ -125,9 +126,9 @@ def _row(results: Results, ours: str, variant: str) -> VariantRow:
 
 
 def _plain(results: Results, name: str, variant: str) -> NDArray[np.float64]:
-    """Plain DQN's on a variant, else its own on the base: no domain file guides it."""
-    own = results.known(PLAIN, name, variant)
-    return own if len(own) else results.known(PLAIN, name)
+    """Return a measure of plain DQN, which needs no domain file: on the variant, else the base."""
+    own = results.known(DQN, name, variant)
+    return own if len(own) else results.known(DQN, name)
 
 
 def _check(to: str, found: Estimate, margin: float) -> Check:

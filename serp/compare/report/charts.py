@@ -11,19 +11,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from serp._util.figures import FAINT, INK, STYLE
+from serp.compare.algorithms import DQN
 from serp.compare.analysis.definitions import BY_NAME
-from serp.compare.analysis.results import PLAIN, Results
+from serp.compare.analysis.results import Results
 from serp.compare.analysis.statistics import Estimate
 from serp.compare.analysis.variants import VariantRow, subject, variant_rows
-from serp.compare.report.line_styles import looks, mark_caution, mark_cut
+from serp.compare.report.line_styles import line_styles, mark_caution, mark_cut
 
 _PANELS: Final = ("training_area", "learner_area", "final_learner", "final_vetoed")
 
 
 def estimates_chart(results: Results) -> Figure:
-    """A point with its interval for each algorithm, a panel for each of four measures."""
+    """Draw a point with its interval for each algorithm, a panel for each of four measures."""
     algorithms = results.algorithms
-    looking = looks(algorithms)
+    styles = line_styles(algorithms)
     with matplotlib.style.context(["default", STYLE]):
         height = 1.5 + 0.36 * len(algorithms)
         figure = Figure(figsize=(11.0, max(height, 2.4)), layout="constrained")
@@ -32,10 +33,10 @@ def estimates_chart(results: Results) -> Figure:
             for row, algorithm in enumerate(algorithms):
                 found = results.estimate(algorithm, name)
                 if np.isfinite(found.value):
-                    look = looking[algorithm]
+                    style = styles[algorithm]
                     axes.errorbar(
-                        found.value, row, xerr=_errors(found), color=look.colour, linewidth=2.2,
-                        capsize=4, capthick=2.2, marker=look.marker, markersize=5,
+                        found.value, row, xerr=_errors(found), color=style.colour, linewidth=2.2,
+                        capsize=4, capthick=2.2, marker=style.marker, markersize=5,
                     )  # fmt: skip
             axes.set_title(fill(BY_NAME[name].title, 22), fontsize=10.5)
             axes.set_xlabel("return")
@@ -51,7 +52,7 @@ def estimates_chart(results: Results) -> Figure:
 
 
 def variants_chart(results: Results) -> Figure:
-    """Final learner and area under the training curve over what the planner alone is worth.
+    """Draw final learner and area under the training curve over the return of the planner alone.
 
     A point is a domain file; plain DQN is the horizontal line with its interval as a band.
     """
@@ -84,20 +85,20 @@ def _panel(
     axes.set_title(BY_NAME[measure].title)
     axes.set_xlabel("return of the planner alone (mean)")
     axes.set_ylabel(f"return with {name}")
-    looking = looks([row.variant for row in rows])
+    styles = line_styles([row.variant for row in rows])
     for row, found in zip(rows, values, strict=True):
         if np.isfinite(found.value):
-            look = looking[row.variant]
+            style = styles[row.variant]
             axes.errorbar(
                 row.planner.value, found.value, xerr=_errors(row.planner), yerr=_errors(found),
-                color=look.colour, marker=look.marker, markersize=8,
+                color=style.colour, marker=style.marker, markersize=8,
                 markeredgecolor="white", markeredgewidth=0.7,
                 linewidth=1.8, linestyle="none", label=row.variant, zorder=3,
             )  # fmt: skip
-    plain = results.estimate(PLAIN, measure)
+    plain = results.estimate(DQN, measure)
     if np.isfinite(plain.value):
         axes.axhline(plain.value, color=INK, linestyle=(0, (5, 1.6)), linewidth=1.8,
-                     label=f"{PLAIN}, no planner")  # fmt: skip
+                     label=f"{DQN}, no planner")  # fmt: skip
         if plain.low is not None and plain.high is not None:
             axes.axhspan(plain.low, plain.high, color=INK, alpha=0.1, linewidth=0)
     axes.margins(x=0.08, y=0.08)
@@ -107,7 +108,7 @@ def _panel(
 
 
 def _diagonal(axes: Axes) -> None:
-    """Where learning ends with what the planner is worth alone; the limits stay."""
+    """Draw the line on which learning is worth as much as the planner alone; the limits stay."""
     limits = axes.get_xlim(), axes.get_ylim()
     axes.axline((limits[0][0], limits[0][0]), slope=1, color=FAINT, linestyle=":", linewidth=1.6,
                 label="the planner's own", zorder=1)  # fmt: skip

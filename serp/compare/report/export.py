@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import io
 import math
 from collections.abc import Iterable, Sequence
@@ -26,7 +27,7 @@ _LEADING = ("algorithm", "variant", "seed")
 
 
 def measures_csv(results: Results) -> str:
-    """A row a trial, a column a measure; empty where nothing was measured, `inf` for never."""
+    """Return a row a trial, a column a measure; empty if nothing was measured, `inf` for never."""
     names = [measure.name for measure in results.table]
     rows = (
         [*trial, *(_cell(values.get(name)) for name in names)]
@@ -36,51 +37,39 @@ def measures_csv(results: Results) -> str:
 
 
 def episodes_csv(records: Sequence[Record]) -> str:
-    """The training episodes of all trials; empty cells for counters that a trial has not."""
+    """Return the training episodes of all trials; cells of absent counters are empty."""
     extra = {name: None for record in records for name in record.episodes}
     names = list(dict.fromkeys([*EPISODE_COLUMNS, *extra]))
     return _merged(names, ((record.trial, record.episodes) for record in records))
 
 
 def evaluations_csv(records: Sequence[Record]) -> str:
-    """The evaluation episodes of all trials."""
+    """Return the evaluation episodes of all trials."""
     return _merged(EVALUATION_COLUMNS, ((record.trial, record.evaluations) for record in records))
 
 
 def comparison_json(results: Results) -> str:
-    """Everything that the report says, as strict JSON.
+    """Return everything that the report says, as strict JSON.
 
-    Null stands for what was not measured and for infinity; a trial's `never` names the measures
-    that are times until what did not happen, its `too_few_episodes` those that more episodes would
-    have told.
+    Null stands for what was not measured and for infinity; a trial's `never` names the times until
+    what did not happen, its `too_few_episodes` the measures that it has too few episodes for.
     """
-    about = results.about
+    metadata = results.metadata
+    about = dataclasses.asdict(metadata)
+    protocol = about.pop("protocol")
+    del about["trials"]
     content = {
         "format": FORMAT,
-        "task": about.task,
-        "algorithms": list(about.algorithms),
-        "variants": dict(about.variants),
-        "base": about.base,
-        "env_steps": about.env_steps,
-        "seeds": list(about.seeds),
-        "threshold": about.threshold,
-        "evaluate_every": about.evaluate_every,
-        "evaluation_episodes": about.evaluation_episodes,
-        "final_episodes": about.final_episodes,
-        "rewarded_by": about.rewarded_by,
-        "inputs": about.inputs,
-        "unit": about.unit,
-        "notes": list(about.notes),
-        "command": about.command,
-        "machine": about.machine,
-        "versions": dict(about.versions),
+        **about,
+        **protocol,
+        "seeds": metadata.seeds,
         "missing": [trial._asdict() for trial in results.missing],
         "range": results.range,
         "measures": {measure.name: measure._asdict() for measure in results.table},
         "terms": {
             name: {
-                "terms": results.of(name)[0].about.get("terms"),
-                "settings": results.of(name)[0].about.get("settings"),
+                "terms": results.of(name)[0].metadata.get("terms"),
+                "settings": results.of(name)[0].metadata.get("settings"),
             }
             for name in results.algorithms
         },
@@ -189,7 +178,7 @@ def _cells(values: list[Any]) -> list[Any]:
 
 
 def _cell(value: Any) -> Any:
-    """Floats exactly, booleans as 0 and 1, nothing for NaN and None."""
+    """Return floats exactly, booleans as 0 and 1, an empty cell for NaN and None."""
     if isinstance(value, bool):
         return int(value)
     return "" if value is None or value != value else value

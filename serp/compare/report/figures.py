@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import matplotlib.style
 import numpy as np
@@ -23,7 +23,14 @@ from serp.compare.analysis.results import Results
 from serp.compare.analysis.statistics import CurveBand, interquartile_band, mean_band
 from serp.compare.analysis.variants import planner_returns, variant_rows
 from serp.compare.report.charts import estimates_chart, variants_chart
-from serp.compare.report.line_styles import CUT, LineStyle, is_cut, looks, mark_caution, mark_cut
+from serp.compare.report.line_styles import (
+    CUT,
+    LineStyle,
+    is_cut,
+    line_styles,
+    mark_caution,
+    mark_cut,
+)
 from serp.runs.summary import WINDOW
 
 _SMOOTHED = f"training return (mean of {WINDOW} episodes)"
@@ -52,43 +59,42 @@ class Picture(NamedTuple):
 
 def pictures(results: Results) -> tuple[Picture, ...]:
     """Draw every figure for which there are data, in the order of the report."""
-    about = results.about
-    steps = f"over {about.env_steps:,} env steps"
+    metadata = results.metadata
+    budget, episodes = metadata.protocol.env_steps, metadata.protocol.evaluation_episodes
+    steps = f"over {budget:,} env steps"
     smoothing = (
         f"A training curve shows the mean of the running episode and the {WINDOW - 1} before it, "
         "and goes on from the last complete episode."
     )
     fewest = "A curve ends with the seed that has the fewest, so that all seeds are in every point."
-    training = {
-        name: training_curves(results.of(name), about.env_steps) for name in results.algorithms
-    }
+    training = {name: training_curves(results.of(name), budget) for name in results.algorithms}
     by_episode = {name: episode_curves(results.of(name)) for name in results.algorithms}
     evaluated = {name: evaluation_curves(results.of(name)) for name in results.algorithms}
     found = [
         _curves("training-paper", f"Training return {steps}", f"{_MEAN} {smoothing}",
-                training, mean_band, "env steps", _SMOOTHED, about.threshold),
+                training, mean_band, "env steps", _SMOOTHED, metadata.threshold),
         _curves("training", f"Training return {steps}, with intervals", f"{_IQM} {smoothing}",
-                training, interquartile_band, "env steps", _SMOOTHED, about.threshold),
+                training, interquartile_band, "env steps", _SMOOTHED, metadata.threshold),
         _curves("training-episodes", "Training return over episodes",
                 f"{_IQM} Mean of {WINDOW} episodes (of fewer at the beginning). {fewest}",
-                by_episode, interquartile_band, "episodes", _SMOOTHED, about.threshold),
+                by_episode, interquartile_band, "episodes", _SMOOTHED, metadata.threshold),
     ]  # fmt: skip
     by_unit = {name: unit_curves(results.of(name)) for name in results.algorithms}
     if any(len(found.x) > 1 for found in by_unit.values()):
         found.append(
-            _curves("training-units", f"Training return over {about.unit}s",
-                    f"{_IQM} Mean of the episodes of a {about.unit}, not smoothed. {fewest}",
-                    by_unit, interquartile_band, f"{about.unit}s",
-                    f"training return (mean of a {about.unit})", about.threshold)
+            _curves("training-units", f"Training return over {metadata.unit}s",
+                    f"{_IQM} Mean of the episodes of a {metadata.unit}, not smoothed. {fewest}",
+                    by_unit, interquartile_band, f"{metadata.unit}s",
+                    f"training return (mean of a {metadata.unit})", metadata.threshold)
         )  # fmt: skip
     planner = _planner_alone(results)
     dotted = " Grey: the planner alone, which does not learn." if planner is not None else ""
     found.append(
         _curves("learner", f"The learner alone {steps}",
-                f"Mean return of {about.evaluation_episodes} episodes of the greedy learner "
+                f"Mean return of {episodes} episodes of the greedy learner "
                 f"without planner and vetoes. {_IQM}{dotted}",
                 evaluated, interquartile_band, "env steps", "return of the learner alone",
-                about.threshold, planner)
+                metadata.threshold, planner)
     )  # fmt: skip
     drawn = [picture for picture in found if picture is not None]
     for picture in drawn:
@@ -132,16 +138,16 @@ def _curves(
     threshold: float | None,
     planner: float | None = None,
 ) -> Picture | None:
-    """A figure of one curve with a band an algorithm; None where there is no curve at all."""
+    """Return a figure of a curve with its band for each algorithm; None if there is no curve."""
     shown = {algorithm: found for algorithm, found in curves.items() if found.y.size}
     if not shown:
         return None
     with matplotlib.style.context(["default", STYLE]):
         figure = Figure(figsize=(9.0, 4.6), layout="constrained")
         axes = figure.subplots()
-        looking = looks(list(curves))
-        for algorithm, found in reversed(shown.items()):  # the first on top
-            _draw(axes, found.x, band(found.y), algorithm, looking[algorithm])
+        styles = line_styles(list(curves))
+        for rank, (algorithm, found) in enumerate(shown.items()):
+            _draw(axes, found.x, band(found.y), algorithm, styles[algorithm], -rank / 1_000)
         if planner is not None:
             axes.axhline(
                 planner, color=FAINT, linestyle=(0, (1, 1.5)), linewidth=2.0, label="planner alone"
@@ -156,9 +162,8 @@ def _curves(
         mark_cut(axes.yaxis)
         axes.xaxis.set_major_formatter(EngFormatter(sep=""))
         axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
-        handles, labels = axes.get_legend_handles_labels()
         figure.legend(
-            *_by_order(handles, labels, list(curves)), loc="outside right upper", handlelength=2.6
+            *axes.get_legend_handles_labels(), loc="outside right upper", handlelength=2.6
         )
     return Picture(name, title, caption, figure)
 
@@ -168,26 +173,19 @@ def _draw(
     x: np.ndarray[tuple[int], np.dtype[np.float64]],
     band: CurveBand,
     name: str,
-    look: LineStyle,
+    style: LineStyle,
+    above: float,
 ) -> None:
+    """Draw a curve with its band, `above` those of other algorithms."""
     # A single point, such as one evaluation, would be an invisible line.
-    marker = look.marker if len(x) == 1 else "none"
+    marker = style.marker if len(x) == 1 else "none"
     axes.plot(
-        x, band.centre, color=look.colour, linestyle=look.dash, linewidth=look.width, label=name,
-        marker=marker,
+        x, band.centre, color=style.colour, linestyle=style.dash, linewidth=style.width, label=name,
+        marker=marker, zorder=2 + above,
     )  # fmt: skip
-    axes.fill_between(x, band.low, band.high, color=look.colour, alpha=0.16, linewidth=0)
-
-
-def _by_order(
-    handles: Sequence[Any], labels: Sequence[str], order: Sequence[str]
-) -> tuple[list[Any], list[str]]:
-    """The entries of a legend in the order of the algorithms, others after them."""
-    places = sorted(
-        range(len(labels)),
-        key=lambda i: order.index(labels[i]) if labels[i] in order else len(order),
+    axes.fill_between(
+        x, band.low, band.high, color=style.colour, alpha=0.16, linewidth=0, zorder=1 + above
     )
-    return [handles[i] for i in places], [labels[i] for i in places]
 
 
 def _mark_threshold(axes: Axes, threshold: float) -> None:
@@ -197,6 +195,6 @@ def _mark_threshold(axes: Axes, threshold: float) -> None:
 
 
 def _planner_alone(results: Results) -> float | None:
-    """Mean return of the planner alone on the base variant."""
-    found = planner_returns(results, results.about.base)
+    """Return the mean return of the planner alone on the base variant."""
+    found = planner_returns(results, results.metadata.base)
     return float(found.mean()) if len(found) else None

@@ -1,4 +1,4 @@
-"""Which colour, dash and marker an algorithm has: the same in all figures of a comparison."""
+"""Colour, dash and marker of each algorithm: the same in all figures of a comparison."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MARKERS: Final = ("o", "s", "^", "D", "v")
 
 
 class LineStyle(NamedTuple):
-    """How an algorithm is drawn.
+    """Style in which an algorithm is drawn.
 
     Attributes:
         colour: Of line, band and marker.
@@ -35,11 +35,11 @@ class LineStyle(NamedTuple):
 
 
 CUT: Final = "(axis cut)"
-"""Stands at an axis on which differences look larger than they are."""
+"""Marks an axis on which differences look larger than they are."""
 
 
 def mark_cut(*axes: Axis) -> None:
-    """Say so at each axis that does not show 0."""
+    """Mark each axis that does not show 0."""
     for axis in axes:
         low, high = sorted(axis.get_view_interval())
         if not low <= 0.0 <= high:
@@ -47,20 +47,20 @@ def mark_cut(*axes: Axis) -> None:
 
 
 def is_cut(figure: Figure) -> bool:
-    """Whether an axis of a figure is marked so."""
+    """Return whether an axis of a figure is marked as cut."""
     return any(
         CUT in axis.get_label_text() for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)
     )
 
 
 def mark_caution(figure: Figure, caution: str | None) -> None:
-    """Write below a figure with intervals what to beware of."""
+    """Write a warning below a figure with intervals."""
     if caution is not None:
         figure.supxlabel(caution, fontsize=9.5, color=INK)
 
 
-def looks(algorithms: Sequence[str]) -> dict[str, LineStyle]:
-    """A look for each algorithm, by its place in the comparison."""
+def line_styles(algorithms: Sequence[str]) -> dict[str, LineStyle]:
+    """Return the style of each algorithm, by its place in the comparison."""
     return {
         name: LineStyle(
             _COLOURS[i % len(_COLOURS)],

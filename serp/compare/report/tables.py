@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from serp._util.markdown import plain, table
+from serp.compare.algorithms import DQN
 from serp.compare.analysis.definitions import BY_NAME, Measure
-from serp.compare.analysis.results import PLAIN, Results
+from serp.compare.analysis.results import Results
 from serp.compare.analysis.statistics import interquartile_mean, mean, median, standard_deviation
 from serp.compare.analysis.variants import Check, pooled_final, subject, variant_rows
-from serp.compare.report.markdown import (
+from serp.compare.metadata import ComparisonMetadata
+from serp.compare.report.formatting import (
     NOTHING,
     estimate_text,
     number,
+    seeds_text,
     spread_text,
     times_text,
 )
@@ -51,12 +54,63 @@ DIFFERENCES: Final = (
 )
 
 
+def overview(results: Results) -> tuple[list[str], list[list[str]]]:
+    """Return the main results: titles of columns, and a row an algorithm; plain text."""
+    columns: dict[str, Callable[[str], str]] = {
+        "algorithm": str,
+        "area under the training curve": lambda a: estimate_text(
+            results.estimate(a, "training_area")
+        ),
+        "final learner alone": lambda a: estimate_text(results.estimate(a, "final_learner")),
+        "env steps to the threshold": lambda a: times_text(results.times(a, "threshold_env_steps")),
+        "unsafe executed, all seeds": lambda a: number(float(results.values(a, "unsafe").sum())),
+    }
+    if results.metadata.threshold is None:
+        del columns["env steps to the threshold"]
+    return list(columns), [[cell(a) for cell in columns.values()] for a in results.algorithms]
+
+
+def overview_table(results: Results) -> str:
+    """Return `overview` as a table in Markdown."""
+    head, rows = overview(results)
+    return table(head, [[plain(row[0]), *row[1:]] for row in rows])
+
+
+def protocol_table(metadata: ComparisonMetadata) -> str:
+    """Return what was compared under which protocol, on what machine, with which versions."""
+    threshold = NOTHING if metadata.threshold is None else number(metadata.threshold)
+    protocol = metadata.protocol
+    rows = [
+        ["task", plain(metadata.task)],
+        ["budget", f"{protocol.env_steps:,} env steps a trial"],
+        ["seeds", f"{len(metadata.seeds)}: {seeds_text(metadata.seeds)}"],
+        ["return from which a policy counts as good (threshold)", threshold],
+        [
+            "evaluation of the learner alone",
+            f"{protocol.evaluation_episodes} episodes every {protocol.evaluate_every:,} env steps; "
+            f"{protocol.final_episodes} at the end",
+        ],
+        ["reward that is learned from", plain(metadata.rewarded_by)],
+        ["what learners see", plain(metadata.inputs)],
+        *(
+            [f"domain file{' (base)' * (name == metadata.base)}", plain(f"{name}: {what}")]
+            for name, what in metadata.variants.items()
+        ),
+        ["machine", plain(metadata.machine)],
+        [
+            "versions",
+            plain(", ".join(f"{name} {text}" for name, text in metadata.versions.items())),
+        ],
+    ]
+    return table(["", ""], rows, left=2)
+
+
 def values_table(results: Results, names: Sequence[str], *, medians: bool = False) -> str:
-    """Two rows an algorithm: interquartile mean with its interval, mean with the deviation.
+    """Return two rows an algorithm: interquartile mean with its interval, mean ± deviation.
 
     Args:
         results: The trials.
-        names: Measures; those that nobody has are left out.
+        names: Measures; those that no algorithm has are left out.
         medians: Whether a third row has the medians.
     """
     known = {measure.name: measure for measure in results.table}
@@ -79,12 +133,12 @@ def values_table(results: Results, names: Sequence[str], *, medians: bool = Fals
 
 
 def task_measures(results: Results) -> tuple[str, ...]:
-    """Names of the measures that only this task has: outcomes and counters."""
+    """Return the names of the measures that only this task has: outcomes and counters."""
     return tuple(measure.name for measure in results.table if measure.name not in BY_NAME)
 
 
 def thresholds_table(results: Results) -> str:
-    """A row an algorithm: medians of the times to the threshold, `never` counted."""
+    """Return a row an algorithm: medians of the times to the threshold, `never` counted."""
     rows = [
         [
             plain(algorithm),
@@ -98,7 +152,9 @@ def thresholds_table(results: Results) -> str:
 
 
 def differences_table(results: Results) -> str:
-    """How far each algorithm is from the first: differences of means and interquartile means."""
+    """Return the differences of means and interquartile means of each algorithm to the first."""
+    if len(results.algorithms) < 2:
+        return ""
     first, *others = results.algorithms
     rows = []
     for other in others:
@@ -113,36 +169,40 @@ def differences_table(results: Results) -> str:
     )
 
 
-def terms_tables(results: Results) -> tuple[str, str]:
-    """What is the same for all algorithms, and what differs, of their terms and settings.
+def characteristics_tables(results: Results) -> tuple[str, str]:
+    """Return what is the same for all algorithms, and what differs, of traits and settings.
 
     Returns:
-        A table of what all have in common, and one with a column for each algorithm.
+        A table of what all have in common, and one with a column for each algorithm; each may be
+        empty.
     """
-    terms = {name: _terms(results.of(name)[0].about) for name in results.algorithms}
-    keys = dict.fromkeys(key for mapping in terms.values() for key in mapping)
+    found = {name: _characteristics(results.of(name)[0].metadata) for name in results.algorithms}
+    keys = dict.fromkeys(key for mapping in found.values() for key in mapping)
     same, different = [], []
     for key in keys:
-        # Algorithms from outside have no settings of ours, so these bind only those that do.
-        having = [mapping[key] for mapping in terms.values() if key in mapping]
-        if len(set(having)) == 1 and (len(having) == len(terms) or key[0] == "settings"):
+        # External algorithms have no settings of ours, so these are compared among the others.
+        having = [mapping[key] for mapping in found.values() if key in mapping]
+        if len(set(having)) == 1 and (len(having) == len(found) or key[0] == "settings"):
             if key[0] == "terms":
                 same.append([plain(key[1]), plain(having[0])])
         else:
-            cells = [plain(mapping[key]) if key in mapping else NOTHING
-                     for mapping in terms.values()]  # fmt: skip
+            cells = (
+                plain(mapping[key]) if key in mapping else NOTHING for mapping in found.values()
+            )
             different.append([plain(key[1]), *cells])
-    columns = len(terms) + 1
+    columns = len(found) + 1
     return (
         table(["what", "of all algorithms"], same, left=2) if same else "",
-        table(["what", *map(plain, terms)], different, left=columns) if different else "",
+        table(["what", *map(plain, found)], different, left=columns) if different else "",
     )
 
 
-def _terms(about: Mapping[str, Any]) -> dict[tuple[str, str], str]:
-    """Terms and settings of a trial as texts: ("terms" or "settings", name) → text."""
-    found = {("terms", str(key)): str(value) for key, value in (about.get("terms") or {}).items()}
-    for section, values in (about.get("settings") or {}).items():
+def _characteristics(metadata: Mapping[str, Any]) -> dict[tuple[str, str], str]:
+    """Return traits and settings of a trial: ("terms" or "settings", name) → text."""
+    found = {
+        ("terms", str(key)): str(value) for key, value in (metadata.get("terms") or {}).items()
+    }
+    for section, values in (metadata.get("settings") or {}).items():
         items = values.items() if isinstance(values, Mapping) else [("", values)]
         for key, value in items:
             name = f"{section}.{key}".rstrip(".")
@@ -152,11 +212,11 @@ def _terms(about: Mapping[str, Any]) -> dict[tuple[str, str], str]:
 
 
 def variants_table(results: Results) -> str:
-    """A row a domain file: what its planner is worth, what comes of it, and the two checks."""
+    """Return a row a domain file: returns of planner and learners, and the two checks."""
     ours = plain(subject(results))
     head = [
         "domain file", "seeds", "planner alone", "area under the training curve",
-        "first 50 episodes", "final learner alone", f"final: {ours} − {PLAIN}", "",
+        "first 50 episodes", "final learner alone", f"final: {ours} − {DQN}", "",
         f"early: {ours} − better", "",
     ]  # fmt: skip
     rows = [
@@ -180,7 +240,7 @@ def _check_cells(check: Check, *, named: bool = False) -> tuple[str, str]:
 
 
 def definitions_table(measures: Sequence[Measure]) -> str:
-    """What each measure means."""
+    """Return the definitions of measures."""
     rows = [
         [plain(measure.name), plain(measure.meaning), measure.unit, measure.better or NOTHING]
         for measure in measures

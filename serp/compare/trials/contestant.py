@@ -55,7 +55,7 @@ def make_contestant(
         settings: All settings.
         seed: Seed of everything random.
     """
-    if algorithm.make_guest is not None:
+    if algorithm.make_external is not None:
         return _External(algorithm, task, Agent(task, settings, seed), seed)
     return _Own(algorithm, task, settings, seed)
 
@@ -73,7 +73,7 @@ class _Own:
     def __init__(
         self, algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
     ) -> None:
-        self.agent = Agent(task, settings, seed, baseline=algorithm.kind == "alone")
+        self.agent = Agent(task, settings, seed, baseline=algorithm.kind == "baseline")
         self._trainer = Trainer(task, settings, seed, agent=self.agent)
         self._trainer.prepare()  # what is read from disk for the first step is no training
         self.terms = terms_of(algorithm, settings, self._trainer.judge.source)
@@ -101,10 +101,10 @@ class _External:
         self.agent = agent
         self._on_step: OnStep | None = None
         env = ExternalEnv(task, agent, seed, self._notice)
-        assert algorithm.make_guest is not None
+        assert algorithm.make_external is not None
         self._name = algorithm.name
         with self._blamed():
-            self._algorithm: ExternalAlgorithm = algorithm.make_guest(env, task.name, seed)
+            self._algorithm: ExternalAlgorithm = algorithm.make_external(env, task.name, seed)
         self.terms: Mapping[str, str] = {
             "learned from": REWARDS[env.judge.source],
             **self._algorithm.terms,

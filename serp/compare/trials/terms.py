@@ -44,7 +44,7 @@ def terms_of(algorithm: Algorithm, settings: Settings, source: Source) -> Mappin
         vetoes += ", and what leads there within the lookahead"
     if settings.arbiter.r_min is not None:
         vetoes += f", reward below {settings.arbiter.r_min:g}"
-    alone = algorithm.kind == "alone"
+    alone = algorithm.kind == "baseline"
     return {
         "learner": "none" if algorithm.kind == "planner" else f"DQN, preset {algorithm.preset}",
         "learned from": "none" if algorithm.kind == "planner" else REWARDS[source],
@@ -58,7 +58,7 @@ def _who_acts(algorithm: Algorithm, settings: Settings) -> str:
     match algorithm.kind:
         case "planner":
             return "planner"
-        case "alone":
+        case "baseline":
             return "learner"
         case _:
             return settings.guide.strategy
@@ -66,11 +66,11 @@ def _who_acts(algorithm: Algorithm, settings: Settings) -> str:
 
 def settings_in_use(algorithm: Algorithm, settings: Settings) -> dict[str, dict[str, Any]] | None:
     """Return section → setting → JSON value of what an algorithm reads; None for a guest."""
-    if algorithm.kind == "guest":
+    if algorithm.kind == "external":
         return None
     said = settings.as_dict()
     said["training"] = _without(said["training"], _NOT_OF_TRAINING)
-    if algorithm.kind == "alone":
+    if algorithm.kind == "baseline":
         return {name: said[name] for name in ("learner", "training")}
     if algorithm.kind == "planner":
         return {name: said[name] for name in ("planner", "adaptation")}

@@ -160,7 +160,7 @@ class _Trial:
 
     @property
     def _external(self) -> bool:
-        return self._algorithm.kind == "guest"
+        return self._algorithm.kind == "external"
 
     def _after_step(self, step: StepRecord) -> None:
         log, conditions = self._log, self._conditions

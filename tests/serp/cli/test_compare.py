@@ -73,7 +73,7 @@ def test_the_algorithms_are_listed_those_from_outside_too(run: Run) -> None:
     lines = run("compare", "--list").stdout.splitlines()
     names = [line.split()[0] for line in lines if line.strip()]
     assert {*OWN, "ppo", "sb3-dqn"} <= set(names)
-    assert any(line.startswith("ppo") and "from outside" in line for line in lines)
+    assert any(line.startswith("ppo") and "external" in line for line in lines)
 
 
 def test_the_end_shows_a_table_and_what_to_do_next(run: Run) -> None:
@@ -88,7 +88,7 @@ def test_the_end_shows_a_table_and_what_to_do_next(run: Run) -> None:
     assert "serp compare --out 'my comparison' --seeds 10" in result.stdout
     for name in ("report.html", "report.md", "measures.csv", "comparison.json"):
         assert (Path("my comparison") / name).stat().st_size > 0
-    assert plan("my comparison")["conditions"]["env_steps"] == 60
+    assert plan("my comparison")["protocol"]["env_steps"] == 60
     assert "serp compare" in Path("my comparison/report.md").read_text()
 
 

@@ -9,7 +9,7 @@ from tests.serp.compare import contest
 def guests(monkeypatch: pytest.MonkeyPatch) -> None:
     """Algorithms from outside are installed: those of `contest`, and one that is broken."""
     found = contest.guests()
-    broken = type(found["lazy"])("broken", "tests.serp.comparison.nosuch:make", "serp.algorithms")
+    broken = type(found["lazy"])("broken", "tests.serp.compare.nosuch:make", "serp.algorithms")
     monkeypatch.setattr(
         "serp.compare.algorithms.algorithm_entries", lambda: {**found, "broken": broken}
     )

@@ -8,7 +8,6 @@ import os
 from collections.abc import Callable, Mapping
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -17,11 +16,10 @@ import pytest
 from numpy.typing import NDArray
 
 from serp.compare.algorithms import GROUP, Algorithm, find_algorithm
-from serp.compare.analysis.results import Results
 from serp.compare.protocol import ComparisonProtocol
 from serp.compare.records import Trial
-from serp.compare.storage import trial_folder
 from serp.compare.study import Comparison, compare
+from serp.compare.trial_files import trial_folder
 from serp.compare.trials.trial import Measured, run_trial
 from serp.errors import RunError
 from serp.tasks.task import Task
@@ -130,10 +128,6 @@ def episodes_of(found: Measured) -> list[Any]:
     return [(row._replace(seconds=0.0), counts) for row, counts in found.log.rows]
 
 
-def _unwritten(folder: Path, records: Any, about: Any) -> SimpleNamespace:
-    return SimpleNamespace(results=Results(records, about))
-
-
 def small(
     task: Task | str | None, out: Path, *, report: bool = False, **options: Any
 ) -> Comparison:
@@ -154,7 +148,7 @@ def small(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp.compare.report.report.render", lambda figure, kind: b"<svg/>")
         if not report:
-            patch.setattr("serp.compare.study.write_report", _unwritten)
+            patch.setattr("serp.compare.study.write_report", lambda folder, results: None)
         return compare(task, out=out, **{**given, **options})
 
 

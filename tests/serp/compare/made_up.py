@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from serp.compare.metadata import ComparisonMetadata
+from serp.compare.protocol import ComparisonProtocol
 from serp.compare.records import EPISODE_COLUMNS, EVALUATION_COLUMNS, Record, Trial
-from serp.compare.report.metadata import ComparisonAbout
 
 
 def record(
@@ -18,7 +19,7 @@ def record(
     outcomes=None,
     unsafe=0,
     info=None,
-    about=None,
+    metadata=None,
 ):
     """A record of episodes with these returns.
 
@@ -56,7 +57,7 @@ def record(
         for name, values, kind in zip(EVALUATION_COLUMNS, cells, kinds, strict=True)
     }
     return Record(
-        Trial(*trial), columns, found, {"terms": {"planner": "lookahead"}, **(about or {})}
+        Trial(*trial), columns, found, {"terms": {"planner": "lookahead"}, **(metadata or {})}
     )
 
 
@@ -92,7 +93,7 @@ def records(seeds=range(4), levels=LEVELS, **more):
     ]
 
 
-def about(found, **more):
+def metadata(found, **more):
     """A comparison that was asked for these records."""
     values = {
         "task": "walkway",
@@ -101,15 +102,14 @@ def about(found, **more):
         or {"base": "base.pddl"},
         "base": "base",
         "trials": [r.trial for r in found],
-        "env_steps": 600,
-        "seeds": sorted({r.trial.seed for r in found}),
+        "protocol": ComparisonProtocol(
+            env_steps=600, evaluate_every=200, evaluation_episodes=7, final_episodes=7
+        ),
         "threshold": 80.0,
-        "evaluate_every": 200,
-        "evaluation_episodes": 7,
         "rewarded_by": "domain",
         "inputs": "observation",
         "command": "serp compare --domain walkway",
         "machine": "a machine",
         "versions": {"serp": "1"},
     }
-    return ComparisonAbout(**{**values, **more})
+    return ComparisonMetadata(**{**values, **more})

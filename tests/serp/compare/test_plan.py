@@ -1,4 +1,4 @@
-"""A plan: its trials, what each is made of, and the domain files as they are kept."""
+"""A plan: its trials, and what each is made of."""
 
 from __future__ import annotations
 
@@ -8,29 +8,29 @@ from typing import Any
 
 import pytest
 
-from serp.compare.algorithms import ablation, find_algorithm
-from serp.compare.plan import ComparisonPlan, keep_domain, named, read_plan, trials_of
+from serp.compare.algorithms import find_algorithm
+from serp.compare.plan import ComparisonPlan, named_algorithms, trials_of
 from serp.compare.records import Trial
-from serp.compare.storage import write_trial
+from serp.compare.trial_files import write_trial
 from serp.errors import RunError, SettingsError
+from serp.model.facts import MAX_GROUND_SCHEMAS
 from serp.tasks.task import Task
 from tests.serp.compare.contest import CONDITIONS, measured, walk
 from tests.serp.sample_tasks import CORRIDOR
 
-PROBLEM = "(define (problem there) (:domain corridor) (:init (= (x) 0)) (:goal (and)))\n"
-
 
 def plan(folder: Path, *, task: Task | None = None, **changes: Any) -> ComparisonPlan:
-    algorithms = named(["serp", "dqn"], {})
+    algorithms = named_algorithms(["serp", "dqn"], {})
     values: dict[str, Any] = {
         "folder": folder / "c",
-        "name": "walk",
+        "task": "walk",
         "variants": {"walk": task or walk(folder)},
         "algorithms": algorithms,
         "trials": trials_of(algorithms, ["walk"], [1, 0]),
-        "conditions": CONDITIONS,
+        "protocol": CONDITIONS,
         "changes": {},
         "threshold": None,
+        "max_ground_schemas": MAX_GROUND_SCHEMAS,
     }
     (folder / "c").mkdir(exist_ok=True)
     return ComparisonPlan(**{**values, **changes})
@@ -42,7 +42,7 @@ def complete(plan: ComparisonPlan, trial: Trial, folder: Path) -> None:
 
 
 def test_what_uses_no_model_runs_on_the_first_domain_file_alone(guests: None) -> None:
-    algorithms = named(["serp", "mrp", "dqn", "drawing"], {})
+    algorithms = named_algorithms(["serp", "mrp", "dqn", "drawing"], {})
     trials = trials_of(algorithms, ["walk", "bad"], [4, 7])
     assert len(trials) == len(set(trials)) == 2 * (2 * 2 + 2)
     for trial in trials:
@@ -70,7 +70,7 @@ def test_a_trial_that_was_made_of_something_else_is_refused(tmp_path: Path) -> N
     changed = dataclasses.replace(algorithms["dqn"], kind="guided")
     for changes, message in (
         ({"changes": {"learner": {"members": 1}}}, "other settings"),
-        ({"conditions": dataclasses.replace(CONDITIONS, env_steps=99)}, "another budget"),
+        ({"protocol": dataclasses.replace(CONDITIONS, env_steps=99)}, "another budget"),
         ({"variants": {"walk": walk(tmp_path, domain=other)}}, "another domain file"),
         ({"algorithms": {**algorithms, "dqn": changed}}, "another algorithm"),
     ):
@@ -79,59 +79,13 @@ def test_a_trial_that_was_made_of_something_else_is_refused(tmp_path: Path) -> N
     assert done not in plan(tmp_path).missing()
 
 
-def test_a_plan_is_read_as_it_was_written(tmp_path: Path) -> None:
-    changes = {"arbiter": {"exploration_slack": float("inf")}, "learner": {"hidden": (8, 8)}}
-    base = find_algorithm("serp")
-    other = ablation(base, "serp:x", {"arbiter": {"r_min": None, "exploration_slack": 0.5}})
-    made = plan(tmp_path, changes=changes, algorithms={"serp": base, "serp:x": other})
-    assert read_plan(made.folder) is None
-    made.write()
-    read = read_plan(made.folder)
-    assert read is not None
-    assert read["task"] == "walk"
-    assert [Trial(*trial) for trial in read["trials"]] == list(made.trials)
-    assert read["conditions"] == CONDITIONS.as_dict()
-    assert list(read["algorithms"]) == ["serp", "serp:x"]
-    assert read["changes"] == {
-        "arbiter": {"exploration_slack": "inf"}, "learner": {"hidden": [8, 8]},
-    }  # fmt: skip
-    (made.folder / "plan.json").write_text("{")
-    with pytest.raises(RunError, match="plan.json is damaged"):
-        read_plan(made.folder)
-
-
 def test_names_with_a_colon_are_made_of_what_they_change() -> None:
-    found = named(["serp", "serp:a"], {"serp:a": {"learner": {"members": 1}}, "serp": {}})
+    found = named_algorithms(
+        ["serp", "serp:a"], {"serp:a": {"learner": {"members": 1}}, "serp": {}}
+    )
     assert found["serp"] is find_algorithm("serp")
     assert found["serp:a"].changes["learner"] == {"members": 1}
-    with pytest.raises(SettingsError, match="nothing is said of what `serp:b` changes"):
-        named(["serp:b"], {})
+    with pytest.raises(SettingsError, match="`serp:b`: say in `changed`"):
+        named_algorithms(["serp:b"], {})
     with pytest.raises(SettingsError, match="no algorithm `srep`"):
-        named(["srep:a"], {"srep:a": {}})
-
-
-def test_the_domain_file_is_kept_as_it_was(tmp_path: Path) -> None:
-    task = walk(tmp_path)
-    kept = keep_domain(tmp_path / "c", "walk", task.load(), task)
-    assert Path(str(kept.domain)) == tmp_path / "c" / "domains" / "walk.pddl"
-    (tmp_path / "corridor.pddl").write_text(CORRIDOR.replace("decrease (x) 1", "decrease (x) 2"))
-    assert kept.load().source.text == CORRIDOR
-    with pytest.raises(RunError, match="is not what the domain file `walk` says now"):
-        keep_domain(tmp_path / "c", "walk", task.load(), task)
-    assert kept.load().source.text == CORRIDOR
-
-
-def test_a_problem_file_is_kept_with_it_and_missed_when_it_is_gone(tmp_path: Path) -> None:
-    task = walk(tmp_path)
-    beside = tmp_path / "corridor-problem.pddl"
-    beside.write_text(PROBLEM)
-    kept = keep_domain(tmp_path / "c", "walk", task.load(), task)
-    assert kept.load().problem_source is not None
-    again = keep_domain(tmp_path / "c", "walk", task.load(), task)
-    assert again == kept
-    beside.write_text(PROBLEM.replace("(= (x) 0)", "(= (x) 1)"))
-    with pytest.raises(RunError, match="walk-problem.pddl is not what"):
-        keep_domain(tmp_path / "c", "walk", task.load(), task)
-    beside.unlink()
-    with pytest.raises(RunError, match="walk-problem.pddl is a problem file"):
-        keep_domain(tmp_path / "c", "walk", task.load(), task)
+        named_algorithms(["srep:a"], {"srep:a": {}})

@@ -11,28 +11,22 @@ import pytest
 
 from serp.compare.algorithms import find_algorithm
 from serp.compare.records import Trial
-from serp.compare.storage import is_complete
+from serp.compare.trial_files import is_complete
 from serp.compare.workers import Ended, Job, portable, run_here, run_in_processes
 from serp.tasks.task import Task
 from tests.serp.compare.contest import CONDITIONS, Deadly, Pothole, Signalled, everything, walk
 
 
 def job(folder: Path, task: Task, algorithm: str, seed: int) -> Job:
+    folder.mkdir(exist_ok=True)
     trial = Trial(algorithm, "walk", seed)
     return Job(folder, trial, find_algorithm(algorithm), task, CONDITIONS, {}, {})
-
-
-def here(todo: list[Job], **options: Any) -> list[Ended]:
-    given: dict[str, Any] = {
-        "on_progress": lambda trial, steps: None, "stopped": lambda: False,
-    }  # fmt: skip
-    return list(run_here(todo, **{**given, **options}))
 
 
 def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
     tmp_path: Path, guests: None
 ) -> None:
-    """Guests too, trials that fail, processes that die, and signals."""
+    """External algorithms too, trials that fail, processes that die, and signals."""
     good, bad, deadly = walk(tmp_path), walk(tmp_path, Pothole), walk(tmp_path, Deadly)
     todo = [
         job(tmp_path / "there", good, "drawing", 0),
@@ -65,24 +59,9 @@ def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
         job(tmp_path / "here", good, name, seed)
         for name, seed in (("dqn", 0), ("drawing", 0), ("serp", 0), ("serp", 7))
     ]
-    assert here(alone) == [Ended(one.trial, None) for one in alone]
+    ended = list(run_here(alone, lambda trial, steps: None))
+    assert ended == [Ended(one.trial, None) for one in alone]
     assert everything(tmp_path / "there") == everything(tmp_path / "here")
-
-
-def test_a_trial_that_fails_does_not_lose_the_others(tmp_path: Path) -> None:
-    task = walk(tmp_path, Pothole)
-    told: list[Trial] = []
-    ended = here(
-        [job(tmp_path / "c", task, "serp", seed) for seed in range(3)],
-        on_progress=lambda trial, steps: told.append(trial),
-    )
-    errors = {end.trial.seed: end.error for end in ended}
-    assert errors.keys() == {0, 1, 2}
-    assert errors[0] is errors[2] is None
-    assert "ConnectionError: cable cut" in (errors[1] or "")
-    for end in ended:
-        assert is_complete(tmp_path / "c", end.trial) == (end.error is None)
-    assert {trial.seed for trial in told} == {0, 1, 2}
 
 
 def test_when_the_user_stops_what_runs_comes_to_its_end_and_no_more_begins(
@@ -90,18 +69,10 @@ def test_when_the_user_stops_what_runs_comes_to_its_end_and_no_more_begins(
 ) -> None:
     todo = [job(tmp_path / "c", walk(tmp_path), "dqn", seed) for seed in range(3)]
     pressed: list[int] = []
-    ended = here(
-        todo, on_progress=lambda trial, n: pressed.append(n), stopped=lambda: bool(pressed)
-    )
-    assert ended == [Ended(Trial("dqn", "walk", 0), None)]
+    ended = run_here(todo, lambda trial, n: pressed.append(n), lambda: bool(pressed))
+    assert list(ended) == [Ended(Trial("dqn", "walk", 0), None)]
     assert len(everything(tmp_path / "c")) == 1
-
-
-def test_nothing_is_begun_where_the_user_has_stopped_already(tmp_path: Path) -> None:
-    todo = [job(tmp_path / "c", walk(tmp_path), "dqn", 0)]
-    assert here(todo, stopped=lambda: True) == []
-    ends = run_in_processes(todo, 2, lambda trial, steps: None, lambda: True)
-    assert list(ends) == []
+    assert list(run_in_processes(todo, 2, lambda trial, steps: None, lambda: True)) == []
 
 
 def test_functions_that_cannot_be_imported_are_noticed(tmp_path: Path) -> None:
@@ -124,5 +95,5 @@ def test_a_bug_keeps_its_traceback(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr("serp.compare.workers.run_trial", fails)
     with pytest.raises(ZeroDivisionError, match="a bug"):
-        here([job(tmp_path, walk(tmp_path), "serp", 0)])
+        list(run_here([job(tmp_path, walk(tmp_path), "serp", 0)], lambda trial, steps: None))
     assert os.listdir(tmp_path) == ["corridor.pddl"]

@@ -115,7 +115,7 @@ def test_counts_outcomes_counters_and_seconds():
         outcomes=["goal", "", "goal"],
         info={"hits": [1, 0, 2]},
         unsafe=4,
-        about={"seconds": {"training": 1.5, "evaluation": 9.0}},
+        metadata={"seconds": {"training": 1.5, "evaluation": 9.0}},
     )
     found = measure(one, BUDGET, None)
     assert found["outcome.goal"] == 2 and "outcome." not in found

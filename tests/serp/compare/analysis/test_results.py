@@ -5,12 +5,12 @@ import pytest
 
 from serp.compare.analysis.results import Results
 from serp.compare.records import Trial
-from tests.serp.compare.made_up import about, record, records, trial
+from tests.serp.compare.made_up import metadata, record, records, trial
 
 
 def test_trials_come_in_the_order_asked_for_whatever_their_order():
     found = [*records(seeds=(3, 1)), trial("serp", 1, 10.0, variant="a-variant")]
-    asked = about(found, algorithms=["dqn", "serp", "mrp"])
+    asked = metadata(found, algorithms=["dqn", "serp", "mrp"])
     one, other = Results(found, asked), Results(found[::-1], asked)
     assert [r.trial for r in one.records] == [r.trial for r in other.records]
     assert one.algorithms == ("dqn", "serp", "mrp")
@@ -22,7 +22,7 @@ def test_trials_come_in_the_order_asked_for_whatever_their_order():
 
 def test_missing_trials_are_named():
     found = records(seeds=(0, 1))
-    asked = about(found)
+    asked = metadata(found)
     assert Results(found, asked).missing == ()
     assert Results(found[1:], asked).missing == (found[0].trial,)
     assert Results([], asked).algorithms == ()
@@ -33,7 +33,7 @@ def test_never_counts_as_the_whole_training_in_intervals_only():
         record([0.0] * 25, trial=("dqn", "base", 0)),
         record([99.0] * 25, trial=("dqn", "base", 1)),
     ]
-    results = Results(found, about(found))
+    results = Results(found, metadata(found))
     assert results.values("dqn", "threshold_env_steps").tolist() == [np.inf, 200]
     assert results.known("dqn", "threshold_env_steps").tolist() == [600, 200]
     assert results.known("dqn", "threshold_episodes").tolist() == [25, 20]
@@ -42,12 +42,12 @@ def test_never_counts_as_the_whole_training_in_intervals_only():
 
 def test_few_seeds_are_named_and_enough_are_not():
     found = [trial("serp", s, 90.0) for s in range(5)] + [trial("dqn", s, 30.0) for s in range(3)]
-    assert "(3 of dqn)" in Results(found, about(found)).caution()
+    assert "(3 of dqn)" in Results(found, metadata(found)).caution()
     found += [trial("dqn", s, 30.0) for s in (3, 4)]
-    enough = Results([*found, trial("serp", 0, 9.0, variant="wrong")], about(found))
+    enough = Results([*found, trial("serp", 0, 9.0, variant="wrong")], metadata(found))
     assert enough.caution() is None
     assert "(1 of serp)" in enough.caution("base", "wrong")
-    assert Results([], about(found)).caution() is None
+    assert Results([], metadata(found)).caution() is None
 
 
 def test_an_outcome_that_never_came_counts_nothing():
@@ -55,7 +55,7 @@ def test_an_outcome_that_never_came_counts_nothing():
         record([1.0], outcomes=["goal"]),
         record([1.0], outcomes=["exit"], trial=("serp", "base", 1)),
     ]
-    results = Results(found, about(found))
+    results = Results(found, metadata(found))
     assert results.values("serp", "outcome.goal").tolist() == [1, 0]
 
 
@@ -64,20 +64,20 @@ def test_the_range_is_of_all_episodes():
         record([-3.0, 4.0]),
         record([1.0], trial=("x", "other", 0), evaluations=[(1, "learner", 9.0)]),
     ]
-    assert Results(found, about(found)).range == 12
-    assert Results([], about(found)).range == 0
+    assert Results(found, metadata(found)).range == 12
+    assert Results([], metadata(found)).range == 0
 
 
 def test_of_two_records_of_a_trial_the_last_counts():
     found = [record([1.0]), record([5.0])]
-    results = Results(found, about(found))
+    results = Results(found, metadata(found))
     assert results.values("serp", "first_10").tolist() == [5.0]
     assert results.records[0].trial == Trial("serp", "base", 0)
 
 
 def test_differences_are_first_less_second():
     found = records()
-    results = Results(found, about(found))
+    results = Results(found, metadata(found))
     one = results.difference("serp", "dqn", "final_learner")
     assert one.value == pytest.approx(60, abs=10)
     assert one.low > 0

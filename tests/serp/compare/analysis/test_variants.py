@@ -4,7 +4,7 @@ import numpy as np
 
 from serp.compare.analysis.results import Results
 from serp.compare.analysis.variants import planner_returns, pooled_final, variant_rows
-from tests.serp.compare.made_up import about, trial
+from tests.serp.compare.made_up import metadata, trial
 
 SEEDS = range(5)
 
@@ -18,7 +18,7 @@ def made(good=90.0, bad=88.0, plain=60.0, planners=(50.0, 10.0), spread=2.0):
         found.append(trial("dqn", seed, plain, spread=spread))
         for variant, level in zip(("base", "wrong"), planners, strict=True):
             found.append(trial("mrp", seed, level, variant=variant, planner=level, spread=spread))
-    return Results(found, about(found))
+    return Results(found, metadata(found))
 
 
 def test_a_row_for_each_domain_file_the_base_first():
@@ -58,13 +58,13 @@ def test_early_returns_are_held_against_the_better_of_planner_and_plain_dqn():
 def test_one_seed_measures_nothing():
     results = made()
     few = [record for record in results.records if record.trial.seed == 0]
-    for row in variant_rows(Results(few, about(few))):
+    for row in variant_rows(Results(few, metadata(few))):
         assert row.final_check.verdict == row.early_check.verdict == "not measured"
 
 
 def test_without_the_planner_alone_its_worth_is_unknown():
     results = made()
     few = [record for record in results.records if record.trial.algorithm != "mrp"]
-    without = Results(few, about(few))
+    without = Results(few, metadata(few))
     assert len(planner_returns(without, "base")) == 0
     assert all(np.isnan(row.planner.value) for row in variant_rows(without))

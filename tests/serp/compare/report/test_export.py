@@ -10,7 +10,7 @@ import pytest
 from serp.compare.analysis.results import Results
 from serp.compare.records import EPISODE_COLUMNS
 from serp.compare.report.export import comparison_json, episodes_csv, evaluations_csv, measures_csv
-from tests.serp.compare.made_up import about, record, records, trial
+from tests.serp.compare.made_up import metadata, record, records, trial
 
 
 def rows(text):
@@ -19,7 +19,7 @@ def rows(text):
 
 def test_measures_read_back_exactly():
     found = records(seeds=(0, 1))
-    results = Results(found, about(found))
+    results = Results(found, metadata(found))
     read = rows(measures_csv(results))
     assert len(read) == len(found)
     for row, (one, values) in zip(read, results.measured.items(), strict=True):
@@ -60,7 +60,7 @@ def strict(text):
 def test_json_is_strict_and_says_never():
     found = [*records(), trial("serp", 0, 5.0, variant="wrong"),
              trial("serp", 0, 5.0, variant="short", episodes=19)]  # fmt: skip
-    results = Results(found, about(found))
+    results = Results(found, metadata(found))
     content = strict(comparison_json(results))
     by_trial = {(t["algorithm"], t["variant"], t["seed"]): t for t in content["trials"]}
     failed = by_trial["dqn", "base", 0]
@@ -85,5 +85,5 @@ def test_json_is_strict_and_says_never():
 
 
 def test_json_of_no_trial_at_all_is_json():
-    content = strict(comparison_json(Results([], about(records()))))
+    content = strict(comparison_json(Results([], metadata(records()))))
     assert content["trials"] == [] and len(content["missing"]) == len(records())

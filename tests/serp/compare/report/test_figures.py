@@ -8,12 +8,12 @@ from serp.compare.analysis.results import Results
 from serp.compare.analysis.variants import variant_rows
 from serp.compare.report.charts import estimates_chart, variants_chart
 from serp.compare.report.figures import pictures
-from serp.compare.report.line_styles import looks
-from tests.serp.compare.made_up import about, record, records, trial
+from serp.compare.report.line_styles import line_styles
+from tests.serp.compare.made_up import metadata, record, records, trial
 
 
 def made(found, **more):
-    return Results(found, about(found, **more))
+    return Results(found, metadata(found, **more))
 
 
 def with_variants():
@@ -110,7 +110,7 @@ def test_variants_stand_over_the_worth_of_their_planner():
 
 @pytest.mark.parametrize("kind", ["png", "svg"])
 def test_equal_records_give_equal_bytes(kind):
-    asked = about(records())
+    asked = metadata(records())
     first = pictures(Results(records(), asked))
     second = pictures(Results(records()[::-1], asked))
     for one, other in zip(first[1:2], second[1:2], strict=True):
@@ -129,5 +129,5 @@ def test_any_name_is_drawn():
 
 
 def test_every_algorithm_has_a_look_of_its_own():
-    found = looks([f"algorithm {i}" for i in range(28)])
-    assert len({(look.colour, str(look.dash)) for look in found.values()}) == 28
+    found = line_styles([f"algorithm {i}" for i in range(28)])
+    assert len({(style.colour, str(style.dash)) for style in found.values()}) == 28

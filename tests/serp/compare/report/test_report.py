@@ -7,18 +7,18 @@ import pytest
 from serp.compare.analysis.results import Results
 from serp.compare.records import Trial
 from serp.compare.report.figures import pictures
-from serp.compare.report.page import page
+from serp.compare.report.rendering import html_page
 from serp.compare.report.report import report_text, write_report
 from serp.errors import RunError
-from tests.serp.compare.made_up import about, record, records, trial
-from tests.serp.compare.report.test_page import read
+from tests.serp.compare.made_up import metadata, record, records, trial
+from tests.serp.compare.report.test_rendering import read
 
 
 def texts(found, asked=None):
     """The report as Markdown and as a page, without its figures."""
-    results = Results(found, asked or about(found))
+    results = Results(found, asked or metadata(found))
     markdown = report_text(results, ())
-    return markdown, page(markdown, results.about.task, {})
+    return markdown, html_page(markdown, results.metadata.task, {})
 
 
 @pytest.fixture(scope="module")
@@ -26,15 +26,15 @@ def whole(tmp_path_factory):
     """A folder with a whole report of two domain files."""
     folder = tmp_path_factory.mktemp("report")
     found = [*records(), *(trial("serp", s, 70.0, variant="wrong") for s in range(3))]
-    files = write_report(folder, found, about(found, notes=["Made up."])).files
-    assert all(file.is_file() for file in files)
+    write_report(folder, Results(found, metadata(found, notes=["Made up."])))
     return folder
 
 
 def test_a_report_can_be_read_alone(whole):
     text, html = ((whole / f"report.{kind}").read_text() for kind in ("md", "html"))
     for heading in (
-        "# Comparison: walkway", "## What was compared", "## Equal terms", "### Returns",
+        "# Comparison: walkway", "## What was compared", "## What is equal and what differs",
+        "### Returns",
         "### Time until good", "### Safety and outcomes", "## Differences to serp",
         "## How bad may the model be?", "## How to reproduce",
         "## Definitions",
@@ -62,10 +62,10 @@ def test_names_that_hold_markup_are_shown_as_text():
     odd = "<script>|alert(1)|</script>\n# [x](http://x) ![y](z) `c`"
     found = [
         record([1.0] * 3, trial=(odd, odd, seed), outcomes=[odd] * 3, info={odd: [1] * 3},
-               about={"terms": {odd: odd + str(seed)}})
+               metadata={"terms": {odd: odd + str(seed)}})
         for seed in range(2)
     ] + [trial("serp", seed, 2.0, variant=odd) for seed in range(2)]  # fmt: skip
-    asked = about(found, task=odd, base=odd, variants={odd: odd, "b": odd}, notes=[odd],
+    asked = metadata(found, task=odd, base=odd, variants={odd: odd, "b": odd}, notes=[odd],
                   command=f"```\n{odd}", inputs=odd)  # fmt: skip
     text, html = texts(found, asked)
     reader = read(html)
@@ -78,7 +78,7 @@ def test_names_that_hold_markup_are_shown_as_text():
 
 def test_what_is_missing_is_said():
     found = records()
-    asked = about(found)
+    asked = metadata(found)
     text, _ = texts([r for r in found if r.trial.algorithm != "dqn"][1:], asked)
     assert "7 of 12 trials are finished" in text
     assert "serp on base (seed 0); dqn on base (seeds 0 to 3)" in text
@@ -101,18 +101,20 @@ def test_intervals_and_verdicts_of_few_seeds_carry_a_warning(seeds):
 
 def test_equal_records_in_any_order_give_equal_files(whole, tmp_path):
     found = [*records(), *(trial("serp", s, 70.0, variant="wrong") for s in range(3))]
-    asked = about(found, notes=["Made up."])
-    again = write_report(tmp_path, found[::-1], asked).files
-    assert {file.relative_to(tmp_path): file.read_bytes() for file in again} == {
-        file.relative_to(whole): file.read_bytes() for file in whole.rglob("*") if file.is_file()
-    }
+    asked = metadata(found, notes=["Made up."])
+    write_report(tmp_path, Results(found[::-1], asked))
+    one, other = (
+        {file.relative_to(at): file.read_bytes() for file in at.rglob("*") if file.is_file()}
+        for at in (whole, tmp_path)
+    )
+    assert one == other
 
 
 def test_terms_are_sorted_into_equal_and_different():
     def one(name, seed, planner, gamma):
         settings = {"learner": {"gamma": gamma, "batch": 64}}
         more = {"terms": {"planner": planner, "reward": "the domain's"}, "settings": settings}
-        return record([1.0], trial=(name, "base", seed), about=more)
+        return record([1.0], trial=(name, "base", seed), metadata=more)
 
     found = [one("serp", 0, "lookahead", 0.9), one("dqn", 0, "none", 0.97)]
     text, _ = texts(found)
@@ -129,7 +131,7 @@ def test_trials_of_the_base_file_may_be_missing():
     found = [
         trial(name, seed, 70.0, variant="wrong") for name in ("serp", "mrp") for seed in (0, 1)
     ]
-    asked = about(found, variants={"base": "a", "wrong": "b", "third": "c"})
+    asked = metadata(found, variants={"base": "a", "wrong": "b", "third": "c"})
     text, _ = texts(found, asked)
     assert "## Results" not in text and "## Definitions" in text
     for picture in pictures(Results([*found, trial("serp", 0, 3.0, variant="third")], asked)):
@@ -138,11 +140,11 @@ def test_trials_of_the_base_file_may_be_missing():
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(RunError, match="cannot write"):
-        write_report(tmp_path / "no" / "such", records(seeds=[0]), about(records(seeds=[0])))
+        write_report(tmp_path / "no" / "such", Results([], metadata([])))
 
 
 def test_without_a_threshold_the_report_has_none():
     found = records(seeds=[0, 1])
-    text, _ = texts(found, about(found, threshold=None, trials=[Trial("serp", "base", 0)]))
+    text, _ = texts(found, metadata(found, threshold=None, trials=[Trial("serp", "base", 0)]))
     assert "Time until good" not in text
     assert "never (" not in text

@@ -28,7 +28,7 @@ def test_only_what_is_read_is_told(name: str) -> None:
             "planner", "adaptation", "arbiter", "guide", "learner", "training",
         }  # fmt: skip
     assert ("arbiter" in used) == ("guide" in used) == (name in GUIDED)
-    assert ("planner" in used) == ("adaptation" in used) == (algorithm.kind != "alone")
+    assert ("planner" in used) == ("adaptation" in used) == (algorithm.kind != "baseline")
     assert ("learner" in used) == (algorithm.kind != "planner")
     assert not {"env_steps", "checkpoint_seconds"} & set(used.get("training", {}))
 

@@ -1,4 +1,4 @@
-"""Numbers and estimates as a Markdown report shows them."""
+"""Numbers, estimates and seeds as a report shows them."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ NOTHING: Final = "–"
 
 
 def number(value: float | None) -> str:
-    """A number with three or four digits that count; a dash for none."""
+    """Return a number with three or four digits that count; a dash for none."""
     if value is None or math.isnan(value):
         return NOTHING
     return _fixed(value, _decimals([value]))
 
 
 def estimate_text(found: Estimate | None, *, signed: bool = False) -> str:
-    """A value with its interval, such as `482.1 [471.0, 495.2]`; the value alone without one."""
+    """Return a value with its interval, if it has one, such as `482.1 [471.0, 495.2]`."""
     if found is None or math.isnan(found.value):
         return NOTHING
     ends = [end for end in (found.low, found.high) if end is not None]
@@ -32,7 +32,7 @@ def estimate_text(found: Estimate | None, *, signed: bool = False) -> str:
 
 
 def spread_text(mean: float, deviation: float) -> str:
-    """`480.3 ± 12.1`."""
+    """Return a mean with its deviation: `480.3 ± 12.1`."""
     if math.isnan(mean):
         return NOTHING
     decimals = _decimals([mean, deviation])
@@ -40,7 +40,7 @@ def spread_text(mean: float, deviation: float) -> str:
 
 
 def times_text(found: Times) -> str:
-    """The median, its interval and how often it never happened.
+    """Return the median, its interval and how often it never happened.
 
     Such as `12,000 [9,000, never], never in 3 of 10`, `never (8 of 10)` or `too few episodes`.
     """
@@ -57,12 +57,20 @@ def times_text(found: Times) -> str:
     return text + few
 
 
+def seeds_text(seeds: Sequence[int]) -> str:
+    """Return seeds as a range where they are one: `0 to 4`, `1, 7`."""
+    found = list(seeds)
+    if len(found) > 2 and found == list(range(found[0], found[0] + len(found))):
+        return f"{found[0]} to {found[-1]}"
+    return ", ".join(map(str, found))
+
+
 def _time(value: float) -> str:
     return "never" if math.isinf(value) else f"{value:,.0f}"
 
 
 def _decimals(values: Sequence[float]) -> int:
-    """How many decimals leave the largest of some values about four digits, at least."""
+    """Return how many decimals leave the largest of some values about four digits, at least."""
     size = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
     if size == 0 or size >= 1000:
         return 0

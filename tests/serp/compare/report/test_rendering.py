@@ -4,7 +4,7 @@ import base64
 import re
 from html.parser import HTMLParser
 
-from serp.compare.report.page import page
+from serp.compare.report.rendering import html_page
 
 SVG = b'<svg xmlns="http://www.w3.org/2000/svg"/>'
 
@@ -28,7 +28,7 @@ def read(html):
 
 
 def test_pictures_are_inside_and_nothing_is_outside():
-    html = page("# A\n\n![a picture](figures/x.svg)", "A", {"figures/x.svg": SVG})
+    html = html_page("# A\n\n![a picture](figures/x.svg)", "A", {"figures/x.svg": SVG})
     (address,) = read(html).addresses
     kind, data = address.split(",")
     assert kind == "data:image/svg+xml;base64"
@@ -38,12 +38,12 @@ def test_pictures_are_inside_and_nothing_is_outside():
 
 
 def test_html_in_a_report_or_title_is_text():
-    html = page("<script>alert(1)</script> & <b>x</b>", "</title><script>", {})
+    html = html_page("<script>alert(1)</script> & <b>x</b>", "</title><script>", {})
     assert "script" not in read(html).tags and "b" not in read(html).tags
     assert "&lt;script&gt;" in html
 
 
 def test_tables_become_tables_that_may_scroll():
-    html = page("| a | b |\n|---|---:|\n| 1 | 2 |\n", "t", {})
+    html = html_page("| a | b |\n|---|---:|\n| 1 | 2 |\n", "t", {})
     assert '<div class="wide"><table>' in html and "<td" in html
     assert html.count("<div") == html.count("</div>") == 1

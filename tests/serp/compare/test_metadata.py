@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from importlib.metadata import version
 
-from serp.compare.report.metadata import machine, versions
+from serp.compare.metadata import machine, versions
 
 
 def test_versions_and_machine_are_those_of_this_process():

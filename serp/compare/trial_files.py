@@ -1,6 +1,5 @@
-"""The folder of a comparison: what is asked for, and the trials that are complete.
+"""Complete trials on the disk.
 
-    comparison/plan.json                     what is compared
     comparison/trials/ALGORITHM/VARIANT/seed-N/episodes.csv, evaluations.csv, trial.json
 
 `trial.json` is written last: a folder without it is a trial that was interrupted, and is run again.
@@ -34,8 +33,6 @@ from serp.errors import RunError
 from serp.runs.reading import read_rows
 from serp.runs.tables import Table
 
-PLAN: Final = "plan.json"
-DOMAINS: Final = "domains"
 _TRIALS: Final = "trials"
 _DONE: Final = "trial.json"
 _EPISODES: Final = "episodes.csv"
@@ -60,7 +57,7 @@ def file_name(name: str) -> str:
 
 
 def digest(made_of: Mapping[str, Any]) -> str:
-    """Return what tells trials apart that are made of different things."""
+    """Return a digest that differs for trials that are made of different things."""
     return hashlib.sha256(json.dumps(finite(made_of), sort_keys=True).encode()).hexdigest()
 
 
@@ -68,16 +65,16 @@ def write_trial(
     folder: Path,
     trial: Trial,
     measured: Measured,
-    about: Mapping[str, Any],
+    metadata: Mapping[str, Any],
     counters: Sequence[str],
 ) -> None:
-    """Write a complete trial; what an interrupted one left there is cleared away.
+    """Write a complete trial in place of what an interrupted one left there.
 
     Args:
         folder: The folder of the comparison.
         trial: What it is of.
         measured: What it has found.
-        about: JSON values, see `Record.about`.
+        metadata: JSON values, see `Record.metadata`.
         counters: Names of the counters in the rows of the log.
 
     Raises:
@@ -85,7 +82,6 @@ def write_trial(
     """
     place = trial_folder(folder, trial)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         make_inside(folder, *place.parent.relative_to(folder).parts)
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir()
@@ -97,17 +93,17 @@ def write_trial(
     with Table(place / _EVALUATIONS, EVALUATION_COLUMNS) as table:
         for evaluation in measured.evaluations:
             table.append(evaluation)
-    text = json_text(finite({**trial._asdict(), **about, "counters": list(counters)}))
+    text = json_text(finite({**trial._asdict(), **metadata, "counters": list(counters)}))
     write_durably(place / _DONE, text)
 
 
 def is_complete(folder: Path, trial: Trial) -> bool:
-    """Whether a trial is there."""
+    """Return whether a trial is complete."""
     return (trial_folder(folder, trial) / _DONE).is_file()
 
 
-def read_about(folder: Path, trial: Trial) -> dict[str, Any]:
-    """Return what a complete trial says of itself.
+def read_metadata(folder: Path, trial: Trial) -> dict[str, Any]:
+    """Return what the `trial.json` of a complete trial holds.
 
     Raises:
         RunError: The file is damaged.
@@ -122,8 +118,8 @@ def read_trial(folder: Path, trial: Trial) -> Record:
         RunError: A file of it is missing or damaged.
     """
     place = trial_folder(folder, trial)
-    about = read_about(folder, trial)
-    counters = about.get("counters")
+    metadata = read_metadata(folder, trial)
+    counters = metadata.get("counters")
     if not isinstance(counters, list):
         raise RunError(f"{place / _DONE} is not what serp wrote. {_ADVICE}")
     info = [_INFO + str(name) for name in counters]
@@ -131,7 +127,7 @@ def read_trial(folder: Path, trial: Trial) -> Record:
         trial=trial,
         episodes=_read(place / _EPISODES, [*EPISODE_COLUMNS, *info], EpisodeRow),
         evaluations=_read(place / _EVALUATIONS, list(EVALUATION_COLUMNS), EvaluationRow),
-        about=about,
+        metadata=metadata,
     )
 
 

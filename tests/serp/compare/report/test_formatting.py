@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 
 from serp.compare.analysis.statistics import Estimate, Times, times
-from serp.compare.report.markdown import NOTHING, estimate_text, number, spread_text, times_text
+from serp.compare.report.formatting import NOTHING, estimate_text, number, spread_text, times_text
 
 
 def test_numbers_have_the_digits_that_count():
