@@ -17,7 +17,7 @@ _HOMES = {
     "AdaptationSettings": "serp.settings",
     "ArbiterSettings": "serp.settings",
     "Comparison": "serp.compare.study",
-    "DQN": "serp.learning",
+    "DQN": "serp.learning.dqn",
     "LearnerSettings": "serp.settings",
     "Domain": "serp.model.loading",
     "DomainError": "serp.pddl.source",
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from serp.compare.study import compare as compare
     from serp.control.arbiter import Arbiter as Arbiter
     from serp.errors import SerpError as SerpError
-    from serp.learning import DQN as DQN
+    from serp.learning.dqn import DQN as DQN
     from serp.model.loading import Domain as Domain
     from serp.model.loading import load_domain as load_domain
     from serp.model.transition_model import Outcome as Outcome
