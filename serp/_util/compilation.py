@@ -1,8 +1,8 @@
 """Compiling loops by numba, with a cache on disk wherever there can be one.
 
-A loop is compiled anew when anything that it is made of was edited: its own file, and the constants
-and other loops that its module imports. Else a loop would be run with, say, the layout of memory of
-an earlier version.
+A loop is compiled anew when anything that it is made of was edited: its own file, and the
+constants, records and other loops that its module imports. Else a loop would be run with, say, the
+layout of memory of an earlier version.
 """
 
 from __future__ import annotations
@@ -84,6 +84,8 @@ def _parts(names: set[str], known: dict[str, Any]) -> Iterator[str]:
         value = known[name]
         if isinstance(value, _CONSTANTS):
             yield f"{name}={value!r}"
+        elif isinstance(value, type) and issubclass(value, tuple):
+            yield f"{name}={getattr(value, '_fields', ())!r}"
         elif isinstance(value, ModuleType):
             yield from _parts(names, {
                 other: one for other, one in vars(value).items() if isinstance(one, _CONSTANTS)

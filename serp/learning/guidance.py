@@ -13,26 +13,24 @@ work, and may be combined except where said:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-
-from serp._util.numbers import real, truth
-from serp.errors import SettingsError
 
 
 class Guidance(NamedTuple):
     """What the guide says about one env step.
 
     Attributes:
-        action: the guide's action in the state acted in, to be imitated; -1: imitate nothing here.
-        value: the guide's value of the *executed* action in that state, in units of Q (reward ×
+        action: The guide's action in the state acted in, to be imitated; -1: imitate nothing here.
+        value: The guide's value of the *executed* action in that state, in units of Q (reward ×
             `reward_scale`), finite.
-        next_action: the guide's action in the next state; -1: it has none.
+        next_action: The guide's action in the next state; -1: it has none.
         next_values: ``[A]``, the guide's values of all actions in the next state, in units of Q,
-            finite. Nothing is made of it after a terminal step.
+            finite. Not used after a terminal step.
     """
 
     action: int
@@ -41,56 +39,64 @@ class Guidance(NamedTuple):
     next_values: npt.NDArray[np.floating[Any]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class GuidedLearning:
-    """How a `serp.learning.DQN` learns from its guide. As the defaults are, it does not.
+NO_GUIDANCE = Guidance(-1, 0.0, -1, np.zeros(0))
+"""Stands for the guidance of a learner that does not learn from any."""
+
+
+def checked(guidance: Guidance | None, actions: int) -> Guidance:
+    """Return guidance that fits so many actions.
 
     Raises:
-        SettingsError: a value is outside its range, or two of them contradict each other.
+        ValueError: It is absent, of another shape or not finite.
+    """
+    if guidance is None:
+        raise ValueError("a learner that learns from a guide needs its guidance for every step")
+    for action in (guidance.action, guidance.next_action):
+        if not -1 <= action < actions:
+            raise ValueError(f"there are {actions} actions, a guide cannot choose {action}")
+    values = guidance.next_values
+    if values.shape != (actions,):
+        raise ValueError(f"a guide's values must have shape ({actions},), not {values.shape}")
+    if not (math.isfinite(guidance.value) and np.isfinite(values).all()):
+        raise ValueError(f"a guide's values must be finite, not {guidance.value} and {values}")
+    return guidance
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuidedLearning:
+    """How a `serp.learning.dqn.DQN` learns from its guide. By default it does not.
+
+    Attributes:
+        margin: By how much the guide's action should be worth more than any other, in units of Q,
+            ≥ 0: the m of the loss max over a of (Q(s, a) + m·[a ≠ guide's]) − Q(s, guide's).
+        margin_weight: Weight of that loss beside the TD loss, ≥ 0; 0: no imitation.
+            `DQN.margin_weight` starts here.
+        q_filter: Imitate only where the target network (without one: the network) values the
+            guide's action no lower than the learner's own greedy choice.
+        bootstrap_guide: Value the next state by the better, by the target network, of the
+            learner's greedy action and the guide's action, unless that is forbidden. It changes
+            double DQN only: without `double` the learner's action already is the best by that
+            network.
+        residual: Q(s, a) is the guide's value plus the network's output, in the TD error, in every
+            choice and within the bounds of `clip_targets`. The network's last layer then starts at
+            zero, so that Q starts as the guide's value. Excludes imitation, which would need the
+            guide's values of every action in the state acted in.
+
+    Raises:
+        ValueError: Imitation and residual learning are combined.
     """
 
     margin: float = 0.8
-    """By how much the guide's action should be worth more than any other, in units of Q, ≥ 0: the m
-    of the loss max over a of (Q(s, a) + m·[a ≠ guide's]) − Q(s, guide's)."""
-
     margin_weight: float = 0.0
-    """Weight of that loss beside the TD loss, ≥ 0; 0: no imitation. `DQN.margin_weight` starts
-    here."""
-
     q_filter: bool = True
-    """Imitate only where the target network (without one: the network) values the guide's action
-    no lower than the learner's own greedy choice."""
-
     bootstrap_guide: bool = False
-    """Value the next state by the better, by the target network, of the learner's greedy action and
-    the guide's action, unless that is forbidden. It changes double DQN only: without `double` the
-    learner's action already is the best by that network."""
-
     residual: bool = False
-    """Q(s, a) is the guide's value plus the network's output, in the TD error, in every choice and
-    within the bounds of `clip_targets`. The network's last layer then starts at zero, so that Q
-    starts as the guide's value. Excludes imitation, which would need the guide's values of every
-    action in the state acted in."""
 
     def __post_init__(self) -> None:
-        for name in ("margin", "margin_weight"):
-            number = real(getattr(self, name))
-            if number is None or number < 0:
-                self._refuse(name, "a number ≥ 0")
-            object.__setattr__(self, name, number)
-        for name in ("q_filter", "bootstrap_guide", "residual"):
-            flag = truth(getattr(self, name))
-            if flag is None:
-                self._refuse(name, "true or false")
-            object.__setattr__(self, name, flag)
         if self.residual and self.margin_weight > 0:
-            self._refuse("margin_weight", "0 while residual is true")
+            raise ValueError("margin_weight must be 0 for a learner that learns a residual")
 
     @property
     def in_use(self) -> bool:
         """Whether anything is learned from the guide, so that its advice has to be remembered."""
         return self.margin_weight > 0 or self.bootstrap_guide or self.residual
-
-    def _refuse(self, name: str, allowed: str) -> NoReturn:
-        value = getattr(self, name)
-        raise SettingsError(f"guided learning: {name} is {value!r}, but must be {allowed}")

@@ -1,24 +1,31 @@
-"""From a batch of samples to the gradient of the TD loss (paper, equations 2 and 3)."""
+"""From a batch of samples to the gradient of the loss (paper, equations 2 and 3)."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from serp.learning import guided_kernels, kernels
 from serp.learning.guidance import GuidedLearning
+from serp.learning.kernels import compiled
 from serp.learning.network import QNetwork, Workspace
 from serp.learning.samples import Samples
 from serp.settings import LearnerSettings
+
+_ZERO = np.float32(0.0)
+_ONE = np.float32(1.0)
+_HALF = np.float32(0.5)
+_TWO = np.float32(2.0)
 
 
 class TDGradient:
     """Forward and backward passes of one gradient update.
 
     Args:
-        online: the network.
-        target: values the next states; the same network where there is no target network.
-        settings: of the learner.
-        guided: how it learns from a guide; None: not at all.
+        online: The network.
+        target: Values the next states; the same network where there is no target network.
+        settings: Of the learner.
+        guided: How it learns from a guide; None: not at all.
     """
 
     def __init__(
@@ -40,51 +47,145 @@ class TDGradient:
         self._choice_work = Workspace(online, settings.batch_size if self._chooses else 0)
         self._filter_work = Workspace(online, settings.batch_size if self._filters else 0)
 
-    def gradient(self, batch: Samples, lower: float, upper: float, margin_weight: float) -> float:
-        """Writes the gradient of the loss on a batch into that of the network.
+    def gradient(
+        self, batch: Samples, bounds: tuple[float, float], imitation_weight: float
+    ) -> float:
+        """Write the gradient of the loss on a batch into that of the network.
 
         Args:
-            batch: samples ``[members, batch]``.
-            lower: smallest possible value of a state.
-            upper: largest possible value of a state.
-            margin_weight: weight of imitation, ≥ 0.
+            batch: Samples ``[members, batch]``.
+            bounds: Smallest and largest possible value of a state.
+            imitation_weight: Weight of imitation, ≥ 0.
 
         Returns:
             The mean loss over members and samples.
         """
-        if self._filters and margin_weight > 0.0:
+        if self._filters and imitation_weight > 0.0:
             self._target.forward(batch.observation, self._filter_work)
         self._target.forward(batch.next_observation, self._next_work)
         if self._chooses:
             self._online.forward(batch.next_observation, self._choice_work)
         self._online.forward(batch.observation, self._work)
-        loss = self._loss(batch, np.float32(lower), np.float32(upper), np.float32(margin_weight))
+        q, next_q = self._work.q, self._next_work.q
+        values = (
+            q, next_q, self._choice_work.q if self._chooses else next_q,
+            self._filter_work.q if self._filters else q,
+        )  # fmt: skip
+        how, guide, guided = None, None, self._guided
+        if guided is not None and batch.guide is not None:
+            guide = tuple(batch.guide)
+            how = (
+                guided.bootstrap_guide, guided.residual, guided.q_filter,
+                np.float32(guided.margin), np.float32(imitation_weight),
+            )  # fmt: skip
+        loss: float = td_gradient(
+            values, (batch.action, batch.reward, batch.discount, batch.forbidden),
+            (np.float32(bounds[0]), np.float32(bounds[1])), self._huber, guide, how,
+            self._work.q_gradient,
+        )  # fmt: skip
         self._online.backward(self._work)
         return loss
 
-    def _loss(
-        self, batch: Samples, lower: np.float32, upper: np.float32, margin_weight: np.float32
-    ) -> float:
-        """The loss, after the forward passes; writes its gradient in Q."""
-        work, next_q = self._work, self._next_work.q
-        choice_q = self._choice_work.q if self._chooses else next_q
-        guided, guide = self._guided, batch.guide
-        loss: float
-        if guided is None or guide is None:
-            loss = kernels.td_gradient(
-                work.q, next_q, choice_q,
-                batch.action, batch.reward, batch.discount, batch.forbidden,
-                lower, upper, self._huber, work.q_gradient,
-            )  # fmt: skip
-            return loss
-        judge_q = self._filter_work.q if self._filters else work.q
-        loss = guided_kernels.guided_td_gradient(
-            work.q, next_q, choice_q, judge_q,
-            batch.action, batch.reward, batch.discount, batch.forbidden,
-            guide.action, guide.value, guide.next_action, guide.next_values,
-            lower, upper, self._huber,
-            guided.bootstrap_guide, guided.residual,
-            np.float32(guided.margin), margin_weight, guided.q_filter,
-            work.q_gradient,
-        )  # fmt: skip
-        return loss
+
+@compiled
+def _within(value: Any, lower: Any, upper: Any) -> Any:
+    """Return a value, or the bound that it exceeds; NaN stays NaN."""
+    if value < lower:
+        return lower
+    return upper if value > upper else value
+
+
+@compiled
+def td_gradient(
+    values: Any, batch: Any, bounds: Any, huber: bool, guide: Any, how: Any, q_gradient: Any
+) -> float:
+    """Compute the loss and its gradient.
+
+    The target of a sample is reward + discount × next_q[best], with best the action of largest
+    choice_q among those not forbidden (the lowest index among equals), and next_q[best] kept
+    between the bounds. With a guide the loss of a sample is this TD loss + weight × (max over a of
+    (q[a] + margin·[a ≠ g]) − q[g]) with g the guide's action, the second part only where there is
+    one and the filter lets it pass.
+
+    Args:
+        values: ``[E, B, A]`` each. q of the states acted in; next_q, which values the next states;
+            choice_q, which chooses there, the same array unless double DQN; filter_q of the states
+            acted in, which judges the guide's action, the same array as q where nothing else does.
+        batch: Action int64 ``[E, B]``; reward ``[E, B]``; discount ``[E, B]``, 0 after a terminal
+            step; forbidden bool ``[E, B, A]``, never all of a row.
+        bounds: Smallest and largest possible value.
+        huber: Huber's loss with its corner at 1 instead of the squared error.
+        guide: The fields of `GuideSamples`; None without a guide. The loop is then compiled
+            without what is only for one.
+        how: Whether the next state may be valued by the guide's action, where next_q prefers it;
+            whether the guide's values are added to q, next_q and choice_q (residual); whether to
+            imitate only where filter_q of the guide's action is no smaller than that of the action
+            with the largest q; margin ≥ 0; weight ≥ 0 of imitation. None without a guide.
+        q_gradient: ``[E, B, A]``, written: gradient of each member's mean loss.
+
+    Returns:
+        The mean loss over members and batch.
+    """
+    q, next_q, choice_q, filter_q = values
+    action, reward, discount, forbidden = batch
+    lower, upper = bounds
+    if guide is not None:
+        guide_action, guide_value, guide_next_action, guide_next_values = guide
+        bootstrap, residual, filtered, margin, weight = how
+    members, batch_size, actions = q.shape
+    share = _ONE / np.float32(batch_size)
+    loss = 0.0
+    for e in range(members):
+        for i in range(batch_size):
+            best = -1
+            largest = _ZERO
+            for k in range(actions):
+                if not forbidden[e, i, k]:
+                    choice = choice_q[e, i, k]
+                    if guide is not None and residual:
+                        choice += guide_next_values[e, i, k]
+                    if best < 0 or choice > largest:
+                        best, largest = k, choice
+            value = next_q[e, i, best]
+            if guide is not None:
+                if residual:
+                    value += guide_next_values[e, i, best]
+                then = guide_next_action[e, i]
+                if bootstrap and then >= 0 and not forbidden[e, i, then]:
+                    other = next_q[e, i, then]
+                    if residual:
+                        other += guide_next_values[e, i, then]
+                    if other > value:
+                        value = other
+            value = _within(value, lower, upper)
+            chosen = action[e, i]
+            error = q[e, i, chosen] - (reward[e, i] + discount[e, i] * value)
+            if guide is not None and residual:
+                error += guide_value[e, i]
+            q_gradient[e, i, :] = _ZERO
+            if huber:
+                clipped = min(max(error, -_ONE), _ONE)
+                loss += clipped * (error - _HALF * clipped)
+                q_gradient[e, i, chosen] = clipped * share
+            else:
+                loss += error * error
+                q_gradient[e, i, chosen] = _TWO * error * share
+            if guide is not None:
+                said = guide_action[e, i]
+                if weight <= _ZERO or said < 0:
+                    continue
+                # The guide's action first among equals: at the corner of the loss its gradient
+                # is 0.
+                rival, above, greedy = said, q[e, i, said], 0
+                for k in range(actions):
+                    if q[e, i, k] > q[e, i, greedy]:
+                        greedy = k
+                    if k != said and q[e, i, k] + margin > above:
+                        rival, above = k, q[e, i, k] + margin
+                refused = filtered and filter_q[e, i, said] < filter_q[e, i, greedy]
+                if rival != said and not refused:
+                    loss += weight * (above - q[e, i, said])
+                    q_gradient[e, i, rival] += weight * share
+                    q_gradient[e, i, said] -= weight * share
+    mean: float = loss / (members * batch_size)
+    return mean

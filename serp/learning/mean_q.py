@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
-import torch
 
-from serp.learning import kernels
-from serp.learning.network import MeanOfImages, QNetwork, Workspace
+from serp.learning.kernels import compiled
+from serp.learning.network import QNetwork, Workspace
 from serp.learning.samples import type_F32
 from serp.learning.symmetry_group import SymmetryGroup
 
@@ -16,8 +17,8 @@ class MeanQ:
     """Asks networks of one shape for their Q-values.
 
     Args:
-        network: one of that shape.
-        symmetry: what Q is averaged over; None: over no images.
+        network: One of that shape.
+        symmetry: What Q is averaged over; None: over no images.
     """
 
     def __init__(self, network: QNetwork, symmetry: SymmetryGroup | None) -> None:
@@ -27,7 +28,7 @@ class MeanQ:
         self._many = Workspace(network, 0)
 
     def _rows(self, inputs: int) -> int:
-        """How many inputs of the network so many inputs stand for."""
+        """Return how many inputs of the network so many inputs stand for."""
         return inputs if self._symmetry is None else inputs * self._symmetry.averaged
 
     def of(
@@ -36,18 +37,18 @@ class MeanQ:
         x: npt.NDArray[np.floating],
         base: npt.NDArray[np.floating] | None,
     ) -> type_F32:
-        """Q of every action.
+        """Return Q of every action.
 
         Args:
-            network: who is asked.
-            x: one input ``[F]`` or a batch ``[B, F]``.
+            network: Which is asked.
+            x: One input ``[F]`` or a batch ``[B, F]``.
             base: ``[A]`` or ``[B, A]``, added; None: nothing.
 
         Returns:
             ``[A]`` or ``[B, A]``, float32, the caller's own.
 
         Raises:
-            ValueError: the input or `base` has another shape.
+            ValueError: The input or `base` has another shape.
         """
         q: type_F32
         if x.ndim == 1:
@@ -80,18 +81,22 @@ class MeanQ:
     def _mean_over_images(
         self, symmetry: SymmetryGroup, network: QNetwork, x: type_F32, work: Workspace
     ) -> type_F32:
-        images: type_F32 = np.empty((work.batch, self._input_size), np.float32)
-        kernels.all_images(np.ascontiguousarray(x), symmetry.columns, symmetry.signs, images)
+        images = self._images(symmetry, x, work)
         mean: type_F32 = np.empty((len(x), self._action_count), np.float32)
-        kernels.mean_over_images(network.forward(images, work), symmetry.actions, mean)
+        _mean_over_images(network.forward(images, work), symmetry.actions, mean)
         return mean
 
+    def _images(self, symmetry: SymmetryGroup, x: type_F32, work: Workspace) -> type_F32:
+        images: type_F32 = np.empty((work.batch, self._input_size), np.float32)
+        _all_images(np.ascontiguousarray(x), symmetry.columns, symmetry.signs, images)
+        return images
+
     def of_members(self, network: QNetwork, x: npt.NDArray[np.floating]) -> type_F32:
-        """Q of every action in the eyes of each member, the mean over mirror images.
+        """Return Q of every action by each member, the mean over mirror images.
 
         Args:
-            network: who is asked.
-            x: one input ``[F]``.
+            network: Which is asked.
+            x: One input ``[F]``.
 
         Returns:
             ``[members, A]``, float32, the caller's own.
@@ -101,21 +106,48 @@ class MeanQ:
             alone: type_F32 = network.forward(inputs, self._single)[:, 0].copy()
             return alone
         group = self._symmetry
-        images: type_F32 = np.empty((self._single.batch, self._input_size), np.float32)
-        kernels.all_images(np.ascontiguousarray(inputs), group.columns, group.signs, images)
+        images = self._images(group, inputs, self._single)
         q = network.forward(images, self._single)
         own = np.take_along_axis(q, group.actions[np.newaxis, : len(images)], axis=2)
         mean: type_F32 = own.mean(axis=1)
         return mean
 
-    def module(self, network: QNetwork) -> torch.nn.Module:
-        """An independent copy of a network for export, ``[batch, F]`` → ``[batch, A]``."""
-        module = network.module()
-        if self._symmetry is None:
-            return module
-        used = slice(self._symmetry.averaged)
-        columns, signs, actions = (
-            torch.from_numpy(array[used].copy())
-            for array in (self._symmetry.columns, self._symmetry.signs, self._symmetry.actions)
-        )
-        return MeanOfImages(module, columns, signs, actions)
+
+@compiled
+def _all_images(x: Any, columns: Any, signs: Any, out: Any) -> None:
+    """Compute the images of inputs under K elements of a symmetry group, element by element.
+
+    Args:
+        x: ``[B, F]``.
+        columns: int64 ``[G, F]``; image[i] = signs[g, i] × input[columns[g, i]].
+        signs: ``[G, F]``.
+        out: ``[K · B, F]``, K ≤ G, written.
+    """
+    batch, width = x.shape
+    for r in range(len(out)):
+        g, i = r // batch, r % batch
+        for j in range(width):
+            out[r, j] = signs[g, j] * x[i, columns[g, j]]
+
+
+@compiled
+def _mean_over_images(q: Any, images: Any, out: Any) -> None:
+    """Compute the mean of Q over members and a symmetry group.
+
+    Args:
+        q: ``[E, K · B, A]`` of what `_all_images` wrote.
+        images: int64 ``[G, A]``, the image of every action.
+        out: ``[B, A]``, written.
+    """
+    members, rows, actions = q.shape
+    batch = len(out)
+    share = np.float32(1.0) / np.float32(members * (rows // batch))
+    out[:, :] = np.float32(0.0)
+    for e in range(members):
+        for r in range(rows):
+            g, i = r // batch, r % batch
+            for k in range(actions):
+                out[i, k] += q[e, r, images[g, k]]
+    for i in range(batch):
+        for k in range(actions):
+            out[i, k] *= share

@@ -4,8 +4,8 @@ All parameters lie in one flat float32 tensor of torch's, so that the optimiser,
 target network and a checkpoint are single operations. The arithmetic runs on NumPy views of that
 memory: NumPy's matrix products and the compiled loops of `serp.learning.kernels`, every result
 into a buffer allocated beforehand. On networks of this size that is several times faster than
-torch's autograd, for which calls cost more than arithmetic. `QNetwork.module` gives an ordinary
-`torch.nn.Module` with equal outputs.
+torch's autograd, for which calls cost more than arithmetic. `serp.learning.export` gives an
+ordinary `torch.nn.Module` with equal outputs.
 
 Threads: up to 64 × 64 × 64 OpenBLAS multiplies on one thread by itself; larger layers or batches
 gain from several where the cores are idle and lose where they are not. NumPy's threads are the
@@ -24,12 +24,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
 import torch
 
 from serp.learning import kernels
-
-type_F32 = npt.NDArray[np.float32]
+from serp.learning.samples import type_F32
 
 _NO_FLOOR = np.float32(-math.inf)
 _RELU_FLOOR = np.float32(0.0)
@@ -152,7 +150,7 @@ class QNetwork:
             self._draw(rng)
 
     def another(self) -> QNetwork:
-        """A network of the same shape with all parameters 0."""
+        """Return a network of the same shape with all parameters 0."""
         sizes = self.sizes
         return QNetwork(
             sizes[0], sizes[-1], sizes[1:-1], layer_norm=self.layer_norm, members=self.members
@@ -168,11 +166,11 @@ class QNetwork:
                 self._flat[:, gain:shift] = 1.0
 
     def zero_output(self) -> None:
-        """Makes every Q-value zero, by the last layer; the hidden layers stay."""
+        """Make every Q-value zero, by the last layer; the hidden layers stay."""
         self._flat[:, self.layers[-1].start :] = 0.0
 
     def forward(self, inputs: type_F32, work: Workspace) -> type_F32:
-        """Q-values of a batch.
+        """Compute the Q-values of a batch.
 
         Args:
             inputs: ``[batch, F]`` for all members alike, or ``[members, batch, F]``; `backward`
@@ -197,7 +195,7 @@ class QNetwork:
         return work.q
 
     def backward(self, work: Workspace) -> None:
-        """Writes the gradient of a loss into `gradient`.
+        """Write the gradient of a loss into `gradient`.
 
         Args:
             work: as the last `forward` left it, with dloss/dq in `work.q_gradient`.
@@ -219,93 +217,22 @@ class QNetwork:
         np.matmul(transposed_input, work._layers[0].flat_d, out=self.layers[0].weight_gradient)
 
     def copy_from(self, other: QNetwork) -> None:
-        """Takes over the parameters of a network of the same shape."""
+        """Take over the parameters of a network of the same shape."""
         self.parameters.copy_(other.parameters)
 
     def move_towards(self, other: QNetwork, share: float) -> None:
-        """Polyak averaging: parameters += share × (other's − own)."""
+        """Do a step of Polyak averaging: parameters += share × (other's − own)."""
         self.parameters.lerp_(other.parameters, share)
 
     def place_of(self, column: int) -> str:
-        """Which part of a member a column of `parameters` belongs to, in words."""
+        """Describe which part of a member a column of `parameters` belongs to."""
         number = sum(layer.end <= column for layer in self.layers)
         layer = self.layers[number]
         vector = (column - layer.bias) // layer.outputs
         part = "weights" if column < layer.bias else ("bias", "gain", "shift")[vector]
         return f"{part} of layer {number + 1}"
 
-    def module(self) -> torch.nn.Module:
-        """An independent copy for export: ``[batch, F]`` → ``[batch, A]``, the members' mean."""
-        modules = [self._member_module(m) for m in range(self.members)]
-        return modules[0] if self.members == 1 else MeanOfMembers(modules)
-
-    def _member_module(self, member: int) -> torch.nn.Sequential:
-        flat = self.parameters[member]
-        stack: list[torch.nn.Module] = []
-        for layer in self.layers:
-            vectors = flat[layer.bias : layer.end].reshape(-1, layer.outputs)
-            linear = torch.nn.Linear(layer.inputs, layer.outputs)
-            with torch.no_grad():
-                weight = flat[layer.start : layer.bias].reshape(layer.inputs, layer.outputs)
-                linear.weight.copy_(weight.T)
-                linear.bias.copy_(vectors[0])
-            stack.append(linear)
-            if layer.normalized:
-                norm = torch.nn.LayerNorm(layer.outputs, eps=kernels.NORM_EPSILON)
-                with torch.no_grad():
-                    norm.weight.copy_(vectors[1])
-                    norm.bias.copy_(vectors[2])
-                stack.append(norm)
-            if layer is not self.layers[-1]:
-                stack.append(torch.nn.ReLU())
-        return torch.nn.Sequential(*stack)
-
-
-class MeanOfMembers(torch.nn.Module):
-    """The mean output of several networks."""
-
-    def __init__(self, members: Sequence[torch.nn.Module]) -> None:
-        super().__init__()
-        self.members = torch.nn.ModuleList(members)
-
-    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """``[batch, F]`` → ``[batch, A]``."""
-        return torch.stack([member(inputs) for member in self.members]).mean(0)
-
-
-class MeanOfImages(torch.nn.Module):
-    """The mean output over a symmetry group; see `serp.learning.symmetry_group`.
-
-    Args:
-        inner: ``[batch, F]`` → ``[batch, A]``.
-        columns: int64 ``[K, F]``.
-        signs: float32 ``[K, F]``.
-        actions: int64 ``[K, A]``.
-    """
-
-    columns: torch.Tensor
-    signs: torch.Tensor
-    actions: torch.Tensor
-
-    def __init__(
-        self,
-        inner: torch.nn.Module,
-        columns: torch.Tensor,
-        signs: torch.Tensor,
-        actions: torch.Tensor,
-    ) -> None:
-        super().__init__()
-        self.inner = inner
-        self.register_buffer("columns", columns)
-        self.register_buffer("signs", signs)
-        self.register_buffer("actions", actions)
-
-    def forward(self, inputs: torch.Tensor) -> torch.Tensor:
-        """``[batch, F]`` → ``[batch, A]``."""
-        images = zip(self.columns, self.signs, self.actions, strict=True)
-        return torch.stack([self.inner(inputs[:, c] * s)[:, a] for c, s, a in images]).mean(0)
-
 
 def _squeezed(array: type_F32) -> type_F32:
-    """Without the axis of a single member: one plain matrix product is the cheapest."""
+    """Return it without the axis of a single member: one plain matrix product is the cheapest."""
     return array[0] if len(array) == 1 else array

@@ -8,12 +8,13 @@ to the same result.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import torch
 
-from serp.learning import kernels
+from serp.learning.kernels import compiled
 
 _BETA1 = 0.9
 _BETA2 = 0.999
@@ -27,15 +28,15 @@ class Adam:
     instead: less arithmetic, the same mathematics.
 
     Args:
-        parameters: contiguous float32 tensor ``[members, P]``, changed by `step`.
-        gradient: likewise, read by `step`.
-        learning_rate: the step size α > 0; β₁ = 0.9, β₂ = 0.999, ε = 1e-8 as in the paper.
-        largest_norm: each member's gradient is scaled down to this Euclidean norm; None: never.
+        parameters: Contiguous float32 tensor ``[members, P]``, changed by `step`.
+        gradient: Likewise, read by `step`.
+        learning_rate: The step size α > 0; β₁ = 0.9, β₂ = 0.999, ε = 1e-8 as in the paper.
+        largest_norm: Each member's gradient is scaled down to this Euclidean norm; None: never.
 
     Attributes:
         first: Σ β₁ᵗ⁻ⁱ gᵢ, float32 ``[members, P]``.
         second: Σ β₂ᵗ⁻ⁱ gᵢ², float32 ``[members, P]``.
-        steps: steps done.
+        steps: Steps done.
     """
 
     def __init__(
@@ -56,11 +57,11 @@ class Adam:
         self.steps = 0
 
     def step(self) -> None:
-        """Moves the parameters against the gradient."""
+        """Move the parameters against the gradient."""
         self.steps += 1
         spread = math.sqrt((1.0 - _BETA2) / (1.0 - _BETA2**self.steps))
         rate = self._learning_rate * (1.0 - _BETA1) / (1.0 - _BETA1**self.steps) / spread
-        kernels.adam(
+        _adam(
             self._parameters,
             self._gradient,
             self.first,
@@ -71,3 +72,35 @@ class Adam:
             np.float32(_EPSILON / spread),
             self._largest_norm,
         )
+
+
+@compiled
+def _adam(
+    parameters: Any,
+    gradient: Any,
+    first: Any,
+    second: Any,
+    beta1: Any,
+    beta2: Any,
+    rate: Any,
+    epsilon: Any,
+    largest_norm: Any,
+) -> None:
+    """Do one step in place.
+
+    All arrays are ``[E, P]``. The gradient of each member is first scaled down to a Euclidean norm
+    of at most `largest_norm`.
+    """
+    members, count = parameters.shape
+    for e in range(members):
+        p, g, m, v = parameters[e], gradient[e], first[e], second[e]
+        square = np.float32(0.0)
+        for i in range(count):
+            square += g[i] * g[i]
+        norm = np.sqrt(square)
+        factor = largest_norm / norm if norm > largest_norm else np.float32(1.0)
+        for i in range(count):
+            slope = g[i] * factor
+            m[i] = beta1 * m[i] + slope
+            v[i] = beta2 * v[i] + slope * slope
+            p[i] -= rate * m[i] / (np.sqrt(v[i]) + epsilon)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
-from serp.learning import guided_kernels, kernels
-from serp.learning.samples import GuideSamples, Samples, type_I64
+from serp.learning.kernels import compiled
+from serp.learning.samples import Samples, SampleSpec, type_I64
 from serp.learning.symmetry_group import SymmetryGroup
 
 
@@ -15,41 +16,45 @@ class Sampler:
     """Draws batches, a column from some range of rows each. Allocates once.
 
     Args:
-        store: the rows.
-        members: batches a draw, E ≥ 1.
-        batch_size: columns of a batch, B ≥ 1.
-        rng: draws the samples; from now on the sampler's own.
-        symmetry: every sample drawn is replaced by its image under an element of it, drawn
+        store: The rows.
+        spec: What they are like.
+        shape: Batches a draw, E ≥ 1, and columns of a batch, B ≥ 1.
+        rng: Draws the samples; from now on the sampler's own.
+        symmetry: Every sample drawn is replaced by its image under an element of it, drawn
             uniformly; None: samples stay as they are.
 
     Attributes:
-        rng: that generator.
+        rng: That generator.
     """
 
     def __init__(
         self,
         store: Samples,
-        members: int,
-        batch_size: int,
+        spec: SampleSpec,
+        shape: tuple[int, int],
         rng: np.random.Generator,
         symmetry: SymmetryGroup | None,
     ) -> None:
         self.rng = rng
         self._store = store
-        self._symmetry = symmetry
-        self._uniform = np.zeros((members, batch_size))
-        self._rows: type_I64 = np.zeros(members * batch_size, np.int64)
-        self._counts = np.zeros(batch_size)
-        self._starts: type_I64 = np.zeros(batch_size, np.int64)
-        self._flat = store.like(members * batch_size)
-        self._batch = self._flat.reshaped(members, batch_size)
+        group = symmetry or SymmetryGroup(spec.input_size, spec.action_count)
+        self._group = (group.columns, group.signs, group.actions)
+        self._order = len(group)
+        count = shape[0] * shape[1]
+        self._uniform = np.zeros(shape)
+        self._rows: type_I64 = np.zeros(count, np.int64)
+        self._elements: type_I64 = np.zeros(count, np.int64)
+        self._counts = np.zeros(shape[1])
+        self._starts: type_I64 = np.zeros(shape[1], np.int64)
+        self._flat = Samples.zeros(count, spec)
+        self._batch = self._flat.reshaped(*shape)
 
     def divide(self, ranges: Iterable[tuple[int, int, int]]) -> None:
-        """Says which rows the columns of a batch are drawn from.
+        """Set which rows the columns of a batch are drawn from.
 
         Args:
-            ranges: of so many columns: how many, the first row, how many rows. Together they are
-                as many columns as a batch has.
+            ranges: Columns, first row and rows of each range; as many columns in all as a batch
+                has.
         """
         column = 0
         for columns, start, rows in ranges:
@@ -58,51 +63,88 @@ class Sampler:
             column += columns
 
     def draw(self) -> Samples:
-        """A batch for each member, uniformly and with replacement in each range.
+        """Draw a batch for each member, uniformly and with replacement in each range.
 
         Returns:
             Samples with leading axes ``[members, batch]``, valid until the next draw.
         """
-        store, out, symmetry = self._store, self._flat, self._symmetry
+        store, out = self._store, self._flat
         self.rng.random(out=self._uniform)
-        kernels.choose_rows(self._uniform, self._starts, self._counts, self._rows)
-        if symmetry is not None:
-            self._take_images(symmetry)
-            return self._batch
-        kernels.take_samples(
-            self._rows,
-            store.observation, store.action, store.reward,
-            store.next_observation, store.discount, store.forbidden,
-            out.observation, out.action, out.reward,
-            out.next_observation, out.discount, out.forbidden,
-        )  # fmt: skip
+        _choose_rows(self._uniform, self._starts, self._counts, self._rows)
+        if self._order > 1:
+            self.rng.random(out=self._uniform)
+            # From float to integer rounds down.
+            self._elements[:] = self._uniform.reshape(-1) * self._order
+        _take_images(self._rows, self._elements, self._group, store[:6], out[:6])
         if store.guide is not None and out.guide is not None:
-            self._take_guide(store.guide, out.guide)
+            _take_guide_images(
+                self._rows, self._elements, self._group[2], tuple(store.guide), tuple(out.guide)
+            )
         return self._batch
 
-    def _take_guide(self, store: GuideSamples, out: GuideSamples) -> None:
-        # Every row exists; mode "clip" only spares take a copy of its output.
-        flat = self._rows
-        store.action.take(flat, out=out.action, mode="clip")
-        store.value.take(flat, out=out.value, mode="clip")
-        store.next_action.take(flat, out=out.next_action, mode="clip")
-        store.next_values.take(flat, axis=0, out=out.next_values, mode="clip")
 
-    def _take_images(self, symmetry: SymmetryGroup) -> None:
-        self.rng.random(out=self._uniform)
-        elements = (self._uniform.reshape(-1) * len(symmetry)).astype(np.int64)  # rounds down
-        store, out = self._store, self._flat
-        kernels.take_images(
-            self._rows, elements, symmetry.columns, symmetry.signs, symmetry.actions,
-            store.observation, store.action, store.reward,
-            store.next_observation, store.discount, store.forbidden,
-            out.observation, out.action, out.reward,
-            out.next_observation, out.discount, out.forbidden,
-        )  # fmt: skip
-        if store.guide is not None and out.guide is not None:
-            store.guide.value.take(self._rows, out=out.guide.value, mode="clip")
-            guided_kernels.take_guide_images(
-                self._rows, elements, symmetry.actions,
-                store.guide.action, store.guide.next_action, store.guide.next_values,
-                out.guide.action, out.guide.next_action, out.guide.next_values,
-            )  # fmt: skip
+@compiled
+def _choose_rows(uniform: Any, starts: Any, counts: Any, rows: Any) -> None:
+    """Turn uniform random numbers into rows of the replay memory.
+
+    Args:
+        uniform: float64 ``[E, B]``, in [0, 1).
+        starts: int64 ``[B]``, the first row that a column of a batch is drawn from.
+        counts: float64 ``[B]``, how many rows.
+        rows: int64 ``[E · B]``, written.
+    """
+    members, batch = uniform.shape
+    for e in range(members):
+        for i in range(batch):
+            rows[e * batch + i] = starts[i] + np.int64(uniform[e, i] * counts[i])
+
+
+@compiled
+def _take_images(rows: Any, elements: Any, group: Any, store: Any, out: Any) -> None:
+    """Copy samples, each as its image under an element of a symmetry group.
+
+    Args:
+        rows: int64 ``[N]``, which samples.
+        elements: int64 ``[N]``, under which element each.
+        group: Columns, signs and actions of a `SymmetryGroup`.
+        store: The memory, the first six fields of `Samples`.
+        out: Likewise, N samples, written.
+    """
+    columns, signs, images = group
+    observation, action, reward, next_observation, discount, forbidden = store
+    to_observation, to_action, to_reward, to_next_observation, to_discount, to_forbidden = out
+    width, count = columns.shape[1], images.shape[1]
+    for i in range(len(rows)):
+        row, g = rows[i], elements[i]
+        for j in range(width):
+            sign, column = signs[g, j], columns[g, j]
+            to_observation[i, j] = sign * observation[row, column]
+            to_next_observation[i, j] = sign * next_observation[row, column]
+        to_action[i] = images[g, action[row]]
+        to_reward[i] = reward[row]
+        to_discount[i] = discount[row]
+        for k in range(count):
+            to_forbidden[i, images[g, k]] = forbidden[row, k]
+
+
+@compiled
+def _take_guide_images(rows: Any, elements: Any, images: Any, store: Any, out: Any) -> None:
+    """Copy what a guide said, each sample as its image under an element of a symmetry group.
+
+    Args:
+        rows: int64 ``[N]``, which samples.
+        elements: int64 ``[N]``, under which element each.
+        images: int64 ``[G, A]``, the image of every action.
+        store: The memory, the fields of `GuideSamples`.
+        out: Likewise, N samples, written.
+    """
+    action, value, next_action, next_values = store
+    to_action, to_value, to_next_action, to_next_values = out
+    for i in range(len(rows)):
+        row, g = rows[i], elements[i]
+        said, then = action[row], next_action[row]
+        to_action[i] = images[g, said] if said >= 0 else said
+        to_value[i] = value[row]
+        to_next_action[i] = images[g, then] if then >= 0 else then
+        for k in range(images.shape[1]):
+            to_next_values[i, images[g, k]] = next_values[row, k]

@@ -100,7 +100,8 @@ def _follow_native(
     model: TransitionModel, settings: PlannerSettings, nodes: Sequence[int], states: list[State]
 ) -> Followed:
     from serp.model.native import address_of
-    from serp.planning.edges import expand
+    from serp.planning.edge_kernels import expand
+    from serp.planning.records import Rules
 
     actions, width = len(model.actions), len(model.fluents)
     tried = len(nodes) * actions
@@ -110,9 +111,10 @@ def _follow_native(
     reward, weight, risk, first_reward = np.empty((4, tried))
     flags, rank, periods, first_flags = np.empty((4, tried), dtype=np.int64)
     expand(
-        address_of(model.native_step()), rows.reshape(-1), len(nodes), actions,
-        settings.repeat, settings.discount, settings.accepted_risk, model.data, model.dt,
-        out.reshape(-1), reward, weight, flags, rank, periods, risk, first_reward, first_flags,
+        (address_of(model.native_step()), model.data, model.dt),
+        tuple(Rules(actions, 1, settings.repeat, settings.discount, settings.accepted_risk)),
+        len(nodes), rows.reshape(-1), out.reshape(-1),
+        (reward, weight, flags, rank, periods, risk, first_reward, first_flags),
     )  # fmt: skip
     there = np.flatnonzero(flags & APPLICABLE)
     edges = Edges(

@@ -203,10 +203,7 @@ class PlanningGraph:
         """
         graph = nx.MultiDiGraph(fluents=tuple(f.name for f in self.model.fluents))
         names = [action.name for action in self.model.actions]
-        # The dictionaries are filled as `add_edge` would fill them: its checks, edge by edge,
-        # would cost several times what the planning does (a test compares the two).
-        successors, predecessors = graph._succ, graph._pred
-        graph._node.update(
+        graph.add_nodes_from(
             (
                 node,
                 {
@@ -222,26 +219,22 @@ class PlanningGraph:
                 zip(self.states, self._layer_of, self._promised, strict=True)
             )
         )
-        successors.update((node, {}) for node in range(len(self.states)))
-        predecessors.update((node, {}) for node in range(len(self.states)))
         for layer in self._layers:
             edges = layer.edges
             for source, action, target, reward, flags in zip(
                 edges.source, edges.action, layer.target, edges.reward, edges.flags, strict=True
             ):
-                attributes = {
-                    "action": names[action],
-                    "reward": reward,
-                    "unsafe": (flags & UNSAFE) != 0,
-                    "risk": risk_of(flags),
-                    "risky": (flags & RISKY) != 0,
-                    "chosen": False,
-                }
-                following = successors[source]
-                if target in following:
-                    following[target][action] = attributes
-                else:
-                    following[target] = predecessors[target][source] = {action: attributes}
+                graph.add_edge(
+                    source,
+                    target,
+                    action,
+                    action=names[action],
+                    reward=reward,
+                    unsafe=(flags & UNSAFE) != 0,
+                    risk=risk_of(flags),
+                    risky=(flags & RISKY) != 0,
+                    chosen=False,
+                )
         for edge in self.best_path():
-            successors[edge.source][edge.target][edge.action]["chosen"] = True
+            graph.edges[edge.source, edge.target, edge.action]["chosen"] = True
         return graph

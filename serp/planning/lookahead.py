@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import threading
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from serp.model.native import address_of
 from serp.model.transition_model import StateError, TransitionModel
-from serp.planning import kernels
+from serp.planning import search_kernels as kernels
 from serp.planning.forecast import Forecast
 from serp.planning.limits import Bound, edge_budget, node_budget
+from serp.planning.records import Rules, Scratch, room_for_actions
 from serp.settings import PlannerSettings
 
 _BOUNDS = tuple(Bound)
@@ -56,15 +57,26 @@ class Lookahead:
         self._address = address_of(self._callback)
         self.leaves: NDArray[np.float64] = np.zeros(0)
         self._never = self.settings.leaf_value == "never"
-        self._always = self.settings.leaf_value == "always"
         self._width = len(model.fluents)
         self._actions = len(model.actions)
         self._edge_budget = edge_budget(self._width)
-        self._budget = self._nodes()
-        self._scratch = tuple(a[0] for a in self._allocate(1))
-        self._batch_scratch: tuple[NDArray[np.generic], ...] | None = None
+        self._nodes = self._most_nodes()
+        self._rules = tuple(
+            Rules(
+                actions=self._actions,
+                depth=self.settings.depth,
+                repeat=self.settings.repeat,
+                discount=self.settings.discount,
+                accepted_risk=self.settings.accepted_risk,
+                max_nodes=self._nodes,
+                max_edges=self._edge_budget,
+                always=self.settings.leaf_value == "always",
+            )
+        )
+        self._scratch = tuple(array[0] for array in self._allocate(1))
+        self._batch_scratch: tuple[NDArray[Any], ...] = ()
 
-    def _nodes(self) -> int:
+    def _most_nodes(self) -> int:
         """Most nodes that can ever be expanded: the budget, or the whole tree if it is smaller.
 
         Every node but the root has an edge that leads to it.
@@ -78,27 +90,13 @@ class Lookahead:
                 return budget
         return tree
 
-    def _allocate(self, threads: int) -> tuple[NDArray[np.generic], ...]:
-        nodes, edges = self._budget, self._budget * self._actions
-        size = 2
-        while size < 2 * nodes:
-            size *= 2
-        return (
-            np.zeros((threads, (nodes + 2) * (self._width + 1))),
-            np.zeros((threads, edges)),
-            np.zeros((threads, edges)),
-            np.zeros((threads, edges), dtype=np.uint8),
-            np.zeros((threads, edges), dtype=np.int32),
-            np.zeros((threads, edges)),
-            np.zeros((threads, edges), dtype=np.int32),
-            np.zeros((threads, nodes)),
-            np.zeros((threads, nodes)),
-            np.zeros((threads, nodes), dtype=np.int64),
-            np.zeros((threads, size), dtype=np.int32),
-        )
+    def _allocate(self, threads: int) -> tuple[NDArray[Any], ...]:
+        return tuple(Scratch.allocate(self._nodes, self._actions, self._width, threads))
 
-    def _used_leaves(self) -> NDArray[np.float64]:
-        return self.leaves[:0] if self._never else self.leaves
+    def _searched(self) -> tuple[tuple[Any, ...], tuple[Any, ...], NDArray[np.float64]]:
+        """Return the first arguments of both searches: model, rules and leaves."""
+        model = (self._address, self.model.data, self.model.dt)
+        return model, self._rules, self.leaves[:0] if self._never else self.leaves
 
     def forecast(self, state: NDArray[np.float64]) -> Forecast:
         """Return the planner's view of one state `[F]`.
@@ -108,20 +106,12 @@ class Lookahead:
         Raises:
             StateError: The shape is wrong.
         """
-        actions = self._actions
         state = np.ascontiguousarray(state, dtype=np.float64)
         if state.shape != (self._width,):
             raise StateError(f"a state is {self._width} numbers, found shape {state.shape}")
-        value, risk, reward = np.empty(actions), np.empty(actions), np.empty(actions)
-        steps, flags = np.empty(actions, dtype=np.int64), np.empty(actions, dtype=np.int64)
-        settings = self.settings
-        choice, depth, bound = kernels.search(
-            self._address, state, self._width, actions, settings.depth, settings.repeat,
-            settings.discount, settings.accepted_risk, self._budget, self._edge_budget,
-            self.model.data, self.model.dt, self._used_leaves(), self._always, *self._scratch,
-            value, risk, steps, reward, flags,
-        )  # fmt: skip
-        return Forecast(choice, value, risk, steps, reward, flags, depth, _BOUNDS[bound])
+        found = room_for_actions(self._actions)
+        choice, depth, bound = kernels.search(*self._searched(), state, self._scratch, found)
+        return Forecast(choice, *found, depth, _BOUNDS[bound])
 
     def forecast_batch(self, states: ArrayLike) -> BatchForecast:
         """Return the planner's view of every row of `[B, F]`, computed in parallel.
@@ -132,24 +122,14 @@ class Lookahead:
         batch = np.ascontiguousarray(states, dtype=np.float64)
         if batch.ndim != 2 or batch.shape[1] != self._width:
             raise StateError(f"states are rows of {self._width} numbers, found shape {batch.shape}")
-        rows, actions = batch.shape[0], self._actions
-        if self._batch_scratch is None or len(self._batch_scratch[0]) < kernels.threads():
-            self._batch_scratch = self._allocate(kernels.threads())
-        result = BatchForecast(
-            choice=np.empty(rows, dtype=np.int64),
-            value=np.empty((rows, actions)),
-            path_risk=np.empty((rows, actions)),
-            safe_steps=np.empty((rows, actions), dtype=np.int64),
-            reward=np.empty((rows, actions)),
-            flags=np.empty((rows, actions), dtype=np.int64),
-            depth=np.empty(rows, dtype=np.int64),
-            bound=np.empty(rows, dtype=np.int64),
-        )
-        settings = self.settings
+        rows = batch.shape[0]
+        threads = kernels.threads()
+        if not self._batch_scratch or len(self._batch_scratch[0]) < threads:
+            self._batch_scratch = self._allocate(threads)
+        found = room_for_actions(rows, self._actions)
+        choice, depth, bound = (np.empty(rows, dtype=np.int64) for _ in range(3))
         with _POOL:
             kernels.search_batch(
-                self._address, batch, actions, settings.depth, settings.repeat, settings.discount,
-                settings.accepted_risk, self._budget, self._edge_budget, self.model.data,
-                self.model.dt, self._used_leaves(), self._always, *self._batch_scratch, *result,
-            )  # fmt: skip
-        return result
+                *self._searched(), batch, self._batch_scratch, found, choice, depth, bound
+            )
+        return BatchForecast(choice, *found, depth, bound)

@@ -30,7 +30,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import torch
 
-from serp.learning import DQN
+from serp.learning.dqn import DQN
 from serp.settings import LearnerSettings
 
 INPUTS, ACTIONS, BATCH, HIDDEN = 8, 3, 64, (64, 64)

@@ -10,7 +10,16 @@ from pathlib import Path
 import pytest
 
 FILES = {
-    "layout": "PLACE = 1.0\nSHAPE = (1, 2)\n",
+    "layout": """
+from typing import NamedTuple
+
+PLACE = 1.0
+SHAPE = (1, 2)
+
+class Pair(NamedTuple):
+    first: float
+    second: float
+""",
     "inner": """
 import layout
 from serp._util.compilation import cached_njit
@@ -22,12 +31,13 @@ def inner(x):
     "outer": """
 from inner import inner
 from layout import SHAPE as _SHAPE
+from layout import Pair
 from numba import float64
 from serp._util.compilation import cached_cfunc, cached_njit
 
 @cached_njit()
 def outer(x):
-    return inner(x) + _SHAPE[1]
+    return inner(x) + _SHAPE[1] + Pair(*(0.0, x)).first
 
 @cached_cfunc(float64(float64))
 def callback(x):
@@ -63,6 +73,7 @@ def test_a_loop_is_compiled_once_until_what_it_is_made_of_is_edited(folder: Path
         ("layout", "(1, 2)", "(1, 4)", 15.0),  # a constant of another module
         ("layout", "PLACE = 1.0", "PLACE = 5.0", 19.0),  # one of a loop that is called
         ("inner", "x + ", "x * ", 54.0),  # a loop that is called
+        ("layout", "first: float\n    second", "second: float\n    first", 64.0),  # a record
     ):
         file = folder / f"{name}.py"
         file.write_text(file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")

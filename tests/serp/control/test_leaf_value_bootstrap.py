@@ -17,7 +17,7 @@ import torch
 
 from serp.control.leaf_value_bootstrap import LeafValueBootstrap
 from serp.errors import RunError
-from serp.learning import DQN
+from serp.learning.dqn import DQN
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.leaf_value import LeafValue
 from serp.planning.lookahead import Lookahead

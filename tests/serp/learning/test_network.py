@@ -1,3 +1,5 @@
+"""The network: its outputs and its gradient are those of torch."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -6,18 +8,11 @@ import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from serp.learning import kernels
-from serp.learning.network import MeanOfMembers, QNetwork, Workspace
-
-SHAPES = {
-    "inputs": st.integers(1, 7),
-    "actions": st.integers(1, 5),
-    "hidden": st.lists(st.integers(1, 24), max_size=3),
-    "layer_norm": st.booleans(),
-    "members": st.integers(1, 3),
-    "batch": st.integers(1, 17),
-    "seed": st.integers(0, 2**32),
-}
+from serp.learning.export import MeanOfMembers, module_of
+from serp.learning.learning import QLearning
+from serp.learning.network import QNetwork, Workspace
+from serp.settings import LearnerSettings
+from tests.serp.learning.learners import TARGETS, learner
 
 
 def random_network(
@@ -28,13 +23,6 @@ def random_network(
     noise = rng.standard_normal(tuple(network.parameters.shape), np.float32) * np.float32(0.3)
     network.parameters.add_(torch.from_numpy(noise))  # gains and shifts that matter
     return network, rng
-
-
-def members_of(network: QNetwork) -> list[torch.nn.Sequential]:
-    module = network.module().double()
-    modules = list(module.members) if isinstance(module, MeanOfMembers) else [module]
-    assert len(modules) == network.members
-    return modules  # type: ignore[return-value]
 
 
 def flat_gradient(module: torch.nn.Sequential) -> torch.Tensor:
@@ -48,114 +36,63 @@ def flat_gradient(module: torch.nn.Sequential) -> torch.Tensor:
 
 
 @torch.no_grad()
-def smallest_before_relu(module: torch.nn.Sequential, x: torch.Tensor) -> float:
-    smallest = np.inf
+def well_conditioned(module: torch.nn.Sequential, x: torch.Tensor) -> bool:
+    """Whether no ReLU is at its corner and no LayerNorm magnifies the last bits of its inputs."""
     for layer in module:
-        if isinstance(layer, torch.nn.ReLU):
-            smallest = min(smallest, float(x.abs().min()))
-        x = layer(x)
-    return smallest
-
-
-@torch.no_grad()
-def smallest_spread(module: torch.nn.Sequential, x: torch.Tensor) -> float:
-    """The smallest standard deviation that LayerNorm divides by, but for exactly equal values."""
-    smallest = np.inf
-    for layer in module:
+        if isinstance(layer, torch.nn.ReLU) and float(x.abs().min()) <= 1e-5:
+            return False
         if isinstance(layer, torch.nn.LayerNorm):
             spread = x.std(-1, correction=0)
-            smallest = min([smallest, *spread[spread > 0].tolist()])
+            if bool(((spread > 0) & (spread <= 0.03)).any()):
+                return False
         x = layer(x)
-    return smallest
+    return True
 
 
 @settings(deadline=None, max_examples=150)
-@given(**SHAPES, huber=st.booleans())
-def test_gradient_equals_autograd(
-    inputs: int,
-    actions: int,
-    hidden: list[int],
-    layer_norm: bool,
-    members: int,
-    batch: int,
+@given(
+    inputs=st.integers(1, 7),
+    actions=st.integers(1, 5),
+    hidden=st.lists(st.integers(1, 24), max_size=3),
+    layer_norm=st.booleans(),
+    members=st.integers(1, 3),
+    batch=st.integers(1, 17),
+    seed=st.integers(0, 2**32),
+)
+def test_outputs_and_gradient_are_those_of_torch(
+    inputs: int, actions: int, hidden: list[int], layer_norm: bool, members: int, batch: int,
     seed: int,
-    huber: bool,
-) -> None:
+) -> None:  # fmt: skip
     network, rng = random_network(inputs, actions, hidden, layer_norm, members, seed)
     x = rng.standard_normal((members, batch, inputs)).astype(np.float32)
-    next_q = rng.standard_normal((members, batch, actions)).astype(np.float32) * 2
-    action = rng.integers(actions, size=(members, batch))
-    reward = rng.standard_normal((members, batch)).astype(np.float32)
-    discount = (rng.random((members, batch)) * rng.integers(2)).astype(np.float32)
-    forbidden = np.zeros((members, batch, actions), np.bool_)
-
+    slope = rng.standard_normal((members, batch, actions)).astype(np.float32)
     work = Workspace(network, batch)
-    q = network.forward(x, work)
-    loss = kernels.td_gradient(
-        q,
-        next_q,
-        next_q,
-        action,
-        reward,
-        discount,
-        forbidden,
-        np.float32(-np.inf),
-        np.float32(np.inf),
-        huber,
-        work.q_gradient,
-    )
+    q = network.forward(x, work).copy()
+    work.q_gradient[...] = slope
     network.backward(work)
-
-    criterion = torch.nn.SmoothL1Loss() if huber else torch.nn.MSELoss()
-    losses = []
-    for m, module in enumerate(members_of(network)):
+    whole = module_of(network).double()
+    modules = list(whole.members) if isinstance(whole, MeanOfMembers) else [whole]
+    for m, module in enumerate(modules):
         x_m = torch.from_numpy(x[m]).double()
-        # At its corner ReLU's gradient depends on the last bit.
-        assume(smallest_before_relu(module, x_m) > 1e-5)
-        # Values that are nearly equal differ in their last bits alone, which LayerNorm magnifies.
-        assume(smallest_spread(module, x_m) > 0.03)
-        target = torch.from_numpy(reward[m] + discount[m] * next_q[m].max(axis=-1)).double()
-        predicted = module(x_m).gather(1, torch.from_numpy(action[m])[:, None])[:, 0]
-        expected_loss = criterion(predicted, target)
-        expected_loss.backward()
-        expected = flat_gradient(module)
+        assume(well_conditioned(module, x_m))  # type: ignore[arg-type]
+        expected_q = module(x_m)
+        np.testing.assert_allclose(q[m], expected_q.detach().numpy(), rtol=1e-4, atol=1e-4)
+        (expected_q * torch.from_numpy(slope[m]).double()).sum().backward()
+        expected = flat_gradient(module)  # type: ignore[arg-type]
         error = (network.gradient[m].double() - expected).abs().max()
         assert error <= 2e-5 * (1 + expected.abs().max())
-        losses.append(expected_loss.item())
-    assert loss == pytest.approx(np.mean(losses), rel=1e-4, abs=1e-5)
+    shared = network.forward(x[0], Workspace(network, batch)).mean(axis=0)
+    exported = whole(torch.from_numpy(x[0]).double()).detach().numpy()
+    np.testing.assert_allclose(shared, exported, rtol=1e-4, atol=1e-4)
 
 
-@settings(deadline=None, max_examples=60)
-@given(**SHAPES)
-def test_module_gives_equal_outputs(
-    inputs: int,
-    actions: int,
-    hidden: list[int],
-    layer_norm: bool,
-    members: int,
-    batch: int,
-    seed: int,
-) -> None:
-    network, rng = random_network(inputs, actions, hidden, layer_norm, members, seed)
-    x = rng.standard_normal((batch, inputs)).astype(np.float32)
-    q = network.forward(x, Workspace(network, batch)).mean(axis=0)
-    np.testing.assert_allclose(
-        q, network.module()(torch.from_numpy(x)).detach().numpy(), rtol=1e-4, atol=1e-4
-    )
-
-
-def test_one_member_exports_an_ordinary_sequential() -> None:
+def test_one_member_is_exported_as_an_ordinary_sequential_of_its_own() -> None:
     network = QNetwork(3, 2, (8, 4), layer_norm=True, rng=np.random.default_rng(0))
-    module = network.module()
+    module = module_of(network)
     assert [type(layer).__name__ for layer in module] == [  # type: ignore[arg-type]
         *("Linear", "LayerNorm", "ReLU") * 2,
         "Linear",
     ]
-
-
-def test_module_is_a_copy() -> None:
-    network = QNetwork(3, 2, (8,), rng=np.random.default_rng(0))
-    module = network.module()
     before = module(torch.ones(1, 3))
     network.parameters.zero_()
     assert torch.equal(module(torch.ones(1, 3)), before)
@@ -184,12 +121,31 @@ def test_members_start_apart_and_do_not_mix() -> None:
     assert not np.array_equal(after[1], before[1])
 
 
-def test_follows_by_copy_and_by_share() -> None:
-    online = QNetwork(3, 2, (8,), rng=np.random.default_rng(0))
-    target = QNetwork(3, 2, (8,))
-    target.move_towards(online, 0.25)
-    torch.testing.assert_close(target.parameters, online.parameters * 0.25)
-    target.copy_from(online)
+@pytest.mark.parametrize("kind", TARGETS)
+def test_the_target_network_follows_as_the_settings_say(kind: str) -> None:
+    settings = LearnerSettings(hidden=(8,), **TARGETS[kind])
+    learning = QLearning(3, 2, settings, np.random.default_rng(0))
+    online, target = learning.online, learning.target
+    assert (target is online) == (kind == "none")
     assert torch.equal(target.parameters, online.parameters)
-    online.parameters.zero_()
-    assert target.parameters.abs().sum() > 0
+    for update in range(1, 15):
+        online.gradient.fill_(0.1)
+        before = target.parameters.clone()
+        learning.step()
+        if kind == "copy":
+            expected = online.parameters if update % 7 == 0 else before
+        elif kind == "polyak":
+            expected = before + 0.05 * (online.parameters - before)
+        else:
+            expected = online.parameters
+        torch.testing.assert_close(target.parameters, expected)
+
+
+def test_places_of_parameters_are_told_apart() -> None:
+    network = learner(layer_norm=True).learning.online
+    words = [network.place_of(column) for column in range(network.parameters.shape[1])]
+    assert list(dict.fromkeys(words)) == [
+        *(f"{part} of layer {n}" for n in (1, 2) for part in ("weights", "bias", "gain", "shift")),
+        "weights of layer 3", "bias of layer 3",
+    ]  # fmt: skip
+    assert words.count("weights of layer 1") == 4 * 8

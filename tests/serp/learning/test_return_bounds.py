@@ -51,14 +51,3 @@ def test_a_fall_counts_once() -> None:
 def test_unbounded_before_any_reward() -> None:
     bounds = ReturnBounds(0.9)
     assert (bounds.lower, bounds.upper) == (-math.inf, math.inf)
-
-
-@given(st.lists(st.tuples(REWARDS, st.booleans())))
-def test_continues_from_its_state(seen: list[tuple[float, bool]]) -> None:
-    bounds = ReturnBounds(0.9)
-    for reward, terminated in seen:
-        bounds.observe(reward, terminated)
-    other = ReturnBounds(0.9)
-    other.load_state(bounds.state())
-    assert (other.lower, other.upper) == (bounds.lower, bounds.upper)
-    assert other.state() == bounds.state()

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE, with_risk
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning import kernels
+from serp.planning import search_kernels as kernels
 from serp.planning.forecast import SAFE, Forecast, all_alike
 from serp.planning.leaf_value import LeafValue
 from serp.planning.limits import Bound
@@ -479,4 +479,6 @@ def test_the_compiled_notion_of_indifference_is_that_of_forecasts(
 ) -> None:
     value, risk = (np.array([a[k] for a in actions], dtype=np.float64) for k in (0, 1))
     steps, flags = (np.array([a[k] for a in actions], dtype=np.int64) for k in (2, 3))
-    assert bool(kernels._alike(value, risk, steps, flags)) is all_alike(value, risk, steps, flags)
+    assert bool(kernels._all_alike((value, risk, steps, value, flags))) is all_alike(
+        value, risk, steps, flags
+    )

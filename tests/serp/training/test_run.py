@@ -32,7 +32,7 @@ from serp.errors import (
     SettingsError,
     TaskError,
 )
-from serp.learning.networks import Networks
+from serp.learning.learning import QLearning
 from serp.model.loading import load_domain
 from serp.model.transition_model import StateError
 from serp.runs.checkpoint import DAMAGED, NEWEST, PREVIOUS, load
@@ -858,15 +858,15 @@ def test_no_parameter_that_is_not_finite_is_ever_saved(
     """Neither one that the loss shows, nor one that came about after the last loss."""
     broken: list[int] = []
 
-    def step(self: Networks) -> None:
+    def step(self: QLearning) -> None:
         stepped(self)
         if self.updates == 40 and not broken:
             broken.append(self.updates)
             self.arrays()["parameters"][0, 0] = np.nan
 
-    stepped = Networks.step
+    stepped = QLearning.step
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Networks, "step", step)
+        patch.setattr(QLearning, "step", step)
         with pytest.raises(LearningFailure, match="weights of layer 1 in network 1 of") as raised:
             train(corridor(tmp_path), tmp_path / "run", preset, episodes=50)
     assert broken

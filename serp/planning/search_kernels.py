@@ -1,12 +1,8 @@
-"""The compiled loops of planning, the same for every domain.
+"""The compiled search through the planning graph, the same for every domain.
 
-Each takes the address of a compiled transition function (see `serp.model.native`). The graph is
-expanded layer by layer; equal states of a layer merge; the last layer is never stored. A backward
-pass over the stored layers finds the best path of every first action.
-
-Common arguments: `address` of the transition function; `width` F, `actions` A, `theta` and `dt` of
-the model; `depth`, `repeat`, `gamma`, `accepted` (risk) and the budgets `max_nodes` and
-`max_edges` of the planner's settings. Rows of states have F + 1 entries, the last for the reward.
+The graph is expanded layer by layer; equal states of a layer merge; the last layer is never stored.
+A backward pass over the stored layers finds the best path of every first action. Rows of states
+have F + 1 entries, the last for the reward.
 """
 
 from __future__ import annotations
@@ -17,11 +13,12 @@ from numba import get_num_threads, get_thread_id, prange  # type: ignore[attr-de
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import pointer_to
-from serp.planning.edges import edge
+from serp.planning.edge_kernels import edge
 from serp.planning.forecast import SAFE
 from serp.planning.leaf_value import value_at
 from serp.planning.limits import Bound
 from serp.planning.preference import promise, rank_of
+from serp.planning.records import CompiledModel, FirstActions, Rules, Scratch
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -85,34 +82,36 @@ def _want_children(edges, actions, flags, periods, risk, child, best_steps):
 
 
 @cached_njit(nogil=True)
-def search(address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
-           theta, dt, leaves, always, states, reward, weight, flags, periods, risk, child,
-           best_value, best_risk, best_steps, table, value, path_risk, steps, first_reward,
-           first_flags):  # fmt: skip
-    """Expand the planning graph of one state `[F]` and find the best path of every first action.
+def search(model, rules, leaves, state, scratch, found):
+    """Expand the planning graph of one state and find the best path of every first action.
 
-    `leaves` says what the states are worth that the last layer leads to (see
-    `serp.planning.leaf_value`), `always` or where all actions promise the same without it; empty:
-    nothing. The other arguments and the results are those of `_search`.
+    Records are given as plain tuples: numba reads named ones several times slower.
+
+    Args:
+        model: Values of `serp.planning.records.CompiledModel`.
+        rules: Values of `serp.planning.records.Rules`.
+        leaves: What the states are worth that the last layer leads to, see
+            `serp.planning.leaf_value`; empty: nothing.
+        state: `[F]`.
+        scratch: Values of `serp.planning.records.Scratch`.
+        found: Values of `serp.planning.records.FirstActions`, written.
+
+    Returns:
+        Chosen action, layers expanded, bound.
     """
-    found = _search_all(
-        address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges, theta,
-        dt, leaves if always else leaves[:0], states, reward, weight, flags, periods, risk, child,
-        best_value, best_risk, best_steps, table, value, path_risk, steps, first_reward,
-        first_flags,
-    )  # fmt: skip
-    if not always and leaves.shape[0] > 0 and _alike(value, path_risk, steps, first_flags):
-        found = _search_all(
-            address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
-            theta, dt, leaves, states, reward, weight, flags, periods, risk, child, best_value,
-            best_risk, best_steps, table, value, path_risk, steps, first_reward, first_flags,
-        )  # fmt: skip
-    return found
+    named, limits = CompiledModel(*model), Rules(*rules)
+    room, first = Scratch(*scratch), FirstActions(*found)
+    always = limits.always
+    result = _search_all(named, limits, leaves if always else leaves[:0], state, room, first)
+    if not always and leaves.shape[0] > 0 and _all_alike(first):
+        result = _search_all(named, limits, leaves, state, room, first)
+    return result
 
 
 @cached_njit(nogil=True)
-def _alike(value, path_risk, steps, flags):
+def _all_alike(found):
     """As `serp.planning.forecast.all_alike`."""
+    value, path_risk, steps, _, flags = found
     lowest = 3
     for action in range(value.shape[0]):
         if flags[action] & APPLICABLE:
@@ -134,53 +133,38 @@ def _alike(value, path_risk, steps, flags):
 
 
 @cached_njit(nogil=True)
-def _search_all(address, state, width, actions, depth, repeat, gamma, accepted, max_nodes,
-                max_edges, theta, dt, leaves, states, reward, weight, flags, periods, risk, child,
-                best_value, best_risk, best_steps, table, value, path_risk, steps, first_reward,
-                first_flags):  # fmt: skip
+def _search_all(model, rules, leaves, state, scratch, found):
     """As `_search`, without the nodes that cannot matter where the budgets have room for all."""
     nodes, layer = 0, 1
-    for _ in range(depth):
+    for _ in range(rules.depth):
         nodes += layer
-        layer *= actions
-        if nodes > max_nodes or nodes * actions > max_edges:
+        layer *= rules.actions
+        if nodes > rules.max_nodes or nodes * rules.actions > rules.max_edges:
             break
-    roomy = nodes <= max_nodes and nodes * actions <= max_edges
-    found = _search(
-        address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges, theta,
-        dt, leaves, states, reward, weight, flags, periods, risk, child, best_value, best_risk,
-        best_steps, table, value, path_risk, steps, first_reward, first_flags, roomy,
-    )  # fmt: skip
-    if roomy and found[2] == _EXHAUSTED:
-        # How deep the graph is, only all of it tells.
-        found = _search(
-            address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
-            theta, dt, leaves, states, reward, weight, flags, periods, risk, child, best_value,
-            best_risk, best_steps, table, value, path_risk, steps, first_reward, first_flags, False,
-        )  # fmt: skip
-    return found
+    roomy = nodes <= rules.max_nodes and nodes * rules.actions <= rules.max_edges
+    result = _search(model, rules, leaves, state, scratch, found, roomy)
+    if roomy and result[2] == _EXHAUSTED:
+        # Only the whole graph tells how deep it is.
+        result = _search(model, rules, leaves, state, scratch, found, False)
+    return result
 
 
 @cached_njit(nogil=True)
-def _search(address, state, width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
-            theta, dt, leaves, states, reward, weight, flags, periods, risk, child, best_value,
-            best_risk, best_steps, table, value, path_risk, steps, first_reward, first_flags,
-            choosy):  # fmt: skip
+def _search(model, rules, leaves, state, scratch, found, choosy):
     """Expand and look back; `choosy`: leave out nodes that cannot matter.
 
     Where a budget ends the expansion, `leaves` are worth nothing.
-
-    Scratch: flat `states`, `[(max_nodes + 2) * (F + 1)]`; `reward`, `weight`, `flags`, `periods`,
-    `risk`, `child`, `[max_nodes * A]`; `best_value`, `best_risk`, `best_steps`, `[max_nodes]`;
-    `table`, a power of two of at least twice max_nodes. Results, `[A]`: `value`, `path_risk`,
-    `steps`, `first_reward`, `first_flags`; see `Forecast`.
-
-    Returns:
-        Chosen action, layers expanded, bound.
     """
+    (
+        states, reward, weight, flags, periods, risk, child, best_value, best_risk, best_steps,
+        table,
+    ) = scratch  # fmt: skip
+    value, path_risk, steps, first_reward, first_flags = found
+    actions, depth = rules.actions, rules.depth
+    max_nodes, max_edges = rules.max_nodes, rules.max_edges
+    width = state.shape[0]
     row = width + 1
-    literals = pointer_to(theta, 0)
-    scratch = pointer_to(states, (max_nodes + 1) * row)
+    room = pointer_to(states, (max_nodes + 1) * row)
     for i in range(width):
         states[i] = state[i]
     start = 0
@@ -213,9 +197,8 @@ def _search(address, state, width, actions, depth, repeat, gamma, accepted, max_
                 e = node * actions + action
                 slot = min(stored, max_nodes)
                 reward[e], weight[e], bits, rank, periods[e], risk[e], one_reward, one_flags = edge(
-                    address, source, action, repeat, gamma, accepted, literals, dt,
-                    pointer_to(states, slot * row), scratch, width,
-                )  # fmt: skip
+                    model, rules, source, action, pointer_to(states, slot * row), room, width
+                )
                 flags[e] = bits & _BITS | rank << _RANK
                 child[e] = -1
                 applied += flags[e] & APPLICABLE
@@ -279,9 +262,9 @@ def _search(address, state, width, actions, depth, repeat, gamma, accepted, max_
                 value[action] = total
                 path_risk[action] = danger
                 steps[action] = safe
-            found = _promise(np.int64(flags[e] >> _RANK), danger, safe, total)
-            if chosen < 0 or found > best:
-                chosen, best = action, found
+            promised = _promise(np.int64(flags[e] >> _RANK), danger, safe, total)
+            if chosen < 0 or promised > best:
+                chosen, best = action, promised
                 top_risk, top_steps, top_value = danger, safe, total
         if chosen < 0 and undefined:
             # What happens there cannot be predicted, so nothing is known to be safe.
@@ -295,22 +278,26 @@ def _search(address, state, width, actions, depth, repeat, gamma, accepted, max_
 
 
 @cached_njit(nogil=True, parallel=True)
-def search_batch(address, batch, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
-                 theta, dt, leaves, always, states, reward, weight, flags, periods, risk, child,
-                 best_value, best_risk, best_steps, table, choice, value, path_risk, steps,
-                 first_reward, first_flags, expanded, bound):  # fmt: skip
+def search_batch(model, rules, leaves, batch, scratch, found, choice, expanded, bound):
     """Run `search` on every row of `batch` `[B, F]`, in parallel over the rows.
 
-    Scratch arrays have one more leading axis, one entry a thread; results one, an entry a row.
+    The arrays of `scratch` have one more leading axis, an entry a thread; those of `found`, and
+    `choice`, `expanded` and `bound`, an entry a row.
     """
-    rows, width = batch.shape
-    for k in prange(rows):
+    (
+        states, reward, weight, flags, periods, risk, child, best_value, best_risk, best_steps,
+        table,
+    ) = scratch  # fmt: skip
+    value, path_risk, safe_steps, first_reward, first_flags = found
+    for k in prange(batch.shape[0]):
         t = get_thread_id()
         choice[k], expanded[k], bound[k] = search(
-            address, batch[k], width, actions, depth, repeat, gamma, accepted, max_nodes, max_edges,
-            theta, dt, leaves, always, states[t], reward[t], weight[t], flags[t], periods[t],
-            risk[t], child[t], best_value[t], best_risk[t], best_steps[t], table[t], value[k],
-            path_risk[k], steps[k], first_reward[k], first_flags[k],
+            model, rules, leaves, batch[k],
+            (
+                states[t], reward[t], weight[t], flags[t], periods[t], risk[t], child[t],
+                best_value[t], best_risk[t], best_steps[t], table[t],
+            ),
+            (value[k], path_risk[k], safe_steps[k], first_reward[k], first_flags[k]),
         )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""The compiled loops that follow edges of the planning graph; arguments as in `kernels`."""
+"""The compiled loops that follow edges of the planning graph."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, joined
 from serp.model.native import call_step, pointer_to
 from serp.planning.preference import hazard, marked, rank_of
+from serp.planning.records import CompiledModel, Rules
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -16,17 +17,25 @@ _joined = cached_njit(nogil=True, forceinline=True)(joined)
 
 
 @cached_njit(nogil=True, forceinline=True)
-def edge(address, state, action, repeat, gamma, accepted, theta, dt, target, scratch, width):
+def edge(model, rules, state, action, target, scratch, width):
     """Follow one edge: `action`, `repeat` times or until it ends.
 
-    `state`, `theta`, `target` and `scratch` are pointers: to the state that the edge leaves, the
-    literals, the row that receives the state reached, and a row to work in.
+    Args:
+        model: `CompiledModel`.
+        rules: `Rules`.
+        state: Pointer to the state that the edge leaves, `[F]`.
+        action: Position of the action.
+        target: Pointer to the row `[F + 1]` that receives the state reached, and a reward.
+        scratch: Pointer to a row `[F]` to work in.
+        width: F.
 
     Returns:
         Discounted reward, weight of what follows (γ to the number of periods), flags of the whole
         edge, `rank_of` its first period, its periods (those before the first with a risk, where one
         has), the risk of all of them that is not accepted, reward and flags of its first period.
     """
+    address, dt, accepted = model.address, model.dt, rules.accepted_risk
+    theta = pointer_to(model.data, 0)
     for i in range(width):
         target[i] = state[i]
     flags = call_step(address, state, action, theta, dt, target)
@@ -36,9 +45,9 @@ def edge(address, state, action, repeat, gamma, accepted, theta, dt, target, scr
     flags = _marked(flags, risk)
     first_flags = flags
     rank = _rank_of(flags)
-    weight = gamma
+    weight = rules.discount
     periods = 0 if risk > 0.0 else 1
-    for _ in range(repeat - 1):
+    for _ in range(rules.repeat - 1):
         if not flags & APPLICABLE or flags & TERMINAL:
             break
         for i in range(width):
@@ -54,20 +63,25 @@ def edge(address, state, action, repeat, gamma, accepted, theta, dt, target, scr
         if risk == 0.0:
             periods += 1
         reward += weight * target[width]
-        weight *= gamma
+        weight *= rules.discount
     return reward, weight, flags, rank, periods, risk, first_reward, first_flags
 
 
 @cached_njit(nogil=True)
-def expand(address, states, nodes, actions, repeat, gamma, accepted, theta, dt, out, reward, weight,
-           flags, rank, periods, risk, first_reward, first_flags):  # fmt: skip
-    """Follow every edge of `nodes` states.
+def expand(model, rules, nodes, states, out, found):
+    """Follow every edge of some states.
 
-    `states` is flat `[nodes * (F + 1)]`; the flat `out`, `[(nodes * A + 1) * (F + 1)]`, receives
-    the states reached; the other eight, `[nodes * A]`, what `edge` returns.
+    Args:
+        model: Values of `CompiledModel`, as a plain tuple, which numba reads faster.
+        rules: Values of `Rules`, likewise.
+        nodes: Number of states N.
+        states: Flat `[N * (F + 1)]`.
+        out: Flat `[(N * A + 1) * (F + 1)]`, receives the states reached.
+        found: Eight arrays `[N * A]`, receive what `edge` returns.
     """
-    row = states.shape[0] // nodes
-    literals = pointer_to(theta, 0)
+    reward, weight, flags, rank, periods, risk, first_reward, first_flags = found
+    named, limits = CompiledModel(*model), Rules(*rules)
+    actions, row = limits.actions, states.shape[0] // nodes
     scratch = pointer_to(out, nodes * actions * row)
     for node in range(nodes):
         state = pointer_to(states, node * row)
@@ -77,6 +91,5 @@ def expand(address, states, nodes, actions, repeat, gamma, accepted, theta, dt, 
                 reward[e], weight[e], flags[e], rank[e], periods[e], risk[e], first_reward[e],
                 first_flags[e],
             ) = edge(
-                address, state, action, repeat, gamma, accepted, literals, dt,
-                pointer_to(out, e * row), scratch, row - 1,
+                named, limits, state, action, pointer_to(out, e * row), scratch, row - 1
             )  # fmt: skip

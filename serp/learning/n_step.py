@@ -1,0 +1,116 @@
+"""n-step returns (Sutton and Barto, chapter 7): steps whose n rewards are not complete."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from serp._util.saved_state import Saved
+from serp.learning.samples import SampleSpec, type_F32
+
+
+@dataclass(slots=True)
+class PendingStep:
+    """A step that waits for the rewards of later ones.
+
+    Attributes:
+        observation: float32 ``[F]`` before the action, its own.
+        action: The executed action.
+        guide_action, guide_value: What the guide said of it; see `Guidance`.
+        reward: Discounted sum of the rewards so far.
+        failing: Whether a failure followed.
+    """
+
+    observation: type_F32
+    action: int
+    guide_action: int = -1
+    guide_value: float = 0.0
+    reward: float = 0.0
+    failing: bool = False
+
+
+class PendingSteps:
+    """The steps that wait, at most n, the oldest first.
+
+    Args:
+        n_step: Rewards summed, ≥ 1.
+        discount: γ.
+    """
+
+    def __init__(self, n_step: int, discount: float) -> None:
+        self._n_step = n_step
+        self._powers = [discount**k for k in range(n_step + 1)]
+        self._steps: deque[PendingStep] = deque()
+
+    def __len__(self) -> int:
+        return len(self._steps)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the oldest step has its n rewards."""
+        return len(self._steps) == self._n_step
+
+    @property
+    def discount(self) -> float:
+        """Weight of what follows the rewards of the oldest step."""
+        return self._powers[len(self._steps)]
+
+    def push(self, step: PendingStep, reward: float) -> None:
+        """Take a step and its reward, which counts for the steps before as well."""
+        self._steps.append(step)
+        for age, waiting in enumerate(reversed(self._steps)):
+            waiting.reward += self._powers[age] * reward
+
+    def pop(self) -> PendingStep:
+        """Return and remove the oldest step."""
+        return self._steps.popleft()
+
+    def mark_failing(self, last: int) -> None:
+        """Mark so many of the last steps as failing."""
+        for age, waiting in enumerate(reversed(self._steps)):
+            if age < last:
+                waiting.failing = True
+
+    def state_dict(self, spec: SampleSpec) -> tuple[type_F32, dict[str, Any]]:
+        """Return the observations ``[pending, F]``, and the rest as JSON values."""
+        steps = list(self._steps)
+        observations: type_F32 = np.zeros((len(steps), spec.input_size), np.float32)
+        for row, step in zip(observations, steps, strict=True):
+            row[:] = step.observation
+        meta: dict[str, Any] = {
+            "pending_action": [int(step.action) for step in steps],
+            "pending_return": [float(step.reward) for step in steps],
+            "pending_failing": [step.failing for step in steps],
+        }
+        if spec.guided:
+            meta["pending_guide"] = [int(step.guide_action) for step in steps]
+            meta["pending_value"] = [float(step.guide_value) for step in steps]
+        return observations, meta
+
+    def checked(self, saved: Saved, spec: SampleSpec) -> list[PendingStep]:
+        """Return the steps of a state, for `restore`.
+
+        Raises:
+            RunError: They do not fit.
+        """
+        most = spec.action_count - 1
+        observations = saved.array("pending.observation", np.float32, (-1, spec.input_size))
+        count = len(observations)
+        if count >= self._n_step:  # the n-th step completes the first one
+            raise saved.wrong(f"{count} steps wait for {self._n_step} rewards")
+        columns = (
+            [row.copy() for row in observations],
+            saved.wholes("pending_action", count, 0, most),
+            saved.wholes("pending_guide", count, -1, most) if spec.guided else [-1] * count,
+            saved.reals("pending_value", count) if spec.guided else [0.0] * count,
+            saved.reals("pending_return", count),
+            saved.truths("pending_failing", count),
+        )
+        return [PendingStep(*entry) for entry in zip(*columns, strict=True)]
+
+    def restore(self, steps: list[PendingStep]) -> None:
+        """Continue with other steps."""
+        self._steps = deque(steps)

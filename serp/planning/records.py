@@ -1,0 +1,116 @@
+"""What the compiled loops of planning read and write, as records.
+
+Between Python and a loop they go as plain tuples of their values: numba reads named ones several
+times slower. The loops give the values their names again.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Reals = NDArray[np.float64]
+_Wholes = NDArray[np.int64]
+
+
+class CompiledModel(NamedTuple):
+    """What compiled loops need of a transition model.
+
+    Attributes:
+        address: Address of its compiled transition function, see `serp.model.native`.
+        data: Its parameters.
+        dt: Its control period in seconds.
+    """
+
+    address: np.intp
+    data: NDArray[np.float64]
+    dt: float
+
+
+class Rules(NamedTuple):
+    """How far a search goes, and what it makes of rewards and risks; see `PlannerSettings`.
+
+    Attributes:
+        actions: Number of actions A.
+        depth, repeat, discount, accepted_risk: As in the settings.
+        max_nodes: Most nodes that are expanded.
+        max_edges: Most applicable edges.
+        always: Whether leaf values count everywhere, not only where all actions promise the same.
+    """
+
+    actions: int
+    depth: int
+    repeat: int
+    discount: float
+    accepted_risk: float
+    max_nodes: int = 1
+    max_edges: int = 1
+    always: bool = False
+
+
+class Scratch(NamedTuple):
+    """Memory of one search; of a batch, each array has one more leading axis, an entry a thread.
+
+    Attributes:
+        states: Flat `[(max_nodes + 2) * (F + 1)]`.
+        reward, weight, flags, periods, risk: `[max_nodes * A]`, of every edge.
+        child: `[max_nodes * A]` node that an edge leads to; -1 for none.
+        best_value, best_risk, best_steps: `[max_nodes]`, of the best path from every node.
+        table: Hash table, a power of two of at least twice max_nodes.
+    """
+
+    states: NDArray[np.float64]
+    reward: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    flags: NDArray[np.uint8]
+    periods: NDArray[np.int32]
+    risk: NDArray[np.float64]
+    child: NDArray[np.int32]
+    best_value: NDArray[np.float64]
+    best_risk: NDArray[np.float64]
+    best_steps: NDArray[np.int64]
+    table: NDArray[np.int32]
+
+    @classmethod
+    def allocate(cls, nodes: int, actions: int, width: int, threads: int) -> Scratch:
+        """Return memory for as many searches as threads, of so many nodes each."""
+
+        def zeros(size: int, kind: Any = np.float64) -> Any:
+            return np.zeros((threads, size), dtype=kind)
+
+        edges, size = nodes * actions, 2
+        while size < 2 * nodes:
+            size *= 2
+        return cls(
+            states=zeros((nodes + 2) * (width + 1)),
+            reward=zeros(edges),
+            weight=zeros(edges),
+            flags=zeros(edges, np.uint8),
+            periods=zeros(edges, np.int32),
+            risk=zeros(edges),
+            child=zeros(edges, np.int32),
+            best_value=zeros(nodes),
+            best_risk=zeros(nodes),
+            best_steps=zeros(nodes, np.int64),
+            table=zeros(size, np.int32),
+        )
+
+
+class FirstActions(NamedTuple):
+    """What a search finds of every first action, `[A]`; see `serp.planning.forecast.Forecast`."""
+
+    value: NDArray[np.float64]
+    path_risk: NDArray[np.float64]
+    safe_steps: NDArray[np.int64]
+    reward: NDArray[np.float64]
+    flags: NDArray[np.int64]
+
+
+def room_for_actions(*shape: int) -> tuple[_Reals, _Reals, _Wholes, _Reals, _Wholes]:
+    """Return values of `FirstActions`, arrays `[*shape]` to be written."""
+    return (
+        np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.int64), np.empty(shape),
+        np.empty(shape, dtype=np.int64),
+    )  # fmt: skip

@@ -1,0 +1,92 @@
+"""Small learners, and random lives for them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from serp.learning.dqn import DQN
+from serp.learning.guidance import Guidance, GuidedLearning
+from serp.learning.symmetry_group import Element, SymmetryGroup
+from serp.settings import LearnerSettings
+
+F, A = 4, 3
+
+TARGETS: dict[str, dict[str, Any]] = {
+    "none": {"target_period": None},
+    "copy": {"target_period": 7},
+    "polyak": {"target_period": None, "target_polyak": 0.05},
+}
+GUIDES: dict[str, GuidedLearning | None] = {
+    "none": None,
+    "imitation": GuidedLearning(margin_weight=0.7),
+    "imitation without filter": GuidedLearning(margin_weight=0.7, q_filter=False),
+    "bootstrap": GuidedLearning(bootstrap_guide=True),
+    "both": GuidedLearning(margin_weight=0.7, margin=0.3, bootstrap_guide=True),
+    "residual": GuidedLearning(residual=True),
+    "residual and bootstrap": GuidedLearning(residual=True, bootstrap_guide=True),
+}
+MIRROR = Element((1, 0, 2, 3), (1.0, 1.0, -1.0, 1.0), (2, 1, 0))
+TURN = Element((1, 2, 0, 3), (1.0,) * F, (1, 2, 0))
+GROUPS = {
+    "mirror": SymmetryGroup(F, A, [MIRROR]),
+    "turns": SymmetryGroup(F, A, [TURN]),
+    "large": SymmetryGroup(F, A, [TURN, Element((1, 0, 2, 3), (1.0,) * F, (1, 0, 2)), MIRROR]),
+}
+
+
+def learner(
+    seed: int | np.random.SeedSequence = 0,
+    guided: GuidedLearning | None = None,
+    group: SymmetryGroup | None = None,
+    **settings: Any,
+) -> DQN:
+    small = {
+        "hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1,
+        "symmetry": group is not None,
+    }  # fmt: skip
+    return DQN(F, A, LearnerSettings(**{**small, **settings}), seed, group, guided)
+
+
+def live(
+    agent: DQN, rng: np.random.Generator, steps: int, image: Element | None = None
+) -> list[Any]:
+    """Take random env steps with random guidance, or their images; return what the learner said."""
+    image = image or Element.identity(F, A)
+    said: list[Any] = []
+    for _ in range(steps):
+        x, next_x = (image.of_input(row.astype(np.float32)) for row in rng.standard_normal((2, F)))
+        base, next_base = (image.of_actions(row) for row in rng.standard_normal((2, A)))
+        proposal = agent.propose(x, image.of_actions(rng.random(A) < 0.5), base)
+        said.append((proposal.action, proposal.exploratory, agent.epsilon))
+        said += [agent.target_q(x, base).tolist(), agent.member_q(x).tolist()]
+        action, guide_action, guide_next = (
+            image.actions[a] if a >= 0 else a
+            for a in (int(rng.integers(A)), *map(int, rng.integers(-1, A, 2)))
+        )
+        end, failing = rng.random(2) < 0.1, bool(rng.random() < 0.05)
+        guidance = Guidance(guide_action, float(base[action]), guide_next, next_base)
+        reward, allowed = float(rng.standard_normal()), image.of_actions(rng.random(A) < 0.7)
+        agent.remember(
+            x, action, reward, next_x, bool(end[0]), bool(end[1]), allowed, failing, guidance
+        )
+        said.append(agent.learn())
+    return said
+
+
+def assert_same_state(one: DQN, other: DQN) -> None:
+    arrays, meta = one.state_dict()
+    other_arrays, other_meta = other.state_dict()
+    assert meta == other_meta
+    assert arrays.keys() == other_arrays.keys()
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(array, other_arrays[name], err_msg=name, strict=True)
+
+
+def set_q(agent: DQN, q: list[float], target: list[float] | None = None) -> None:
+    """Make Q the same in every state; in the target network another."""
+    for name, array in agent.learning.arrays().items():
+        if name in ("parameters", "target"):
+            array[:] = 0.0
+            array[:, -A:] = target if target and name == "target" else q  # the last layer's bias
