@@ -27,7 +27,7 @@ from safetensors import SafetensorError
 from serp._util.files import aside_of, read_regular, replaced_durably, write_durably, write_flushed
 from serp.errors import RunError
 
-FORMAT = 5
+FORMAT = 6
 NEWEST = "checkpoint.safetensors"
 PREVIOUS = "checkpoint-previous.safetensors"
 DAMAGED = "checkpoint-damaged.safetensors"

@@ -150,7 +150,7 @@ class Agent:
         horizon = settings.planner.depth * settings.planner.repeat
         self.arbiter = Arbiter(
             planner, task.actions.over(model), settings.arbiter, strategy, horizon,
-            ExplorationBonus(self.correction.tried, tries), lambda: self.correction.trust,
+            ExplorationBonus(self.correction.visits, tries), lambda: self.correction.confidence,
         )  # fmt: skip
         self._learner_input = _learner_input(settings.training.inputs)
         self.symmetries: tuple[TaskSymmetry, ...] = ()

@@ -280,7 +280,7 @@ class Trainer:
         believed, broken = arbiter.promises.believed, arbiter.promises.broken
         arbiter.observe(decision, unsafe=unsafe, last=last)
         if arbiter.promises.broken > broken:
-            self.agent.correction.doubt()
+            self.agent.correction.reset_visits()
         if believed and not arbiter.promises.believed and say is not None:
             say(
                 f"{arbiter.promises.broken} times in {self.env_steps + 1} env steps something "

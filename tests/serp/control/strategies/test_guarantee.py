@@ -129,7 +129,7 @@ def learn_anything(agent: Agent, seed: int) -> None:
     if seed % 2:
         corrections.publish(model, rng, corrections.WILD)
     corrections.count(model, rng)
-    agent.correction._learners = agent.correction._reestimation = None
+    agent.correction._learners = agent.correction._estimation = None
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
