@@ -1,4 +1,4 @@
-"""The model that corrects itself: what each env step teaches about the domain file."""
+"""Model adaptation: what each env step teaches about the domain file."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.adaptation.adapted_model import AdaptedModel
+from serp.adaptation.adapted_step import predict_all
 from serp.adaptation.feature_groups import Key
 from serp.adaptation.forecast_skill import ForecastSkill
 from serp.adaptation.group_learners import GroupLearners, Meta
-from serp.adaptation.step_kernels import foresee
-from serp.adaptation.step_recording import keep, predict_and_keep, step_and_keep
+from serp.adaptation.step_recording import record, record_adapted, record_by_file
 from serp.control.model_confidence import ModelConfidence
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.native import address_of
@@ -26,15 +26,14 @@ from serp.sysid.transitions import GOES_ON, TransitionMemory
 if TYPE_CHECKING:
     from serp.adaptation.parameter_estimation import ParameterEstimation
 
-_GROWN: Final = 10
-"""For so many episodes a model that corrects itself is not judged by how it does."""
+_GROWING: Final = 10
+"""Episodes during which a model that adapts is not judged by its predictions."""
 _RELEARNED: Final = 500
-"""So many of each ground action's newest transitions are learned from again where the literals
-have changed."""
+"""Newest transitions of each ground action that are learned again when parameters change."""
 
 
 class ModelAdaptation:
-    """Records every env step, compares it with the model, and corrects the model.
+    """Records every env step, compares it with the model, and adapts the model.
 
     Args:
         written: The model as the file has it.
@@ -42,13 +41,13 @@ class ModelAdaptation:
         seed: Seed of the random features.
 
     Attributes:
-        model: The model to plan with: the corrected one, or `written` where nothing is corrected.
+        model: The model to plan with: the adapted one, or `written` where nothing is adapted.
         experience: The newest transitions.
-        monitor: Predictions beside observations.
-        tried: `[A]` how often each ground action, or one of its schema with like objects, was
-            observed since the model was last doubted.
+        monitor: Predictions compared with observations.
+        visits: `[A]` how often each ground action, or one of its schema with like objects, was
+            observed since the last `reset_visits`.
         skill: How well the model in use has predicted of late.
-        notice: What is not corrected although the settings ask for it; None where nothing.
+        notice: What is not adapted although the settings ask for it; None where nothing.
     """
 
     def __init__(
@@ -57,38 +56,38 @@ class ModelAdaptation:
         width = len(written.fluents)
         self.experience = TransitionMemory.of(written)
         self.monitor = Monitor(written)
-        self.tried = np.zeros(len(written.actions), dtype=np.int64)
+        self.visits = np.zeros(len(written.actions), dtype=np.int64)
         self.skill = ForecastSkill(width)
         self.notice: str | None = None
         self._episodes = 0
         self._written = written
-        self._corrected: AdaptedModel | None = None
+        self._adapted: AdaptedModel | None = None
         self._learners: GroupLearners | None = None
-        self._reestimation: ParameterEstimation | None = None
+        self._estimation: ParameterEstimation | None = None
         self._address: np.intp | None = None
         self._step = np.zeros((3, width + 2))
         if settings.mode != "off" and not written.compiles:
             self.notice = (
-                "the domain has too many ground actions to correct its model; it is used as written"
+                "the domain has too many ground actions to adapt its model; it is used as written"
             )
         elif settings.mode != "off" and width:
-            self._corrected = corrected = AdaptedModel(written)
-            self._kinds = _kinds(corrected)
+            self._adapted = adapted = AdaptedModel(written)
+            self._alike = _alike_actions(adapted)
             self._rows = np.zeros(4 * (width + 1))
             self._flow, self._settled = self._rows.reshape(4, -1)[1:3, :-1]
             if settings.residual:
-                self._learners = GroupLearners(corrected, seed, settings.nonlinear)
+                self._learners = GroupLearners(adapted, seed, settings.nonlinear)
                 self.notice = self._learners.notice
             if settings.parameters:
                 from serp.adaptation.parameter_estimation import ParameterEstimation
 
-                self._reestimation = ParameterEstimation(written)
-        self.model: TransitionModel = self._corrected or written
+                self._estimation = ParameterEstimation(written)
+        self.model: TransitionModel = self._adapted or written
 
     def observe(
         self, state: Vector, action: int, next_state: Vector, ending: int, reward: float = 0.0
     ) -> None:
-        """Take an env step into account.
+        """Record an env step and learn from it.
 
         Args:
             state: `[F]` before the action.
@@ -96,96 +95,88 @@ class ModelAdaptation:
             next_state: `[F]` observed after it, before any reset.
             ending: How the step ended: `GOES_ON`, `CUT_OFF` or `OVER` of
                 `serp.sysid.transitions`.
-            reward: What the step was worth, in the unit of the file's rewards.
+            reward: Reward of the step, in the unit of the file's rewards.
         """
-        ending = int(ending)  # compiled code is made for one type
+        ending = int(ending)  # compiled code takes one type
         self._episodes += ending != GOES_ON
         if action < 0:
             self.experience.add(state, action, next_state, ending, reward)
             self.monitor.observe(state, action, self._step)
-        elif self._corrected is None:
-            self._compare(state, action, next_state, ending, reward)
+        elif self._adapted is None:
+            self._record((state, action, next_state, ending, reward))
         else:
-            self._compare_and_learn(self._corrected, state, action, next_state, ending, reward)
-        if self._reestimation is not None and self._reestimation.due(self.experience.seen):
-            self._reconsider_literals()
+            self._record_and_learn(self._adapted, (state, action, next_state, ending, reward))
+        if self._estimation is not None and self._estimation.due(self.experience.seen):
+            self._estimate_parameters()
 
     @property
-    def trust(self) -> ModelConfidence:
-        """How far the model can be trusted; nothing is said of one that is not corrected."""
-        if self._corrected is None:
+    def confidence(self) -> ModelConfidence:
+        """How reliable the model is; `OPEN` for one that is not adapted."""
+        if self._adapted is None:
             return ModelConfidence.OPEN
         if self.skill.reliable:
             return ModelConfidence.RELIABLE
-        return ModelConfidence.GROWING if self._episodes < _GROWN else ModelConfidence.OPEN
+        return ModelConfidence.GROWING if self._episodes < _GROWING else ModelConfidence.OPEN
 
-    def doubt(self) -> None:
-        """Take nothing for known any more: what was predicted to last has not lasted."""
-        self.tried[:] = 0
+    def reset_visits(self) -> None:
+        """Treat all actions as unknown."""
+        self.visits[:] = 0
 
-    def _compare(
-        self, state: Vector, action: int, next_state: Vector, ending: int, reward: float
-    ) -> None:
+    def _record(self, transition: tuple[Vector, int, Vector, int, float]) -> None:
+        state, action = transition[:2]
         row, skill, model = self.monitor.row_of(action), self.skill, self._written
-        head, ring, tables = self.experience.advance(), self.experience.ring, self.monitor.tables
         if self._address is None and model.compiled:
-            # Who plans has compiled the model; for the monitor alone it would take too long.
+            # A planner has compiled the model; for the monitor alone it would take too long.
             self._address = address_of(model.native_step())
+        log = self._step, self.experience.ring, self.monitor.tables, skill.means
+        head = self.experience.advance()
         if self._address is not None:
-            compared, followed = step_and_keep(
-                self._address, model.data, model.dt, self.tried, self._step, state, action,
-                next_state, ending, reward, head, *ring, row, *tables, skill.steps, skill.means,
+            compared, followed = record_by_file(
+                self._address, model.data, model.dt, self.visits, log, transition, head, row,
+                skill.steps,
             )  # fmt: skip
         else:
-            self.tried[action] += 1
+            self.visits[action] += 1
             out, flags = model.transition(state.tolist(), action)
             ends = bool(flags & TERMINAL)
             self._step[:] = [*out, ends] if flags & APPLICABLE else [*state, 0.0, 0.0]
-            compared, followed = keep(
-                self._step, state, action, next_state, ending, reward, head, *ring, row, *tables,
-                skill.steps, skill.means,
-            )  # fmt: skip
+            compared, followed = record(log, transition, head, row, skill.steps)
         self.monitor.note(row, compared)
         skill.steps += followed
 
-    def _compare_and_learn(
-        self,
-        corrected: AdaptedModel,
-        state: Vector,
-        action: int,
-        next_state: Vector,
-        ending: int,
-        reward: float,
+    def _record_and_learn(
+        self, adapted: AdaptedModel, transition: tuple[Vector, int, Vector, int, float]
     ) -> None:
+        state, action, next_state = transition[:3]
         row, skill = self.monitor.row_of(action), self.skill
-        compared, followed, flows = predict_and_keep(
-            corrected.data, corrected.dt, self._rows, self._kinds, self.tried, self._step, state,
-            action, next_state, ending, reward, self.experience.advance(), *self.experience.ring,
-            row, *self.monitor.tables, skill.steps, skill.means,
+        log = self._step, self.experience.ring, self.monitor.tables, skill.means
+        compared, followed, flows = record_adapted(
+            adapted.data, adapted.dt, self._rows, self._alike, self.visits, log, transition,
+            self.experience.advance(), row, skill.steps,
         )  # fmt: skip
         self.monitor.note(row, compared)
         skill.steps += followed
         if self._learners is not None and flows:
             self._learners.learn(state, action, next_state, self._flow, self._settled)
-            corrected.block.active = self._learners.corrects or corrected.block.revised
+            adapted.buffer.active = self._learners.active or adapted.buffer.revised
 
-    def _reconsider_literals(self) -> None:
-        """Estimate the literals anew; where they change, learn what they leave from the start."""
-        corrected, reestimation = self._corrected, self._reestimation
-        assert corrected is not None and reestimation is not None
-        literals = corrected.block.literals
-        adopted = reestimation.reconsider(self.experience, literals.copy())
-        if (adopted == literals).all():
+    def _estimate_parameters(self) -> None:
+        """Estimate the parameters again; where they change, learn the residual from the start."""
+        adapted, estimation = self._adapted, self._estimation
+        assert adapted is not None and estimation is not None
+        parameters = adapted.buffer.parameters
+        adopted = estimation.reconsider(self.experience, parameters.copy())
+        if (adopted == parameters).all():
             return
-        corrected.block.adopt(adopted)
-        corrected.block.active = True
+        adapted.buffer.adopt(adopted)
+        adapted.buffer.active = True
         if self._learners is None:
             return
-        self._learners.begin()
+        self._learners.reset()
         states, next_states = self.experience.states, self.experience.next_states
         actions = self.experience.actions
         for k in _newest_of_each(actions, _RELEARNED):
-            flags = foresee(corrected.data, actions[k], states[k], corrected.dt, self._rows)
+            flags = predict_all(adapted.data, actions[k], states[k], adapted.dt, self._rows)
             if flags[1] & APPLICABLE:
                 self._learners.learn(
                     states[k], int(actions[k]), next_states[k], self._flow, self._settled
@@ -195,23 +186,13 @@ class ModelAdaptation:
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
-        experience, experience_meta = self.experience.state_dict()
-        monitor, monitor_meta = self.monitor.state_dict()
-        arrays = nested("experience", experience) | nested("monitor", monitor)
-        skill, skill_meta = self.skill.state_dict()
-        arrays |= nested("skill", skill)
-        arrays["tried"] = self.tried.copy()
-        meta: Meta = {
-            "experience": experience_meta,
-            "monitor": monitor_meta,
-            "skill": skill_meta,
-            "episodes": self._episodes,
-        }
-        if self._corrected is not None:
-            arrays |= nested("block", self._corrected.block.contents())
-        if self._learners is not None:
-            learned, meta["learners"] = self._learners.state_dict()
-            arrays |= nested("learners", learned)
+        arrays: Arrays = {"visits": self.visits.copy()}
+        meta: Meta = {"episodes": self._episodes}
+        for name, part in self._parts().items():
+            own, meta[name] = part.state_dict()
+            arrays |= nested(name, own)
+        if self._adapted is not None:
+            arrays |= nested("parameter_buffer", self._adapted.buffer.contents())
         return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -220,32 +201,38 @@ class ModelAdaptation:
         Raises:
             RunError: It belongs to another domain, or is damaged.
         """
-        saved = Saved("correction", arrays, meta)
-        self.experience.load_state_dict(*saved.part("experience"))
-        self.monitor.load_state_dict(*saved.part("monitor"))
-        self.skill.load_state_dict(*saved.part("skill"))
-        self.tried[:] = saved.array("tried", np.int64, self.tried.shape, 0, MOST)
+        saved = Saved("adaptation", arrays, meta)
+        self.visits[:] = saved.array("visits", np.int64, self.visits.shape, 0, MOST)
         self._episodes = saved.whole("episodes")
-        if self._corrected is not None:
-            self._corrected.block.restore(part_of(arrays, "block"))
-        if self._learners is not None:
-            self._learners.load_state_dict(*saved.part("learners"))
+        if self._adapted is not None:
+            self._adapted.buffer.restore(part_of(arrays, "parameter_buffer"))
+        for name, part in self._parts().items():
+            part.load_state_dict(*saved.part(name))
+
+    def _parts(self) -> dict[str, TransitionMemory | Monitor | ForecastSkill | GroupLearners]:
+        """Return what is saved, by name."""
+        parts: dict[str, TransitionMemory | Monitor | ForecastSkill | GroupLearners] = {
+            "experience": self.experience,
+            "monitor": self.monitor,
+            "forecast_skill": self.skill,
+        }
+        return parts if self._learners is None else {**parts, "learners": self._learners}
 
 
-def _kinds(model: AdaptedModel) -> NDArray[np.int64]:
-    """Return `[A]` numbers, equal for ground actions that the correction learns of together."""
+def _alike_actions(model: AdaptedModel) -> NDArray[np.int64]:
+    """Return `[A]` numbers, equal for ground actions that share what is learned of them."""
     numbers: dict[tuple[str | Key, ...], int] = {}
     return np.array(
         [
-            numbers.setdefault((action.schema, *(view.key for view in views)), len(numbers))
-            for action, views in zip(model.actions, model.views, strict=True)
+            numbers.setdefault((action.schema, *(g.key for g in groups)), len(numbers))
+            for action, groups in zip(model.actions, model.feature_groups, strict=True)
         ],
         dtype=np.int64,
     )
 
 
 def _newest_of_each(actions: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Return where the newest steps of each action are, in order of time; -1 is no action."""
+    """Return the positions of the newest steps of each action (not of -1), in order of time."""
     known = np.flatnonzero(actions >= 0)
     if not len(known):
         return known

@@ -1,4 +1,4 @@
-"""The corrected transition model: what the file says, and what it does not say beside it."""
+"""The adapted transition model: the file with what was learned beside it."""
 
 from __future__ import annotations
 
@@ -7,119 +7,115 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from serp.adaptation import step_kernels as kernels
+from serp.adaptation import adapted_step as kernels
 from serp.adaptation.feature_groups import FeatureGroup, feature_groups_of
 from serp.adaptation.parameter_buffer import ParameterBuffer
 from serp.model.emit import Site
 from serp.model.flags import UNSAFE, risk_of
-from serp.model.ground import UNSAFE_TARGET, GroundModel
+from serp.model.ground import UNSAFE_TARGET
 from serp.model.native import address_of
-from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.model.transition_model import TransitionModel, Vector
 
 
 class AdaptedModel(TransitionModel):
-    """A transition model with a correction beside the file.
+    """A transition model that is adapted to observed transitions.
 
-    Effects and processes are the file's, with its literals or re-estimated ones; a correction is
-    added to the fluents; then the file's events look at the result. Of several outcomes that were
-    counted, the likeliest is the next state, and the reward is what is expected of all of them.
-    What the file as written flags unsafe is flagged, and nothing else. The rest is a risk
-    (`serp.model.flags.risk_of`): the share of the counted outcomes that the file's events flag, or
-    1 where they flag what is predicted without any.
+    A step applies the file's effects and processes with the parameters in use, adds a residual,
+    replaces counted fluents by their likeliest outcome, and applies the file's events. The reward
+    is its expectation over the counted outcomes. `UNSAFE` is flagged where the file as written
+    flags it, and nowhere else; everything else is a risk (`serp.model.flags.risk_of`): the
+    probability that the file's events flag an outcome.
 
     Args:
         written: The model as written.
 
     Attributes:
-        written: The same.
-        views: Of every ground action.
-        block: What the compiled step reads; whoever writes there changes the model.
+        written: As above.
+        feature_groups: Of every ground action.
+        buffer: What the compiled step reads; writing to it changes the model.
     """
 
     def __init__(self, written: TransitionModel) -> None:
-        self.__dict__.update(written.__dict__)
+        super().__init__(written.ground, dt=written.dt, theta=written.theta)
+        self._program = program = written._program  # generated and compiled once
         self.written = written
-        self.views: tuple[tuple[FeatureGroup, ...], ...] = tuple(
+        self.feature_groups: tuple[tuple[FeatureGroup, ...], ...] = tuple(
             feature_groups_of(self.ground, action) for action in self.actions
         )
-        program = self._program
         callbacks = (program.native, program.native_flow, program.native_settle)
-        self.block = ParameterBuffer(
-            self.views,
+        events = (effect for event in self.ground.events for effect in event.effects)
+        self.buffer = ParameterBuffer(
+            self.feature_groups,
             len(self.fluents),
             self.theta,
-            _judges(self.ground),
+            any(effect.target == UNSAFE_TARGET for effect in events),
             [float(address_of(callback)) for callback in callbacks],
         )
 
     @property
     def data(self) -> Vector:
-        """What `native_step` reads beside the state: the block."""
-        return self.block.array
+        """What `native_step` reads beside the state: the buffer."""
+        return self.buffer.array
 
     def native_step(self) -> Any:
-        """Return the compiled C callback of the corrected step."""
-        return kernels.corrected_step()
+        """Return the compiled C callback of the adapted step."""
+        return kernels.adapted_step()
 
     def replace(
         self, *, theta: ArrayLike | None = None, dt: float | None = None
     ) -> TransitionModel:
-        """Refuse: a correction belongs to the literals and the period that it was learned with.
+        """Return the model as written with other parameters or another control period.
 
-        Raises:
-            StateError: Always.
+        What was learned belongs to the parameters and the period that it was learned with.
         """
-        raise StateError("a corrected model cannot be changed; change the one it corrects")
+        return self.written.replace(theta=theta, dt=dt)
 
     def transition(self, state: list[float], action: int) -> tuple[list[float], int]:
         """Predict one step on plain lists; see `TransitionModel.transition`."""
-        if not self.block.active:
+        if not self.buffer.active:
             return self.written.transition(state, action)
         out = np.array([*state, 0.0])
-        flags = kernels.step_row(self.block.array, action, np.array(state), self.dt, out)
+        flags = kernels.step_row(self.data, action, np.array(state), self.dt, out)
         return out.tolist(), int(flags)
 
-    def rehearse(self, state: Vector) -> None:
-        """Call once, in a state `[F]`, what predicting and tracing a corrected step calls."""
+    def precompile(self, state: Vector) -> None:
+        """Compile what predicting and tracing a step call, by calling it once in a state `[F]`."""
         row, out = np.array(state), np.array([*state, 0.0])
-        kernels.step_row(self.block.array, 0, row, self.dt, out)
-        kernels.shares_row(self.block.array, 0, row, 0)
-        kernels.amend_row(self.block.array, 0, row, out, 0, 0)
+        kernels.step_row(self.data, 0, row, self.dt, out)
+        kernels.probabilities_row(self.data, 0, row, 0)
+        kernels.adapt_row(self.data, 0, row, out, 0, 0)
 
     def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
         """Return which precondition failed, or which effects, rates and events took part.
 
-        Where the file as written flags a step, it is what the file says. Where there is a risk, it
-        is the likeliest of what is unsafe.
+        Where the file as written flags the step unsafe it is the file's trace; where there is a
+        risk, that of the likeliest unsafe outcome.
         """
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
-        known = self.transition(values, action)[1] if self.block.active else UNSAFE
-        if known & UNSAFE:
+        flags = self.transition(values, action)[1] if self.buffer.active else UNSAFE
+        if flags & UNSAFE:
             return self.written.trace(state, action)
         found = self._trace(values, action, -1, 0)
-        if risk_of(known) == 0.0 or found[1] & UNSAFE:
+        if risk_of(flags) == 0.0 or found[1] & UNSAFE:
             return found
         most = 0.0
-        for away in range(len(self.views[action])):
-            shares = kernels.shares_row(self.block.array, action, np.array(values), away)
-            for kind in np.flatnonzero(shares > most).tolist():
-                other = self._trace(values, action, away, kind)
-                if other[1] & UNSAFE and shares[kind] > most:
-                    found, most = other, shares[kind]
+        for group in range(len(self.feature_groups[action])):
+            p = kernels.probabilities_row(self.data, action, np.array(values), group)
+            for kind in np.flatnonzero(p > most).tolist():
+                other = self._trace(values, action, group, kind)
+                if other[1] & UNSAFE and p[kind] > most:
+                    found, most = other, p[kind]
         return found
 
     def _trace(
-        self, state: list[float], action: int, away: int, kind: int
+        self, state: list[float], action: int, group: int, kind: int
     ) -> tuple[list[Site], int]:
-        def amend(state: list[float], action: int, out: list[float]) -> None:
+        """Trace a step in which one feature group (-1: none) has a certain outcome."""
+
+        def adapt(state: list[float], action: int, out: list[float]) -> None:
             changed = np.array(out)
-            kernels.amend_row(self.block.array, action, np.array(state), changed, away, kind)
+            kernels.adapt_row(self.data, action, np.array(state), changed, group, kind)
             out[:] = changed.tolist()
 
-        return self._program.trace(state, action, self.block.literals.tolist(), self.dt, amend)
-
-
-def _judges(ground: GroundModel) -> bool:
-    """Return whether any event has a say in what is unsafe."""
-    effects = (effect for event in ground.events for effect in event.effects)
-    return any(effect.target == UNSAFE_TARGET for effect in effects)
+        parameters = self.buffer.parameters.tolist()
+        return self._program.trace(state, action, parameters, self.dt, adapt)

@@ -1,7 +1,7 @@
-"""Acting under ignorance: the planner tries what it has hardly seen, where that is safe.
+"""Exploration by the planner: it prefers actions with few visits, where that is safe.
 
-In the spirit of R-Max (Brafman & Tennenholtz, 2002): what was tried too seldom to be known is
-preferred, here only where the model predicts that it stays safe for the whole lookahead.
+In the spirit of R-Max (Brafman & Tennenholtz, Journal of Machine Learning Research 3, 2002), but
+only among actions that the model predicts to stay safe for the whole lookahead.
 """
 
 from __future__ import annotations
@@ -14,28 +14,28 @@ from serp.planning.preference import free_of_risk
 
 
 class ExplorationBonus:
-    """Makes a planner prefer actions that it knows little of.
+    """Makes a planner prefer actions with few visits.
 
     Args:
-        tried: `[A]` how often each ground action was observed; kept up to date by its owner.
-        tries: So often an action is tried before it counts as known; 0: nothing is preferred.
+        visits: `[A]` how often each ground action was observed; updated by its owner.
+        min_visits: Visits from which on an action counts as known; 0 prefers nothing.
     """
 
-    def __init__(self, tried: NDArray[np.int64], tries: int) -> None:
-        self._tried = tried
-        self._tries = tries
+    def __init__(self, visits: NDArray[np.int64], min_visits: int) -> None:
+        self._visits = visits
+        self._min_visits = min_visits
 
     def __call__(self, forecast: Forecast) -> Forecast:
-        """Return a forecast with the choice of the least known action that is safe."""
-        if self._tried.min(initial=self._tries) >= self._tries:
+        """Return a forecast whose choice is the least visited action that is safe."""
+        if self._visits.min(initial=self._min_visits) >= self._min_visits:
             return forecast
         candidates = free_of_risk(forecast.flags)
         lasting = candidates & (forecast.safe_steps == SAFE)
         if lasting.any():
             candidates = lasting
-        # Where all that is known leads to harm, what is not known is the better choice.
-        candidates &= self._tried < self._tries
+        # Where all known actions lead to harm, an unknown one is the better choice.
+        candidates &= self._visits < self._min_visits
         if not candidates.any():
             return forecast
-        least = np.where(candidates, self._tried, np.iinfo(np.int64).max)
+        least = np.where(candidates, self._visits, np.iinfo(np.int64).max)
         return forecast._replace(choice=int(least.argmin()))

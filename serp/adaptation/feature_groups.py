@@ -1,4 +1,4 @@
-"""What a correction looks at: fluents by the roles of objects, so that like shares with like."""
+"""Feature groups: fluents by the roles of their objects, so that like objects share a model."""
 
 from __future__ import annotations
 
@@ -9,81 +9,80 @@ from serp.model.ground import Fluent, GroundModel, GroundSchema
 
 Key = tuple[str, ...]
 
-MOST_BITS = 6
-"""Of more predicates than that in one view no modes are made."""
+MAX_BITS = 6
+"""A group with more predicates than that has no modes."""
 
 
 @dataclass(frozen=True)
 class FeatureGroup:
-    """What one ground action may do to the fluents of one tuple of objects, or of its own objects.
+    """What one ground action may do to the fluents of its own objects, or of other objects.
 
-    Views with equal keys are instances of the same thing, said of other objects of the same type,
-    and share one model.
+    Groups with equal keys are instances of the same relation between other objects of the same
+    types; they share one model.
 
     Attributes:
-        key: Schema, roles of the objects, and the symbols in view.
+        key: Schema, roles of the objects, symbols of inputs and targets.
         inputs: Columns that the change may depend on, in an order that is the same for the key.
-        targets: Columns of the numeric fluents that may change, in such an order too.
-        predicates: Columns of the predicates that may change, likewise.
-        truths: Positions within `inputs` of predicates.
+        targets: Columns of the numeric fluents that may change, likewise ordered.
+        predicates: Columns of the predicates that may change, likewise ordered.
+        predicate_inputs: Positions of predicates within `inputs`.
     """
 
     key: Key
     inputs: tuple[int, ...]
     targets: tuple[int, ...]
     predicates: tuple[int, ...]
-    truths: tuple[int, ...]
+    predicate_inputs: tuple[int, ...]
 
     @property
     def bits(self) -> tuple[int, ...]:
-        """Positions within `inputs` of the predicates whose truth makes a mode."""
-        return self.truths if len(self.truths) <= MOST_BITS else ()
+        """Positions within `inputs` of the predicates whose values distinguish modes."""
+        return self.predicate_inputs if len(self.predicate_inputs) <= MAX_BITS else ()
 
 
 def feature_groups_of(model: GroundModel, action: GroundSchema) -> tuple[FeatureGroup, ...]:
-    """Return the views of a ground action: that of its own objects, then one for each other tuple.
+    """Return the feature groups of a ground action.
 
-    A view of a tuple of objects sees every fluent about these objects and the action's own; which
-    of them is which is told by its role: place among the action's arguments, or in the tuple. Of
-    tuples that are not the action's own only those with numeric fluents are in view.
+    The first one is of the action's own objects; then there is one for each other tuple of objects
+    that has numeric fluents. Its inputs are all fluents of these objects and the action's own.
+    Roles tell the objects apart: the place among the action's arguments, or in the tuple.
     """
     own = set(action.arguments)
-    things: dict[tuple[str, ...], list[Fluent]] = {(): []}
+    tuples: dict[tuple[str, ...], list[Fluent]] = {(): []}
     for fluent in model.fluents:
-        things.setdefault(() if own.issuperset(fluent.arguments) else fluent.arguments, []).append(
-            fluent
-        )
+        objects = () if own.issuperset(fluent.arguments) else fluent.arguments
+        tuples.setdefault(objects, []).append(fluent)
     return tuple(
-        _view(model, action, about, fluents)
-        for about, fluents in things.items()
-        if (fluents if not about else any(fluent.numeric for fluent in fluents))
+        _group(model, action, objects, fluents)
+        for objects, fluents in tuples.items()
+        if (fluents if not objects else any(fluent.numeric for fluent in fluents))
     )
 
 
-def _view(
-    model: GroundModel, action: GroundSchema, about: tuple[str, ...], changing: Sequence[Fluent]
+def _group(
+    model: GroundModel, action: GroundSchema, objects: tuple[str, ...], changing: Sequence[Fluent]
 ) -> FeatureGroup:
     roles: dict[str, str] = {}
     for place, thing in enumerate(action.arguments):
         roles.setdefault(thing, f"a{place}")
-    for place, thing in enumerate(about):
+    for place, thing in enumerate(objects):
         roles.setdefault(thing, f"t{place}")
 
-    def said(fluent: Fluent) -> str:
+    def by_roles(fluent: Fluent) -> str:
         return f"{fluent.symbol}({','.join(roles[thing] for thing in fluent.arguments)})"
 
     seen = sorted(
-        (said(fluent), fluent.index)
+        (by_roles(fluent), fluent.index)
         for fluent in model.fluents
         if all(thing in roles for thing in fluent.arguments)
     )
     inputs = tuple(index for _, index in seen)
-    ordered = sorted(changing, key=said)
+    ordered = sorted(changing, key=by_roles)
     key = (
         action.schema,
-        ",".join(roles[thing] for thing in about),
+        ",".join(roles[thing] for thing in objects),
         ";".join(text for text, _ in seen),
-        ";".join(map(said, ordered)),
+        ";".join(map(by_roles, ordered)),
     )
     return FeatureGroup(
         key,

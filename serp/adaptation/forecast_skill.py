@@ -1,4 +1,4 @@
-"""How well the model in use predicts, of late."""
+"""How well the model in use has predicted of late."""
 
 from __future__ import annotations
 
@@ -12,22 +12,26 @@ from numpy.typing import NDArray
 from serp._util.compilation import cached_njit
 from serp._util.saved_state import Arrays, Saved
 from serp.adaptation.moving_average import rate_of
-from serp.model.transition_model import Vector
 
 _MEMORY: Final = 0.99
-_LEAST: Final = 20
-"""Before so many env steps nothing is known."""
+"""Weight of the past in the moving averages, a step."""
+_MIN_STEPS: Final = 20
 _RELIABLE: Final = 0.9
-_RESTING: Final = 1e-3
-"""Errors of so little of the usual squared change are none."""
+"""Share of the squared change of each fluent that a reliable model predicts, after these steps."""
+_NEGLIGIBLE: Final = 1e-3
+"""Share of the usual squared change at which an error counts as none."""
 
 
 @cached_njit(nogil=True)
-def follow(state, predicted, observed, steps, means):  # type: ignore[no-untyped-def]
-    """Let means of squared errors and changes follow a step; return 1, or 0 for one left out.
+def update_means(state, predicted, observed, steps, means):  # type: ignore[no-untyped-def]
+    """Add a step to the means; return 1, or 0 where it is left out: NaN, or squares overflow.
 
-    State, prediction and observation are `[F]`, `steps` is how many there were before. `means` are
-    `[3, F]`: of squared errors and changes of late, and of changes at all times.
+    Args:
+        state: `[F]` before the step.
+        predicted: `[F]`.
+        observed: `[F]`.
+        steps: How many there were before.
+        means: See `ForecastSkill`.
     """
     for i in range(state.shape[0]):
         off, moved = observed[i] - predicted[i], observed[i] - state[i]
@@ -43,39 +47,36 @@ def follow(state, predicted, observed, steps, means):  # type: ignore[no-untyped
 
 
 class ForecastSkill:
-    """The share of what changes that the model foresees, by fluent.
+    """The skill of the model's predictions against persistence, by fluent.
 
-    The skill of a forecast against persistence (Murphy, 1988): 1 less the mean squared error over
-    the mean squared change. 1: everything is foreseen; 0: "nothing changes" would do as well.
+    That is 1 less the mean squared error over the mean squared change (Murphy, Monthly Weather
+    Review 116, 1988): 1 for perfect predictions, 0 if "nothing changes" is as good.
 
     Args:
         fluents: Width of a state, F.
 
     Attributes:
-        means: `[3, F]`, what `follow` changes.
+        means: `[3, F]` moving averages of squared errors and changes, mean squared change of all
+            steps; see `update_means`.
         steps: Env steps that they are of.
     """
 
     def __init__(self, fluents: int) -> None:
         self.means = np.zeros((3, fluents))
         self.steps = 0
-        self._error, self._change, self._usual = self.means
-
-    def observe(self, state: Vector, predicted: Vector, observed: Vector) -> None:
-        """Take a prediction into account; one with NaN or infinity is left out."""
-        self.steps += follow(state, predicted, observed, self.steps, self.means)
 
     @property
     def reliable(self) -> bool:
-        """Whether the model foresees nine tenths of what changes, of every fluent.
+        """Whether the model predicts nine tenths of what changes, of every fluent.
 
-        A fluent that rests of late, beside what it usually does, is foreseen; one that never
-        changed is, unless it was predicted to.
+        Small errors of a fluent that rests at present do not matter, nor do fluents that neither
+        change nor are predicted to.
         """
-        if self.steps < _LEAST:
+        if self.steps < _MIN_STEPS:
             return False
-        missed = self._error > (1.0 - _RELIABLE) * self._change
-        return not bool((missed & (self._error > _RESTING * self._usual)).any())
+        error, change, usual = self.means
+        missed = error > (1.0 - _RELIABLE) * change
+        return not bool((missed & (error > _NEGLIGIBLE * usual)).any())
 
     def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
@@ -87,6 +88,6 @@ class ForecastSkill:
         Raises:
             RunError: It belongs to another domain, or is damaged.
         """
-        saved = Saved("skill of the model", arrays, meta)
+        saved = Saved("forecast skill", arrays, meta)
         means = saved.array("means", np.float64, self.means.shape, low=0.0)
         self.means[:], self.steps = means, saved.whole("steps")

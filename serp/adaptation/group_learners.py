@@ -1,4 +1,4 @@
-"""What is learned beside the file: of each kind of view its residual and its counts."""
+"""What is learned beside the file: a residual and outcome counts for each kind of feature group."""
 
 from __future__ import annotations
 
@@ -13,135 +13,137 @@ from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.feature_groups import FeatureGroup, Key
 from serp.adaptation.outcome_counts import OutcomeCounts
 from serp.adaptation.parameter_buffer import MODES
-from serp.adaptation.residual.outliers import note_whole
-from serp.adaptation.residual.residual import OnlineResidual
+from serp.adaptation.residual.online_residual import OnlineResidual
+from serp.adaptation.residual.outliers import update_whole
 from serp.model.transition_model import Vector
 
-_MOST_STATISTICS: Final = 600_000
+_MAX_STATISTICS: Final = 600_000
+"""Entries of the statistics of one residual, which is updated and solved in every step."""
 
 Meta = dict[str, Any]
 
 
 class GroupLearners:
-    """Learns from env steps what the file does not say, and publishes it in the model.
+    """Learns from env steps what the file lacks, and publishes it in the model.
 
-    All of it is planned with or nothing. A plan weighs one number against another (who is first at
-    the ball?), and where one of them is corrected and the other one cannot be, it is led astray by
-    the difference, however small the errors of one step are. So where not even half of what
-    happens to some number can be foreseen, the file's structure is planned with, as it is.
+    Everything is used or nothing: a plan compares numbers with each other (who is first at the
+    ball?), and where one of them is adapted and the other one cannot be, the difference misleads
+    it, however small the one-step errors are. So where not even half of the change of some fluent
+    can be predicted, the file is used alone.
 
     Args:
-        model: The model that it corrects.
+        model: The model that is adapted.
         seed: Seed of the random features.
         nonlinear: Whether residuals may use random features.
     """
 
     def __init__(self, model: AdaptedModel, seed: np.random.SeedSequence, nonlinear: bool) -> None:
-        self._block = model.block
+        self._buffer = model.buffer
         self._seed = seed
         self._nonlinear = nonlinear
-        self._views = {view.key: view for views in model.views for view in views}
-        self._places = {key: k for k, key in enumerate(self._views)}
-        self._columns = [[_Columns(view) for view in views] for views in model.views]
+        self._groups = {group.key: group for groups in model.feature_groups for group in groups}
+        self._columns = [[_Columns(group) for group in groups] for groups in model.feature_groups]
         self._numeric = np.array([fluent.numeric for fluent in model.fluents], dtype=np.bool_)
         symbols: dict[str, list[int]] = {}
         for fluent in model.fluents:
             symbols.setdefault(fluent.symbol, []).append(fluent.index)
         self._alike = [np.array(columns) for columns in symbols.values() if len(columns) > 1]
-        self.begin()
+        self.reset()
 
-    def begin(self) -> None:
+    def reset(self) -> None:
         """Forget everything."""
-        again = np.random.SeedSequence(self._seed.entropy, spawn_key=self._seed.spawn_key)
-        seeds = again.spawn(len(self._views))
+        seed = np.random.SeedSequence(self._seed.entropy, spawn_key=self._seed.spawn_key)
         self._whole = np.ones(len(self._numeric), dtype=np.bool_)
         self._wholes = len(self._whole)
         self._residuals: dict[Key, OnlineResidual] = {}
-        self._chances = {key: OutcomeCounts(view) for key, view in self._views.items()}
+        self._counts = {key: OutcomeCounts(group) for key, group in self._groups.items()}
         alike: dict[Key, list[OnlineResidual]] = {}
-        for view, own in zip(self._views.values(), seeds, strict=True):
-            memory = self._block.groups[view.key]
-            memory.clear()
-            if view.targets and _learnable(view):
-                residual = OnlineResidual(view, memory, own, self._nonlinear)
-                self._residuals[view.key] = residual
-                alike.setdefault(view.key[1:], []).append(residual)
-                residual.siblings = alike[view.key[1:]]
-        self._corrects = dict.fromkeys(self._residuals, False)
-        self._foreseen = dict.fromkeys(alike, True)
-        self._block.amends = True
-        self._block.chancy = False
+        for (key, group), own in zip(
+            self._groups.items(), seed.spawn(len(self._groups)), strict=True
+        ):
+            shared = self._buffer.shared[key]
+            shared.clear()
+            if group.targets and _learnable(group):
+                residual = OnlineResidual(group, shared, own, self._nonlinear)
+                self._residuals[key] = residual
+                alike.setdefault(key[1:], []).append(residual)
+                residual.siblings = alike[key[1:]]
+        self._used = dict.fromkeys(self._residuals, False)
+        self._predictable = dict.fromkeys(alike, True)
+        self._buffer.enabled = True
+        self._buffer.stochastic = False
 
     @property
     def notice(self) -> str | None:
         """What is too wide to be learned; None where nothing is."""
-        wide = sorted({view.key[0] for view in self._views.values() if not _learnable(view)})
+        wide = sorted({group.key[0] for group in self._groups.values() if not _learnable(group)})
         if not wide:
             return None
         return (
-            f"more fluents are in view of {', '.join(f'`{name}`' for name in wide)} than a "
-            "correction can learn from; their numbers are predicted as written"
+            f"{', '.join(f'`{name}`' for name in wide)} can depend on more fluents than the "
+            "adaptation can learn from; the numbers that they change are predicted as written"
         )
 
     @property
-    def corrects(self) -> bool:
-        """Whether anything is corrected."""
-        return self._block.chancy or (self._block.amends and any(self._corrects.values()))
+    def active(self) -> bool:
+        """Whether anything learned is used."""
+        buffer = self._buffer
+        return buffer.stochastic or (buffer.enabled and any(self._used.values()))
 
     def learn(
         self, state: Vector, action: int, next_state: Vector, flow: Vector, settled: Vector
     ) -> None:
-        """Learn from an env step; of one with NaN or numbers beyond all bounds nothing is learned.
+        """Learn from an env step, unless it holds NaN or huge numbers.
 
         Args:
             state: `[F]` before it.
             action: Ground action.
             next_state: `[F]` observed.
-            flow: `[F]` by effects and processes, with the literals in use.
+            flow: `[F]` predicted by effects and processes, with the parameters in use.
             settled: `[F]` the same after events.
         """
-        if not note_whole(state, next_state, self._numeric, self._whole):
+        if not update_whole(state, next_state, self._numeric, self._whole):
             return
         self._share_wholeness()
-        # Where an event has the last word, what effects and processes have done cannot be seen.
-        seen = flow == settled
-        counted = self._block.chancy
-        for view in self._columns[action]:
-            key, targets = view.key, view.targets
-            chances = self._chances[key]
-            if not chances.learn(view.inputs, state, settled, next_state, self._whole):
+        # Where an event has changed a fluent, the effect of effects and processes is not observed.
+        observed = flow == settled
+        counted = self._buffer.stochastic
+        for group in self._columns[action]:
+            key, targets = group.key, group.targets
+            counts = self._counts[key]
+            if not counts.learn(group.inputs, state, settled, next_state, self._whole):
                 self._whole[targets] = False
                 self._share_wholeness()
-            memory = self._block.groups[key]
-            if chances.used or memory.chance is not None:
-                memory.chance = chances.table if chances.used else None
+            shared = self._buffer.shared[key]
+            if counts.used or shared.outcomes is not None:
+                shared.outcomes = counts.table if counts.used else None
                 counted = True
             if key in self._residuals:
-                self._corrects[key] = self._residuals[key].learn(
-                    state[view.inputs],
+                self._used[key] = self._residuals[key].learn(
+                    state[group.inputs],
                     next_state[targets] - flow[targets],
-                    seen[targets],
+                    observed[targets],
                     next_state[targets] - state[targets],
                     ~self._whole[targets],
                 )
-                self._foreseen[key[1:]] = self._residuals[key].foresees(~self._whole[targets])
-        amends = all(self._foreseen.values())
-        if counted or amends != self._block.amends:
-            self._block.amends = amends
-            self._note_chances()
+                predictable = self._residuals[key].predictable(~self._whole[targets])
+                self._predictable[key[1:]] = predictable
+        enabled = all(self._predictable.values())
+        if counted or enabled != self._buffer.enabled:
+            self._buffer.enabled = enabled
+            self._update_stochastic()
 
     def _share_wholeness(self) -> None:
-        """A function is whole if it is that of all objects: what is learned of them is shared."""
+        """A function is whole if it is whole for all objects: they share what is learned."""
         wholes = int(np.count_nonzero(self._whole))
         if wholes != self._wholes:
             for columns in self._alike:
                 self._whole[columns] = self._whole[columns].all()
             self._wholes = int(np.count_nonzero(self._whole))
 
-    def _note_chances(self) -> None:
-        groups = self._block.groups.values()
-        counted = any(group.chance is not None for group in groups)
-        self._block.chancy = counted and self._block.amends
+    def _update_stochastic(self) -> None:
+        counted = any(shared.outcomes is not None for shared in self._buffer.shared.values())
+        self._buffer.stochastic = counted and self._buffer.enabled
 
     # State -------------------------------------------------------------------------------------
 
@@ -149,52 +151,50 @@ class GroupLearners:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: Arrays = {"whole": self._whole.copy()}
         meta: Meta = {
-            "corrects": [bool(corrects) for corrects in self._corrects.values()],
-            "foreseen": [bool(foreseen) for foreseen in self._foreseen.values()],
+            "used": [bool(used) for used in self._used.values()],
+            "predictable": [bool(value) for value in self._predictable.values()],
         }
-        parts: tuple[tuple[str, Mapping[Key, OnlineResidual | OutcomeCounts]], ...] = (
-            ("residual", self._residuals),
-            ("chances", self._chances),
-        )
-        for kind, of_views in parts:
-            for key, part in of_views.items():
-                name = self._name(kind, key)
-                own, meta[name] = part.state_dict()
-                arrays |= nested(name, own)
+        for name, part in self._parts():
+            own, meta[name] = part.state_dict()
+            arrays |= nested(name, own)
         return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned; the block is restored by its owner, before.
+        """Restore what `state_dict` returned; the owner restored the buffer before.
 
         Raises:
             RunError: It belongs to another domain, or is damaged.
         """
-        saved = Saved("correction", arrays, meta)
+        saved = Saved("adaptation", arrays, meta)
         self._whole[:] = saved.array("whole", np.bool_, self._whole.shape)
         self._wholes = int(np.count_nonzero(self._whole))
-        for name, truths in (("corrects", self._corrects), ("foreseen", self._foreseen)):
-            truths.update(zip(truths, saved.truths(name, len(truths)), strict=True))
-        for key, residual in self._residuals.items():
-            residual.load_state_dict(*saved.part(self._name("residual", key)))
-        for key, chances in self._chances.items():
-            chances.load_state_dict(*saved.part(self._name("chances", key)))
-            self._block.groups[key].chance = chances.table if chances.used else None
-        self._note_chances()
+        self._used.update(zip(self._used, saved.truths("used", len(self._used)), strict=True))
+        truths = saved.truths("predictable", len(self._predictable))
+        self._predictable.update(zip(self._predictable, truths, strict=True))
+        for name, part in self._parts():
+            part.load_state_dict(*saved.part(name))
+        for key, counts in self._counts.items():
+            self._buffer.shared[key].outcomes = counts.table if counts.used else None
+        self._update_stochastic()
 
-    def _name(self, part: str, key: Key) -> str:
-        """Return the name of a part, by where its view is among all."""
-        return f"{part}{self._places[key]}"
+    def _parts(self) -> list[tuple[str, OnlineResidual | OutcomeCounts]]:
+        """Return residuals and counts with the names that they are saved under."""
+        places = {key: k for k, key in enumerate(self._groups)}
+        return [
+            *((f"residual{places[key]}", part) for key, part in self._residuals.items()),
+            *((f"outcome_counts{places[key]}", part) for key, part in self._counts.items()),
+        ]
 
 
-def _learnable(view: FeatureGroup) -> bool:
-    """Whether the statistics of a view are small enough to be kept and solved in every step."""
-    return (1 + MODES) * len(view.targets) * (1 + len(view.inputs)) ** 2 <= _MOST_STATISTICS
+def _learnable(group: FeatureGroup) -> bool:
+    """Return whether the statistics of a group are small enough to be solved in every step."""
+    return (1 + MODES) * len(group.targets) * (1 + len(group.inputs)) ** 2 <= _MAX_STATISTICS
 
 
 class _Columns:
-    """A view with its columns as arrays."""
+    """A feature group with its columns as arrays."""
 
-    def __init__(self, view: FeatureGroup) -> None:
-        self.key = view.key
-        self.inputs = np.array(view.inputs, dtype=np.int64)
-        self.targets = np.array(view.targets, dtype=np.int64)
+    def __init__(self, group: FeatureGroup) -> None:
+        self.key = group.key
+        self.inputs = np.array(group.inputs, dtype=np.int64)
+        self.targets = np.array(group.targets, dtype=np.int64)

@@ -1,10 +1,9 @@
-"""Counts of what comes of an action, for predicates and whole numbers.
+"""Counts of the outcomes of an action, for predicates and whole numbers.
 
-What an action does by chance, or otherwise than written, is counted as a change relative to the
-state, or as "what the file says", by action schema and context: all there is, where the same
-predicates hold, where the whole numbers nearby are the same too. While samples of a context are
-few, the broader one decides (the hierarchical Dirichlet smoothing of MacKay & Peto, Natural
-Language Engineering 1, 1995).
+An outcome is a change of the state, or "as the file predicts". Outcomes are counted by action
+schema and context: over everything, where the same predicates hold, where the whole numbers of the
+feature group are the same too. While a context has few samples, the broader one decides
+(hierarchical Dirichlet smoothing: MacKay & Peto, Natural Language Engineering 1, 1995).
 """
 
 from __future__ import annotations
@@ -21,45 +20,48 @@ from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.moving_average import rate_of
 from serp.model.transition_model import Vector
 
-Array = NDArray[np.float64]
-
 _MEMORY: Final = 0.995
-_LEAST: Final = 5
-"""Before so many samples counts are not believed."""
+"""Weight of the past in the scores, a step."""
+_MIN_SAMPLES: Final = 5
 _BETTER: Final = 0.95
-"""Counts are used where their Brier score (1950) is smaller than the file's by this factor."""
-_MOST: Final = 2_000.0
-_STRAY: Final = 0.2
-"""Where more outcomes than this share are none of those told apart, counting is of no use."""
-_ENOUGH: Final = 50
+"""Counts are used after so many samples where their Brier score (Monthly Weather Review 78, 1950)
+is smaller than the file's by this factor."""
+_MAX_COUNT: Final = 2_000.0
+"""Counts of a context are halved beyond this."""
+_MAX_STRAY, _STRAY_FROM = 0.2, 50
+"""Share of outcomes beyond those that are distinguished at which counting ends, and the samples
+from which on it is known."""
 
 
 class OutcomeCounts:
-    """Counts the outcomes of the ground actions that share a view's key.
+    """Counts the outcomes of the ground actions that share the key of a feature group.
 
     Args:
-        view: Any view of the key.
+        group: Any feature group of the key.
+
+    Attributes:
+        table: The counts, see `serp.adaptation.outcome_kernels`; None before the file was wrong.
     """
 
-    def __init__(self, view: FeatureGroup) -> None:
-        self._depth = len(view.inputs)
-        where = {column: place for place, column in enumerate(view.inputs)}
-        self._predicates = np.array([where[column] for column in view.predicates], dtype=np.int64)
-        self._numbers = np.array([where[column] for column in view.targets], dtype=np.int64)
-        self._truths = np.array(view.truths, dtype=np.int64)
-        self.table: Array | None = None
+    def __init__(self, group: FeatureGroup) -> None:
+        self._depth = len(group.inputs)
+        where = {column: place for place, column in enumerate(group.inputs)}
+        self._predicates = np.array([where[column] for column in group.predicates], dtype=np.int64)
+        self._numbers = np.array([where[column] for column in group.targets], dtype=np.int64)
+        self._context = np.array(group.predicate_inputs, dtype=np.int64)
+        self.table: Vector | None = None
         self._places = self._others = np.zeros(0, dtype=np.int64)
         self._scores = np.zeros(2)
         self._samples = self._strays = 0
-        self._hopeless = False
+        self._given_up = False
 
     @property
     def used(self) -> bool:
-        """Whether counts have predicted better than the file, on data that they had not seen."""
+        """Whether counts have predicted better than the file, before they had seen the sample."""
         return (
             self.table is not None
-            and not self._hopeless
-            and self._samples >= _LEAST
+            and not self._given_up
+            and self._samples >= _MIN_SAMPLES
             and bool(self._scores[1] < _BETTER * self._scores[0])
         )
 
@@ -74,40 +76,40 @@ class OutcomeCounts:
         """Count a sample.
 
         Args:
-            inputs: `[d]` columns of the view.
+            inputs: `[d]` columns of the feature group.
             state: `[F]`.
-            written: `[F]` what the file makes of it.
+            written: `[F]` predicted by the file.
             observed: `[F]`.
             whole: `[F]` bool: whether a fluent has always been a whole number.
 
         Returns:
-            Whether counting makes sense: False where too many different things happen.
+            False where there are too many different outcomes to count.
         """
-        if self._hopeless:
+        if self._given_up:
             return False
         numbers = self._numbers[whole[inputs[self._numbers]]]
         if len(numbers) + len(self._predicates) != len(self._places):
-            self._begin(np.sort(np.concatenate((self._predicates, numbers))))  # one has dropped out
+            self._begin(np.sort(np.concatenate((self._predicates, numbers))))
         if not len(self._places):
             return True
         columns = inputs[self._places]
         self._samples += 1
         if self.table is None:
-            # Where the file is always right there is nothing to count.
+            # As long as the file is right there is nothing to count.
             if (observed[columns] == written[columns]).all():
                 return True
-            self._others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._truths)
-            self.table = _new_table(self._places, self._truths, self._others)
+            self._others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._context)
+            self.table = new_table(self._places, self._context, self._others)
             totals = int(self.table[c.T_TOTALS])
             self.table[int(self.table[c.T_COUNTS])] = self.table[totals] = self._samples - 1
         rate = rate_of(self._samples - 1, _MEMORY)
         if not c.count(
-            self.table, inputs, state, written, observed, self._scores, rate, _MOST
+            self.table, inputs, state, written, observed, self._scores, rate, _MAX_COUNT
         ):  # fmt: skip
             self._strays += 1
-            if self._samples >= _ENOUGH and self._strays > _STRAY * self._samples:
-                # Without the numbers there may be some sense in it.
-                self._hopeless = not len(numbers)
+            if self._samples >= _STRAY_FROM and self._strays > _MAX_STRAY * self._samples:
+                # Without the numbers the predicates may still have few outcomes.
+                self._given_up = not len(numbers)
                 self._begin(self._predicates)
                 return False
         return True
@@ -123,7 +125,7 @@ class OutcomeCounts:
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly.
 
-        Of the table only what was counted; its layout and its hash table follow from that.
+        Only the counts of the table: its layout and its hash table follow from these.
         """
         arrays: dict[str, NDArray[Any]] = {
             "places": self._places.copy(),
@@ -136,41 +138,41 @@ class OutcomeCounts:
         return arrays, {
             "samples": self._samples,
             "strays": self._strays,
-            "hopeless": self._hopeless,
+            "given_up": self._given_up,
         }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned.
 
         Raises:
-            RunError: It belongs to another view, or is damaged.
+            RunError: It belongs to another feature group, or is damaged.
         """
-        saved = Saved("counted outcomes", arrays, meta)
+        saved = Saved("outcome counts", arrays, meta)
         places, others = (self._positions(saved, name) for name in ("places", "others"))
         scores = saved.array("scores", np.float64, self._scores.shape)
-        samples, hopeless = saved.whole("samples"), saved.truth("hopeless")
+        samples, given_up = saved.whole("samples"), saved.truth("given_up")
         strays = saved.whole("strays", 0, samples)
         table = self._table_of(saved, places, others) if saved.has("codes") else None
         self._places, self._others = places, others
         self._scores[:] = scores
         self.table = table
-        self._samples, self._strays, self._hopeless = samples, strays, hopeless
+        self._samples, self._strays, self._given_up = samples, strays, given_up
 
     def _positions(self, saved: Saved, name: str) -> NDArray[np.int64]:
         positions = saved.array(name, np.int64, (-1,), 0, self._depth - 1)
         if (np.diff(positions) <= 0).any():
-            raise saved.wrong(f"{name} are in no order")
+            raise saved.wrong(f"{name} are not in order")
         return positions.copy()
 
     def _table_of(
         self, saved: Saved, places: NDArray[np.int64], others: NDArray[np.int64]
-    ) -> Array:
-        """Return a table with what was counted, laid out anew."""
-        table = _new_table(places, self._truths, others)
+    ) -> Vector:
+        """Return a table with the saved counts, laid out anew."""
+        table = new_table(places, self._context, others)
         codes = saved.array("codes", np.float64, (-1,), 0, MOST - 1)
         rows = 1 + len(codes)
         if rows > c.ROWS or len(np.unique(codes)) != len(codes) or (codes % 1.0).any():
-            raise saved.wrong("codes are no different whole numbers, or too many")
+            raise saved.wrong("codes are not distinct whole numbers, or too many")
         kinds = len(saved.array("changes", np.float64, (-1, len(places)), low=None))
         if not 1 <= kinds <= c.KINDS:
             raise saved.wrong(f"changes are of {kinds} outcomes")
@@ -180,15 +182,15 @@ class OutcomeCounts:
             low = None if name == "changes" else 0.0
             part[:] = saved.array(name, np.float64, shapes[name], low)
         totals = _parts(table)["totals"]
-        if not totals[0] > 0.0:  # shares are shares of it
+        if not totals[0] > 0.0:  # probabilities are shares of it
             raise saved.wrong("totals are of no sample")
         for row, code in enumerate(codes, start=1):
             c.enter(table, code, row)
         return table
 
 
-def _parts(table: Array) -> dict[str, Array]:
-    """Return views of what was counted: changes `[K, D]`, counts `[R, KINDS]`, totals `[R]`."""
+def _parts(table: Vector) -> dict[str, Vector]:
+    """Return views of changes `[K, D]`, counts `[R, KINDS]` and totals `[R]`."""
     kinds, rows, columns = (int(table[k]) for k in (c.T_KINDS, c.T_ROWS, c.T_COLUMNS))
     changes, counts, totals = (int(table[k]) for k in (c.T_CHANGES, c.T_COUNTS, c.T_TOTALS))
     return {
@@ -198,8 +200,8 @@ def _parts(table: Array) -> dict[str, Array]:
     }
 
 
-def _codes(table: Array) -> Array:
-    """Return `[R - 1]` the codes of the contexts, in the order in which they were met."""
+def _codes(table: Vector) -> Vector:
+    """Return the codes of the contexts, `[R - 1]`, in the order of their rows."""
     codes, slots = int(table[c.T_CODES]), int(table[c.T_SLOTS])
     rows = table[slots : slots + c.SLOTS].astype(np.int64)
     found = np.zeros(int(table[c.T_ROWS]))
@@ -207,15 +209,15 @@ def _codes(table: Array) -> Array:
     return found[1:]
 
 
-def _new_table(
+def new_table(
     places: NDArray[np.int64], predicates: NDArray[np.int64], others: NDArray[np.int64]
-) -> Array:
+) -> Vector:
     """Return an empty table.
 
     Args:
-        places: `[D]` positions of what is counted.
+        places: `[D]` positions of the counted fluents within the group's inputs.
         predicates: Positions of the predicates of a context.
-        others: Positions of the whole numbers that a narrower context has beside them.
+        others: Positions of the whole numbers of a narrower context.
     """
     parts = {
         c.T_PLACES: len(places),

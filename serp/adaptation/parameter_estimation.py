@@ -1,4 +1,4 @@
-"""Estimating the literals of a file anew while a run goes on."""
+"""Estimation of a file's parameters during a run."""
 
 from __future__ import annotations
 
@@ -16,38 +16,35 @@ from serp.sysid.transitions import TransitionMemory
 
 Actions = NDArray[np.int64]
 
-_FIRST: Final = 32
-"""Env steps before the first estimate; it is made anew whenever there are twice as many."""
-_MOST: Final = 4_000
-"""Newest transitions that an estimate rests on."""
-_SHOWN: Final = 0.7
-"""Share of them, the oldest, that an estimate is made from which the others then judge."""
-_FORESEEN: Final = 0.5
-"""Where an estimate leaves less of the squared change than that, it is believed whatever it is."""
-_LEFT: Final = 0.25
-"""Share of a written number that stays where it is not. An effect that comes about at times and at
-times does not has a small mean, which is nothing that happens; planned with, it is no effect."""
-_CERTAIN: Final = 0.02
-"""The same as `_FORESEEN`, of the error of those in use, whatever changes."""
-_MOVES: Final = 0.01
-"""An estimate that differs by less than its standard error, or this share, is no news: what was
-learned beside the literals in use would be lost for nothing."""
-_USUAL: Final = 0.98
-_NOBODY: Final = 25.0
-"""A step is left out whose least squared error is so many times this quantile of all."""
+_FIRST, _NEWEST = 32, 4_000
+"""Env steps before the first estimate, which is repeated whenever there are twice as many; and
+the newest transitions that an estimate rests on."""
+_FITTED: Final = 0.7
+"""Share of these, the oldest, that the estimate is fitted to which the others then judge."""
 _BETTER: Final = 0.9
-"""An estimate is adopted instead of what is written where its squared error is smaller by this
-factor, and instead of an earlier estimate where it is smaller."""
+"""An estimate replaces a written value where its squared error is smaller by this factor, and an
+earlier estimate where it is smaller."""
+_FORESEEN, _CERTAIN = 0.5, 0.02
+"""An estimate may have any value where it leaves less than this share of the squared change, or of
+the squared error of the parameters in use; otherwise it is bounded, see `_LEAST`."""
+_LEAST: Final = 0.25
+"""Share of a written value that a bounded estimate keeps at least. An effect that happens only
+sometimes has a small mean, which never happens; a plan with the mean would ignore the effect."""
+_SMALL_CHANGE: Final = 0.01
+"""Relative change of a parameter that is ignored, as is one within its standard error: what was
+learned beside the parameters would be lost for it."""
+_USUAL, _OUTLIER = 0.98, 25.0
+"""A step is left out whose least squared error is so many times this quantile of all."""
 
 
 class ParameterEstimation:
-    """Says what the literals in use should be.
+    """Decides which parameters to use.
 
-    Literals that change the fluents of one function are adopted together, and only where those
-    estimated from earlier transitions have predicted the later ones better than those in use.
+    Parameters that change the fluents of one function are adopted together, and only where
+    estimates from earlier transitions have predicted later ones better than those in use.
 
     Args:
-        written: The model as written; where it is compiled already, that is made use of.
+        written: The model as written; if it is compiled already the compiled code is used.
     """
 
     def __init__(self, written: TransitionModel) -> None:
@@ -55,8 +52,8 @@ class ParameterEstimation:
         compiled = written if written.compiled else None
         self._estimator = ParameterEstimator(written.ground, written.dt, compiled)
         self._owned: dict[str, list[int]] = {}
-        for influence in parameter_dependencies(written.ground):
-            self._owned.setdefault(influence.symbol, []).append(influence.parameter.index)
+        for dependency in parameter_dependencies(written.ground):
+            self._owned.setdefault(dependency.symbol, []).append(dependency.parameter.index)
 
     @staticmethod
     def due(seen: int) -> bool:
@@ -64,49 +61,49 @@ class ParameterEstimation:
         return seen >= _FIRST and seen & (seen - 1) == 0
 
     def reconsider(self, experience: TransitionMemory, theta: Vector) -> Vector:
-        """Return the literals to use from now on.
+        """Return the parameters to use from now on.
 
         Args:
             experience: The transitions.
-            theta: `[P]` literals in use.
+            theta: `[P]` parameters in use.
         """
-        states, next_states = experience.states[-_MOST:], experience.next_states[-_MOST:]
-        actions = experience.actions[-_MOST:]
-        first = int(_SHOWN * len(actions))
+        states, next_states = experience.states[-_NEWEST:], experience.next_states[-_NEWEST:]
+        actions = experience.actions[-_NEWEST:]
+        first = int(_FITTED * len(actions))
         earlier, _ = self._estimate(states[:first], actions[:first], next_states[:first], theta)
         latest, errors = self._estimate(states, actions, next_states, theta)
-        known = usable_rows(self._written, states, actions, next_states)
-        known = known[known >= first]
-        later = states[known], actions[known], next_states[known]
-        held = self._held(earlier)
-        now, full, part, change = self._errors((theta, earlier, held), *later)
+        rows = usable_rows(self._written, states, actions, next_states)
+        rows = rows[rows >= first]
+        now, free, bounded, change = self._errors(
+            (theta, earlier, self._bounded(earlier)), states[rows], actions[rows], next_states[rows]
+        )
         adopted = theta.copy()
         for symbol, owned in self._owned.items():
             columns = list(self._estimator.symbols.get(symbol, ()))
-            spoken = [k for k in owned if np.isfinite(errors[k])]
-            if not spoken:
+            known = [k for k in owned if np.isfinite(errors[k])]
+            if not known:
                 continue
-            worth = now[columns].sum()
-            foreseen = max(_FORESEEN * change[columns].sum(), _CERTAIN * worth)
-            believed = full[columns].sum() < foreseen
-            error = (full if believed else part)[columns].sum()
+            in_use = now[columns].sum()
+            enough = max(_FORESEEN * change[columns].sum(), _CERTAIN * in_use)
+            believed = free[columns].sum() < enough
+            error = (free if believed else bounded)[columns].sum()
             estimated = (theta[owned] != self._written.theta[owned]).any()
-            if error < (1.0 if estimated else _BETTER) * worth:
-                news = (latest if believed else self._held(latest))[spoken]
-                least = np.maximum(errors[spoken], _MOVES * np.abs(theta[spoken]))
-                if (np.abs(news - theta[spoken]) > least).any():
-                    adopted[spoken] = news
+            if error < (1.0 if estimated else _BETTER) * in_use:
+                news = (latest if believed else self._bounded(latest))[known]
+                least = np.maximum(errors[known], _SMALL_CHANGE * np.abs(theta[known]))
+                if (np.abs(news - theta[known]) > least).any():
+                    adopted[known] = news
         return adopted
 
-    def _held(self, theta: Vector) -> Vector:
-        """Return `[P]` literals that are nowhere much smaller than written, nor of other sign.
+    def _bounded(self, theta: Vector) -> Vector:
+        """Return parameters `[P]` that keep the written sign and a share of the written size.
 
-        What is written as 0 has no sign.
+        A parameter that is written as 0 is not bounded.
         """
         written = self._written.theta
         sign = np.where(written < 0.0, -1.0, 1.0)
-        held: Vector = sign * np.maximum(sign * theta, _LEFT * np.abs(written))
-        return np.where(written == 0.0, theta, held)
+        bounded: Vector = sign * np.maximum(sign * theta, _LEAST * np.abs(written))
+        return np.where(written == 0.0, theta, bounded)
 
     def _estimate(
         self, states: Vector, actions: Actions, next_states: Vector, theta: Vector
@@ -117,11 +114,10 @@ class ParameterEstimation:
     def _errors(
         self, candidates: Sequence[Vector], states: Vector, actions: Actions, next_states: Vector
     ) -> Vector:
-        """Return `[C + 1, F]` sums of squared errors of literals and of "nothing changes".
+        """Return sums of squared errors of C candidates and of "nothing changes", `[C + 1, F]`.
 
-        They are over the same steps for all. A step that the first candidate predicts and another
-        one does not counts for that as an error beyond all bounds, or literals would be better the
-        less they say.
+        All are over the same steps. A step that the first candidate predicts and another one does
+        not is an infinite error of that one: it would be better the less it predicts.
         """
         off = np.array(
             [
@@ -131,10 +127,10 @@ class ParameterEstimation:
             + [next_states - states]
         )
         squared = off * off
-        # What nobody comes near says nothing about who is better.
+        # A step that all candidates predict badly does not distinguish them.
         best = np.where(np.isfinite(squared), squared, 0.0).min(axis=0)
         if len(best):
-            squared[:, best > _NOBODY * np.quantile(best, _USUAL, axis=0)] = 0.0
+            squared[:, best > _OUTLIER * np.quantile(best, _USUAL, axis=0)] = 0.0
         known = np.isfinite(squared)
         errors = np.where(known, squared, np.inf)
         errors[:, ~known[0]] = 0.0

@@ -1,43 +1,45 @@
-"""What is kept of every env step, in one compiled call: each call from Python has its price."""
+"""Recording of an env step in one compiled call: each call from Python costs microseconds.
+
+`log` is (step, ring, tables, means): the comparison of `serp.sysid.monitor`, the ring of
+`serp.sysid.transitions`, the monitor's tables and the means of the forecast skill. `transition`
+is (state, action, next state, ending, reward), `head` its position in the ring, `row` its row in
+the tables, `steps` the number of steps in the means.
+"""
 
 from __future__ import annotations
 
 from serp._util.compilation import cached_njit
-from serp.adaptation.forecast_skill import follow
-from serp.adaptation.step_kernels import foresee
+from serp.adaptation.adapted_step import predict_all
+from serp.adaptation.forecast_skill import update_means
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.native import call_step, pointer_to
-from serp.sysid.monitor import CORRECTED, OBSERVED, WRITTEN, accumulate
+from serp.sysid.monitor import ADAPTED, OBSERVED, WRITTEN, accumulate
 from serp.sysid.transitions import OVER, store
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 
 @cached_njit(nogil=True)
-def keep(step, state, action, next_state, ending, reward, head, states, actions, next_states,
-         endings, rewards, row, table, cases, about, steps, means):  # fmt: skip
-    """Record a step, and compare it with what was predicted.
-
-    `step` is the record of `serp.sysid.monitor` with both predictions; what was observed is
-    filled in. Of the rest, `store` takes state to `reward` and head to `rewards`, `accumulate` row
-    to `about`, and `follow` the last two.
+def record(log, transition, head, row, steps):
+    """Record a step whose predictions are in `log` already.
 
     Returns:
         Whether it was added to the tables of the monitor, and to the means of the skill.
     """
+    step, ring, tables, means = log
+    state, _, next_state, ending, reward = transition
     width = state.shape[0]
     step[OBSERVED, :width] = next_state
     step[OBSERVED, width] = reward
     step[OBSERVED, width + 1] = 1.0 if ending == OVER else 0.0
-    store(state, action, next_state, ending, reward, head, states, actions, next_states, endings,
-          rewards)  # fmt: skip
-    compared = accumulate(state, step, row, table, cases, about)
-    return compared, follow(state, step[CORRECTED], next_state, steps, means)
+    store(transition, head, ring)
+    compared = accumulate(state, step, row, tables)
+    return compared, update_means(state, step[ADAPTED], next_state, steps, means)
 
 
 @cached_njit(nogil=True)
-def predicted(step, which, state, out, flags):
-    """Fill in a prediction: `out` `[F + 1]` with its flags, or that nothing happens."""
+def fill_in(step, which, state, out, flags):
+    """Write a prediction to a row of `step`: `out` `[F + 1]`, or that nothing happens."""
     width = state.shape[0]
     if flags & APPLICABLE:
         step[which, : width + 1] = out
@@ -48,51 +50,60 @@ def predicted(step, which, state, out, flags):
 
 
 @cached_njit(nogil=True)
-def step_and_keep(address, theta, dt, tried, step, state, action, next_state, ending, reward, head,
-                  states, actions, next_states, endings, rewards, row, table, cases, about, steps,
-                  means):  # fmt: skip
-    """As `keep`, of a step that the file predicts first.
+def record_by_file(address, theta, dt, visits, log, transition, head, row, steps):
+    """Predict a step by the file and record it; see `record`.
 
-    `address` is that of its compiled transition function, `theta` and `dt` are what that reads. The
-    step is counted in `tried`, `[A]`.
+    Args:
+        address: Of the compiled transition function.
+        theta: `[P]`.
+        dt: Control period.
+        visits: `[A]`; the step is counted there.
+        log: See above; so are the others.
+        transition: See above.
+        head: See above.
+        row: See above.
+        steps: See above.
     """
+    step, state, action = log[0], transition[0], transition[1]
     width = state.shape[0]
-    out = step[CORRECTED, : width + 1]
+    out = step[ADAPTED, : width + 1]
     out[:width] = state
     out[width] = 0.0
     flags = call_step(
         address, pointer_to(state, 0), action, pointer_to(theta, 0), dt, pointer_to(out, 0)
     )
-    predicted(step, WRITTEN, state, out, flags)
-    step[CORRECTED] = step[WRITTEN]
-    tried[action] += 1
-    return keep(
-        step, state, action, next_state, ending, reward, head, states, actions, next_states,
-        endings, rewards, row, table, cases, about, steps, means,
-    )  # fmt: skip
+    fill_in(step, WRITTEN, state, out, flags)
+    step[ADAPTED] = step[WRITTEN]
+    visits[action] += 1
+    return record(log, transition, head, row, steps)
 
 
 @cached_njit(nogil=True)
-def predict_and_keep(block, dt, rows, kinds, tried, step, state, action, next_state, ending, reward,
-                     head, states, actions, next_states, endings, rewards, row, table, cases, about,
-                     steps, means):  # fmt: skip
-    """As `keep`, of a step that is predicted first.
+def record_adapted(buffer, dt, rows, alike, visits, log, transition, head, row, steps):
+    """Predict a step by the file and the adapted model and record it; see `record`.
 
-    `block`, `dt` and `rows` are what `foresee` takes. Of all actions with the number of this one in
-    `kinds`, `[A]`, the step is counted in `tried`, `[A]`.
+    Args:
+        buffer: See `predict_all`.
+        dt: See `predict_all`.
+        rows: See `predict_all`.
+        alike: `[A]` numbers, equal for ground actions that are visited together.
+        visits: `[A]`; the step is counted there.
+        log: See above; so are the others.
+        transition: See above.
+        head: See above.
+        row: See above.
+        steps: See above.
 
     Returns:
-        What `keep` does, and whether effects and processes have a result.
+        What `record` does, and whether effects and processes have a result.
     """
+    step, state, action = log[0], transition[0], transition[1]
     width = state.shape[0]
-    by_file, flow, by_model = foresee(block, action, state, dt, rows)
-    predicted(step, WRITTEN, state, rows[: width + 1], by_file)
-    predicted(step, CORRECTED, state, rows[3 * (width + 1) :], by_model)
-    for other in range(kinds.shape[0]):
-        if kinds[other] == kinds[action]:
-            tried[other] += 1
-    compared, followed = keep(
-        step, state, action, next_state, ending, reward, head, states, actions, next_states,
-        endings, rewards, row, table, cases, about, steps, means,
-    )  # fmt: skip
+    by_file, flow, by_model = predict_all(buffer, action, state, dt, rows)
+    fill_in(step, WRITTEN, state, rows[: width + 1], by_file)
+    fill_in(step, ADAPTED, state, rows[3 * (width + 1) :], by_model)
+    for other in range(alike.shape[0]):
+        if alike[other] == alike[action]:
+            visits[other] += 1
+    compared, followed = record(log, transition, head, row, steps)
     return compared, followed, flow & APPLICABLE != 0

@@ -165,7 +165,7 @@ def _predicate_rows(rows: Sequence[MonitorRow]) -> Iterator[tuple[str, ...]]:
     for row in sorted(rows, key=lambda row: -_missed(row.written)):
         side = row.written
         counts = row.samples, side.predicted, side.happened, side.unpredicted
-        numbers = (*counts, _missed(row.corrected))
+        numbers = (*counts, _missed(row.adapted))
         yield row.action, row.fluent, *(f"{count:,}" for count in numbers)
 
 

@@ -12,8 +12,8 @@ from serp.diagnosis.reward_rules import find_rules
 from serp.diagnosis.stochastic_effects import find_stochastic_effects
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.added_effects import AddedEffect
-from serp.sysid.joint_fit import JointFit, explain
-from serp.sysid.lifted_features import WORLD, Lifted
+from serp.sysid.joint_fit import JointFit, fit_jointly
+from serp.sysid.lifted_features import WORLD, LiftedFluent
 from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.parameter_fit import ParameterEstimator, whole_symbols
 from serp.sysid.regression_data import RegressionData, predicted_steps, predictions, regression_data
@@ -39,7 +39,7 @@ def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
         return Findings(skipped=sample.skipped)
     objects = max(Counter(f.symbol for f in model.fluents if f.numeric).values(), default=1)
     part = sample.part(max(_FEWEST_ROWS, min(_MOST_ROWS, _MOST_PAIRS // objects)))
-    explanation = explain(model, part)
+    explanation = fit_jointly(model, part)
     steps = Steps.of(experience, sample)
     predicted = predicted_steps(model, sample.states, sample.actions)
     units = units_of(model, steps, predicted)
@@ -111,8 +111,8 @@ def _missing(
     model: TransitionModel, explanation: JointFit, costs: _Costs, sample: RegressionData
 ) -> tuple[MissingEffect, ...]:
     fit, written = explanation.fit, len(model.ground.parameters)
-    together: dict[tuple[str, Lifted], list[tuple[int, AddedEffect]]] = {}
-    for k, addition in enumerate(explanation.additions):
+    together: dict[tuple[str, LiftedFluent], list[tuple[int, AddedEffect]]] = {}
+    for k, addition in enumerate(explanation.added):
         if np.isfinite(fit.errors[written + k]):
             key = addition.schema, addition.target
             together.setdefault(key, []).append((written + k, addition))

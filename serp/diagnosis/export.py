@@ -97,11 +97,11 @@ def _monitor_row(row: MonitorRow, model: TransitionModel) -> dict[str, Any]:
         "steps": row.samples,
         "scale": row.scale,
         "written": row.written._asdict(),
-        "corrected": row.corrected._asdict(),
+        "corrected": row.adapted._asdict(),
         "worst": [
             {
                 "predicted": case.written,
-                "corrected": case.corrected,
+                "corrected": case.adapted,
                 "observed": case.observed,
                 "state": None if case.state is None else model.values(case.state),
             }
@@ -123,6 +123,6 @@ def table(diagnosis: Diagnosis) -> Iterator[tuple[str | float | int, ...]]:
         fit = fits.pop((seen.action, seen.fluent), None)
         # The last transitions of that action may have left the experience.
         known = fit or (seen.action, seen.fluent, 0, seen.scale, "", "", "", "")
-        yield (*known, seen.samples, *seen.written, *seen.corrected)
+        yield (*known, seen.samples, *seen.written, *seen.adapted)
     for fit in fits.values():
         yield (*fit, *("",) * (1 + 2 * len(Side._fields)))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from serp.diagnosis.findings import Findings, MissingEffect, ObservedOutcome
 from serp.model.transition_model import TransitionModel, Vector
-from serp.sysid.added_effects import AddedEffect, with_additions
-from serp.sysid.lifted_features import WORLD, Lifted, Lifting
+from serp.sysid.added_effects import AddedEffect, with_effects
+from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel
 from serp.sysid.regression_data import predicted_steps, predictions
 
 _MOST_ACTIONS: Final = 40
@@ -42,7 +42,7 @@ def forecast_with(
         states: `[N, F]`.
         actions: `[N]` positions of ground actions.
     """
-    lifting = Lifting(model.ground)
+    lifting = LiftedModel(model.ground)
     patched = _patched(model, findings, lifting)
     mean = predicted_steps(patched, states, actions)
     forecast = PatchedForecast(mean, np.zeros(mean.shape))
@@ -51,7 +51,7 @@ def forecast_with(
     return forecast
 
 
-def _patched(model: TransitionModel, findings: Findings, lifting: Lifting) -> TransitionModel:
+def _patched(model: TransitionModel, findings: Findings, lifting: LiftedModel) -> TransitionModel:
     """Return the model with the estimated parameters and the missing effects."""
     theta = model.theta.copy()
     for finding in findings.parameters:
@@ -63,7 +63,7 @@ def _patched(model: TransitionModel, findings: Findings, lifting: Lifting) -> Tr
             factors = tuple(lifted(name) for name in term.fluents)
             additions.append(AddedEffect(missing.schema, lifted(missing.fluent), factors))
             coefficients.append(term.coefficient * _periods(missing, model.dt))
-    ground = with_additions(lifting, additions)
+    ground = with_effects(lifting, additions)
     return TransitionModel(ground, dt=model.dt, theta=np.concatenate((theta, coefficients)))
 
 
@@ -76,7 +76,7 @@ def _periods(missing: MissingEffect, dt: float) -> float:
 
 def _average(
     model: TransitionModel,
-    lifting: Lifting,
+    lifting: LiftedModel,
     findings: Findings,
     states: Vector,
     actions: NDArray[np.int64],
@@ -137,14 +137,14 @@ def _usual_changes(
 
 
 def _columns(
-    lifting: Lifting, outcome: ObservedOutcome, binding: Mapping[str, str]
+    lifting: LiftedModel, outcome: ObservedOutcome, binding: Mapping[str, str]
 ) -> dict[int, float]:
     """Return the changes of an outcome: column → change."""
     changes = ((_column(lifting, fluent, binding), change) for fluent, change in outcome.changes)
     return {column: change for column, change in changes if column is not None}
 
 
-def _column(lifting: Lifting, fluent: str, binding: Mapping[str, str]) -> int | None:
+def _column(lifting: LiftedModel, fluent: str, binding: Mapping[str, str]) -> int | None:
     """Return the column that a name means; None where it is ambiguous."""
     try:
         return lifting.column(lifted(fluent), binding)
@@ -153,7 +153,7 @@ def _column(lifting: Lifting, fluent: str, binding: Mapping[str, str]) -> int | 
         return named[0] if len(named) == 1 else None
 
 
-def lifted(name: str) -> Lifted:
+def lifted(name: str) -> LiftedFluent:
     """Return the fluent that a printed name means: `battery ?robot`."""
     symbol, *terms = name.strip("() ").split(" ")
-    return Lifted(symbol, tuple(terms))
+    return LiftedFluent(symbol, tuple(terms))

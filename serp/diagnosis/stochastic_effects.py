@@ -21,7 +21,7 @@ from serp.diagnosis.findings import ObservedOutcome, StochasticEffect
 from serp.model import ground as g
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.transition_model import TransitionModel, Vector
-from serp.sysid.lifted_features import Lifting
+from serp.sysid.lifted_features import LiftedModel
 from serp.sysid.regression_data import RegressionData
 
 _MOST_ROWS = 4_000
@@ -51,7 +51,7 @@ def find_stochastic_effects(
     columns = _discrete(model.ground, set(whole))
     if not len(columns) or not len(sample):
         return ()
-    lifting = Lifting(model.ground)
+    lifting = LiftedModel(model.ground)
     names = dict.fromkeys(action.schema for action in model.actions)
     schemas = [_Schema(model, lifting, sample, columns, units[columns], name) for name in names]
     surprising = [schema for schema in schemas if schema.surprising]
@@ -100,7 +100,7 @@ class _Schema:
     def __init__(
         self,
         model: TransitionModel,
-        lifting: Lifting,
+        lifting: LiftedModel,
         sample: RegressionData,
         columns: NDArray[np.int64],
         units: Vector,

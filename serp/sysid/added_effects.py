@@ -1,4 +1,4 @@
-"""A ground model with effects added that its file does not mention."""
+"""A ground model with effects added that its file does not have."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from serp.model import ground as g
 from serp.model.transition_model import Vector
 from serp.pddl.syntax import Change, Kind
-from serp.sysid.lifted_features import WORLD, Lifted, Lifting, features
+from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel
 
 _ALWAYS = g.Constant(True)
 
 
 @dataclass(frozen=True, order=True)
 class AddedEffect:
-    """One term that is added: the change of a fluent by a coefficient times a product.
+    """One added term: a fluent changes by a coefficient times a product.
 
     Attributes:
         schema: The action schema, or `WORLD` for a process.
@@ -28,32 +28,36 @@ class AddedEffect:
     """
 
     schema: str
-    target: Lifted
-    factors: tuple[Lifted, ...]
+    target: LiftedFluent
+    factors: tuple[LiftedFluent, ...]
+
+    @property
+    def symbols(self) -> tuple[str, tuple[str, ...]]:
+        """The symbols of target and factors: equal for the same term of different schemas."""
+        return self.target.symbol, tuple(f.symbol for f in self.factors)
 
 
-def with_additions(lifting: Lifting, additions: Sequence[AddedEffect]) -> g.GroundModel:
-    """Return the ground model with further effects, one new literal each, 0 as written.
+def with_effects(lifted: LiftedModel, added: Sequence[AddedEffect]) -> g.GroundModel:
+    """Return the ground model with further effects, one new parameter each, whose value is 0.
 
-    The new literals follow those of the file, in the order of the additions. An effect is added to
-    every instance of its schema; in the world's, a process for every fluent of the symbol.
+    The new parameters follow those of the file, in the order of the effects. An effect is added to
+    every instance of its schema; one of the world as a process for every fluent of the symbol.
     """
-    ground = lifting.ground
+    ground = lifted.ground
     parameters = list(ground.parameters)
     actions = list(ground.actions)
     processes = list(ground.processes)
-    for addition in additions:
-        world = addition.schema == WORLD
-        lens = lifting.world(addition.target.symbol) if world else lifting.schema(addition.schema)
+    for term in added:
+        world = term.schema == WORLD
+        scope = lifted.world(term.target.symbol) if world else lifted.schema(term.schema)
         index = len(parameters)
-        place = ground.actions[0 if world else next(iter(lens.bindings))].place
-        role = "rate" if world else "effect"
-        parameters.append(g.Parameter(index, 0.0, role, place))
-        for key, binding in lens.bindings.items():
+        place = ground.actions[0 if world else next(iter(scope.bindings))].place
+        parameters.append(g.Parameter(index, 0.0, "rate" if world else "effect", place))
+        for key, binding in scope.bindings.items():
             value: g.Value = g.ParameterRef(index)
-            for factor in addition.factors:
-                value = g.Operation("*", value, g.Read(lifting.column(factor, binding)))
-            target = lifting.column(addition.target, binding)
+            for factor in term.factors:
+                value = g.Operation("*", value, g.Read(lifted.column(factor, binding)))
+            target = lifted.column(term.target, binding)
             changed = None if world else _into_assignment(actions[key], target, value)
             if changed is not None:
                 actions[key] = changed
@@ -72,33 +76,33 @@ def with_additions(lifting: Lifting, additions: Sequence[AddedEffect]) -> g.Grou
     )
 
 
-def columns_of(
-    lifting: Lifting,
-    addition: AddedEffect,
+def effect_columns(
+    lifted: LiftedModel,
+    effect: AddedEffect,
     states: Vector,
     after: Vector,
     actions: NDArray[np.int64],
 ) -> dict[int, Vector]:
-    """Return what coefficient 1 of an addition would change, without Δt: fluent → `[N]`.
+    """Return what an added effect of coefficient 1 changes, without Δt: fluent → `[N]`.
 
     Args:
-        lifting: The names of the file.
-        addition: The term.
+        lifted: The lifted model.
+        effect: The effect.
         states: `[N, F]` before the action.
-        after: `[N, F]` once the action's effects are applied, which processes read.
+        after: `[N, F]` after the action's effects, which processes read.
         actions: `[N]`.
     """
     found: dict[int, Vector] = {}
-    if addition.schema == WORLD:
-        lens = lifting.world(addition.target.symbol)
-        for key in lens.bindings:
+    if effect.schema == WORLD:
+        scope = lifted.world(effect.target.symbol)
+        for key in scope.bindings:
             keys = np.full(len(states), key, dtype=np.int64)
-            found[key] = features(lifting, lens, addition.factors, after, keys)
+            found[key] = lifted.products(scope, effect.factors, after, keys)
         return found
-    lens = lifting.schema(addition.schema)
-    values = features(lifting, lens, addition.factors, states, actions)
-    for key, binding in lens.bindings.items():
-        target = lifting.column(addition.target, binding)
+    scope = lifted.schema(effect.schema)
+    values = lifted.products(scope, effect.factors, states, actions)
+    for key, binding in scope.bindings.items():
+        target = lifted.column(effect.target, binding)
         column = found.setdefault(target, np.zeros(len(states)))
         column[actions == key] = values[actions == key]
     return found

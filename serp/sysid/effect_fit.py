@@ -1,4 +1,4 @@
-"""A model with certain additions, fitted to transitions: what it explains, and what it leaves."""
+"""A model with certain added effects, fitted to transitions."""
 
 from __future__ import annotations
 
@@ -9,52 +9,58 @@ import numpy as np
 
 from serp.model import ground as g
 from serp.model.transition_model import TransitionModel, Vector
-from serp.sysid.added_effects import AddedEffect, columns_of, with_additions
-from serp.sysid.effect_search import LASTING, improvement_of, search
-from serp.sysid.lifted_features import WORLD, Lifting
+from serp.sysid.added_effects import AddedEffect, effect_columns, with_effects
+from serp.sysid.effect_search import CERTAIN, LASTING, improvement_of, search
+from serp.sysid.lifted_features import WORLD, LiftedModel
 from serp.sysid.parameter_fit import ParameterEstimator, ParameterFit, Rows, whole_symbols
 from serp.sysid.regression_data import Flow, RegressionData, predictions
 
-_CERTAIN = 4.0  # standard errors of a term that stays
-_AGREED = 2.0  # standard errors
-_MOST = 2.0  # standard errors of a coin that shows which error is the smaller one
-_CLEARLY = 0.9  # of the median error
-_LEFT = 0.25  # of an effect
-_AS_GOOD = 0.02  # of the squared error
-_TRIMMED = 0.02  # of the rows
+_AGREE = 2.0
+"""Standard errors within which two estimates agree."""
+_SIGN_TEST = 2.0
+"""Standard deviations of the sign test that tells which errors are usually smaller."""
+_CLEARLY = 0.9
+"""Ratio of median errors that counts as clearly smaller."""
+_REMAINDER = 0.25
+"""Share of an effect of the file that an added effect must leave."""
+_AS_GOOD = 0.02
+"""Relative increase of the squared error that counts as none."""
+_TRIMMED = 0.02
+"""Share of the rows, those with the largest errors, that a comparison ignores."""
 
 
 class _Estimator(ParameterEstimator):
-    """Estimates literals and coefficients; the latter's derivatives need no second prediction."""
+    """Estimates parameters and coefficients; derivatives by the latter need no prediction."""
 
-    def __init__(self, lifting: Lifting, additions: Sequence[AddedEffect], dt: float) -> None:
-        super().__init__(with_additions(lifting, additions), dt)
-        self.lifting = lifting
-        self.additions = additions
-        self._acts = Flow(self.ground, dt, processes=False)
+    def __init__(self, lifted: LiftedModel, added: Sequence[AddedEffect], dt: float) -> None:
+        super().__init__(with_effects(lifted, added), dt)
+        self._lifted = lifted
+        self._added = added
+        self._actions_only = Flow(self.ground, dt, processes=False)
 
-    def after(self, sample: RegressionData, theta: Vector) -> Vector:
-        """Return the states once the effects of the actions are applied, `[N, F]`."""
-        return self._acts.predict_all(sample, theta)
+    def after_actions(self, data: RegressionData, theta: Vector) -> Vector:
+        """Return the states after the effects of the actions, `[N, F]`."""
+        return self._actions_only.predict_all(data, theta)
 
-    def slopes(self, sample: RegressionData, theta: Vector, predicted: Vector) -> dict[int, Vector]:
-        """Return the derivatives by literals and coefficients, each `[N, F]`."""
-        written = len(self.lifting.ground.parameters)
-        own = self.influences
+    def slopes(self, data: RegressionData, theta: Vector, predicted: Vector) -> dict[int, Vector]:
+        """Return the derivatives by parameters and coefficients, each `[N, F]`."""
+        written = len(self._lifted.ground.parameters)
+        own = self.dependencies
         found = {
-            i.parameter.index: self.slope(sample, theta, predicted, i)
-            for i in own
-            if i.parameter.index < written
+            d.parameter.index: self.slope(data, theta, predicted, d)
+            for d in own
+            if d.parameter.index < written
         }
-        after = self.after(sample, theta) if any(i.actions is None for i in own) else sample.states
-        for influence in own:
-            index = influence.parameter.index
+        world = any(d.actions is None for d in own)
+        after = self.after_actions(data, theta) if world else data.states
+        for dependency in own:
+            index = dependency.parameter.index
             if index >= written:
-                addition = self.additions[index - written]
-                unit = self.dt if addition.schema == WORLD else 1.0
-                slope = np.zeros(sample.states.shape)
-                for column, values in columns_of(
-                    self.lifting, addition, sample.states, after, sample.actions
+                effect = self._added[index - written]
+                unit = self.dt if effect.schema == WORLD else 1.0
+                slope = np.zeros(data.states.shape)
+                for column, values in effect_columns(
+                    self._lifted, effect, data.states, after, data.actions
                 ).items():
                     slope[:, column] = unit * values
                 found[index] = slope
@@ -62,61 +68,60 @@ class _Estimator(ParameterEstimator):
 
 
 class EffectFit:
-    """A model with certain additions, fitted.
+    """A model with certain added effects, fitted.
 
     Args:
         model: The model as written.
-        lifting: Its names.
-        sample: At least one transition.
-        additions: The terms that it has beside the file's.
-        before: The trial with whose estimates the fit begins; None for those of the file.
+        lifted: The lifted model.
+        data: At least one transition.
+        added: The effects that it has beside the file's.
+        before: The fit whose estimates this one starts from; None for the file's parameters.
 
     Attributes:
-        lifting, sample, additions: The same.
-        ground: The model with the additions.
-        fit: All literals, those of the additions behind those of the file.
+        lifted, added: As above.
+        ground: The model with the effects.
+        fit: All parameters; the coefficients of the effects follow those of the file.
     """
 
     def __init__(
         self,
         model: TransitionModel,
-        lifting: Lifting,
-        sample: RegressionData,
-        additions: Sequence[AddedEffect],
+        lifted: LiftedModel,
+        data: RegressionData,
+        added: Sequence[AddedEffect],
         before: EffectFit | None = None,
     ) -> None:
         self._model = model
-        self.lifting = lifting
-        self.sample = sample
-        self.additions = tuple(additions)
-        self._dt = model.dt
-        self._estimator = _Estimator(lifting, self.additions, model.dt)
+        self._data = data
+        self.lifted = lifted
+        self.added = tuple(added)
+        self._estimator = _Estimator(lifted, self.added, model.dt)
         self.ground = self._estimator.ground
         self._written = len(model.ground.parameters)
         written = np.array([p.value for p in self.ground.parameters])
         theta = written.copy()
         if before is None:
-            self._kept = self._estimator.flow.undisturbed(sample, written)
-        else:  # no addition counts for anything as written
+            self._kept = self._estimator.flow.undisturbed(data, written)
+        else:  # an added effect changes nothing as long as its coefficient is 0
             self._kept = before._kept
             theta[: self._written] = before.fit.theta[: self._written]
             found = before.coefficients
-            theta[self._written :] = [found.get(addition, 0.0) for addition in self.additions]
-        self.fit: ParameterFit = self._estimator.estimate(sample, theta, written, self._kept)
+            theta[self._written :] = [found.get(effect, 0.0) for effect in self.added]
+        self.fit: ParameterFit = self._estimator.estimate(data, theta, written, self._kept)
 
-    def with_additions(self, additions: Sequence[AddedEffect]) -> EffectFit:
-        """Return the same with other additions."""
-        return EffectFit(self._model, self.lifting, self.sample, additions, self)
+    def with_effects(self, added: Sequence[AddedEffect]) -> EffectFit:
+        """Return the fit of the same model with other effects."""
+        return EffectFit(self._model, self.lifted, self._data, added, self)
 
     @property
     def coefficients(self) -> dict[AddedEffect, float]:
-        """The estimates of the additions."""
+        """The estimates of the added effects."""
         estimates = self.fit.theta[self._written :].tolist()
-        return dict(zip(self.additions, estimates, strict=True))
+        return dict(zip(self.added, estimates, strict=True))
 
     @property
     def symbols(self) -> set[str]:
-        """The functions whose changes are explained."""
+        """The functions whose changes are fitted."""
         return set(self._estimator.symbols)
 
     def reads(self, symbol: str) -> set[str]:
@@ -132,49 +137,48 @@ class EffectFit:
         }
 
     def search(self, symbols: set[str], refused: Sequence[AddedEffect]) -> list[AddedEffect]:
-        """Return further terms that pay, for some functions."""
-        after = self._estimator.after(self.sample, self.fit.theta)
-        whole = whole_symbols(self._estimator, self.sample)
+        """Return further effects that pay, for some functions."""
+        after = self._estimator.after_actions(self._data, self.fit.theta)
+        whole = whole_symbols(self._estimator, self._data)
         found: list[AddedEffect] = []
         for symbol, rows in self.fit.rows.items():
             if symbol in symbols and symbol not in whole:
-                known = [*self.additions, *refused]
-                own = [a for a in known if a.target.symbol == symbol]
-                found += search(self.lifting, self.sample, after, rows, symbol, self._dt, own)
+                known = [*self.added, *refused]
+                own = [effect for effect in known if effect.target.symbol == symbol]
+                dt = self._model.dt
+                found += search(self.lifted, self._data, after, rows, symbol, dt, own)
         return found
 
     def worst(self) -> AddedEffect | None:
-        """Return the addition that pays least, if one does not pay; None where all do."""
+        """Return the added effect that pays least, if one does not pay; None where all do."""
         worst: tuple[float, AddedEffect] | None = None
         for rows in self.fit.rows.values():
-            change = (self.sample.next_states - self.sample.states)[rows.rows, rows.fluents]
-            for k, literal in enumerate(rows.owned):
-                if literal < self._written:
+            change = self._change(rows)
+            for k, parameter in enumerate(rows.owned):
+                if parameter < self._written:
                     continue
-                addition = self.additions[literal - self._written]
-                worth = _worth(self.fit, rows, change, k, addition)
+                effect = self.added[parameter - self._written]
+                worth = _worth(self.fit, rows, change, k, effect)
                 if worth < 1.0 and (worst is None or worth < worst[0]):
-                    worst = worth, addition
+                    worst = worth, effect
         return None if worst is None else worst[1]
 
     def usually_better(self, without: EffectFit, symbol: str) -> bool:
-        """Whether the additions of a function make most errors of it smaller, not only the largest.
+        """Return whether the added effects of a function make most of its errors smaller.
 
-        Where a line through a few large changes makes all the difference, the function has another
-        form, and the line is wrong nearly everywhere. Where the file has effects on the function,
-        their numbers alone have to fall clearly behind.
+        Where only a few large errors become smaller, the function has another form and the effects
+        are wrong nearly everywhere. Where the file has effects on the function, the median error
+        has to be clearly smaller as well.
 
         Args:
-            without: The same without these additions.
+            without: The fit without these effects.
             symbol: The function.
         """
         columns = [f.index for f in self.ground.fluents if f.symbol == symbol]
-        observed = self.sample.next_states[:, columns]
-        ours, theirs = (
-            np.abs(trial._predicted[:, columns] - observed) for trial in (self, without)
-        )
+        observed = self._data.next_states[:, columns]
+        ours, theirs = (np.abs(fit._predicted[:, columns] - observed) for fit in (self, without))
         better, worse = int((ours < theirs).sum()), int((ours > theirs).sum())
-        if better - worse <= _MOST * float(np.sqrt(better + worse)):
+        if better - worse <= _SIGN_TEST * float(np.sqrt(better + worse)):
             return False
         differs = ours != theirs
         rivals = any(k < self._written for k in self.fit.rows[symbol].owned)
@@ -182,53 +186,54 @@ class EffectFit:
         return not rivals or float(np.median(ours[differs])) <= most
 
     def explains_away(self, without: EffectFit, symbol: str) -> bool:
-        """Whether the additions of a function take away an effect of the file, or turn it round.
+        """Return whether the added effects of a function cancel or reverse an effect of the file.
 
-        Where the transitions alone do not say so, what leaves little of an effect goes with it by
-        chance: it may predict the next step, and means nothing to a planner that asks what an
-        action is good for.
+        Unless the transitions alone say so, that is a coincidence: it may predict the next step,
+        but tells a planner nothing about what an action is good for.
 
         Args:
-            without: The same without these additions.
+            without: The fit without these effects.
             symbol: The function.
         """
         owned = [k for k in self.fit.rows[symbol].owned if k < self._written]
         sign = np.sign([self.ground.parameters[k].value for k in owned])
         size, alone = sign * self.fit.theta[owned], sign * without.fit.theta[owned]
         error, before = self.fit.errors[owned], without.fit.errors[owned]
-        less = (size < _LEFT * alone) & (alone - size > _AGREED * np.hypot(error, before))
-        turned = (size < -_CERTAIN * error) & (alone > -_AGREED * before)
-        return bool((less & (alone > 0.0) | turned).any())
-
-    @functools.cached_property
-    def _predicted(self) -> Vector:
-        """What the model says of the sample, events and all, `[N, F]`."""
-        model = TransitionModel(self.ground, dt=self._dt, theta=self.fit.theta)
-        return predictions(model, self.sample.states, self.sample.actions)
+        less = (size < _REMAINDER * alone) & (alone - size > _AGREE * np.hypot(error, before))
+        reversed_ = (size < -CERTAIN * error) & (alone > -_AGREE * before)
+        return bool((less & (alone > 0.0) | reversed_).any())
 
     def as_good_as(self, other: EffectFit) -> bool:
-        """Whether it explains every function as well, but for what no term would be added for."""
+        """Return whether it explains every function as well, up to what needs no effect."""
         for symbol, rows in self.fit.rows.items():
-            change = (self.sample.next_states - self.sample.states)[rows.rows, rows.fluents]
-            spared = LASTING * float((change**2).sum())
-            most = (1.0 + _AS_GOOD) * _squares(other.fit.rows[symbol]) + spared
-            if _squares(rows) > most:
+            spared = LASTING * float((self._change(rows) ** 2).sum())
+            most = (1.0 + _AS_GOOD) * _trimmed_squares(other.fit.rows[symbol]) + spared
+            if _trimmed_squares(rows) > most:
                 return False
         return True
 
+    def _change(self, rows: Rows) -> Vector:
+        return (self._data.next_states - self._data.states)[rows.rows, rows.fluents]
 
-def _squares(rows: Rows) -> float:
-    """Return the sum of squared errors, but for the largest, which may be anything."""
+    @functools.cached_property
+    def _predicted(self) -> Vector:
+        """Next states as the whole model predicts them, `[N, F]`."""
+        model = TransitionModel(self.ground, dt=self._model.dt, theta=self.fit.theta)
+        return predictions(model, self._data.states, self._data.actions)
+
+
+def _trimmed_squares(rows: Rows) -> float:
+    """Return the sum of squared errors without the largest."""
     squares = np.sort(rows.residuals**2)
     return float(squares[: len(squares) - int(_TRIMMED * len(squares))].sum())
 
 
-def _worth(fit: ParameterFit, rows: Rows, change: Vector, k: int, addition: AddedEffect) -> float:
-    """Return how far an addition is above what it has to be: from 1 on it pays."""
-    literal = rows.owned[k]
-    if not np.isfinite(fit.errors[literal]):
+def _worth(fit: ParameterFit, rows: Rows, change: Vector, k: int, effect: AddedEffect) -> float:
+    """Return how far an added effect exceeds what it has to explain: from 1 on it pays."""
+    index = rows.owned[k]
+    if not np.isfinite(fit.errors[index]):
         return 0.0
-    certain = abs(float(fit.theta[literal])) / max(_CERTAIN * float(fit.errors[literal]), 1e-300)
+    certain = abs(float(fit.theta[index])) / max(CERTAIN * float(fit.errors[index]), 1e-300)
     column = rows.columns[:, k]
     touched = column != 0.0
     if not touched.any():
@@ -237,7 +242,6 @@ def _worth(fit: ParameterFit, rows: Rows, change: Vector, k: int, addition: Adde
     own = column[touched]
     if others.shape[1]:
         own = own - others @ np.linalg.lstsq(others, own, rcond=None)[0]
-    gain = float(fit.theta[literal]) ** 2 * float((own**2).sum())
+    gain = float(fit.theta[index]) ** 2 * float((own**2).sum())
     typical = float((change[touched] ** 2).sum())
-    share = gain / max(improvement_of(addition).change * typical, 1e-300)
-    return min(certain, share)
+    return min(certain, gain / max(improvement_of(effect).change * typical, 1e-300))

@@ -1,8 +1,9 @@
-"""Looking for changes that happen and that the file does not mention.
+"""The search for effects that happen and that a file lacks.
 
-Forward selection of terms. A term of one action schema competes with the same term of all actions
-alike, which costs one number as well: so what the world does by itself is found as such. What was
-chosen has to pay in transitions that it was not chosen by.
+Forward selection by orthogonal projection (orthogonal least squares: Chen, Billings & Luo,
+International Journal of Control 50, 1989). An effect of one action schema competes with the same
+effect of the world, which also costs one number, so that what happens whatever the action is found
+as such. A selected effect has to improve the fit of transitions that it was not fitted to.
 """
 
 from __future__ import annotations
@@ -15,27 +16,35 @@ from numpy.typing import NDArray
 
 from serp.model.transition_model import Vector
 from serp.sysid.added_effects import AddedEffect
-from serp.sysid.candidate_effects import FEW, candidates
-from serp.sysid.lifted_features import WORLD, Lifting
+from serp.sysid.candidate_effects import MIN_ROWS, candidate_effects
+from serp.sysid.lifted_features import WORLD, LiftedModel
 from serp.sysid.parameter_fit import Rows
 from serp.sysid.regression import independent, regress
 from serp.sysid.regression_data import RegressionData
 
-_MOST_TERMS = 12  # of one function
-_TRIED = 30
-_CERTAIN = 4.0  # standard errors
-_SAME = 1e-6  # squared share of a column that the others do not explain
-_WORLD_FIRST = 1.05
-_BY_FACTORS = (1.1, 1.0, 0.8)  # between equals, the plainer one
-_ALL = 1e-6  # of the squared error: what is left where a choice explains everything
+_MAX_EFFECTS = 12
+"""Effects of one function."""
+_MAX_CHOICES = 30
+"""Choices that are examined in one round, the best first."""
+CERTAIN = 4.0
+"""Standard errors by which the coefficient of an added effect must differ from 0."""
+_COLLINEAR = 1e-6
+"""Squared share of a column that other columns leave; below it they say the same."""
+_WORLD_FACTOR = 1.05
+_FACTORS = (1.1, 1.0, 0.8)
+"""Preference for the world and for fewer factors between choices that explain about the same."""
+_PERFECT = 1e-6
+"""Share of the squared error that counts as none."""
+_HELD_OUT = 0.1
+"""Share of its gain that an effect must have in transitions that it was not fitted to."""
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """How much a term has to explain to be worth a line.
+    """What an effect has to explain to be added.
 
     Attributes:
-        change: Share of the mean squared change of the fluent, where the term applies.
+        change: Share of the mean squared change of the fluent, where the effect applies.
         error: Share of the squared error that is left there.
     """
 
@@ -44,49 +53,48 @@ class Improvement:
 
 
 LASTING = 1e-5
-"""Share of the mean squared change that pays where it goes on whatever the action, as gravity does:
-it adds up over many steps, while the actions' own changes cancel out."""
-
+"""Share of the squared change for an effect that lasts whatever the action, as gravity does: it
+adds up over many steps, while the actions' own changes cancel."""
 _OWN = 1e-3
-_PLAIN, _INVOLVED = 0.1, 0.25
+"""The same for an effect of one action schema, or with two factors."""
+_SIMPLE, _INVOLVED = 0.1, 0.25
+"""Shares of the squared error for a simple effect and for any other."""
 
 
-def improvement_of(addition: AddedEffect) -> Improvement:
-    """Return what a term has to explain.
+def improvement_of(effect: AddedEffect) -> Improvement:
+    """Return what an effect has to explain.
 
-    More where it is no lasting change, but one of one action; and more where it is not plain, a
-    constant or a number in proportion to another.
+    Less where it lasts whatever the action, or is simple: a constant, or proportional to a fluent.
     """
-    factors = len(addition.factors)
-    lasting = addition.schema == WORLD and factors < 2
-    plain = lasting or factors == 0
-    return Improvement(change=LASTING if lasting else _OWN, error=_PLAIN if plain else _INVOLVED)
+    lasting = effect.schema == WORLD and len(effect.factors) < 2
+    simple = lasting or not effect.factors
+    return Improvement(LASTING if lasting else _OWN, _SIMPLE if simple else _INVOLVED)
 
 
 def search(
-    lifting: Lifting,
-    sample: RegressionData,
+    lifted: LiftedModel,
+    data: RegressionData,
     after: Vector,
     rows: Rows,
     symbol: str,
     dt: float,
     known: Sequence[AddedEffect],
 ) -> list[AddedEffect]:
-    """Return terms that explain what is left of the error of one function.
+    """Return effects that explain the residuals of one function.
 
     Args:
-        lifting: The names of the file.
-        sample: The transitions.
-        after: `[N, F]` states once the action's effects are applied, which processes read.
-        rows: The function's errors, and what its literals can explain of them.
+        lifted: The lifted model.
+        data: The transitions.
+        after: `[N, F]` states after the action's effects, which processes read.
+        rows: The function's residuals, and what its parameters can explain of them.
         symbol: The function.
         dt: Control period.
-        known: Terms found before, or refused.
+        known: Effects that were found before, or refused.
     """
-    if len(rows.rows) < FEW:
+    if len(rows.rows) < MIN_ROWS:
         return []
-    additions, columns = candidates(lifting, sample, after, rows, symbol, dt, known)
-    if not additions:
+    candidates, columns = candidate_effects(lifted, data, after, rows, symbol, dt, known)
+    if not candidates:
         return []
     base = rows.columns[:, independent(rows.columns, np.ones(rows.columns.shape[1]))]
     fit = regress(
@@ -99,154 +107,133 @@ def search(
         unit=rows.unit,
         reject=False,
     )
-    change = (sample.next_states - sample.states)[rows.rows, rows.fluents]
-    root = np.sqrt(fit.weights)
-    choice = _Selection(
-        additions, columns, root, rows.residuals, change * root, rows.blocks, base, known
-    )
+    change = (data.next_states - data.states)[rows.rows, rows.fluents]
+    selection = _ForwardSelection(candidates, columns, rows, change, base, fit.weights, known)
     chosen: list[AddedEffect] = []
-    while len(chosen) + len(known) < _MOST_TERMS and (best := choice.next()):
-        chosen += [additions[k] for k in best]
-    return _told_apart(chosen, len(choice.schemas))
+    while len(chosen) + len(known) < _MAX_EFFECTS and (best := selection.next()):
+        chosen += [candidates[k] for k in best]
+    # An effect of the world goes where every schema has an exception to it.
+    schemas = {effect.schema for effect in candidates if effect.schema != WORLD}
+    return [
+        effect
+        for effect in chosen
+        if effect.schema != WORLD
+        or sum(o.schema != WORLD and o.symbols == effect.symbols for o in chosen) < len(schemas)
+    ]
 
 
-class _Selection:
+class _ForwardSelection:
     """Forward selection by orthogonal projections of weighted columns.
 
-    The same term of several schemas, each with a coefficient of its own, is one choice as well. It
-    has to earn what it costs: choices are compared by how far they lower the logarithm of the
-    squared error, a number. One that explains everything is found even where another, cheaper one
-    happens to explain a good part.
+    The same effect of several schemas, each with a coefficient of its own, is a choice, too.
+    Choices are compared by how far they lower the logarithm of the squared error for each
+    coefficient; so one that explains everything wins over a cheaper one that explains a part.
     """
 
     def __init__(
         self,
-        additions: Sequence[AddedEffect],
+        candidates: Sequence[AddedEffect],
         columns: Vector,
-        root: Vector,
-        residuals: Vector,
+        rows: Rows,
         change: Vector,
-        blocks: NDArray[np.int64],
         base: Vector,
+        weights: Vector,
         known: Sequence[AddedEffect],
     ) -> None:
-        self.additions = additions
-        self.touched = columns != 0.0
-        self.left = columns * root[:, None]
-        self.full = (self.left**2).sum(0)
-        self.error = residuals * root
-        self.change = change
-        self.blocks = blocks
-        self.even = blocks // 2 % 2 == 0
-        self.schemas = {a.schema for a in additions if a.schema != WORLD}
-        self.choices: list[tuple[int, ...]] = [(k,) for k in range(len(additions))]
+        root = np.sqrt(weights)
+        self._candidates = candidates
+        self._touched = columns != 0.0
+        self._left = columns * root[:, None]
+        self._full = (self._left**2).sum(0)
+        self._error = rows.residuals * root
+        self._change = change * root
+        self._blocks = rows.blocks
+        self._even = rows.blocks // 2 % 2 == 0
+        self._choices: list[tuple[int, ...]] = [(k,) for k in range(len(candidates))]
         alike: dict[tuple[str, tuple[str, ...]], list[int]] = {}
-        for k, addition in enumerate(additions):
-            if addition.schema != WORLD:
-                symbols = tuple(f.symbol for f in addition.factors)
-                alike.setdefault((addition.target.symbol, symbols), []).append(k)
-        # What is said of all alike is not said of each once more.
-        general = {
-            (a.target.symbol, tuple(f.symbol for f in a.factors))
-            for a in known
-            if a.schema == WORLD
-        }
-        self.choices += [
-            tuple(ks) for key, ks in alike.items() if len(ks) > 1 and key not in general
+        for k, effect in enumerate(candidates):
+            if effect.schema != WORLD:
+                alike.setdefault(effect.symbols, []).append(k)
+        # What the world does is not added to each schema once more.
+        general = {effect.symbols for effect in known if effect.schema == WORLD}
+        self._choices += [
+            tuple(ks) for symbols, ks in alike.items() if len(ks) > 1 and symbols not in general
         ]
         for column in np.linalg.qr(base * root[:, None])[0].T:
             self._project(column)
 
     def next(self) -> tuple[int, ...]:
         """Choose columns and project them out; none where none pays."""
-        total = float((self.error**2).sum())
+        total = float((self._error**2).sum())
         if total == 0.0:
             return ()
-        size = (self.left**2).sum(0)
-        fit = size > _SAME * np.maximum(self.full, 1e-300)
-        gain = np.where(fit, (self.error @ self.left) ** 2 / np.where(fit, size, 1.0), 0.0)
+        size = (self._left**2).sum(0)
+        fit = size > _COLLINEAR * np.maximum(self._full, 1e-300)
+        gain = np.where(fit, (self._error @ self._left) ** 2 / np.where(fit, size, 1.0), 0.0)
         scores = []
-        for choice in self.choices:
+        for choice in self._choices:
             together = gain[choice[0]] if len(choice) == 1 else self._together(choice)
-            rest = max(1.0 - float(together) / total, _ALL)
+            rest = max(1.0 - float(together) / total, _PERFECT)
             scores.append(-np.log(rest) * self._preference(choice) / len(choice))
-        for c in np.argsort(-np.array(scores), kind="stable")[:_TRIED].tolist():
+        for c in np.argsort(-np.array(scores), kind="stable")[:_MAX_CHOICES].tolist():
             paying = tuple(
                 k
-                for k in self.choices[c]
+                for k in self._choices[c]
                 if gain[k] > 0.0 and self._pays(k, float(gain[k]), float(size[k]))
             )
             if paying:
                 for k in paying:
-                    column = self.left[:, k].copy()
-                    self.touched[:, k] = False
+                    column = self._left[:, k].copy()
+                    self._touched[:, k] = False
                     self._project(column)
                 return paying
         return ()
 
     def _together(self, choice: tuple[int, ...]) -> float:
         """Return how much squared error several columns explain together."""
-        columns = self.left[:, choice]
-        with_error = columns.T @ self.error
-        gram = columns.T @ columns
-        return float(with_error @ np.linalg.pinv(gram, rcond=_SAME, hermitian=True) @ with_error)
+        columns = self._left[:, choice]
+        with_error = columns.T @ self._error
+        inverse = np.linalg.pinv(columns.T @ columns, rcond=_COLLINEAR, hermitian=True)
+        return float(with_error @ inverse @ with_error)
 
     def _preference(self, choice: tuple[int, ...]) -> float:
-        addition = self.additions[choice[0]]
-        plain = _BY_FACTORS[len(addition.factors)]
-        return plain * (_WORLD_FIRST if addition.schema == WORLD else 1.0)
+        effect = self._candidates[choice[0]]
+        return _FACTORS[len(effect.factors)] * (_WORLD_FACTOR if effect.schema == WORLD else 1.0)
 
     def _project(self, column: Vector) -> None:
         norm = float(np.linalg.norm(column))
         if norm == 0.0:
             return
         direction = column / norm
-        # Twice: rounding of the first time would be taken for something left to explain.
+        # Twice: rounding errors of the first time would look like something to explain.
         for _ in range(2):
-            self.left -= np.outer(direction, direction @ self.left)
-            self.error = self.error - direction * (direction @ self.error)
+            self._left -= np.outer(direction, direction @ self._left)
+            self._error = self._error - direction * (direction @ self._error)
 
     def _pays(self, k: int, gain: float, size: float) -> bool:
-        rows, column = self.touched[:, k], self.left[:, k]
-        if int(rows.sum()) < FEW:
+        rows, column = self._touched[:, k], self._left[:, k]
+        if int(rows.sum()) < MIN_ROWS:
             return False
-        worth = improvement_of(self.additions[k])
-        if gain < worth.change * float((self.change[rows] ** 2).sum()):
+        least = improvement_of(self._candidates[k])
+        if gain < least.change * float((self._change[rows] ** 2).sum()):
             return False
-        if gain < worth.error * float((self.error[rows] ** 2).sum()):
+        if gain < least.error * float((self._error[rows] ** 2).sum()):
             return False
-        coefficient = float(self.error @ column) / size
-        scores = column * (self.error - coefficient * column)
-        _, which = np.unique(self.blocks, return_inverse=True)
-        # A few blocks may cancel out by chance: the larger of both.
+        coefficient = float(self._error @ column) / size
+        scores = column * (self._error - coefficient * column)
+        _, which = np.unique(self._blocks, return_inverse=True)
+        # The larger of both: the sums of a few blocks may cancel by chance.
         sums = max(float((np.bincount(which, scores) ** 2).sum()), float((scores**2).sum()))
-        deviation = float(np.sqrt(sums)) / size
-        if abs(coefficient) < _CERTAIN * deviation:
+        if abs(coefficient) < CERTAIN * (float(np.sqrt(sums)) / size):
             return False
-        return min(self._held_out(column, self.even), self._held_out(column, ~self.even)) > (
-            0.1 * gain
-        )
+        held_out = min(self._held_out(column, self._even), self._held_out(column, ~self._even))
+        return held_out > _HELD_OUT * gain
 
     def _held_out(self, column: Vector, fitted: NDArray[np.bool_]) -> float:
         """Return how much squared error the column explains in the other rows."""
         own = float((column[fitted] ** 2).sum())
         if own == 0.0:
             return 0.0
-        coefficient = float((column * self.error)[fitted].sum()) / own
-        error, rest = self.error[~fitted], column[~fitted]
+        coefficient = float((column * self._error)[fitted].sum()) / own
+        error, rest = self._error[~fitted], column[~fitted]
         return float((error**2).sum() - ((error - coefficient * rest) ** 2).sum())
-
-
-def _told_apart(chosen: list[AddedEffect], schemas: int) -> list[AddedEffect]:
-    """Drop what is said of all actions alike where every one of them is an exception to it."""
-    return [
-        addition
-        for addition in chosen
-        if addition.schema != WORLD
-        or sum(a.schema != WORLD and _alike(a, addition) for a in chosen) < schemas
-    ]
-
-
-def _alike(one: AddedEffect, other: AddedEffect) -> bool:
-    symbols = [tuple(f.symbol for f in a.factors) for a in (one, other)]
-    return one.target.symbol == other.target.symbol and symbols[0] == symbols[1]

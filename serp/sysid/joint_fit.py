@@ -1,92 +1,137 @@
-"""The file's literals and the effects that it leaves out, estimated together."""
+"""The file's parameters and the effects that it lacks, estimated together."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from serp.model import ground as g
 from serp.model.transition_model import TransitionModel
 from serp.sysid.added_effects import AddedEffect
 from serp.sysid.effect_fit import EffectFit
-from serp.sysid.lifted_features import Lifting
+from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel
 from serp.sysid.parameter_fit import ParameterFit
 from serp.sysid.regression_data import RegressionData
-from serp.sysid.shared_effects import merged
 
-_SWEEPS = 6
+_MAX_SWEEPS = 6
+_EQUAL = 0.1
+"""Coefficients that differ by less than this share of the larger one may be one coefficient."""
 
 
 @dataclass(frozen=True)
 class JointFit:
-    """What is known of a model's changes once the transitions were looked at.
+    """A model with estimated parameters and added effects.
 
     Attributes:
-        ground: The model with what was added; its literals are the file's, then one an addition.
-        additions: The terms that were added.
-        fit: All literals.
+        ground: The model with the added effects; its parameters are the file's, then one for each
+            of these.
+        added: The effects.
+        fit: All parameters.
     """
 
     ground: g.GroundModel
-    additions: tuple[AddedEffect, ...]
+    added: tuple[AddedEffect, ...]
     fit: ParameterFit
 
 
-def explain(model: TransitionModel, sample: RegressionData) -> JointFit:
-    """Estimate literals and missing terms together.
+def fit_jointly(model: TransitionModel, data: RegressionData) -> JointFit:
+    """Estimate parameters and missing effects together.
 
     Args:
         model: The model as written.
-        sample: At least one transition.
+        data: At least one transition.
     """
-    lifting = Lifting(model.ground)
     refused: list[AddedEffect] = []
-    trial = EffectFit(model, lifting, sample, ())
-    for turn in range(_SWEEPS):
-        trial, more = _sweep(trial, refused)
-        if more and turn < _SWEEPS - 1:
+    fit = EffectFit(model, LiftedModel(model.ground), data, ())
+    for turn in range(_MAX_SWEEPS):
+        fit, more = _sweep(fit, refused)
+        if more and turn < _MAX_SWEEPS - 1:
             continue
-        # Not before: a term may need the ones beside it to be worth anything.
-        pruned = _pruned(trial, refused)
-        if pruned is trial:
+        # Not before: an effect may pay only together with others.
+        pruned = _pruned(fit, refused)
+        if pruned is fit:
             break
-        trial = pruned
-    trial = _simplified(trial)
-    return JointFit(trial.ground, trial.additions, trial.fit)
+        fit = pruned
+    fit = _simplified(fit)
+    return JointFit(fit.ground, fit.added, fit.fit)
 
 
-def _sweep(trial: EffectFit, refused: Sequence[AddedEffect]) -> tuple[EffectFit, bool]:
-    """Look once at every function; return what was found, and whether that is more."""
-    before = trial.additions
-    pending = trial.symbols
+def _sweep(fit: EffectFit, refused: Sequence[AddedEffect]) -> tuple[EffectFit, bool]:
+    """Search every function once; return the fit, and whether effects were added."""
+    before = fit.added
+    pending = fit.symbols
     while pending:
-        # What a process reads has to be right before it can be told what the process lacks.
-        ready = {s for s in pending if not trial.reads(s) & pending - {s}} or set(pending)
+        # What a process reads must be right before the search for what the process lacks.
+        ready = {s for s in pending if not fit.reads(s) & pending - {s}} or set(pending)
         pending -= ready
-        found = trial.search(ready, refused)
+        found = fit.search(ready, refused)
         if found:
-            trial = trial.with_additions((*trial.additions, *found))
-    return trial, trial.additions != before
+            fit = fit.with_effects((*fit.added, *found))
+    return fit, fit.added != before
 
 
-def _pruned(trial: EffectFit, refused: list[AddedEffect]) -> EffectFit:
-    """Take away what does not pay after all, the least worthy first; note it as refused."""
-    while (worst := trial.worst()) is not None:
+def _pruned(fit: EffectFit, refused: list[AddedEffect]) -> EffectFit:
+    """Remove effects that do not pay after all, the worst first; add them to `refused`."""
+    while (worst := fit.worst()) is not None:
         refused.append(worst)
-        trial = trial.with_additions([a for a in trial.additions if a != worst])
-    for symbol in dict.fromkeys(a.target.symbol for a in trial.additions):
-        own = [a for a in trial.additions if a.target.symbol == symbol]
-        without = trial.with_additions([a for a in trial.additions if a not in own])
-        if trial.explains_away(without, symbol) or not trial.usually_better(without, symbol):
+        fit = fit.with_effects([effect for effect in fit.added if effect != worst])
+    for symbol in dict.fromkeys(effect.target.symbol for effect in fit.added):
+        own = [effect for effect in fit.added if effect.target.symbol == symbol]
+        without = fit.with_effects([effect for effect in fit.added if effect not in own])
+        if fit.explains_away(without, symbol) or not fit.usually_better(without, symbol):
             refused += own
-            trial = without
-    return trial
+            fit = without
+    return fit
 
 
-def _simplified(trial: EffectFit) -> EffectFit:
-    """Say once of the world what is said alike of several actions, where that is as good."""
-    for several, one in merged(trial.lifting, trial.coefficients):
-        simpler = trial.with_additions([a for a in (*trial.additions, one) if a not in several])
-        if simpler.as_good_as(trial):
-            trial = simpler
-    return trial
+def _simplified(fit: EffectFit) -> EffectFit:
+    """Replace equal effects of several actions by one of the world, where that fits as well."""
+    for several, one in shared_effects(fit.lifted, fit.coefficients):
+        kept = [effect for effect in (*fit.added, one) if effect not in several]
+        simpler = fit.with_effects(kept)
+        if simpler.as_good_as(fit):
+            fit = simpler
+    return fit
+
+
+def shared_effects(
+    lifted: LiftedModel, coefficients: Mapping[AddedEffect, float]
+) -> Iterator[tuple[list[AddedEffect], AddedEffect]]:
+    """Yield about equal effects of different schemas, and the world's effect for all of them.
+
+    The world's effect applies after all other actions as well, so it need not fit.
+
+    Args:
+        lifted: The lifted model.
+        coefficients: Effect → its coefficient.
+    """
+    groups: dict[tuple[str, tuple[str, ...]], list[AddedEffect]] = {}
+    for effect in coefficients:
+        groups.setdefault(effect.symbols, []).append(effect)
+
+    def equal(effect: AddedEffect, group: list[AddedEffect]) -> list[AddedEffect]:
+        value = coefficients[effect]
+        most = {o: _EQUAL * max(abs(coefficients[o]), abs(value)) for o in group}
+        return [other for other in group if abs(coefficients[other] - value) <= most[other]]
+
+    for group in groups.values():
+        if any(effect.schema == WORLD for effect in group):
+            continue
+        alike = max((equal(effect, group) for effect in group), key=len)
+        general = _of_the_world(lifted, alike[0])
+        if len({effect.schema for effect in alike}) > 1 and general is not None:
+            yield alike, general
+
+
+def _of_the_world(lifted: LiftedModel, effect: AddedEffect) -> AddedEffect | None:
+    """Return the same effect of the world; None where its factors have no name there."""
+    scope = lifted.world(effect.target.symbol)
+    (target,) = scope.targets
+    names = dict(zip(effect.target.terms, target.terms, strict=True))
+    factors = tuple(
+        LiftedFluent(factor.symbol, tuple(names.get(term, term) for term in factor.terms))
+        for factor in effect.factors
+    )
+    if not set(factors) <= set(scope.fluents):
+        return None
+    return AddedEffect(WORLD, target, factors)

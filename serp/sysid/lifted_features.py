@@ -1,7 +1,7 @@
-"""Fluents by the names that a schema gives them: `battery ?robot` instead of `battery r2`.
+"""Fluents in the terms of a schema: `battery ?robot` instead of `battery r2`.
 
-What is found of one instance of a schema holds of all, so effects are looked for, counted and
-written in terms of the schema's variables, the constants of the domain and nothing else.
+What is estimated for one instance of a schema applies to all of them, so effects are searched,
+fitted and written with the schema's variables and the constants of the domain.
 """
 
 from __future__ import annotations
@@ -14,15 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.model import ground as g
+from serp.model.transition_model import Vector
 from serp.pddl.syntax import Kind
 
-_MOST_IN_VIEW = 60
+_MAX_FLUENTS = 60
+"""Lifted fluents of one scope; the search for effects is quadratic in them."""
+
 WORLD = ""
-"""The name of no action schema: what happens whatever the action."""
+"""Stands for an action schema's name in what happens whatever the action, as processes do."""
 
 
 @dataclass(frozen=True, order=True)
-class Lifted:
+class LiftedFluent:
     """A function or predicate applied to variables and constants.
 
     Attributes:
@@ -40,25 +43,25 @@ class Lifted:
 
 
 @dataclass(frozen=True)
-class Lens:
-    """What one schema, or the world by itself, sees of a state.
+class LiftedScope:
+    """The fluents that one schema, or the world, can name.
 
     Attributes:
         schema: Name of the action schema, or `WORLD`.
         bindings: Position of a ground action (for the world: column of the fluent that changes)
             → variable → object.
-        view: The fluents that can be named here.
-        targets: Those that may be said to change.
+        fluents: The fluents that have a name in the scope.
+        targets: Those that an effect can change.
     """
 
     schema: str
     bindings: Mapping[int, Mapping[str, str]]
-    view: tuple[Lifted, ...]
-    targets: tuple[Lifted, ...]
+    fluents: tuple[LiftedFluent, ...]
+    targets: tuple[LiftedFluent, ...]
 
 
-class Lifting:
-    """Names the fluents of a ground model as its domain file would.
+class LiftedModel:
+    """Names the fluents of a ground model as its domain file does.
 
     Args:
         ground: A model with at least one action.
@@ -69,25 +72,55 @@ class Lifting:
         self.syntax = ground.syntax
         self.index = {fluent.key: fluent.index for fluent in ground.fluents}
         self._constants = tuple(self.syntax.constants)
-        self._lenses: dict[tuple[str, str], Lens] = {}
+        self._scopes: dict[tuple[str, str], LiftedScope] = {}
 
-    def column(self, lifted: Lifted, binding: Mapping[str, str]) -> int:
-        """Return the column that is meant under a binding."""
-        return self.index[lifted.symbol, *(binding.get(t, t) for t in lifted.terms)]
+    def column(self, fluent: LiftedFluent, binding: Mapping[str, str]) -> int:
+        """Return the column of the state that a lifted fluent denotes under a binding."""
+        return self.index[fluent.symbol, *(binding.get(t, t) for t in fluent.terms)]
 
-    def schema(self, name: str) -> Lens:
-        """Return what an action schema sees."""
-        if (name, "") not in self._lenses:
-            self._lenses[name, ""] = self._schema(name)
-        return self._lenses[name, ""]
+    def schema(self, name: str) -> LiftedScope:
+        """Return the scope of an action schema."""
+        if (name, "") not in self._scopes:
+            self._scopes[name, ""] = self._schema(name)
+        return self._scopes[name, ""]
 
-    def world(self, symbol: str) -> Lens:
-        """Return what can be said of the change of a function by itself."""
-        if (WORLD, symbol) not in self._lenses:
-            self._lenses[WORLD, symbol] = self._world(symbol)
-        return self._lenses[WORLD, symbol]
+    def world(self, symbol: str) -> LiftedScope:
+        """Return the scope of a process that changes the fluents of a function."""
+        if (WORLD, symbol) not in self._scopes:
+            self._scopes[WORLD, symbol] = self._world(symbol)
+        return self._scopes[WORLD, symbol]
 
-    def _schema(self, name: str) -> Lens:
+    def numeric(self, fluent: LiftedFluent) -> bool:
+        """Return whether it is a function, not a predicate."""
+        return self.syntax.declarations[fluent.symbol].numeric
+
+    def products(
+        self,
+        scope: LiftedScope,
+        factors: tuple[LiftedFluent, ...],
+        states: Vector,
+        keys: NDArray[np.int64],
+    ) -> Vector:
+        """Return the product of some fluents, `[n]`.
+
+        Args:
+            scope: Of the factors.
+            factors: The fluents; none for the constant 1.
+            states: `[n, F]`.
+            keys: `[n]` key of the binding of each row; the product is 0 where the scope has no
+                such binding.
+        """
+        values = np.zeros(len(states))
+        for key in np.unique(keys):
+            binding = scope.bindings.get(int(key))
+            if binding is None:
+                continue
+            rows = keys == key
+            columns = [self.column(f, binding) for f in factors]
+            values[rows] = states[rows][:, columns].prod(1)
+        return values
+
+    def _schema(self, name: str) -> LiftedScope:
         variables = next(
             s.parameters for s in self.syntax.schemas if s.kind is Kind.ACTION and s.name == name
         )
@@ -96,61 +129,29 @@ class Lifting:
             for position, action in enumerate(self.ground.actions)
             if action.schema == name
         }
-        view = self._view([v.name for v in variables], list(bindings.values()))
-        return Lens(name, bindings, view, tuple(v for v in view if self._numeric(v)))
+        fluents = self._fluents([v.name for v in variables], list(bindings.values()))
+        return LiftedScope(name, bindings, fluents, tuple(f for f in fluents if self.numeric(f)))
 
-    def _world(self, symbol: str) -> Lens:
+    def _world(self, symbol: str) -> LiftedScope:
         variables = [p.name for p in self.syntax.declarations[symbol].parameters]
         bindings = {
             f.index: dict(zip(variables, f.arguments, strict=True))
             for f in self.ground.fluents
             if f.symbol == symbol
         }
-        view = self._view(variables, list(bindings.values()))
-        return Lens(WORLD, bindings, view, (Lifted(symbol, tuple(variables)),))
+        fluents = self._fluents(variables, list(bindings.values()))
+        return LiftedScope(WORLD, bindings, fluents, (LiftedFluent(symbol, tuple(variables)),))
 
-    def _view(
+    def _fluents(
         self, variables: Sequence[str], bindings: Sequence[Mapping[str, str]]
-    ) -> tuple[Lifted, ...]:
-        """Return the fluents that exist under every binding, those of fewest terms first."""
-        found: list[Lifted] = []
-        places = {f.symbol: len(f.arguments) for f in self.ground.fluents}
-        for symbol, number in sorted(places.items(), key=lambda item: item[1]):
+    ) -> tuple[LiftedFluent, ...]:
+        """Return the fluents that exist under every binding, those with fewest terms first."""
+        found: list[LiftedFluent] = []
+        arity = {f.symbol: len(f.arguments) for f in self.ground.fluents}
+        for symbol, number in sorted(arity.items(), key=lambda item: item[1]):
             for terms in itertools.product((*variables, *self._constants), repeat=number):
-                if len(found) >= _MOST_IN_VIEW:
+                if len(found) >= _MAX_FLUENTS:
                     return tuple(found)
-                lifted = Lifted(symbol, terms)
                 if all((symbol, *(b.get(t, t) for t in terms)) in self.index for b in bindings):
-                    found.append(lifted)
+                    found.append(LiftedFluent(symbol, terms))
         return tuple(found)
-
-    def _numeric(self, lifted: Lifted) -> bool:
-        return self.syntax.declarations[lifted.symbol].numeric
-
-
-def features(
-    lifting: Lifting,
-    lens: Lens,
-    factors: tuple[Lifted, ...],
-    states: NDArray[np.float64],
-    keys: NDArray[np.int64],
-) -> NDArray[np.float64]:
-    """Return the product of some fluents, `[n]`.
-
-    Args:
-        lifting: The names of the file.
-        lens: Whose words the factors are in.
-        factors: The fluents; none for the constant 1.
-        states: `[n, F]`.
-        keys: `[n]` key of the binding that holds in each row; of the rows whose key is none of
-            the lens the feature is 0.
-    """
-    values = np.zeros(len(states))
-    for key in np.unique(keys):
-        binding = lens.bindings.get(int(key))
-        if binding is None:
-            continue
-        rows = keys == key
-        columns = [lifting.column(f, binding) for f in factors]
-        values[rows] = states[rows][:, columns].prod(1)
-    return values

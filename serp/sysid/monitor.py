@@ -1,4 +1,4 @@
-"""The monitor: what the model predicted one step ahead, beside what was observed."""
+"""The monitor: one-step predictions of the model compared with what was observed."""
 
 from __future__ import annotations
 
@@ -17,58 +17,65 @@ CASES: Final = 5
 """Worst cases kept for each ground action and fluent."""
 
 _LARGEST: Final = 1e150
-"""An error beyond it has no finite square; such a step is no measurement."""
+"""Errors from here on have no finite square; such a step is skipped."""
 
-_STATES: Final = 2_000_000
-"""Numbers that the states of the worst cases may take; without them beyond (16 MB)."""
+_MAX_STATES: Final = 2_000_000
+"""Numbers that the states of the worst cases may take (16 MB); beyond, they are not kept."""
 
-# Columns of the table [rows, F, columns]. Counts are exact in float64 up to 2⁵³.
-_ERROR, _SQUARE = 0, 2  # each as written, corrected
+# Columns of the table [rows, F + 2, columns]. Counts are exact in float64 up to 2⁵³.
+_ERROR, _SQUARE = 0, 2  # each as written, adapted
 _PREDICTED, _HAPPENED, _UNPREDICTED = 4, 6, 8
-_CASES = 10  # CASES times: size of the error; predicted as written and corrected; observed
+_CASES = 10  # CASES times: size of the error; predicted as written and adapted; observed
 _CASE_WIDTH = 4
 _COLUMNS = _CASES + CASES * _CASE_WIDTH
 
-_LOW, _HIGH, _PREDICATE = 0, 1, 2  # rows of the array about the quantities [3, F + 2]
+_LOW, _HIGH, _PREDICATE = 0, 1, 2  # rows of the array `quantities` [3, F + 2]
 
-WRITTEN, CORRECTED, OBSERVED = 0, 1, 2
-"""Rows of a step's record `[3, F + 2]`: what the file predicts, what the model in use does, and
-what was observed. Behind the fluents stand the reward and the end (0 or 1); both were 0 before."""
+WRITTEN, ADAPTED, OBSERVED = 0, 1, 2
+"""Rows of a comparison `[3, F + 2]`: the prediction of the file, that of the model in use, and the
+observation. Reward and end (0 or 1) follow the fluents; both are 0 before the step."""
 
 REWARD: Final = "reward"
 END: Final = "terminal"
 
+Tables = tuple[Vector, Vector, Vector]
+
 
 @cached_njit(error_model="numpy")
-def accumulate(state: Any, step: Any, row: int, table: Any, states: Any, about: Any) -> bool:
-    """Add a step to a row of the table; return False, and add nothing, where it is no number.
+def accumulate(state: Any, step: Any, row: int, tables: Any) -> bool:
+    """Add a step to a row of the tables; return False, and add nothing, where it has no numbers.
 
-    `state` is `[F]` before the action and `step` the record `[3, F + 2]`; `states` is
-    `[rows, F + 2, CASES, F]`, or has no rows where the states of the worst cases are not kept.
+    Args:
+        state: `[F]` before the action.
+        step: The comparison `[3, F + 2]`.
+        row: The row.
+        tables: Sums and worst cases `[rows, F + 2, columns]`; states of the worst cases
+            `[rows, F + 2, CASES, F]`, or no rows where they are not kept; the quantities.
     """
-    width, quantities = state.shape[0], step.shape[1]
-    for f in range(quantities):
+    table, states, quantities = tables
+    width, count = state.shape[0], step.shape[1]
+    for f in range(count):
         before, after = state[f] if f < width else 0.0, step[OBSERVED, f]
-        # One comparison finds NaN, infinities and what would overflow when squared.
+        # One comparison finds NaN, infinity and what would overflow when squared.
         if not (
             abs(before) < _LARGEST
             and abs(after) < _LARGEST
             and abs(after - step[WRITTEN, f]) < _LARGEST
-            and abs(after - step[CORRECTED, f]) < _LARGEST
+            and abs(after - step[ADAPTED, f]) < _LARGEST
         ):
             return False
     keep = states.shape[0] > 0
-    for f in range(quantities):
+    for f in range(count):
         before, after = state[f] if f < width else 0.0, step[OBSERVED, f]
-        about[_LOW, f] = min(about[_LOW, f], before, after)
-        about[_HIGH, f] = max(about[_HIGH, f], before, after)
-        predicate = about[_PREDICATE, f] != 0.0
+        quantities[_LOW, f] = min(quantities[_LOW, f], before, after)
+        quantities[_HIGH, f] = max(quantities[_HIGH, f], before, after)
+        predicate = quantities[_PREDICATE, f] != 0.0
         for side in range(2):
             predicted = step[side, f]
             error = after - predicted
             table[row, f, _ERROR + side] += error
             table[row, f, _SQUARE + side] += error * error
-            if predicate:  # a corrected one may be predicted as a probability
+            if predicate:  # the adapted model may predict a probability
                 changes = abs(predicted - before) > 0.5
                 if changes:
                     table[row, f, _PREDICTED + side] += 1.0
@@ -82,7 +89,7 @@ def accumulate(state: Any, step: Any, row: int, table: Any, states: Any, about: 
         if size > table[row, f, least]:
             table[row, f, least] = size
             table[row, f, least + 1] = step[WRITTEN, f]
-            table[row, f, least + 2] = step[CORRECTED, f]
+            table[row, f, least + 2] = step[ADAPTED, f]
             table[row, f, least + 3] = after
             if keep:
                 for g in range(width):
@@ -98,8 +105,8 @@ class Side(NamedTuple):
         rmse: Root mean squared error.
         predicted: Steps in which it predicted that the predicate changes, or that the task ends; 0
             for numbers, and so the next two.
-        happened: Of these, the steps in which it did.
-        unpredicted: Steps in which it did though it was not predicted to.
+        happened: Steps of these in which that happened.
+        unpredicted: Steps in which it happened but was not predicted.
     """
 
     bias: float
@@ -115,20 +122,20 @@ class Case(NamedTuple):
     Attributes:
         error: |observed − predicted| of the file as written.
         written: Predicted by the file as written.
-        corrected: Predicted by the corrected model; the same where there is none.
+        adapted: Predicted by the adapted model; the same where there is none.
         observed: What was observed.
         state: `[F]` before the action; None where the domain is too large to keep it.
     """
 
     error: float
     written: float
-    corrected: float
+    adapted: float
     observed: float
     state: Vector | None
 
 
 class MonitorRow(NamedTuple):
-    """What is known of the predictions of one fluent, the reward or the end after one action.
+    """How well one fluent, the reward or the end is predicted after one action.
 
     Attributes:
         action: Name of the ground action.
@@ -137,7 +144,7 @@ class MonitorRow(NamedTuple):
         samples: Steps.
         scale: Largest − smallest value observed, after whatever action.
         written: The file as written.
-        corrected: The corrected model; equals `written` where there is none.
+        adapted: The adapted model; equals `written` where there is none.
         worst: Its worst cases, the worst first; only steps with any error.
     """
 
@@ -147,20 +154,18 @@ class MonitorRow(NamedTuple):
     samples: int
     scale: float
     written: Side
-    corrected: Side
+    adapted: Side
     worst: tuple[Case, ...]
 
 
 class Monitor:
-    """Compares what was predicted with what was observed, for each ground action executed.
-
-    That is every fluent, the reward and whether the task ends.
+    """Compares predicted with observed fluents, rewards and ends, by executed ground action.
 
     Rows are made when an action is first executed, so that a domain of thousands of ground
-    actions costs what is used of it.
+    actions takes the memory of those in use.
 
     Args:
-        model: Whose fluents and actions these are; its literals do not matter.
+        model: The model whose fluents and actions are compared.
 
     Attributes:
         skipped: Steps left out: NaN, infinity or a number without a finite square in the state,
@@ -178,11 +183,11 @@ class Monitor:
         self._counts: list[int] = []
         self.skipped = 0
         self.unknown = 0
-        self._about: Vector = np.empty((3, width + 2))
-        self._about[_LOW], self._about[_HIGH] = math.inf, -math.inf
-        self._about[_PREDICATE] = [not numeric for numeric in self._numeric]
-        # As all actions need, so that it does not depend on which come first.
-        self._keeps_states = len(self._actions) * (width + 2) * CASES * width <= _STATES
+        self._ranges: Vector = np.empty((3, width + 2))
+        self._ranges[_LOW], self._ranges[_HIGH] = math.inf, -math.inf
+        self._ranges[_PREDICATE] = [not numeric for numeric in self._numeric]
+        # For all actions, so that it does not depend on which come first.
+        self._keeps_states = len(self._actions) * (width + 2) * CASES * width <= _MAX_STATES
         self._table: Vector = np.zeros((0, width + 2, _COLUMNS))
         self._states: Vector = np.zeros((0, width + 2, CASES, width))
 
@@ -192,19 +197,19 @@ class Monitor:
         return sum(self._counts)
 
     def observe(self, state: Vector, action: int, step: Vector) -> None:
-        """Compare the predictions of one env step with what was observed.
+        """Compare one env step.
 
         Args:
             state: float64 `[F]` before the action.
             action: Position of the ground action; −1 where the model knows none.
-            step: `[3, F + 2]`: as the file predicts it (the state itself, no reward and no end
-                where not applicable), as the corrected model does, and as it was observed.
+            step: `[3, F + 2]`, see `OBSERVED`. Where the action is not applicable the prediction
+                is the state itself, no reward and no end.
         """
         if action < 0:
             self.unknown += 1
             return
         row = self.row_of(action)
-        self.note(row, accumulate(state, step, row, *self.tables))
+        self.note(row, accumulate(state, step, row, self.tables))
 
     def row_of(self, action: int) -> int:
         """Return the row of `tables` that the steps of a ground action are added to."""
@@ -212,12 +217,12 @@ class Monitor:
         return row if row >= 0 else self._add_row(action)
 
     @property
-    def tables(self) -> tuple[Vector, Vector, Vector]:
+    def tables(self) -> Tables:
         """What `accumulate` changes."""
-        return self._table, self._states, self._about
+        return self._table, self._states, self._ranges
 
     def note(self, row: int, compared: bool) -> None:
-        """Note that a step was added to a row, or was no measurement."""
+        """Count a step that was added to a row, or was skipped."""
         if compared:
             self._counts[row] += 1
         else:
@@ -228,25 +233,19 @@ class Monitor:
         self._executed.append(action)
         self._counts.append(0)
         self._rows[action] = row
-        self._make_room(row + 1)
+        if row >= len(self._table):
+            room = min(len(self._actions), max(row + 1, 2 * row))
+            self._table = _grown(self._table, room)
+            if self._keeps_states:
+                self._states = _grown(self._states, room)
         return row
-
-    def _make_room(self, rows: int) -> None:
-        """Let the tables hold so many rows."""
-        room = len(self._table)
-        if rows <= room:
-            return
-        grown = min(len(self._actions), max(rows, 2 * room))
-        self._table = _grown(self._table, grown)
-        if self._keeps_states:
-            self._states = _grown(self._states, grown)
 
     def rows(self) -> list[MonitorRow]:
         """Return a row for each ground action executed and quantity, in the order of the file.
 
         Quantities are the fluents, then the reward, then the end.
         """
-        scale = self._about[_HIGH] - self._about[_LOW]
+        scale = self._ranges[_HIGH] - self._ranges[_LOW]
         found: list[MonitorRow] = []
         for action, row in enumerate(self._rows):
             count = self._counts[row] if row >= 0 else 0
@@ -254,11 +253,11 @@ class Monitor:
                 continue
             for f, fluent in enumerate(self._quantities):
                 cells = self._table[row, f].tolist()
-                written, corrected = (_side(cells, side, count) for side in range(2))
+                written, adapted = (_side(cells, side, count) for side in range(2))
                 found.append(
                     MonitorRow(
                         self._actions[action], fluent, self._numeric[f], count, float(scale[f]),
-                        written, corrected, self._worst(row, f, cells),
+                        written, adapted, self._worst(row, f, cells),
                     )
                 )  # fmt: skip
         return found
@@ -266,10 +265,10 @@ class Monitor:
     def _worst(self, row: int, fluent: int, cells: list[float]) -> tuple[Case, ...]:
         cases = []
         for case in range(CASES):
-            error, written, corrected, observed = cells[_CASES + case * _CASE_WIDTH :][:_CASE_WIDTH]
+            error, written, adapted, observed = cells[_CASES + case * _CASE_WIDTH :][:_CASE_WIDTH]
             if error > 0.0:
                 state = self._states[row, fluent, case].copy() if self._keeps_states else None
-                cases.append(Case(error, written, corrected, observed, state))
+                cases.append(Case(error, written, adapted, observed, state))
         return tuple(sorted(cases, key=lambda case: -case.error))
 
     # State -------------------------------------------------------------------------------------
@@ -282,7 +281,7 @@ class Monitor:
             **_packed("states", self._states[:rows]),
             "actions": np.array(self._executed, dtype=np.int64),
             "counts": np.array(self._counts, dtype=np.int64),
-            "bounds": self._about[:_PREDICATE].copy(),
+            "bounds": self._ranges[:_PREDICATE].copy(),
         }
         meta = {
             "actions": len(self._actions),
@@ -321,7 +320,7 @@ class Monitor:
         for row, action in enumerate(executed):
             self._rows[action] = row
         self._table, self._states = table, states
-        self._about[:_PREDICATE] = bounds
+        self._ranges[:_PREDICATE] = bounds
         self.skipped, self.unknown = skipped, unknown
 
 

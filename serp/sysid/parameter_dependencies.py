@@ -1,4 +1,4 @@
-"""Which literals of a file say how far which fluents change, and after which actions."""
+"""Which parameters of a file change which fluents, and after which actions."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from dataclasses import dataclass
 from serp.model import ground as g
 from serp.pddl.syntax import Kind
 
-_ROLES = ("effect", "rate")  # and no static value of a problem, which conditions may read too
+_ROLES = ("effect", "rate")
+"""Not the static values of a problem, which conditions may read too."""
 
 
 @dataclass(frozen=True)
 class ParameterDependency:
-    """What one literal has a direct say in.
+    """What depends directly on one parameter.
 
     Attributes:
-        parameter: The literal.
+        parameter: The parameter.
         schema: Name of the action or process schema in which it stands.
         symbol: Symbol of the function that its effect changes.
         fluents: Columns of the state that it changes directly.
         actions: Positions of the ground actions whose effects it stands in; None where it stands
-            in a process, which goes on whatever the action.
+            in a process, which acts whatever the action.
     """
 
     parameter: g.Parameter
@@ -32,63 +33,50 @@ class ParameterDependency:
 
 
 def parameter_dependencies(ground: g.GroundModel) -> tuple[ParameterDependency, ...]:
-    """Return the literals of effects and rates that change fluents, in the order of θ.
+    """Return the dependencies on parameters of effects and rates, in the order of θ.
 
-    Literals of rewards, of flags, of conditions and of events are none of them: what an event
-    does happens at a threshold, and what is good or unsafe is the expert's to say.
+    Parameters of rewards, flags, conditions and events have none: these are for the expert to set.
     """
     fluents: dict[int, set[int]] = {}
     actions: dict[int, set[int]] = {}
     first: dict[int, tuple[g.GroundSchema, int]] = {}
     barred: set[int] = set()
-    for position, schema in enumerate(ground.actions):
-        for target, literal in _written(schema):
+    for position, schema in enumerate((*ground.actions, *ground.processes)):
+        for target, index in _targets_and_parameters(schema):
             if target < 0:
-                barred.add(literal)
+                barred.add(index)
                 continue
-            first.setdefault(literal, (schema, target))
-            fluents.setdefault(literal, set()).add(target)
-            actions.setdefault(literal, set()).add(position)
-    for schema in ground.processes:
-        for target, literal in _written(schema):
-            if target < 0:
-                barred.add(literal)
-                continue
-            first.setdefault(literal, (schema, target))
-            fluents.setdefault(literal, set()).add(target)
-    found = []
-    for literal in sorted(first.keys() - barred):
-        if ground.parameters[literal].role not in _ROLES:
-            continue
-        schema, target = first[literal]
-        found.append(
-            ParameterDependency(
-                ground.parameters[literal],
-                schema.schema,
-                ground.fluents[target].symbol,
-                frozenset(fluents[literal]),
-                None if schema.kind is Kind.PROCESS else frozenset(actions[literal]),
-            )
+            first.setdefault(index, (schema, target))
+            fluents.setdefault(index, set()).add(target)
+            if schema.kind is not Kind.PROCESS:
+                actions.setdefault(index, set()).add(position)
+    return tuple(
+        ParameterDependency(
+            ground.parameters[index],
+            schema.schema,
+            ground.fluents[target].symbol,
+            frozenset(fluents[index]),
+            None if schema.kind is Kind.PROCESS else frozenset(actions[index]),
         )
-    return tuple(found)
+        for index, (schema, target) in sorted(first.items(), key=lambda item: item[0])
+        if index not in barred and ground.parameters[index].role in _ROLES
+    )
 
 
-def _written(schema: g.GroundSchema) -> Iterator[tuple[int, int]]:
-    """Yield (target, literal) for every literal in the value of a numeric effect."""
+def _targets_and_parameters(schema: g.GroundSchema) -> Iterator[tuple[int, int]]:
+    """Yield (target, position in θ) for every parameter in the value of a numeric effect."""
     for effect in schema.effects:
         if isinstance(effect, g.SetNumber):
-            for literal in _literals(effect.value):
-                yield effect.target, literal
+            for index in _parameters(effect.value):
+                yield effect.target, index
 
 
-def _literals(value: g.Value) -> Iterator[int]:
+def _parameters(value: g.Value) -> Iterator[int]:
     match value:
-        case g.ParameterRef(parameter):
-            yield parameter
+        case g.ParameterRef(index):
+            yield index
         case g.Operation(_, left, right):
-            yield from _literals(left)
-            yield from _literals(right)
+            yield from _parameters(left)
+            yield from _parameters(right)
         case g.Negation(operand):
-            yield from _literals(operand)
-        case _:
-            return
+            yield from _parameters(operand)

@@ -1,7 +1,7 @@
-"""Re-estimating the literals of a file from observed transitions.
+"""Estimation of the parameters of a file from observed transitions.
 
-A literal is fitted to the fluent whose change it describes: what follows from that change further
-on is not its business. A wrong picture of the pole does not bend the numbers of the cart.
+A parameter is fitted to the fluent whose change it describes, and not to what follows from that
+change later: a wrong model of the pole does not distort the parameters of the cart.
 """
 
 from __future__ import annotations
@@ -18,25 +18,31 @@ from serp.sysid.parameter_dependencies import ParameterDependency, parameter_dep
 from serp.sysid.regression import Regression, independent, regress
 from serp.sysid.regression_data import Flow, RegressionData, regression_data
 
-_TURNS = 4
-_LINEAR = 1e-6  # of a fluent's range: so little is the model off what its derivatives say
-_STEP = 2.0**-10
-_WIDE = 10.0  # the prior: a literal is of this many times the size that is written
-_MOST = 0.9
-_WHOLE = 1e-6
-_MOST_VALUES = 64
-_EXACT = 0.9  # of the rows: then a whole number follows a rule, and not a chance
+_MAX_ITERATIONS = 4
+"""Gauss-Newton iterations."""
+_LINEAR = 1e-6
+"""Deviation from linearity, in ranges of the fluent, at which the iterations end."""
+_LINEAR_QUANTILE = 0.9
+"""Quantile of the rows that it is measured at: a row that crosses a threshold jumps."""
+_DIFFERENCE = 2.0**-10
+"""Step of the finite differences, relative to the parameter."""
+_PRIOR_WIDTH = 10.0
+"""Standard deviation of the prior, relative to the written value."""
+_MAX_WHOLE_VALUES = 64
+"""Distinct values of a function of whole numbers."""
+_WHOLE_TOLERANCE, _WHOLE_SHARE = 1e-6, 0.9
+"""Such a function follows a rule, not chance, where it is explained this exactly in this share."""
 
 
 @dataclass(frozen=True)
 class ParameterFit:
-    """The literals that the transitions speak about.
+    """Estimated parameters.
 
     Attributes:
-        theta: `[P]`, as written where they say nothing.
+        theta: `[P]`, as written where the transitions tell nothing.
         errors: `[P]` standard errors, infinite there.
         samples: `[P]` transitions that each estimate rests on.
-        rows: Function symbol → the errors that are left.
+        rows: Function symbol → the residuals.
     """
 
     theta: Vector
@@ -50,13 +56,13 @@ class Rows:
     """All (transition, fluent) pairs of one function symbol that can be compared.
 
     Attributes:
-        rows: `[n]` positions in the sample.
+        rows: `[n]` positions in the data.
         fluents: `[n]` columns of the state.
         groups: `[n]` the executed action.
-        blocks: `[n]` number of the stretch of neighbouring transitions that a row belongs to.
-        residuals: `[n]` observed less predicted.
-        columns: `[n, K]` derivative of the prediction by the literals that change the symbol.
-        owned: The K literals, positions in θ.
+        blocks: `[n]` block of neighbouring transitions, see `RegressionData`.
+        residuals: `[n]` observed − predicted.
+        columns: `[n, K]` derivatives of the prediction by the parameters that change the symbol.
+        owned: The K parameters, positions in θ.
         unit: Observed range of the symbol's fluents.
     """
 
@@ -71,7 +77,7 @@ class Rows:
 
 
 class ParameterEstimator:
-    """Estimates the literals of one ground model from samples.
+    """Estimates the parameters of one ground model.
 
     Args:
         ground: The model.
@@ -81,7 +87,7 @@ class ParameterEstimator:
     Attributes:
         ground, dt: The same.
         flow: The model without its events.
-        influences: The literals that can be estimated.
+        dependencies: What depends on the parameters that can be estimated.
         symbols: Function symbol → columns of its fluents.
     """
 
@@ -90,7 +96,7 @@ class ParameterEstimator:
     ) -> None:
         self.ground = ground
         self.dt = dt
-        self.influences = parameter_dependencies(ground)
+        self.dependencies = parameter_dependencies(ground)
         self.flow = Flow(ground, dt, compiled=compiled)
         symbols: dict[str, list[int]] = {}
         for fluent in ground.fluents:
@@ -100,33 +106,33 @@ class ParameterEstimator:
 
     def estimate(
         self,
-        sample: RegressionData,
+        data: RegressionData,
         theta: Vector,
         written: Vector,
         kept: NDArray[np.bool_] | None = None,
     ) -> ParameterFit:
-        """Fit all literals at once.
+        """Fit all parameters at once.
 
         Args:
-            sample: The transitions.
-            theta: `[P]` where to begin.
-            written: `[P]` where literals stay that the transitions do not speak about.
+            data: The transitions.
+            theta: `[P]` initial values.
+            written: `[P]` the mean of the prior.
             kept: `[N, F]` the entries that are compared; None for those that no event of the
-                model as written has changed.
+                model as written changes.
         """
         theta = theta.copy()
         errors = np.full(len(theta), np.inf)
         counts = np.zeros(len(theta), dtype=np.int64)
         if kept is None:
-            # By what is written: by the estimate, each would choose the rows for the next one.
-            kept = self.flow.undisturbed(sample, written)
-        whole = whole_symbols(self, sample)
+            # By the written values: estimates would choose the rows of the next estimate.
+            kept = self.flow.undisturbed(data, written)
+        whole = whole_symbols(self, data)
         left: dict[str, Rows] = {}
-        for _ in range(_TURNS):
+        for _ in range(_MAX_ITERATIONS):
             before = theta.copy()
-            slopes = self.slopes(sample, theta, self.flow.predict_all(sample, theta))
+            slopes = self.slopes(data, theta, self.flow.predict_all(data, theta))
             expected: dict[str, Vector] = {}
-            for symbol, rows in self._rows(sample, theta, kept, slopes).items():
+            for symbol, rows in self._rows(data, theta, kept, slopes).items():
                 width = _widths(rows, written, theta)
                 active = independent(rows.columns, width)
                 owned = [rows.owned[k] for k in active]
@@ -148,7 +154,7 @@ class ParameterEstimator:
                 errors[owned] = fit.errors
                 counts[owned] = (columns != 0.0).sum(0)
                 expected[symbol] = rows.residuals - columns @ (theta - before)[owned]
-            left = self._rows(sample, theta, kept, slopes)
+            left = self._rows(data, theta, kept, slopes)
             gaps = [_gap(left[symbol], residuals) for symbol, residuals in expected.items()]
             if max(gaps, default=0.0) <= _LINEAR:
                 break
@@ -156,57 +162,57 @@ class ParameterEstimator:
 
     def _rows(
         self,
-        sample: RegressionData,
+        data: RegressionData,
         theta: Vector,
         kept: NDArray[np.bool_],
         slopes: Mapping[int, Vector],
     ) -> dict[str, Rows]:
-        """Return, for each function symbol, residuals at some literals beside derivatives."""
-        predicted = self.flow.predict_all(sample, theta)
+        """Return residuals and derivatives for each function symbol."""
+        predicted = self.flow.predict_all(data, theta)
         found = {}
         for symbol, fluents in self.symbols.items():
-            owned = tuple(i.parameter.index for i in self.influences if i.symbol == symbol)
+            owned = tuple(d.parameter.index for d in self.dependencies if d.symbol == symbol)
             row, which = np.nonzero(kept[:, fluents] & np.isfinite(predicted[:, fluents]))
             column = np.array(fluents, dtype=np.int64)[which]
             found[symbol] = Rows(
                 rows=row,
                 fluents=column,
-                groups=sample.actions[row],
-                blocks=sample.blocks[row],
-                residuals=sample.next_states[row, column] - predicted[row, column],
+                groups=data.actions[row],
+                blocks=data.blocks[row],
+                residuals=data.next_states[row, column] - predicted[row, column],
                 columns=np.stack([slopes[k][row, column] for k in owned], axis=1)
                 if owned
                 else np.empty((len(row), 0)),
                 owned=owned,
-                unit=float(sample.scale[list(fluents)].max()),
+                unit=float(data.scale[list(fluents)].max()),
             )
         return found
 
-    def slopes(self, sample: RegressionData, theta: Vector, predicted: Vector) -> dict[int, Vector]:
-        """Return the derivatives by the literals: position in θ → `[N, F]`."""
-        return {i.parameter.index: self.slope(sample, theta, predicted, i) for i in self.influences}
+    def slopes(self, data: RegressionData, theta: Vector, predicted: Vector) -> dict[int, Vector]:
+        """Return the derivatives by the parameters: position in θ → `[N, F]`."""
+        return {d.parameter.index: self.slope(data, theta, predicted, d) for d in self.dependencies}
 
     def slope(
         self,
-        sample: RegressionData,
+        data: RegressionData,
         theta: Vector,
         predicted: Vector,
-        influence: ParameterDependency,
+        dependency: ParameterDependency,
     ) -> Vector:
-        """Return the derivative by one literal, `[N, F]`; 0 but where it has a direct say."""
-        slope = np.zeros(sample.states.shape)
-        rows = np.arange(len(sample))
-        if influence.actions is not None:
-            rows = np.flatnonzero(np.isin(sample.actions, list(influence.actions)))
+        """Return the derivative by one parameter, `[N, F]`; 0 where nothing depends on it."""
+        slope = np.zeros(data.states.shape)
+        rows = np.arange(len(data))
+        if dependency.actions is not None:
+            rows = np.flatnonzero(np.isin(data.actions, list(dependency.actions)))
         if not len(rows):
             return slope
-        index = influence.parameter.index
-        step = _STEP * max(1.0, abs(theta[index]))
+        index = dependency.parameter.index
+        step = _DIFFERENCE * max(1.0, abs(theta[index]))
         moved = theta.copy()
         moved[index] += step
-        change = self.flow.predict(sample.states[rows], sample.actions[rows], moved)
+        change = self.flow.predict(data.states[rows], data.actions[rows], moved)
         change = (change - predicted[rows]) / step
-        for column in influence.fluents:
+        for column in dependency.fluents:
             slope[rows, column] = np.nan_to_num(change[:, column], nan=0.0, posinf=0.0, neginf=0.0)
         return slope
 
@@ -219,72 +225,65 @@ def estimate_parameters(
     *,
     estimator: ParameterEstimator | None = None,
 ) -> tuple[Vector, Vector]:
-    """Re-estimate the literals of effects and rates that change fluents.
+    """Estimate the parameters of effects and rates that change fluents.
 
     Args:
-        model: The transition model; where it was given other literals than the file's, these are
-            where the estimation begins.
+        model: The transition model; its θ are the initial values.
         states: `[N, F]` before the actions, in order of time.
         actions: `[N]` positions of the executed ground actions, −1 for one that is none of them.
         next_states: `[N, F]` after them.
-        estimator: One for the same ground model, where the same is estimated again and again.
+        estimator: Of the same ground model, to estimate it repeatedly.
 
     Returns:
-        `[P]` literals, and `[P]` their standard errors; as written and infinite where the
-        transitions say nothing: literals of rewards, conditions and events, of actions never
-        executed, of fluents that jump between whole numbers by chance.
+        `[P]` parameters and their `[P]` standard errors; the written value and infinity where the
+        transitions tell nothing: for parameters of rewards, conditions and events, of actions
+        never executed, of fluents that jump between whole numbers by chance.
     """
-    sample = regression_data(model, states, actions, next_states)
+    data = regression_data(model, states, actions, next_states)
     written = np.array([p.value for p in model.parameters])
-    if not len(sample):
+    if not len(data):
         return written, np.full(len(written), np.inf)
     estimator = estimator or ParameterEstimator(model.ground, model.dt)
-    fit = estimator.estimate(sample, model.theta, written)
+    fit = estimator.estimate(data, model.theta, written)
     return np.where(np.isfinite(fit.errors), fit.theta, written), fit.errors
 
 
 def _gap(rows: Rows, expected: Vector) -> float:
-    """Return how far residuals are from those of a linear model, in ranges of the fluent.
-
-    Rows that have no prediction any more say nothing.
-    """
+    """Return how far residuals are from those of a linear model, in ranges of the fluent."""
     if len(rows.residuals) != len(expected):
-        return np.inf
+        return np.inf  # a row has no prediction any more
     if not len(expected):
         return 0.0
-    # A row that crosses a threshold jumps; nothing is to be gained by chasing it.
-    return float(np.quantile(np.abs(rows.residuals - expected), _MOST)) / rows.unit
+    return float(np.quantile(np.abs(rows.residuals - expected), _LINEAR_QUANTILE)) / rows.unit
 
 
-def whole_symbols(estimator: ParameterEstimator, sample: RegressionData) -> set[str]:
-    """Return the functions whose observed values are a few whole numbers."""
+def whole_symbols(estimator: ParameterEstimator, data: RegressionData) -> set[str]:
+    """Return the functions that only took a few whole numbers."""
     found = set()
     for symbol, fluents in estimator.symbols.items():
-        values = np.unique(
-            np.concatenate((sample.states[:, fluents], sample.next_states[:, fluents]))
-        )
-        if 1 < len(values) <= _MOST_VALUES and (values == np.round(values)).all():
+        values = np.unique(np.concatenate((data.states[:, fluents], data.next_states[:, fluents])))
+        if 1 < len(values) <= _MAX_WHOLE_VALUES and (values == np.round(values)).all():
             found.add(symbol)
     return found
 
 
 def _widths(rows: Rows, written: Vector, theta: Vector) -> Vector:
-    """Return the prior's width for each owned literal.
+    """Return the standard deviation of the prior for each owned parameter.
 
-    It is as written, give or take ten times that, or what would move the fluent across its range.
+    Ten times the written value, or what moves the fluent across its range.
     """
     owned = list(rows.owned)
     known = np.maximum(np.abs(written[owned]), np.abs(theta[owned]))
     slope = np.sqrt(np.mean(rows.columns**2, axis=0)) if len(rows.rows) else np.zeros(len(owned))
     usual = np.where(slope > 0, 0.1 * rows.unit / np.where(slope > 0, slope, 1.0), 0.0)
-    widths: Vector = _WIDE * np.maximum(np.maximum(known, usual), 1e-12)
+    widths: Vector = _PRIOR_WIDTH * np.maximum(np.maximum(known, usual), 1e-12)
     return widths
 
 
 def _follows_a_rule(fit: Regression, columns: Vector, unit: float) -> bool:
-    """Whether the fit explains the changes of a whole number exactly, but for a few rows."""
+    """Return whether the fit explains the changes of a whole number exactly in most rows."""
     touched = (columns != 0.0).any(1)
     if not touched.any():
         return False
-    exact = np.abs(fit.residuals[touched]) < _WHOLE * unit
-    return bool(exact.mean() >= _EXACT)
+    exact = np.abs(fit.residuals[touched]) < _WHOLE_TOLERANCE * unit
+    return bool(exact.mean() >= _WHOLE_SHARE)

@@ -1,9 +1,9 @@
-"""Robust linear regression towards what is believed already, with honest standard errors.
+"""Robust linear regression with a Gaussian prior and robust standard errors.
 
-Huber's weights while the fit settles, then rejection of what is far out (Huber & Ronchetti,
-"Robust Statistics", 2009, chapters 4 and 7); a ridge whose centre is the prior belief; standard
-errors by the sandwich over blocks of neighbouring rows (Liang & Zeger, Biometrika 73, 1986), which
-holds where errors are unequal and depend on each other, as those of a wrong model do.
+Huber weights at first, then rejection of outliers (Huber & Ronchetti, Robust Statistics, 2009,
+chapters 4 and 7). Standard errors by the sandwich estimator over blocks of neighbouring rows
+(Liang & Zeger, Biometrika 73, 1986), which holds for errors that are unequal and depend on each
+other, as those of a wrong model do.
 """
 
 from __future__ import annotations
@@ -16,13 +16,17 @@ from numpy.typing import NDArray
 
 from serp.model.transition_model import Vector
 
-_HUBER = 2.0
-_FAR_OUT = 6.0
-_TRIMMED = 0.02  # the share of rows that may be anything without widening the scale
-_FEW = 10  # so few rows of a group: none of them is called an outlier
-_ROUNDS = 10
-_SAME = 1e-3  # of a column that others do not explain; below it, they say the same thing
-_SMALLEST = 1e-10  # of the range of the target: below it everything is rounding
+_HUBER, _REJECTED = 2.0, 6.0
+"""Robust scales beyond which a row is weighted down, and rejected."""
+_TRIMMED = 0.02
+"""Share of the rows, those with the largest errors, that do not enter the robust scale."""
+_MIN_ROWS = 10
+"""Rows of a group that are needed to tell outliers among them."""
+_MAX_ITERATIONS = 10
+_COLLINEAR = 1e-3
+"""Share of a column that other columns leave; below it they say the same."""
+_ROUNDING = 1e-10
+"""Size of rounding errors in ranges of the target."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,7 @@ class Regression:
 
     Attributes:
         coefficients: `[K]`.
-        errors: `[K]` standard errors; the width of the prior where the rows say nothing.
+        errors: `[K]` standard errors; the width of the prior where the rows tell nothing.
         residuals: `[n]`.
         weights: `[n]`, 0 (rejected) to 1.
     """
@@ -58,27 +62,27 @@ def regress(
     Args:
         columns: `[n, K]`.
         target: `[n]`.
-        centre: `[K]` where a coefficient stays that the rows do not speak about.
-        width: `[K]` standard deviation of the prior around it.
-        groups: `[n]` rows whose errors are of one size have one number.
-        blocks: `[n]` rows whose errors depend on each other have one number.
-        unit: Range of the target's quantity, which tells rounding from error.
-        reject: Whether rows far out are left out in the end, rather than only weighed down.
+        centre: `[K]` mean of the prior.
+        width: `[K]` its standard deviation.
+        groups: `[n]` equal for rows whose errors are of one size.
+        blocks: `[n]` equal for rows whose errors depend on each other.
+        unit: Range of the target's quantity.
+        reject: Whether outliers are rejected, and not only weighted down.
     """
     number = len(columns)
     weights = np.ones(number)
     coefficients = centre.copy()
-    least = _SMALLEST * unit
+    least = _ROUNDING * unit
     scale = least
     members = [np.flatnonzero(groups == group) for group in np.unique(groups)]
-    for turn in range(_ROUNDS):
+    for turn in range(_MAX_ITERATIONS):
         before = coefficients
         residuals = target - columns @ coefficients
         if turn:
             limits = robust_scales(residuals, members, least)
             weights = np.minimum(1.0, _HUBER * limits / np.maximum(np.abs(residuals), least))
             if reject and turn > 2:
-                weights[np.abs(residuals) > _FAR_OUT * limits] = 0.0
+                weights[np.abs(residuals) > _REJECTED * limits] = 0.0
             total = max(float(weights.sum()), 1.0)
             scale = max(float(np.sqrt((weights * residuals**2).sum() / total)), least)
         else:
@@ -94,9 +98,9 @@ def regress(
 
 
 def independent(columns: Vector, width: Vector) -> list[int]:
-    """Return the columns that say something which those before them do not, the largest first.
+    """Return a maximal set of linearly independent columns, chosen by size.
 
-    Two literals multiplied with each other can only be estimated together: one of them is.
+    Of two parameters that are multiplied with each other, for example, only one can be estimated.
     """
     left = columns * width
     norms = np.linalg.norm(left, axis=0)
@@ -105,26 +109,26 @@ def independent(columns: Vector, width: Vector) -> list[int]:
     for _ in range(columns.shape[1]):
         sizes = np.where(alive, np.linalg.norm(left, axis=0), 0.0)
         best = int(np.argmax(sizes)) if len(sizes) else -1
-        if best < 0 or sizes[best] <= _SAME * max(float(norms[best]), 1e-300):
+        if best < 0 or sizes[best] <= _COLLINEAR * max(float(norms[best]), 1e-300):
             break
         chosen.append(best)
         alive[best] = False
         direction = left[:, best] / sizes[best]
         left = left - np.outer(direction, direction @ left)
-        alive &= np.linalg.norm(left, axis=0) > _SAME * norms
+        alive &= np.linalg.norm(left, axis=0) > _COLLINEAR * norms
     return sorted(chosen)
 
 
 def robust_scales(residuals: Vector, members: Sequence[NDArray[np.int64]], least: float) -> Vector:
-    """Return the size of the errors of each row's group, `[n]`, whatever a few rows are like.
+    """Return a robust scale of the errors of each row's group, `[n]`.
 
-    The larger of the median's and of the root mean square of all but the largest 2 %: where an
-    effect that is rare makes all the error, it is no outlier. `members` are the rows of each group.
+    The larger of the scaled median and of the root mean square of all but the largest 2 %: an
+    effect that is rare is no outlier. `members` are the rows of each group.
     """
     scales = np.empty(len(residuals))
     for rows in members:
         sizes = np.sort(np.abs(residuals[rows]))
-        if len(sizes) < _FEW:
+        if len(sizes) < _MIN_ROWS:
             scales[rows] = np.inf
             continue
         kept = sizes[: int(np.ceil(len(sizes) * (1.0 - _TRIMMED)))]
@@ -143,14 +147,14 @@ def _solve(
     width: Vector,
     scale: float,
 ) -> Vector:
-    """Return the coefficients of least weighted squares with the prior, from those before.
+    """Return the coefficients of weighted least squares with the prior, from those before.
 
-    By the normal equations; what they lose in digits the next round regains.
+    By the normal equations; the next iteration regains the digits that they lose.
     """
     scaled = columns * (width / scale)
-    weighed = scaled * weights[:, None]
-    matrix = weighed.T @ scaled + np.eye(len(before))
-    slope = weighed.T @ (residuals / scale) - (before - centre) / width
+    weighted = scaled * weights[:, None]
+    matrix = weighted.T @ scaled + np.eye(len(before))
+    slope = weighted.T @ (residuals / scale) - (before - centre) / width
     size = np.sqrt(np.diag(matrix))
     step: Vector = np.linalg.solve(matrix / np.outer(size, size), slope / size) / size
     return before + step * width
@@ -164,7 +168,7 @@ def _errors(
     scale: float,
     blocks: NDArray[np.int64],
 ) -> Vector:
-    """Return the standard errors, in units of the prior's width while they are computed."""
+    """Return the standard errors, computed in widths of the prior."""
     count = columns.shape[1]
     used = int((weights > 0).sum())
     if count == 0 or used <= count + 1:
@@ -174,7 +178,7 @@ def _errors(
     scores = scaled * (weights * residuals / scale)[:, None]
     _, which = np.unique(blocks, return_inverse=True)
     number = int(which.max()) + 1
-    if number < 3 * count + 5:  # too few blocks to tell: every row by itself
+    if number < 3 * count + 5:  # too few blocks: every row by itself
         number, which = len(scores), np.arange(len(scores))
     sums = np.zeros((number, count))
     np.add.at(sums, which, scores)

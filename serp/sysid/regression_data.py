@@ -1,7 +1,8 @@
-"""Observed transitions made ready for regression, and what a model without events says of them.
+"""Observed transitions prepared for regression, and predictions of them without events.
 
-What a literal means shows before events clamp, assign and reset; so predictions here are those of
-effects and processes alone, and entries that an event changes are left out.
+Events clamp, assign and reset what parameters of effects and rates have changed. So predictions
+for a regression are those of effects and processes alone, and entries that an event changes are
+left out.
 """
 
 from __future__ import annotations
@@ -20,12 +21,15 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import Change
 
 BLOCK = 20
-"""Consecutive transitions whose errors are taken to depend on each other."""
+"""Consecutive transitions whose errors are assumed to depend on each other."""
 
-_RARE = 0.005  # the share of values at either end that may be anything
-_FAR = 5.0  # times the range of all others
-_SCARCE = 12  # rows
-_AT_A_STOP = 1e-9  # of a fluent's range: the observed value is the one that an event assigns
+_TAIL, _FAR = 0.005, 5.0
+"""A value is a fault if it is this many ranges off the median; the range is that between the two
+tails."""
+_MIN_ROWS = 12
+"""Entries of an action and fluent that must be left, or those that events change are kept."""
+_AT_ASSIGNED = 1e-9
+"""Distance in ranges of a fluent at which it equals the value that an event assigns."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,10 +40,10 @@ class RegressionData:
         states: `[N, F]`.
         actions: `[N]` positions of ground actions of the model.
         next_states: `[N, F]`.
-        blocks: `[N]` number of the stretch of neighbouring transitions that a row belongs to.
-        scale: `[F]` range of each fluent that was observed, in its unit; 1 where it never varied.
-        positions: `[N]` where a row stands among the transitions that the sample was taken from.
-        left_out: Reason → how many transitions are left out for it.
+        blocks: `[N]` number of the block of `BLOCK` neighbouring transitions.
+        scale: `[F]` observed range of each fluent; 1 where it never varied.
+        positions: `[N]` of the rows among all transitions.
+        left_out: Reason → number of transitions left out.
     """
 
     states: Vector
@@ -110,21 +114,14 @@ def regression_data(
 def usable_rows(
     model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
 ) -> NDArray[np.intp]:
-    """Return the rows of actions that the model knows, without what only a fault can be.
-
-    Args:
-        model: The transition model.
-        states: `[N, F]` before the actions.
-        actions: `[N]`.
-        next_states: `[N, F]` after them.
-    """
+    """Return the rows whose action the model knows and whose values are no faults."""
     return _usable(model, states, actions, next_states)[0]
 
 
 def _usable(
     model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
 ) -> tuple[NDArray[np.intp], dict[str, int]]:
-    """Return the usable rows, and how many others there are by reason."""
+    """Return the usable rows, and the number of others by reason."""
     known = (actions >= 0) & (actions < len(model.actions))
     finite = np.isfinite(states).all(1) & np.isfinite(next_states).all(1)
     rows = np.flatnonzero(known & finite)
@@ -137,13 +134,13 @@ def _usable(
 
 
 def _plausible(values: Vector) -> NDArray[np.bool_]:
-    """Return which rows hold no value that only a fault can be, `[n]`.
+    """Return which rows hold no value that must be a fault, `[n]`.
 
-    One such value would be the range of its fluent, against which every other one is measured.
+    One such value would determine the range of its fluent.
     """
     if not len(values):
         return np.ones(0, dtype=np.bool_)
-    low, middle, high = np.quantile(values, (_RARE, 0.5, 1.0 - _RARE), axis=0)
+    low, middle, high = np.quantile(values, (_TAIL, 0.5, 1.0 - _TAIL), axis=0)
     span = np.where(high > low, high - low, np.inf)
     plausible: NDArray[np.bool_] = np.all(np.abs(values - middle) <= _FAR * span, axis=1)
     return plausible
@@ -152,17 +149,17 @@ def _plausible(values: Vector) -> NDArray[np.bool_]:
 class Flow:
     """Effects and processes of a ground model, without its events.
 
-    Runs in CPython: some 3 µs a row, and nothing has to be compiled for a model that is tried.
+    Runs in CPython, some 3 µs a row, so that nothing is compiled for a model that is only tried.
 
     Args:
         ground: The model.
         dt: Control period.
-        processes: Whether the processes go on as well.
-        compiled: A transition model of this ground model that is compiled anyway; it is used then,
-            with the same results.
+        processes: Whether processes are included.
+        compiled: A transition model of this ground model that is compiled already, to use instead;
+            the results are the same.
 
     Attributes:
-        ground, dt: The same, the model whole.
+        ground, dt: As above.
     """
 
     def __init__(
@@ -183,48 +180,48 @@ class Flow:
         self._last: tuple[Vector, bytes, Vector] | None = None
 
     def predict(self, states: Vector, actions: NDArray[np.int64], theta: Vector) -> Vector:
-        """Return what the model says, `[N, F]`; NaN in rows that have no next state.
+        """Return the predictions, `[N, F]`; NaN in rows that have no next state.
 
         Args:
             states: `[N, F]`.
             actions: `[N]`.
-            theta: `[P]` literals.
+            theta: `[P]` parameters.
         """
         if self._compiled is not None:
             return _flowed(self._compiled.replace(theta=theta), states, actions)
         return predictions(self._model.replace(theta=theta), states, actions)
 
-    def predict_all(self, sample: RegressionData, theta: Vector) -> Vector:
-        """Return what the model says of a whole sample, `[N, F]`; the last answer is kept."""
+    def predict_all(self, data: RegressionData, theta: Vector) -> Vector:
+        """Return the predictions for all data, `[N, F]`; the last result is cached."""
         key = theta.tobytes()
-        if self._last is None or self._last[0] is not sample.states or self._last[1] != key:
-            predicted = self.predict(sample.states, sample.actions, theta)
-            self._last = sample.states, key, predicted
+        if self._last is None or self._last[0] is not data.states or self._last[1] != key:
+            predicted = self.predict(data.states, data.actions, theta)
+            self._last = data.states, key, predicted
         return self._last[2]
 
-    def undisturbed(self, sample: RegressionData, theta: Vector) -> NDArray[np.bool_]:
+    def undisturbed(self, data: RegressionData, theta: Vector) -> NDArray[np.bool_]:
         """Return which entries of the next states no event has changed, `[N, F]`.
 
-        Left out is what the model's own events change in its prediction, and what was observed
-        exactly at a value that an event assigns. Where hardly anything would be left after an
-        action, only the latter: then it is the model that is wrong.
+        Left out are entries that the model's events change in its prediction, and those observed
+        at a value that an event assigns. Where too few would be left after an action the model is
+        wrong, and only the latter are left out.
 
         Args:
-            sample: The transitions.
-            theta: `[P]` literals.
+            data: The transitions.
+            theta: `[P]` parameters.
         """
-        free = np.ones(sample.states.shape, dtype=np.bool_)
+        free = np.ones(data.states.shape, dtype=np.bool_)
         if not self.ground.events:
             return free
-        for column, literal in self._stops:
-            gap = np.abs(sample.next_states[:, column] - theta[literal])
-            free[:, column] &= gap > _AT_A_STOP * sample.scale[column]
-        before = self.predict_all(sample, theta)
-        after = predictions(self._whole.replace(theta=theta), sample.states, sample.actions)
+        for column, parameter in self._assigned:
+            gap = np.abs(data.next_states[:, column] - theta[parameter])
+            free[:, column] &= gap > _AT_ASSIGNED * data.scale[column]
+        before = self.predict_all(data, theta)
+        after = predictions(self._whole.replace(theta=theta), data.states, data.actions)
         kept: NDArray[np.bool_] = free & (before == after)
-        for action in np.unique(sample.actions):
-            rows = sample.actions == action
-            scarce = rows[:, None] & (kept[rows].sum(0) < _SCARCE)
+        for action in np.unique(data.actions):
+            rows = data.actions == action
+            scarce = rows[:, None] & (kept[rows].sum(0) < _MIN_ROWS)
             kept[scarce] = free[scarce]
         return kept
 
@@ -233,8 +230,8 @@ class Flow:
         return self._compiled or TransitionModel(self.ground, dt=self.dt)
 
     @functools.cached_property
-    def _stops(self) -> list[tuple[int, int]]:
-        """The (fluent, literal) of events that assign a number."""
+    def _assigned(self) -> list[tuple[int, int]]:
+        """The (fluent, parameter) pairs of events that assign a parameter."""
         return [
             (effect.target, effect.value.parameter)
             for event in self.ground.events
@@ -252,15 +249,12 @@ def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int6
 
 
 def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """Return next states, rewards and ends (0 or 1) as a model predicts them; NaN where none.
+    """Return predicted next states, rewards and ends (0 or 1), `[N, F + 2]`; NaN where none.
 
-    By CPython where the model is not compiled yet, with the same results.
-
-    Returns:
-        `[N, F + 2]`: the fluents, the reward, the end.
+    A model that is not compiled yet runs in CPython, with the same results.
     """
     if model.compiled:
-        predicted, flags = _carried_out(model.native_step(), model, states, actions)
+        predicted, flags = _run(model.native_step(), model, states, actions)
     else:
         steps = zip(states.tolist(), actions.tolist(), strict=True)
         rows = [model.transition(state, action) for state, action in steps]
@@ -271,17 +265,17 @@ def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.
 
 
 def _flowed(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """As `predictions`, of effects and processes alone."""
-    predicted, flags = _carried_out(model.native_flow(), model, states, actions)
-    # As in a whole step, there is no result where the reward is no number.
+    """Return what a model predicts without its events, `[N, F]`; NaN where nothing."""
+    predicted, flags = _run(model.native_flow(), model, states, actions)
+    # As in a whole step, there is no result where the reward is not finite.
     fine = (flags & APPLICABLE != 0) & np.isfinite(predicted[:, -1])
     return np.where(fine[:, None], predicted[:, :-1], np.nan)
 
 
-def _carried_out(
+def _run(
     callback: Any, model: TransitionModel, states: Vector, actions: NDArray[np.int64]
 ) -> tuple[Vector, NDArray[np.int64]]:
-    """Return what a compiled function makes of states, `[N, F + 1]`, and its flags `[N]`."""
+    """Run a compiled function on states; return its results `[N, F + 1]` and flags `[N]`."""
     from serp.model.native import address_of, step_batch
 
     batch, width = states.shape

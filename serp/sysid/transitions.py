@@ -1,4 +1,4 @@
-"""The last transitions of a run as they were observed, for looking at the domain file offline."""
+"""The newest transitions of a run, for estimation and for offline diagnosis."""
 
 from __future__ import annotations
 
@@ -13,29 +13,33 @@ from serp._util.saved_state import Saved
 from serp.model.transition_model import TransitionModel, Vector
 
 CAPACITY: Final = 20_000
-"""Transitions that are kept where nobody says otherwise."""
+"""Transitions kept of states that are not too wide."""
 
 GOES_ON, CUT_OFF, OVER = 0, 1, 2
-"""How a step ends: not at all, the episode is cut off (truncated), or the task is over
-(terminated)."""
+"""How a step ends: the episode goes on, is cut off (truncated), or is over (terminated)."""
 
-_NUMBERS: Final = 8_000_000
-"""Numbers that the states and next states of one experience hold at most: 64 MB."""
+_MAX_NUMBERS: Final = 8_000_000
+"""Numbers that states and next states hold at most: 64 MB."""
+
+Ring = tuple[Vector, NDArray[np.int64], Vector, NDArray[np.int8], Vector]
 
 
 def capacity_for(fluents: int) -> int:
-    """Return how many transitions are kept of states so wide: at most 20,000, and 64 MB."""
-    return min(CAPACITY, max(100, _NUMBERS // max(1, 2 * fluents)))
+    """Return how many transitions of so many fluents are kept: at most 20,000, and 64 MB."""
+    return min(CAPACITY, max(100, _MAX_NUMBERS // max(1, 2 * fluents)))
 
 
 @cached_njit(nogil=True)
-def store(  # type: ignore[no-untyped-def]
-    state, action, next_state, ending, reward, head, states, actions, next_states, endings, rewards
-):
-    """Put a transition into `TransitionMemory.ring`, where its `advance` said; see its `add`.
+def store(transition, head, ring):  # type: ignore[no-untyped-def]
+    """Write a transition into a ring; states must be as wide as the ring's.
 
-    Nothing is checked here: states have to be as wide as the ring.
+    Args:
+        transition: Arguments of `TransitionMemory.add`.
+        head: Position that `TransitionMemory.advance` returned.
+        ring: `TransitionMemory.ring`.
     """
+    state, action, next_state, ending, reward = transition
+    states, actions, next_states, endings, rewards = ring
     for f in range(state.shape[0]):
         states[head, f] = state[f]
         next_states[head, f] = next_state[f]
@@ -56,9 +60,9 @@ class TransitionMemory:
         actions: Ground actions that there are, A.
 
     Attributes:
-        capacity, fluents: The same.
-        seen: Transitions added since the beginning, those overwritten included.
-        ring: What `store` fills.
+        capacity, fluents: As above.
+        seen: Transitions added, including those overwritten.
+        ring: States, actions, next states, endings and rewards, which `store` fills.
 
     Raises:
         ValueError: The capacity is not positive, or the width is negative.
@@ -77,36 +81,37 @@ class TransitionMemory:
         self._actions: NDArray[np.int64] = np.empty(capacity, np.int64)
         self._endings: NDArray[np.int8] = np.zeros(capacity, np.int8)
         self._rewards: Vector = np.zeros(capacity)
-        self.ring = self._states, self._actions, self._next_states, self._endings, self._rewards
+        self.ring: Ring = (
+            self._states, self._actions, self._next_states, self._endings, self._rewards,
+        )  # fmt: skip
 
     @classmethod
     def of(cls, model: TransitionModel) -> TransitionMemory:
-        """Return room for what is observed of a model's states and actions."""
+        """Return an empty memory for the states and actions of a model."""
         width = len(model.fluents)
         return cls(capacity_for(width), width, len(model.actions))
 
     def add(
         self, state: Vector, action: int, next_state: Vector, ending: int, reward: float = 0.0
     ) -> None:
-        """Take one env step.
+        """Add one env step.
 
         Args:
             state: `[F]` before the action.
             action: Position of the executed ground action; −1 where the model knows none.
             next_state: `[F]` observed after it.
             ending: How the step ended: `GOES_ON`, `CUT_OFF` or `OVER`.
-            reward: What the step was worth.
+            reward: Reward of the step.
         """
-        head = self._head
+        head = self.advance()
         self._states[head] = state
         self._actions[head] = action
         self._next_states[head] = next_state
         self._endings[head] = ending
         self._rewards[head] = reward
-        self.advance()
 
     def advance(self) -> int:
-        """Return where in the ring the next transition goes; the caller puts it there."""
+        """Return where the caller writes the next transition."""
         head = self._head
         self.seen += 1
         self._head = 0 if head + 1 == self.capacity else head + 1
@@ -117,7 +122,7 @@ class TransitionMemory:
 
     @property
     def states(self) -> Vector:
-        """`[N, F]` before the actions, in order of time."""
+        """`[N, F]` before the actions, the oldest first."""
         return self._in_order(self._states)
 
     @property
@@ -132,7 +137,7 @@ class TransitionMemory:
 
     @property
     def ended(self) -> NDArray[np.bool_]:
-        """`[N]`, whether the episode ended with the step, by the environment or by a limit."""
+        """`[N]`, whether the episode ended with the step."""
         ended: NDArray[np.bool_] = self._in_order(self._endings) != GOES_ON
         return ended
 
@@ -144,7 +149,7 @@ class TransitionMemory:
 
     @property
     def rewards(self) -> Vector:
-        """`[N]`, what the steps were worth."""
+        """`[N]` rewards of the steps."""
         return self._in_order(self._rewards)
 
     def _in_order(self, ring: NDArray[Any]) -> NDArray[Any]:
@@ -186,7 +191,7 @@ class TransitionMemory:
             saved.equal(name, here, "continue with the task and the settings it was saved with")
         seen = saved.whole("seen")
         count = min(seen, self.capacity)
-        # States are as they were observed, whatever they are.
+        # States may be any bits, as they were observed.
         states = saved.array("states", np.float64, (count, fluents), low=None)
         actions = saved.array("actions", np.int64, (count,), -1, self._actions_known - 1)
         endings = saved.array("endings", np.int8, (count,), GOES_ON, OVER)

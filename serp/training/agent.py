@@ -102,9 +102,9 @@ class Agent:
             strategy,
             vetoes=VetoPolicy(actions, settings.arbiter, horizon),
             exploration_bonus=ExplorationBonus(
-                self.adaptation.tried, settings.adaptation.min_visits if adapts else 0
+                self.adaptation.visits, settings.adaptation.min_visits if adapts else 0
             ),
-            confidence=lambda: self.adaptation.trust,
+            confidence=lambda: self.adaptation.confidence,
         )
         self.arbiter = self.guarded
         if baseline:
@@ -202,7 +202,7 @@ class Agent:
     def observe(self, step: StepRecord) -> None:
         """Let vetoes, model and leaf values learn from an env step of training."""
         if self.arbiter.vetoes.observe(step):
-            self.adaptation.doubt()
+            self.adaptation.reset_visits()
         ending = OVER if step.terminated else CUT_OFF if step.truncated else GOES_ON
         # The file's rewards are compared with the environment's only where they stand for these.
         reward = step.reward if self._learns_from == "environment" else step.domain_reward

@@ -13,7 +13,7 @@ import numpy as np
 
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.residual.solvers import accumulate_waves
+from serp.adaptation.residual.solvers import accumulate_fourier
 from serp.control.registry import find_learner
 from serp.planning.lookahead import Lookahead
 from serp.sysid.transitions import GOES_ON, OVER
@@ -54,11 +54,11 @@ def _rehearse_adaptation(agent: Agent, states: np.ndarray[Any, np.dtype[np.float
     adaptation = ModelAdaptation(agent.task.model, agent.settings.adaptation, seed)
     model, often = adaptation.model, 0
     if isinstance(model, AdaptedModel):
-        changed = [sum(len(view.targets) for view in views) for views in model.views]
+        changed = [sum(len(group.targets) for group in groups) for groups in model.feature_groups]
         often = changed.index(max(changed))
-        model.rehearse(states[0])
+        model.precompile(states[0])
         one = np.zeros(1)  # where events have the last word, nothing is seen that leads there
-        accumulate_waves(one, one, one, np.zeros((3, 3)), np.zeros((3, 1)))
+        accumulate_fourier(one, one, one, np.zeros((3, 3)), np.zeros((3, 1)))
     for step, (state, following) in enumerate(pairwise(states)):
         action = often if step % 2 else step // 2 % len(model.actions)
         ending = OVER if step == _OBSERVED - 1 else GOES_ON

@@ -1,4 +1,4 @@
-"""Which observations are believed at all; the same loops for every domain."""
+"""Which observations are used at all; the same loops for every domain."""
 
 from __future__ import annotations
 
@@ -10,17 +10,23 @@ from serp._util.compilation import cached_njit
 
 HUGE = 1e60
 """Numbers from here on are no observations; sums of their squares would overflow."""
+FEW, SETTLED = 5, 30
+"""Samples before which nothing is an outlier, and before which only what is `WILD`."""
+FAR, WILD = 8.0, 100.0
+"""An outlier is so many typical errors, or half ranges of an input, off."""
+PATIENCE = 3
+"""More successive outliers than that are none: the world has changed."""
 
 
 @cached_njit(nogil=True)
-def note_whole(state, next_state, numeric, whole):
-    """Note which numbers are not whole; return whether all are numbers within bounds.
+def update_whole(state, next_state, numeric, whole):
+    """Note which numbers are not whole; return whether all are finite and not huge.
 
     Args:
         state: `[F]` before a step.
         next_state: `[F]` observed after it.
         numeric: `[F]` which fluents are no predicates.
-        whole: `[F]` which were always whole; changed in place where nothing is beyond bounds.
+        whole: `[F]` which were always whole; changed in place unless a number is huge.
     """
     for i in range(state.shape[0]):
         if not (abs(state[i]) < HUGE and abs(next_state[i]) < HUGE):
@@ -37,9 +43,9 @@ def far_off(x, low, high, limit):
 
     Args:
         x: `[d]` inputs.
-        low: `[d]` least that they were.
-        high: `[d]` most that they were.
-        limit: See above. What never changed counts as if it had a half range of 1.
+        low: `[d]` least values so far.
+        high: `[d]` largest values so far.
+        limit: See above. An input that never changed has a half range of 1.
     """
     for i in range(x.shape[0]):
         centre, half = (high[i] + low[i]) / 2, (high[i] - low[i]) / 2

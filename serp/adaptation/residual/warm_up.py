@@ -1,8 +1,7 @@
-"""The first samples of a group, kept until it can be told which of them were wild.
+"""The first samples of a group, kept until outliers among them can be identified.
 
-Before anything is known of a group no outlier can be told, so its first samples are all learned
-from. One wild reading among them would stretch the ranges of the inputs, and be all that the
-regression minds, for thousands of samples.
+Before anything is known of a group it learns from all samples. One outlier among the first would
+stretch the ranges of the inputs and dominate the regression for thousands of samples.
 """
 
 from __future__ import annotations
@@ -15,17 +14,17 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import Saved
 from serp.adaptation.residual.outliers import HUGE
+from serp.model.transition_model import Vector
 
-Array = NDArray[np.float64]
-Truths = NDArray[np.bool_]
+Mask = NDArray[np.bool_]
 
-_MANY: Final = 10
-_FEW: Final = 6
-"""Of fewer numbers none is wild."""
+_SAMPLES: Final = 10
+_MIN_NUMBERS: Final = 6
+"""Numbers that are needed to identify outliers among them."""
 _SPARED: Final = 2
-"""Numbers may be wild at most; one wild reading spoils what is said of two steps."""
+"""Outliers at most; one wrong reading affects two steps."""
 _WILD: Final = 30.0
-"""So many times the distance of all others from the median."""
+"""An outlier is this many times as far from the median as all other numbers."""
 
 
 class WarmUp:
@@ -33,63 +32,63 @@ class WarmUp:
 
     Args:
         depth: Inputs, d.
-        places: `[T]` where each target stands among the inputs.
+        places: `[T]` position of each target among the inputs.
     """
 
     def __init__(self, depth: int, places: NDArray[np.int64]) -> None:
         self._places = places
-        self._x = np.zeros((_MANY, depth))
-        self._y, self._change = np.zeros((2, _MANY, len(places)))
-        self._valid = np.zeros((_MANY, len(places)), dtype=np.bool_)
+        self._x = np.zeros((_SAMPLES, depth))
+        self._y, self._change = np.zeros((2, _SAMPLES, len(places)))
+        self._valid = np.zeros((_SAMPLES, len(places)), dtype=np.bool_)
         self._kept = 0
 
     @property
     def over(self) -> bool:
         """Whether all of them have come."""
-        return self._kept == _MANY
+        return self._kept == _SAMPLES
 
-    def add(self, x: Array, y: Array, valid: Truths, change: Array) -> None:
-        """Keep a sample; see `serp.adaptation.residual.residual.Residual.learn`."""
+    def add(self, x: Vector, y: Vector, valid: Mask, change: Vector) -> None:
+        """Keep a sample; see `OnlineResidual.learn`."""
         k = self._kept
         self._x[k], self._y[k], self._valid[k], self._change[k] = x, y, valid, change
         self._kept += 1
 
-    def without_wild(
+    def without_outliers(
         self, alike: Sequence[WarmUp]
-    ) -> Iterator[tuple[Array, Array, Truths, Array]] | None:
-        """Return the samples less what is wild in them; None where nothing is.
+    ) -> Iterator[tuple[Vector, Vector, Mask, Vector]] | None:
+        """Return the samples without outliers; None where there are none.
 
-        What has a wild input goes altogether, of the others what is said of a target whose own
-        number is wild. A target is measured by how much it is off in all other samples, or by how
-        much its fluent varies, if that is more.
+        A sample with an outlying input is dropped; one with an outlying target is kept without
+        this target. The scale of a target is that of the other samples, or that of its fluent if
+        larger.
 
         Args:
-            alike: Those of groups with the same inputs, this one included: one action alone may be
-                taken in few places.
+            alike: Those of groups with the same inputs, this one included: one action alone may
+                have been taken in few places.
         """
         seen = np.concatenate([other._x[: other._kept] for other in alike])
-        strange = np.zeros(len(self._x), dtype=np.bool_)
+        dropped = np.zeros(len(self._x), dtype=np.bool_)
         spreads = np.zeros(seen.shape[1])
         for i in range(len(spreads)):
-            median, spreads[i] = _usual(seen[:, i])
-            strange |= _wild(self._x[:, i], median, spreads[i])
-        valid = self._valid & (np.abs(self._y) < HUGE) & ~strange[:, None]
-        believed = valid.copy()
+            median, spreads[i] = _median_and_spread(seen[:, i])
+            dropped |= _outliers(self._x[:, i], median, spreads[i])
+        valid = self._valid & (np.abs(self._y) < HUGE) & ~dropped[:, None]
+        used = valid.copy()
         for t, place in enumerate(self._places):
             rows = np.flatnonzero(valid[:, t])
-            if len(rows) >= _FEW:
+            if len(rows) >= _MIN_NUMBERS:
                 off = self._y[rows, t]
-                median, spread = _usual(off)
-                believed[rows[_wild(off, median, max(spread, spreads[place]))], t] = False
-        if not strange.any() and (believed == valid).all():
+                median, spread = _median_and_spread(off)
+                used[rows[_outliers(off, median, max(spread, spreads[place]))], t] = False
+        if not dropped.any() and (used == valid).all():
             return None
         return (
-            (self._x[k], self._y[k], believed[k], self._change[k]) for k in np.flatnonzero(~strange)
+            (self._x[k], self._y[k], used[k], self._change[k]) for k in np.flatnonzero(~dropped)
         )
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Return arrays that `load_state_dict` restores exactly."""
-        return {name: getattr(self, f"_{name}")[: self._kept].copy() for name in self._STATE}
+        return {name: getattr(self, f"_{name}")[: self._kept].copy() for name in self._SAVED}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Restore what `state_dict` returned.
@@ -98,32 +97,31 @@ class WarmUp:
             RunError: It belongs to another domain, or is damaged.
         """
         saved = Saved("first samples", arrays, {})
-        kept = min(len(arrays["x"]), _MANY) if saved.has("x") and arrays["x"].ndim else 0
-        for name in self._STATE:
+        kept = min(len(arrays["x"]), _SAMPLES) if saved.has("x") and arrays["x"].ndim else 0
+        for name in self._SAVED:
             own = getattr(self, f"_{name}")
-            # Any numbers: what is wild among them is what these samples are kept for.
             own[:kept] = saved.array(name, own.dtype, (kept, *own.shape[1:]), low=None)
         self._kept = kept
 
-    _STATE = ("x", "y", "valid", "change")
+    _SAVED = ("x", "y", "valid", "change")
 
 
-def _usual(values: Array) -> tuple[float, float]:
-    """Return the median, and how far all but a few numbers are from it at most."""
+def _median_and_spread(values: Vector) -> tuple[float, float]:
+    """Return the median, and the largest distance from it of all but a few numbers."""
     median = float(np.median(values))
     return median, float(np.sort(np.abs(values - median))[-1 - _SPARED])
 
 
-def _wild(values: Array, median: float, spread: float) -> Truths:
-    """Return which of some successive numbers are wild.
+def _outliers(values: Vector, median: float, spread: float) -> Mask:
+    """Return which of successive numbers are outliers; not at the end, where a change may begin.
 
-    What never changed counts as if its spread were 1. At the end, something else may begin.
+    Numbers that never changed have a spread of 1.
     """
     if spread <= 1e-9 * max(1.0, abs(median)):
         spread = 1.0
-    wild: Truths = np.abs(values - median) > _WILD * spread
+    found: Mask = np.abs(values - median) > _WILD * spread
     last = len(values)
-    while last and wild[last - 1]:
+    while last and found[last - 1]:
         last -= 1
-    wild[last:] = False
-    return wild
+    found[last:] = False
+    return found

@@ -1,4 +1,4 @@
-"""The corrected model: what it adds to the file, and what it never takes away."""
+"""The adapted model: what it adds to the file, and what it never takes away."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.parameter_buffer import LINEAR, OWN, WAVY
 from serp.model.flags import APPLICABLE, UNSAFE
-from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.settings import PlannerSettings
@@ -56,7 +56,7 @@ def everything(model: TransitionModel, states: Vector, actions: list[int]) -> li
 def test_with_nothing_learned_it_is_the_written_model(name: str, active: bool) -> None:
     written = model_of(name)
     model = AdaptedModel(written)
-    model.block.active = active  # corrected by nothing all the same
+    model.buffer.active = active  # adapted by nothing all the same
     states, actions = states_and_actions(written, 60, 3)
     assert everything(model, states, actions) == everything(written, states, actions)
     for state, action in zip(states[:5], actions, strict=False):
@@ -64,10 +64,14 @@ def test_with_nothing_learned_it_is_the_written_model(name: str, active: bool) -
 
 
 @pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("numbers", [MILD, WILD], ids=["mild", "wild"])
-def test_machine_code_and_cpython_give_the_same_bits(name: str, numbers: tuple[float, ...]) -> None:
+@pytest.mark.parametrize("numbers", [MILD, WILD, None], ids=["mild", "wild", "counts"])
+def test_machine_code_and_cpython_give_the_same_bits(
+    name: str, numbers: tuple[float, ...] | None
+) -> None:
     model = AdaptedModel(model_of(name))
-    publish(model, np.random.default_rng(7), numbers)
+    publish(model, np.random.default_rng(7), numbers or MILD)
+    if numbers is None:
+        worlds.count(model, np.random.default_rng(7))
     states, actions = states_and_actions(model, 60, 4)
     batch = model.step(states, actions)
     for row, (state, action) in enumerate(zip(states, actions, strict=True)):
@@ -119,7 +123,7 @@ def test_a_step_that_leads_to_no_finite_numbers_is_not_applicable(name: str, see
     assert np.isfinite(outcome.reward[outcome.applicable]).all()
 
 
-# What a correction adds ------------------------------------------------------------------------
+# What a adaptation adds ------------------------------------------------------------------------
 
 
 def plane() -> AdaptedModel:
@@ -128,51 +132,53 @@ def plane() -> AdaptedModel:
 
 def test_weights_are_added_to_what_the_file_says() -> None:
     model = plane()
-    (view,) = model.views[0]
-    group = model.block.groups[view.key]
-    group.kinds[0] = LINEAR
+    (group,) = model.feature_groups[0]
+    shared = model.buffer.shared[group.key]
+    shared.kinds[0] = LINEAR
     rng = np.random.default_rng(0)
-    group.linear[0] = rng.normal(size=group.linear[0].shape)
-    model.block.active = True
+    shared.linear[0] = rng.normal(size=shared.linear[0].shape)
+    model.buffer.active = True
     for state in rng.normal(size=(20, 2)):
         expected = model.written.step(state, 0).state
-        expected[list(view.targets)] += group.linear[0] @ [1.0, *state[list(view.inputs)]]
+        expected[list(group.targets)] += shared.linear[0] @ [1.0, *state[list(group.inputs)]]
         np.testing.assert_allclose(model.step(state, 0).state, expected, rtol=0, atol=1e-12)
         np.testing.assert_array_equal(
             model.step(state, 1).state, model.written.step(state, 1).state
         )
 
 
-def test_waves_are_added_to_what_the_file_says() -> None:
+def test_random_features_are_added_to_what_the_file_says() -> None:
     model = plane()
-    (view,) = model.views[0]
-    group = model.block.groups[view.key]
+    (group,) = model.feature_groups[0]
+    shared = model.buffer.shared[group.key]
     rng = np.random.default_rng(0)
-    group.kinds[0] = WAVY
-    group.waves = len(group.phase)
-    group.linear[-1] = rng.normal(size=group.linear[-1].shape)
-    for weights in (group.amplitude, group.frequency, group.phase, group.centre, group.shrink):
+    shared.kinds[0] = WAVY
+    shared.fourier = len(shared.phase)
+    shared.linear[-1] = rng.normal(size=shared.linear[-1].shape)
+    for weights in (shared.amplitude, shared.frequency, shared.phase, shared.centre, shared.shrink):
         weights[:] = rng.normal(size=weights.shape)
-    model.block.active = True
+    model.buffer.active = True
     for state in rng.normal(size=(20, 2)):
-        inputs = state[list(view.inputs)]
-        features = np.cos(group.phase + group.frequency @ ((inputs - group.centre) * group.shrink))
+        inputs = state[list(group.inputs)]
+        features = np.cos(
+            shared.phase + shared.frequency @ ((inputs - shared.centre) * shared.shrink)
+        )
         expected = model.written.step(state, 0).state
-        expected[list(view.targets)] += group.linear[-1] @ [1.0, *inputs]
-        expected[list(view.targets)] += group.amplitude @ features
-        size = np.abs(group.amplitude).sum()
+        expected[list(group.targets)] += shared.linear[-1] @ [1.0, *inputs]
+        expected[list(group.targets)] += shared.amplitude @ features
+        size = np.abs(shared.amplitude).sum()
         np.testing.assert_allclose(model.step(state, 0).state, expected, rtol=0, atol=2e-3 * size)
 
 
 def test_a_mode_has_weights_of_its_own() -> None:
     model = AdaptedModel(from_text(worlds.ICE).model)
-    (view,) = model.views[0]
-    group = model.block.groups[view.key]
-    model.block.active = True
-    group.modes = 1
-    group.codes[1] = 1.0  # what is `icy`
-    group.kinds[1] = OWN
-    group.linear[1, :, 0] = 7.0
+    (group,) = model.feature_groups[0]
+    shared = model.buffer.shared[group.key]
+    model.buffer.active = True
+    shared.modes = 1
+    shared.codes[1] = 1.0  # what is `icy`
+    shared.kinds[1] = OWN
+    shared.linear[1, :, 0] = 7.0
     numeric = [fluent.index for fluent in model.fluents if fluent.numeric]
     dry, icy = np.array([0.0, 0.5, 0.25]), np.array([1.0, 0.5, 0.25])
     np.testing.assert_array_equal(model.step(dry, 0).state, dry)
@@ -197,12 +203,12 @@ def test_events_look_at_the_corrected_state() -> None:
 def shift(model: AdaptedModel, action: str, fluent: str, by: float) -> None:
     """Let an action change a fluent by so much more than the file says."""
     column = next(f.index for f in model.fluents if f.name == fluent)
-    for view in model.views[model.action_index(action)]:
-        if column in view.targets:
-            group, target = model.block.groups[view.key], view.targets.index(column)
-            group.kinds[:, target] = LINEAR
-            group.linear[0, target, 0] = by
-    model.block.active = True
+    for group in model.feature_groups[model.action_index(action)]:
+        if column in group.targets:
+            shared, target = model.buffer.shared[group.key], group.targets.index(column)
+            shared.kinds[:, target] = LINEAR
+            shared.linear[0, target, 0] = by
+    model.buffer.active = True
 
 
 def test_where_only_the_file_flags_a_step_the_reason_is_the_files() -> None:
@@ -211,7 +217,7 @@ def test_where_only_the_file_flags_a_step_the_reason_is_the_files() -> None:
     shift(model, "left", "x", 5.0)
     outcome = model.step(state, "left")
     assert outcome.unsafe
-    # By the correction alone nothing would happen.
+    # By the adaptation alone nothing would happen.
     assert model.values(outcome.state)["x"] == 1.5 and not outcome.terminal
     sites, flags = model.trace(state, model.action_index("left"))
     assert flags & UNSAFE
@@ -238,12 +244,14 @@ def test_the_lookahead_sees_a_change_at_once_and_both_forms_agree() -> None:
         assert single.choice == int(batch.choice[0]) == drawn.choice
         values.append(single.value.tobytes())
     assert values[0] == values[3] != values[2]
-    model.block.active = False
+    model.buffer.active = False
     plain = Lookahead(model.written, settings).forecast(state)
     assert lookahead.forecast(state).value.tobytes() == plain.value.tobytes()
 
 
-def test_it_cannot_be_given_other_literals() -> None:
+def test_with_other_parameters_or_period_it_is_as_written() -> None:
     model = plane()
-    with pytest.raises(StateError, match="corrected model"):
-        model.replace(dt=0.1)
+    publish(model, np.random.default_rng(0), MILD)
+    states, actions = states_and_actions(model, 20, 0)
+    expected = everything(model.written.replace(dt=0.1), states, actions)
+    assert everything(model.replace(dt=0.1), states, actions) == expected

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from serp.adaptation.feature_groups import MOST_BITS, FeatureGroup, feature_groups_of
+from serp.adaptation.feature_groups import MAX_BITS, FeatureGroup, Key, feature_groups_of
 from serp.model.transition_model import TransitionModel
 from tests.serp.sysid import worlds
 from tests.serp.sysid.rolls import from_text
@@ -17,8 +17,12 @@ def model_of(name: str) -> TransitionModel:
     return worlds.generated(int(name)) if name.isdigit() else worlds.shipped(name)
 
 
-def views(model: TransitionModel, action: str) -> tuple[FeatureGroup, ...]:
+def groups_of(model: TransitionModel, action: str) -> tuple[FeatureGroup, ...]:
     return feature_groups_of(model.ground, model.actions[model.action_index(action)])
+
+
+def keys_of(model: TransitionModel, action: str) -> set[Key]:
+    return {group.key for group in groups_of(model, action)}
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -27,14 +31,14 @@ def test_every_number_is_predicted_once_and_seen_where_it_is(name: str) -> None:
     numeric = [fluent.index for fluent in model.fluents if fluent.numeric]
     for action in model.actions:
         of_action = feature_groups_of(model.ground, action)
-        assert sorted(column for view in of_action for column in view.targets) == numeric
-        for view in of_action:
-            assert len(set(view.inputs)) == len(view.inputs)
-            assert set(view.targets) <= set(view.inputs)
-            assert set(view.predicates) <= set(view.inputs)
-            assert len(view.bits) <= MOST_BITS
-            for place in view.bits:
-                assert not model.fluents[view.inputs[place]].numeric
+        assert sorted(column for group in of_action for column in group.targets) == numeric
+        for group in of_action:
+            assert len(set(group.inputs)) == len(group.inputs)
+            assert set(group.targets) <= set(group.inputs)
+            assert set(group.predicates) <= set(group.inputs)
+            assert len(group.bits) <= MAX_BITS
+            for place in group.bits:
+                assert not model.fluents[group.inputs[place]].numeric
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -42,26 +46,30 @@ def test_what_shares_a_key_has_the_same_symbols_in_the_same_places(name: str) ->
     model = model_of(name)
     shapes: dict[object, object] = {}
     for action in model.actions:
-        for view in feature_groups_of(model.ground, action):
+        for group in feature_groups_of(model.ground, action):
             symbols = [
                 [model.fluents[column].symbol for column in columns]
-                for columns in (view.inputs, view.targets, view.predicates)
+                for columns in (group.inputs, group.targets, group.predicates)
             ]
-            shape = (action.schema, symbols, view.bits)
-            assert shapes.setdefault(view.key, shape) == shape
+            shape = (action.schema, symbols, group.bits)
+            assert shapes.setdefault(group.key, shape) == shape
 
 
 def test_actions_on_objects_of_one_type_share_their_models() -> None:
     model = from_text(FLEET).model
-    keys = [{view.key for view in views(model, f"drive {name}")} for name in ("ada", "bob", "cid")]
+    keys = [
+        {group.key for group in groups_of(model, f"drive {name}")} for name in ("ada", "bob", "cid")
+    ]
     assert keys[0] == keys[1] == keys[2]
-    assert len(keys[0]) < len(views(model, "drive ada")) + 1
+    assert len(keys[0]) < len(groups_of(model, "drive ada")) + 1
 
 
 def test_what_an_action_does_to_its_own_object_is_no_model_of_what_it_does_to_others() -> None:
     model = from_text(FLEET).model
     column = {fluent.name: fluent.index for fluent in model.fluents}
-    of_action = {target: view.key for view in views(model, "drive ada") for target in view.targets}
+    of_action = {
+        target: group.key for group in groups_of(model, "drive ada") for target in group.targets
+    }
     own, bob, cid = (of_action[column[f"place {name}"]] for name in ("ada", "bob", "cid"))
     assert own != bob == cid
 
@@ -69,7 +77,8 @@ def test_what_an_action_does_to_its_own_object_is_no_model_of_what_it_does_to_ot
 def test_different_schemas_share_nothing() -> None:
     model = from_text(FLEET).model
     driving, lighting, waiting = (
-        {view.key for view in views(model, action)} for action in ("drive ada", "light ada", "wait")
+        {group.key for group in groups_of(model, action)}
+        for action in ("drive ada", "light ada", "wait")
     )
     assert not driving & lighting and not driving & waiting and not lighting & waiting
 
@@ -83,7 +92,7 @@ def test_so_many_predicates_make_no_modes() -> None:
             f" (:action go :parameters () :precondition (and)"
             f" :effect (and (increase (x) 1) {flips})))"
         ).model
-        return max(len(view.bits) for view in views(model, "go"))
+        return max(len(group.bits) for group in groups_of(model, "go"))
 
-    assert bits(MOST_BITS) == MOST_BITS
-    assert bits(MOST_BITS + 1) == 0
+    assert bits(MAX_BITS) == MAX_BITS
+    assert bits(MAX_BITS + 1) == 0

@@ -17,7 +17,7 @@ NAMES = ["soccer", "cartpole", "cliff", "1"]
 
 def bits(model: AdaptedModel) -> dict[str, bytes]:
     """What is published, to the bit."""
-    return {name: array.tobytes() for name, array in model.block.contents().items()}
+    return {name: array.tobytes() for name, array in model.buffer.contents().items()}
 
 
 def new(name: str) -> AdaptedModel:
@@ -29,8 +29,8 @@ def test_what_was_published_can_be_published_again_elsewhere(name: str) -> None:
     one, other = new(name), new(name)
     publish(one, np.random.default_rng(1), MILD)
     publish(other, np.random.default_rng(2), MILD)
-    saved = one.block.contents()
-    other.block.restore(saved)
+    saved = one.buffer.contents()
+    other.buffer.restore(saved)
     assert bits(other) == bits(one)
     rng = np.random.default_rng(3)
     states = np.array([any_state(one, rng) for _ in range(30)])
@@ -42,30 +42,12 @@ def test_what_was_published_can_be_published_again_elsewhere(name: str) -> None:
 
 def test_what_is_saved_holds_no_addresses_of_this_process() -> None:
     model = new("cartpole")
-    saved = model.block.contents()
+    saved = model.buffer.contents()
     program = model._program
     callbacks = (program.native, program.native_flow, program.native_settle)
     addresses = np.array([callback.address for callback in callbacks], dtype=float)
     assert not any(np.isin(addresses, array).any() for array in saved.values())
-    assert np.isin(addresses, model.block.array).all()
-
-
-def test_what_is_saved_is_a_copy() -> None:
-    model = new("cartpole")
-    saved = model.block.contents()
-    before = bits(model)
-    publish(model, np.random.default_rng(1), MILD)
-    assert {name: array.tobytes() for name, array in saved.items()} == before != bits(model)
-
-
-def test_restoring_changes_the_model_where_it_is() -> None:
-    """Whoever holds the array, a planner say, sees what was restored."""
-    model, other = new("cartpole"), new("cartpole")
-    array = model.block.array
-    publish(other, np.random.default_rng(1), MILD)
-    model.block.restore(other.block.contents())
-    assert model.block.array is array and model.data is array
-    assert model.block.active
+    assert np.isin(addresses, model.buffer.array).all()
 
 
 @pytest.mark.parametrize("text", [PLANE, ICE])
@@ -75,7 +57,7 @@ def test_what_belongs_to_another_domain_is_refused_and_changes_nothing(text: str
     before = bits(model)
     for other in (from_text(FLEET).model, worlds.shipped("cartpole"), worlds.shipped("cliff")):
         with pytest.raises(RunError, match="another domain"):
-            model.block.restore(AdaptedModel(other).block.contents())
+            model.buffer.restore(AdaptedModel(other).buffer.contents())
     assert bits(model) == before
 
 
@@ -86,15 +68,15 @@ def test_what_belongs_to_a_file_with_other_numbers_is_refused() -> None:
     before = bits(model)
     other = AdaptedModel(written.replace(theta=1.5 * written.theta))
     with pytest.raises(RunError, match="another domain"):
-        model.block.restore(other.block.contents())
+        model.buffer.restore(other.buffer.contents())
     assert bits(model) == before
 
 
 def test_what_compiled_code_indexes_with_is_no_part_of_what_is_saved() -> None:
     """Where anything lies follows from the domain; of the rest each number is checked."""
     model = new("soccer")
-    saved = model.block.contents()
-    header = model.block.array.copy()
+    saved = model.buffer.contents()
+    header = model.buffer.array.copy()
     for name, array in saved.items():
         for value in (-1.0, 2.0**45, np.nan):
             if array.dtype == np.bool_ or not array.size:
@@ -102,9 +84,9 @@ def test_what_compiled_code_indexes_with_is_no_part_of_what_is_saved() -> None:
             whole = array.dtype == np.int64
             forged = {**saved, name: np.full_like(array, np.nan_to_num(value) if whole else value)}
             with contextlib.suppress(RunError):
-                model.block.restore(forged)
-            modes = [group.modes for group in model.block.groups.values()]
+                model.buffer.restore(forged)
+            modes = [group.modes for group in model.buffer.shared.values()]
             assert set(modes) <= set(range(MODES + 1)), (name, value)
-            assert np.isfinite(model.block.array).all()
-    model.block.restore(saved)
-    assert model.block.array.tobytes() == header.tobytes()
+            assert np.isfinite(model.buffer.array).all()
+    model.buffer.restore(saved)
+    assert model.buffer.array.tobytes() == header.tobytes()

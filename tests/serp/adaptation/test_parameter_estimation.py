@@ -1,4 +1,4 @@
-"""The literals of a file, estimated anew while a run goes on."""
+"""The parameters of a file, estimated anew while a run goes on."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SPLIT = """(define (domain split)
 
 
 def adopted(change: Callable[[int], tuple[float, float]], steps: int = 64) -> Vector:
-    """The literals after steps that change the fluents of `WALK` so."""
+    """The parameters after steps that change the fluents of `WALK` so."""
     model = from_text(WALK).model
     experience = TransitionMemory(steps, 2, 9)
     state = np.zeros(2)
@@ -66,7 +66,7 @@ def test_estimates_follow_what_is_observed_since() -> None:
     assert off[-1] < 0.01
 
 
-def test_literals_are_no_better_for_saying_less() -> None:
+def test_parameters_are_no_better_for_saying_less() -> None:
     model = from_text(SPLIT).model
     states = np.array([[0.0, 1.0], [0.0, 4.0]])
     after = np.array([[0.0, 1.0], [0.5, 4.0]])
@@ -81,9 +81,7 @@ def test_literals_are_no_better_for_saying_less() -> None:
 
 @pytest.mark.parametrize("reading", [10.0, 1e3, 1e160, np.inf, np.nan])
 @pytest.mark.parametrize("at", [20, 100, 200, 255])
-def test_a_wild_reading_neither_blocks_an_estimate_nor_lets_one_pass(
-    reading: float, at: int
-) -> None:
+def test_a_outlier_neither_blocks_an_estimate_nor_lets_one_pass(reading: float, at: int) -> None:
     """Of its own step it says nothing true, and of the one that begins with it neither."""
     for truth, expected in ((1.0, 0.2), (0.1, 0.1)):
         model = from_text(WALK).model

@@ -5,31 +5,33 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp.sysid.candidate_effects import candidates, may_change
-from serp.sysid.lifted_features import WORLD, Lifted, Lifting
+from serp.sysid.candidate_effects import candidate_effects, may_change
+from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel
 from serp.sysid.parameter_fit import ParameterEstimator
 from serp.sysid.regression_data import regression_data
 from tests.serp.sysid.rolls import from_text, imagined
 from tests.serp.sysid.test_parameter_fit import CARTS, carts_states
 
-SPEED = Lifted("v", ("?c",))
+SPEED = LiftedFluent("v", ("?c",))
 
 
 @pytest.mark.parametrize(
     ("effect", "target", "may"),
     [
         ("(assign (v ?c) 0.125)", SPEED, True),
-        ("(assign (v ?c) 0.125)", Lifted("v", ("a",)), False),  # the same where ?c is a
-        ("(assign (v ?c) 0.125)", Lifted("x", ("?c",)), True),
+        ("(assign (v ?c) 0.125)", LiftedFluent("v", ("a",)), False),  # the same where ?c is a
+        ("(assign (v ?c) 0.125)", LiftedFluent("x", ("?c",)), True),
         ("(when (and (loaded ?c)) (assign (v ?c) 0.125))", SPEED, False),
         ("(scale-up (v ?c) 0.125)", SPEED, False),
         ("(decrease (v ?c) 0.125)", SPEED, True),
     ],
 )
-def test_nothing_is_added_to_what_it_contradicts(effect: str, target: Lifted, may: bool) -> None:
+def test_nothing_is_added_to_what_it_contradicts(
+    effect: str, target: LiftedFluent, may: bool
+) -> None:
     text = CARTS.replace("(assign (v ?c) 0.125)", effect)
-    lifting = Lifting(from_text(text).model.ground)
-    assert may_change(lifting, lifting.schema("stop"), target) is may
+    lifted = LiftedModel(from_text(text).model.ground)
+    assert may_change(lifted, lifted.schema("stop"), target) is may
 
 
 def test_columns_are_the_changes_that_the_terms_would_make() -> None:
@@ -39,9 +41,9 @@ def test_columns_are_the_changes_that_the_terms_would_make() -> None:
     sample = regression_data(model, seen.states, seen.actions, seen.next_states)
     estimator = ParameterEstimator(model.ground, model.dt)
     rows = estimator.estimate(sample, model.theta, model.theta).rows["v"]
-    lifting = Lifting(model.ground)
+    lifted = LiftedModel(model.ground)
     after = sample.states + 1.0  # what the actions have done to it
-    terms, columns = candidates(lifting, sample, after, rows, "v", 0.1, [])
+    terms, columns = candidate_effects(lifted, sample, after, rows, "v", 0.1, [])
     assert columns.shape == (len(rows.rows), len(terms)) and len(set(terms)) == len(terms)
     index = {f.name: f.index for f in model.fluents}
     for term, column in zip(terms, columns.T, strict=True):
@@ -57,5 +59,5 @@ def test_columns_are_the_changes_that_the_terms_would_make() -> None:
                     continue
             factors = [state[index[f.name.replace("?c", bound)]] for f in term.factors]
             assert column[k] == pytest.approx(unit * np.prod(factors))
-    fewer, _ = candidates(lifting, sample, after, rows, "v", 0.1, terms[:5])
+    fewer, _ = candidate_effects(lifted, sample, after, rows, "v", 0.1, terms[:5])
     assert fewer == terms[5:]

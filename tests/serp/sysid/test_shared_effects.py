@@ -3,45 +3,47 @@
 from __future__ import annotations
 
 from serp.sysid.added_effects import AddedEffect
-from serp.sysid.lifted_features import WORLD, Lifted, Lifting
-from serp.sysid.shared_effects import merged
+from serp.sysid.joint_fit import shared_effects
+from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel
 from tests.serp.diagnosis.test_estimation import FLEET, ROBOTS
 from tests.serp.sysid.rolls import DOMAINS, from_text
 
-UPWARDS = Lifted("upwards", ())
+UPWARDS = LiftedFluent("upwards", ())
 
 
-def landing() -> Lifting:
+def landing() -> LiftedModel:
     text = (DOMAINS / "landing.pddl").read_text(encoding="utf-8")
-    return Lifting(from_text(text).model.ground)
+    return LiftedModel(from_text(text).model.ground)
 
 
 def test_what_is_about_equal_is_said_of_the_world() -> None:
     fall, left, brake = (AddedEffect(s, UPWARDS, ()) for s in ("fall", "push-left", "brake"))
     coefficients = {fall: -0.135, brake: 0.165, left: -0.136}
-    assert list(merged(landing(), coefficients)) == [
+    assert list(shared_effects(landing(), coefficients)) == [
         ([fall, left], AddedEffect(WORLD, UPWARDS, ())),
     ]
 
 
 def test_what_differs_or_is_said_of_the_world_already_stays() -> None:
     fall, left = (AddedEffect(s, UPWARDS, ()) for s in ("fall", "push-left"))
-    assert not list(merged(landing(), {fall: -0.135, left: 0.135}))
-    assert not list(merged(landing(), {fall: -0.135}))
+    assert not list(shared_effects(landing(), {fall: -0.135, left: 0.135}))
+    assert not list(shared_effects(landing(), {fall: -0.135}))
     world = AddedEffect(WORLD, UPWARDS, ())
-    assert not list(merged(landing(), {fall: -0.135, left: -0.135, world: 1.0}))
+    assert not list(shared_effects(landing(), {fall: -0.135, left: -0.135, world: 1.0}))
 
 
 def test_variables_become_those_of_the_function() -> None:
     text = FLEET.replace("?r - robot)\n    :pre", "?me - robot)\n    :pre")
     text = text.replace("(way ?r) 0.5", "(way ?me) 0.5")
-    lifting = Lifting(from_text(text, ROBOTS).model.ground)
+    lifted = LiftedModel(from_text(text, ROBOTS).model.ground)
     own = [
-        AddedEffect(s, Lifted("battery", ("?me",)), (Lifted("load", ("?me",)),))
+        AddedEffect(s, LiftedFluent("battery", ("?me",)), (LiftedFluent("load", ("?me",)),))
         for s in ("drive", "rest")
     ]
-    ((_, general),) = merged(lifting, dict.fromkeys(own, 0.5))
-    assert general == AddedEffect(WORLD, Lifted("battery", ("?r",)), (Lifted("load", ("?r",)),))
+    ((_, general),) = shared_effects(lifted, dict.fromkeys(own, 0.5))
+    assert general == AddedEffect(
+        WORLD, LiftedFluent("battery", ("?r",)), (LiftedFluent("load", ("?r",)),)
+    )
     # Another object than the one that changes is none of the world's business.
-    docked = [AddedEffect(a.schema, Lifted("battery", ("dock",)), a.factors) for a in own]
-    assert not list(merged(lifting, dict.fromkeys(docked, 0.5)))
+    docked = [AddedEffect(a.schema, LiftedFluent("battery", ("dock",)), a.factors) for a in own]
+    assert not list(shared_effects(lifted, dict.fromkeys(docked, 0.5)))

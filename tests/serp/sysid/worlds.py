@@ -1,4 +1,4 @@
-"""Small worlds whose domain files leave something out, and arbitrary corrections of any model."""
+"""Small worlds whose domain files leave something out, and arbitrary adaptations of any model."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy as np
 from serp.adaptation import outcome_kernels as c
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.outcome_counts import _new_table
-from serp.adaptation.parameter_buffer import FILE, LINEAR, OWN, WAVY, GroupMemory
+from serp.adaptation.outcome_counts import new_table
+from serp.adaptation.parameter_buffer import FILE, LINEAR, OWN, WAVY, GroupParameters
 from serp.model.loading import load_domain
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
@@ -65,6 +65,21 @@ EDGE = """(define (domain edge)
 """
 """Everything that can flag a step: an effect, a condition, an event; and what divides by zero."""
 
+GRID = """
+(define (domain grid)
+  (:requirements :strips :typing :negative-preconditions :conditional-effects :numeric-fluents)
+  (:predicates (wet) (unsafe) (terminal))
+  (:functions (row) (column) (reward))
+  (:action right :parameters () :precondition (and)
+    :effect (and (increase (column) 1)))
+  (:action stay :parameters () :precondition (and) :effect (and))
+  (:event prize :parameters () :precondition (and (> (column) 3))
+    :effect (and (increase (reward) 5)))
+  (:event hole :parameters () :precondition (and (> (row) 2))
+    :effect (and (decrease (reward) 9) (unsafe) (terminal))))
+"""
+"""State: wet, row, column."""
+
 SHIPPED = sorted(path.stem for path in DOMAINS.glob("*.pddl") if not path.stem.endswith("-problem"))
 
 
@@ -94,17 +109,17 @@ def edge() -> TransitionModel:
     return from_text(EDGE).model.replace(dt=0.5)
 
 
-def correction(
+def adaptation(
     text: str, mode: str = "residual", *, dt: float = 0.1, seed: int = 0, **settings: Any
 ) -> ModelAdaptation:
-    """A correction of a domain given as text."""
+    """A adaptation of a domain given as text."""
     chosen: Any = {"mode": mode, **settings}
     model = from_text(text).model.replace(dt=dt)
     return ModelAdaptation(model, AdaptationSettings(**chosen), np.random.SeedSequence(seed))
 
 
-def corrected(of: ModelAdaptation) -> AdaptedModel:
-    """The model of a correction that is switched on."""
+def adapted(of: ModelAdaptation) -> AdaptedModel:
+    """The model of a adaptation that is switched on."""
     assert isinstance(of.model, AdaptedModel)
     return of.model
 
@@ -162,25 +177,25 @@ def any_state(model: TransitionModel, rng: np.random.Generator) -> Vector:
     return state
 
 
-# Arbitrary corrections -------------------------------------------------------------------------
+# Arbitrary adaptations -------------------------------------------------------------------------
 
 MILD = (1.0, -1.0, 0.3, -0.01, 2.0, 0.0)
 WILD = (*MILD, 1e6, -1e30, 1e200, -1e308, np.inf, -np.inf, np.nan, 5e-324)
 
 
 def publish(model: AdaptedModel, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
-    """Put arbitrary weights wherever a correction could put some.
+    """Put arbitrary weights wherever a adaptation could put some.
 
     Args:
-        model: What is corrected so.
+        model: What is adapted so.
         rng: Draws them.
         numbers: What weights are drawn of, beside normal ones.
     """
-    block = model.block
-    block.active = True
+    buffer = model.buffer
+    buffer.active = True
     if rng.random() < 0.5:
-        block.adopt(_weights(block.literals.shape, rng, numbers))
-    for group in block.groups.values():
+        buffer.adopt(_weights(buffer.parameters.shape, rng, numbers))
+    for group in buffer.shared.values():
         _publish(group, rng, numbers)
 
 
@@ -188,35 +203,35 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
     """Put arbitrary counts of outcomes wherever some could be: of one in all, or by context.
 
     Args:
-        model: What is corrected so.
+        model: What is adapted so.
         rng: Draws them.
     """
-    model.block.active = model.block.chancy = True
-    views = {view.key: view for views in model.views for view in views}
-    for key, view in views.items():
-        where = {column: place for place, column in enumerate(view.inputs)}
-        places = np.array(sorted(where[c] for c in {*view.predicates, *view.targets}), np.int64)
+    model.buffer.active = model.buffer.stochastic = True
+    groups = {group.key: group for groups in model.feature_groups for group in groups}
+    for key, group in groups.items():
+        where = {column: place for place, column in enumerate(group.inputs)}
+        places = np.array(sorted(where[c] for c in {*group.predicates, *group.targets}), np.int64)
         if not len(places) or rng.random() < 0.3:
             continue
-        table = _new_table(places, np.zeros(0, np.int64), np.zeros(0, np.int64))
+        table = new_table(places, np.zeros(0, np.int64), np.zeros(0, np.int64))
         kinds = int(rng.integers(2, 5))
         table[c.T_KINDS] = kinds
         changes = table[int(table[c.T_CHANGES]) :][: c.KINDS * len(places)].reshape(c.KINDS, -1)
-        numeric = [model.fluents[view.inputs[place]].numeric for place in places]
+        numeric = [model.fluents[group.inputs[place]].numeric for place in places]
         changes[1:kinds] = np.where(numeric, rng.integers(-2, 3, (kinds - 1, len(places))), 0.0)
         counts = rng.choice((1.0, 3.0, 50.0), kinds)
         start = int(table[c.T_COUNTS])
         table[start : start + kinds] = counts
         table[int(table[c.T_TOTALS])] = counts.sum()
-        model.block.groups[key].chance = table
+        model.buffer.shared[key].outcomes = table
 
 
-def _publish(group: GroupMemory, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
+def _publish(group: GroupParameters, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
     modes = len(group.codes) - 1
     group.modes = int(rng.integers(modes + 1))
     group.codes[1:] = rng.permutation(modes)
-    group.waves = len(group.phase) if rng.random() < 0.5 else 0
-    kinds = (FILE, LINEAR, WAVY, OWN) if group.waves else (FILE, LINEAR, OWN)
+    group.fourier = len(group.phase) if rng.random() < 0.5 else 0
+    kinds = (FILE, LINEAR, WAVY, OWN) if group.fourier else (FILE, LINEAR, OWN)
     group.kinds[:] = rng.choice(kinds, size=group.kinds.shape)
     for weights in (
         group.linear, group.amplitude, group.centre, group.shrink, group.frequency, group.phase

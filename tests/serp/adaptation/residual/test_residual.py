@@ -1,4 +1,4 @@
-"""What is learned of one-step errors, seen in what the corrected model predicts."""
+"""What is learned of one-step errors, seen in what the adapted model predicts."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from tests.serp.sysid.worlds import (
     FLEET,
     ICE,
     PLANE,
+    adaptation,
+    adapted,
     any_state,
-    corrected,
-    correction,
     error,
     plus,
     teach,
@@ -54,9 +54,9 @@ def typical(of: ModelAdaptation, world: World, seed: int = 99, states: int = 200
     return rmse
 
 
-def corrects_nothing(of: ModelAdaptation) -> bool:
+def adapts_nothing(of: ModelAdaptation) -> bool:
     """Whether the model in use predicts the bits of the one written."""
-    model = corrected(of)
+    model = adapted(of)
     rng = np.random.default_rng(5)
     states = np.array([any_state(model, rng) for _ in range(50)])
     return all(
@@ -78,7 +78,7 @@ def test_a_linear_error_is_learned_exactly_from_few_samples(seed: int) -> None:
     def world(state: Vector, action: int) -> Vector:
         return as_written(state, action) + weights @ state + constants[action]
 
-    of = correction(PLANE, seed=seed % 1000)
+    of = adaptation(PLANE, seed=seed % 1000)
     teach(of, world, rng, 30)
     written = np.sqrt(np.square(weights @ [1.0, 1.0]).mean())
     assert (typical(of, world) < 1e-2 * max(1.0, written)).all()
@@ -86,13 +86,13 @@ def test_a_linear_error_is_learned_exactly_from_few_samples(seed: int) -> None:
     assert (typical(of, world) < 1e-3).all()
 
 
-def test_a_nonlinear_error_is_learned_with_waves_only() -> None:
-    straight, wavy = (correction(PLANE, nonlinear=choice) for choice in (False, True))
-    for of in (straight, wavy):
+def test_a_nonlinear_error_is_learned_with_random_features_only() -> None:
+    straight, nonlinear = (adaptation(PLANE, nonlinear=choice) for choice in (False, True))
+    for of in (straight, nonlinear):
         teach(of, pendulum, np.random.default_rng(0), 600)
     assert typical(straight, pendulum)[1] > 0.05
-    assert typical(wavy, pendulum)[1] < 0.02
-    assert typical(wavy, pendulum)[0] < 1e-6  # where the file is right it stays
+    assert typical(nonlinear, pendulum)[1] < 0.02
+    assert typical(nonlinear, pendulum)[0] < 1e-6  # where the file is right it stays
 
 
 def test_different_things_are_learned_where_different_predicates_hold() -> None:
@@ -101,7 +101,7 @@ def test_different_things_are_learned_where_different_predicates_hold() -> None:
         push = (0.5 if action == PUSH else 0.0) * (0.2 if icy else 1.0)
         return np.array([icy, p + 0.1 * v, v + push - (0.0 if icy else 0.3 * v)])
 
-    of = correction(ICE)
+    of = adaptation(ICE)
     teach(of, world, np.random.default_rng(0), 300)
     assert (typical(of, world) < 1e-3).all()
 
@@ -115,7 +115,7 @@ def test_a_mode_that_is_seldom_met_is_learned_too(share: float) -> None:
     def draw(rng: np.random.Generator) -> Vector:
         return np.array([float(rng.random() < share), *rng.normal(size=2)])
 
-    of = correction(ICE, nonlinear=False)
+    of = adaptation(ICE, nonlinear=False)
     rng = np.random.default_rng(0)
     teach(of, world, rng, int(150 / share), draw=draw)
     for icy in (0.0, 1.0):
@@ -125,8 +125,8 @@ def test_a_mode_that_is_seldom_met_is_learned_too(share: float) -> None:
 
 def test_what_is_learned_of_one_object_is_known_of_all_of_its_type() -> None:
     """Ada alone is driven: a metre, and a tenth of her place off her battery."""
-    of = correction(FLEET)
-    model = corrected(of)
+    of = adaptation(FLEET)
+    model = adapted(of)
     column = {fluent.name: fluent.index for fluent in model.fluents}
 
     def world(state: Vector, action: int) -> Vector:
@@ -151,7 +151,7 @@ def test_what_the_world_does_by_itself_is_known_for_an_action_hardly_tried() -> 
         p, v = state
         return np.array([p + 0.1 * v, v + (0.3 if action == PUSH else 0.0) - 0.4 * p])
 
-    of = correction(PLANE)
+    of = adaptation(PLANE)
     rng = np.random.default_rng(0)
     teach(of, world, rng, 100, actions=(PUSH,))
     teach(of, world, rng, 3, actions=(REST,))
@@ -166,7 +166,7 @@ def test_inputs_that_do_not_change_do_no_harm() -> None:
         ":parameters () :precondition (and)"
         " :effect (and (increase (hour) 0) (increase (goal) 0) (increase (mass) 0)))",
     )
-    of = correction(text)
+    of = adaptation(text)
     names = [fluent.name for fluent in of.model.fluents]
     p, v = names.index("p"), names.index("v")
     fixed = {names.index("hour"): 1e5, names.index("goal"): 1e5 + 1e-9, names.index("mass"): 0.5}
@@ -197,7 +197,7 @@ def test_how_far_from_0_a_fluent_is_makes_no_difference(world: World, offset: fl
     """A coordinate of a map, a time in seconds: what matters is how it varies."""
     errors = []
     for origin in (np.zeros(2), np.array([offset, 0.0])):
-        of = correction(PLANE)
+        of = adaptation(PLANE)
 
         def draw(rng: np.random.Generator, origin: Vector = origin) -> Vector:
             return origin + [0.1, 1.0] * rng.normal(size=2)
@@ -222,53 +222,46 @@ def test_how_far_from_0_a_fluent_is_makes_no_difference(world: World, offset: fl
 @pytest.mark.parametrize("noise", [0.0, 1e-12, 0.05])
 def test_a_file_that_is_right_stays_in_charge(noise: float) -> None:
     for seed in range(3):
-        of = correction(PLANE)
+        of = adaptation(PLANE)
         rng = np.random.default_rng(seed)
         teach(of, lambda s, a: as_written(s, a) + noise * rng.normal(size=2), rng, 500)  # noqa: B023
         assert typical(of, as_written).max() <= 0.3 * noise
         if noise < 1e-6:
-            assert corrects_nothing(of)
+            assert adapts_nothing(of)
 
 
-def test_what_cannot_be_foreseen_is_not_corrected() -> None:
-    of = correction(PLANE)
-    rng = np.random.default_rng(1)
-    teach(of, lambda s, a: as_written(s, a) + rng.normal(size=2), rng, 500)
-    assert (typical(of, as_written) < 0.3).all()
-
-
-def test_one_number_is_not_corrected_beside_another_that_cannot_be_foreseen() -> None:
+def test_one_number_is_not_corrected_beside_another_that_cannot_be_predicted() -> None:
     """Weighed against each other they would lead a plan astray; once both can be, both are."""
-    of, rng = correction(PLANE), np.random.default_rng(1)
+    of, rng = adaptation(PLANE), np.random.default_rng(1)
 
     def half_known(state: Vector, action: int) -> Vector:
         return np.array([linear_world(state, action)[0], state[1] + rng.normal()])
 
     teach(of, half_known, rng, 600)
-    assert corrects_nothing(of)
-    assert not corrected(of).block.active
-    resumed = correction(PLANE)
+    assert adapts_nothing(of)
+    assert not adapted(of).buffer.active
+    resumed = adaptation(PLANE)
     resumed.load_state_dict(*of.state_dict())
     for each in (of, resumed):
         teach(each, linear_world, np.random.default_rng(2), 2_000)
     assert typical(of, linear_world)[0] < 1e-6
-    assert corrected(of).block.active
-    published, expected = corrected(resumed).block.contents(), corrected(of).block.contents()
+    assert adapted(of).buffer.active
+    published, expected = adapted(resumed).buffer.contents(), adapted(of).buffer.contents()
     assert {name: array.tobytes() for name, array in published.items()} == {
         name: array.tobytes() for name, array in expected.items()
     }
 
 
-def test_outcomes_are_not_counted_beside_a_number_that_cannot_be_foreseen() -> None:
-    of, rng = correction(ICE), np.random.default_rng(1)
+def test_outcomes_are_not_counted_beside_a_number_that_cannot_be_predicted() -> None:
+    of, rng = adaptation(ICE), np.random.default_rng(1)
 
     def melts(noise: float) -> World:
         return lambda s, a: np.array([0.0, s[1], s[2] + noise * rng.normal()])
 
     teach(of, melts(0.0), rng, 100)
-    assert corrected(of).block.chancy
+    assert adapted(of).buffer.stochastic
     teach(of, melts(1.0), rng, 900)
-    assert corrects_nothing(of)
+    assert adapts_nothing(of)
 
 
 @given(seed=st.integers(0, 2**32), outliers=st.booleans())
@@ -286,10 +279,10 @@ def test_whatever_happens_the_file_does_hardly_better(seed: int, outliers: bool)
             after[rng.integers(2)] += 1000.0 * rng.normal()
         return after
 
-    of = correction(PLANE)
+    of = adaptation(PLANE)
     errors = teach(of, world, rng, 400)[50:]
     states, actions = of.experience.states[50:], of.experience.actions[50:]
-    written = corrected(of).written.step(states, actions).state
+    written = adapted(of).written.step(states, actions).state
     by_file = np.abs(written - of.experience.next_states[50:])
     usual = by_file < 20.0  # leave the outliers themselves out
     for column in range(2):
@@ -304,7 +297,7 @@ def test_whatever_happens_the_file_does_hardly_better(seed: int, outliers: bool)
 def test_outliers_do_not_poison(nonlinear: bool) -> None:
     """One reading in a hundred is off by a thousand times; it is seen before and after a step."""
     for seed in range(3):
-        of = correction(PLANE, nonlinear=nonlinear)
+        of = adaptation(PLANE, nonlinear=nonlinear)
         rng = np.random.default_rng(seed)
         teach(of, linear_world, rng, 40)
         true = seen = rng.normal(size=2)
@@ -322,7 +315,7 @@ def test_outliers_do_not_poison(nonlinear: bool) -> None:
 def test_an_outlier_among_the_first_samples_is_outgrown() -> None:
     """It is known for one from the sixth sample of an action on."""
     for first in range(11, 40, 7):
-        of = correction(PLANE)
+        of = adaptation(PLANE)
         rng = np.random.default_rng(first)
         teach(of, linear_world, rng, first)
         state = rng.normal(size=2)
@@ -334,14 +327,14 @@ def test_an_outlier_among_the_first_samples_is_outgrown() -> None:
 
 @pytest.mark.parametrize("column", [0, 1])
 @pytest.mark.parametrize("size", [100.0, 1e3, 1e12, 1e50])
-def test_a_wild_reading_among_the_first_samples_of_an_action_is_forgotten(
+def test_a_outlier_among_the_first_samples_of_an_action_is_forgotten(
     size: float, column: int
 ) -> None:
     """Once there are ten, it is as if it had never been read."""
     wild = np.zeros(2)
     wild[column] = size
     for before in range(5):
-        of = correction(PLANE)
+        of = adaptation(PLANE)
         rng = np.random.default_rng(before)
         teach(of, linear_world, rng, before, actions=(PUSH,))
         state = rng.normal(size=2)
@@ -355,7 +348,7 @@ def test_a_wild_reading_among_the_first_samples_of_an_action_is_forgotten(
 
 def test_a_number_beyond_all_measure_is_no_sample_however_large() -> None:
     for size in (1e6, 1e12, 1e50):
-        of = correction(PLANE)
+        of = adaptation(PLANE)
         rng = np.random.default_rng(0)
         teach(of, linear_world, rng, 20, actions=(PUSH,))
         state = rng.normal(size=2)
@@ -367,7 +360,7 @@ def test_a_number_beyond_all_measure_is_no_sample_however_large() -> None:
 @pytest.mark.parametrize("before", [0, 30, 100])
 @pytest.mark.parametrize("worth", [np.nan, np.inf, -np.inf, 1e200, 1e308])
 def test_what_is_no_number_teaches_nothing(before: int, worth: float) -> None:
-    clean, spoilt = correction(PLANE), correction(PLANE)
+    clean, spoilt = adaptation(PLANE), adaptation(PLANE)
     rngs = np.random.default_rng(3), np.random.default_rng(3)
     for of, rng in zip((clean, spoilt), rngs, strict=True):
         teach(of, linear_world, rng, before)
@@ -393,7 +386,7 @@ def test_after_a_lasting_change_of_the_world_it_learns_again(first: World, befor
     def other(state: Vector, action: int) -> Vector:
         return plus(first(state, action), 0.0, 0.5)
 
-    of = correction(PLANE)
+    of = adaptation(PLANE)
     rng = np.random.default_rng(0)
     teach(of, first, rng, before)
     assert typical(of, first).max() < 1e-3
@@ -403,7 +396,7 @@ def test_after_a_lasting_change_of_the_world_it_learns_again(first: World, befor
 
 
 def test_a_world_that_changes_while_outliers_come_is_learned_again() -> None:
-    of = correction(PLANE)
+    of = adaptation(PLANE)
     rng = np.random.default_rng(0)
 
     def spoilt(world: World) -> World:

@@ -11,7 +11,7 @@ from tests.generated.profile import examples
 SAMPLES = 10
 
 
-def beginning(x: np.ndarray, y: np.ndarray, samples: int = SAMPLES) -> WarmUp:
+def warm_up(x: np.ndarray, y: np.ndarray, samples: int = SAMPLES) -> WarmUp:
     """One of two inputs, and a target, which is the second of them."""
     first = WarmUp(2, np.array([1]))
     for k in range(samples):
@@ -19,8 +19,8 @@ def beginning(x: np.ndarray, y: np.ndarray, samples: int = SAMPLES) -> WarmUp:
     return first
 
 
-def sober(first: WarmUp, *others: WarmUp) -> list[tuple[np.ndarray, ...]] | None:
-    samples = first.without_wild([first, *others])
+def cleaned(first: WarmUp, *others: WarmUp) -> list[tuple[np.ndarray, ...]] | None:
+    samples = first.without_outliers([first, *others])
     return None if samples is None else list(samples)
 
 
@@ -31,8 +31,8 @@ def numbers(seed: int) -> tuple[np.ndarray, np.ndarray]:
 
 def test_it_is_over_after_ten() -> None:
     x, y = numbers(0)
-    assert not beginning(x, y, 9).over
-    assert beginning(x, y).over
+    assert not warm_up(x, y, 9).over
+    assert warm_up(x, y).over
 
 
 @given(seed=st.integers(0, 2**32), scale=st.sampled_from([1e-12, 1.0, 1e12]))
@@ -47,7 +47,7 @@ def test_nothing_usual_is_wild(seed: int, scale: float) -> None:
     for first in (x[:, 0], grows, truth, np.full(SAMPLES, 0.3)):
         for target in (y[:, 0], x[:, 1], seldom):
             inputs = np.stack((first, scale * x[:, 1]), axis=1)
-            assert sober(beginning(inputs, scale * target[:, None])) is None
+            assert cleaned(warm_up(inputs, scale * target[:, None])) is None
 
 
 @pytest.mark.parametrize("size", [100.0, -1e50])
@@ -56,7 +56,7 @@ def test_a_sample_with_a_wild_input_goes_altogether(where: int, size: float) -> 
     for column in range(2):
         x, y = numbers(where)
         x[where, column] = size
-        kept = sober(beginning(x, y))
+        kept = cleaned(warm_up(x, y))
         assert kept is not None
         np.testing.assert_array_equal([sample[0] for sample in kept], np.delete(x, where, axis=0))
 
@@ -64,7 +64,7 @@ def test_a_sample_with_a_wild_input_goes_altogether(where: int, size: float) -> 
 def test_of_a_wild_target_nothing_but_that_goes() -> None:
     x, y = numbers(0)
     y[3] = 100.0
-    kept = sober(beginning(x, y))
+    kept = cleaned(warm_up(x, y))
     assert kept is not None
     np.testing.assert_array_equal([sample[0] for sample in kept], x)
     assert [bool(sample[2][0]) for sample in kept] == [k != 3 for k in range(SAMPLES)]
@@ -74,7 +74,7 @@ def test_of_a_wild_target_nothing_but_that_goes() -> None:
 def test_what_lasts_or_may_last_is_not_wild(wild: range) -> None:
     x, y = numbers(0)
     x[list(wild), 0] += 1000.0
-    assert sober(beginning(x, y)) is None
+    assert cleaned(warm_up(x, y)) is None
 
 
 def test_what_one_action_alone_seldom_meets_is_not_wild() -> None:
@@ -83,20 +83,5 @@ def test_what_one_action_alone_seldom_meets_is_not_wild() -> None:
     one, other = x.copy(), x.copy()
     one[[2, 5], 0] += 1000.0
     other[[0, 1, 2, 5, 6, 8], 0] += 1000.0
-    assert sober(beginning(one, y)) is not None
-    assert sober(beginning(one, y), beginning(other, y)) is None
-
-
-@pytest.mark.parametrize("samples", [0, 4, 10])
-def test_resumed_equals_uninterrupted(samples: int) -> None:
-    x, y = numbers(0)
-    x[2] = 1e6
-    resumed = WarmUp(2, np.array([1]))
-    resumed.load_state_dict(beginning(x, y, samples).state_dict())
-    for k in range(samples, SAMPLES):
-        resumed.add(x[k], y[k], np.array([True]), np.array([0.1]))
-    assert resumed.over
-    one, other = sober(resumed), sober(beginning(x, y))
-    assert one is not None and other is not None
-    for a, b in zip(one, other, strict=True):
-        assert [part.tobytes() for part in a] == [part.tobytes() for part in b]
+    assert cleaned(warm_up(one, y)) is not None
+    assert cleaned(warm_up(one, y), warm_up(other, y)) is None

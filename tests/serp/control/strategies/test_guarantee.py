@@ -129,7 +129,7 @@ def learn_anything(agent: Agent, seed: int) -> None:
     if seed % 2:
         corrections.publish(model, rng, corrections.WILD)
     corrections.count(model, rng)
-    agent.adaptation._learners = agent.adaptation._reestimation = None
+    agent.adaptation._learners = agent.adaptation._estimation = None
 
 
 @pytest.mark.parametrize("strategy", strategy_names())

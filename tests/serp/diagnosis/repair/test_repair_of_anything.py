@@ -21,7 +21,7 @@ from serp.diagnosis.repair.repair import repair
 from serp.model.loading import Domain
 from serp.pddl.portability import outside_portable_subset
 from serp.sysid.candidate_effects import may_change
-from serp.sysid.lifted_features import WORLD, Lens, Lifted, Lifting
+from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel, LiftedScope
 from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.regression_data import predictions
 from tests.serp.diagnosis.made_up import found, kept, logic, parameter, predictions_with, written
@@ -43,8 +43,8 @@ def domain_of(name: str) -> Domain:
 
 
 @functools.cache
-def lifting_of(name: str) -> Lifting:
-    return Lifting(domain_of(name).model.ground)
+def lifting_of(name: str) -> LiftedModel:
+    return LiftedModel(domain_of(name).model.ground)
 
 
 # Two digits, so that nothing is lost where it is written, and none that is about 0 or 1.
@@ -54,7 +54,7 @@ NUMBERS = NUMBERS.filter(lambda x: abs(x) > 0.05)
 
 @st.composite
 def terms_of(
-    draw: st.DrawFn, lens: Lens, numeric: Sequence[Lifted], own: str
+    draw: st.DrawFn, lens: LiftedScope, numeric: Sequence[LiftedFluent], own: str
 ) -> tuple[EffectTerm, ...]:
     """Terms in the words of a schema."""
     factors = draw(
@@ -89,7 +89,7 @@ def findings_of(draw: st.DrawFn, name: str) -> Findings:
     lenses += [lifting.world(s) for s in sorted(numeric)]
     missing: dict[tuple[str, str], MissingEffect] = {}
     for lens in draw(st.lists(st.sampled_from(lenses), max_size=4)):
-        words = [f for f in lens.view if f.symbol in numeric]
+        words = [f for f in lens.fluents if f.symbol in numeric]
         target = draw(st.sampled_from(lens.targets))
         if lens.schema != WORLD and not may_change(lifting, lens, target):
             continue

@@ -1,14 +1,14 @@
-"""What recording, monitoring and correcting the model cost: a step, a lookahead, a training.
+"""What recording, monitoring and adapting the model cost: a step, a lookahead, a training.
 
-    python tests/benchmarks/bench_correction.py [--rounds N] [--env-steps N] [--only TEXT]
+    python tests/benchmarks/bench_adaptation.py [--rounds N] [--env-steps N] [--only TEXT]
 
-Wanted: monitor and correction together at most 15 % of a training's time. Printed, each a median of
+Wanted: monitor and adaptation together at most 15 % of a training's time. Printed, each a median of
 interleaved rounds, in CPU time of one core, so that a busy machine slows all alike:
 
 * µs of `ModelAdaptation.observe`, on the transitions of a real training, first and later;
-* µs of one lookahead with the file's model and with the corrected one, which carries out the
+* µs of one lookahead with the file's model and with the adapted one, which carries out the
   file's step as well, so that nothing it flags is lost;
-* env steps a second of whole trainings in the preset `default`, without correction and with it,
+* env steps a second of whole trainings in the preset `default`, without adaptation and with it,
   and the share of their time that `ModelAdaptation.observe` takes.
 
 Nothing is asserted.
@@ -53,7 +53,7 @@ def settings_of(task: str, mode: str) -> Settings:
 
 
 def steps_of(task: str, count: int) -> tuple[TransitionModel, list[Step]]:
-    """The model of a task, and what a training without correction saw of it."""
+    """The model of a task, and what a training without adaptation saw of it."""
     with load_task(task).bind() as bound:
         trainer = Trainer(bound, settings_of(task, "off"), 0)
         while trainer.env_steps < count:

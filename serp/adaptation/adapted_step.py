@@ -1,0 +1,354 @@
+"""The compiled step of the adapted model, the same for every domain.
+
+`buffer` is the memory of `serp.adaptation.parameter_buffer`, as a pointer unless said otherwise.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+
+from serp._util.compilation import cached_cfunc, cached_njit
+from serp.adaptation import outcome_kernels as o
+from serp.adaptation import parameter_buffer as b
+from serp.adaptation.outcome_kernels import apply_outcome, likeliest, restore_counted
+from serp.adaptation.residual.prediction import add_residual, mode_of
+from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, with_risk
+from serp.model.native import (
+    STACK,
+    STEP_SIGNATURE,
+    advanced,
+    call_step,
+    pointer_to,
+    stack_room,
+)
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+_with_risk = cached_njit(nogil=True, forceinline=True)(with_risk)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def finite(values, width):
+    """Return whether all of the first `width` values are finite."""
+    difference = 0.0
+    for i in range(width):
+        difference += values[i] - values[i]
+    return difference == 0.0
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _outcomes_of(buffer, group):
+    """Return the offset of a group's outcome counts from the buffer; 0 where it has none."""
+    return int(buffer[int(buffer[group + b.G_SHARED]) + b.S_OUTCOMES])
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _differs(buffer, action, state):
+    """Return whether a step may differ from the file's."""
+    if buffer[b.ENABLED] == 0.0:
+        return False
+    table = int(buffer[b.TABLE]) + 2 * action
+    groups, first = int(buffer[table]), int(buffer[table + 1])
+    if buffer[b.STOCHASTIC] != 0.0:
+        for v in range(groups):
+            if _outcomes_of(buffer, first + v * b.GROUP) != 0:
+                return True
+    for v in range(groups):
+        group = first + v * b.GROUP
+        count, shared = int(buffer[group + b.G_COUNT]), int(buffer[group + b.G_SHARED])
+        mode = mode_of(buffer, shared, int(buffer[group + b.G_INPUTS]), state)
+        kinds = int(buffer[shared + b.S_KINDS]) + mode * count
+        for t in range(count):
+            if buffer[kinds + t] != b.FILE:
+                return True
+    return False
+
+
+@cached_njit(nogil=True, forceinline=True)
+def apply_likeliest(buffer, action, state, out, away, kind, probabilities):
+    """Apply the likeliest counted outcome of each group, or of one group another one.
+
+    Args:
+        buffer: The buffer.
+        action: Ground action.
+        state: `[F]` before it.
+        out: `[F]` after effects, processes and residual; receives the outcomes.
+        away: Position of the group whose outcome is `kind`; -1 for none.
+        kind: See `away`.
+        probabilities: Room for `[KINDS]`; keeps those of the last group with counts.
+
+    Returns:
+        How many groups have counts, and the outcome of the last of these.
+    """
+    table = int(buffer[b.TABLE]) + 2 * action
+    group = int(buffer[table + 1])
+    counted, which = 0, 0
+    for v in range(int(buffer[table])):
+        where = _outcomes_of(buffer, group)
+        if where != 0:
+            counted += 1
+            counts = advanced(buffer, where)
+            inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
+            which = kind
+            if v != away:
+                which = likeliest(counts, inputs, state, probabilities)
+            if which > 0:
+                apply_outcome(counts, which, inputs, state, out)
+        group += b.GROUP
+    return counted, which
+
+
+@cached_njit(nogil=True)
+def weigh_outcomes(
+    buffer, action, state, flowed, usual, other, probabilities, first, flow_flags, dt, unsafe, out
+):  # fmt: skip
+    """Replace the reward by its expectation over all counted outcomes; return the risk.
+
+    Groups are varied one at a time: their outcomes are assumed to be independent.
+
+    Args:
+        buffer: The buffer.
+        action: Ground action.
+        state: `[F]` before it.
+        flowed: `[F + 1]` after effects, processes and residual.
+        usual: `[F + 1]` the same with the likeliest outcomes.
+        other: Room for `[F + 1]`.
+        probabilities: `[KINDS]` of the only group with counts; room where there are several.
+        first: The likeliest outcome of the only group with counts; -1 where there are several.
+        flow_flags: Flags after effects and processes.
+        dt: Control period.
+        unsafe: Whether events flag `usual`.
+        out: `[F + 1]` what events make of `usual`; only the reward is changed.
+
+    Returns:
+        The probability, in [0, 1], that events flag the step unsafe.
+    """
+    width = int(buffer[b.WIDTH])
+    parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
+    table = int(buffer[b.TABLE]) + 2 * action
+    group = int(buffer[table + 1])
+    reward = out[width]
+    expected, alike = reward, 1.0
+    for _ in range(int(buffer[table])):
+        where = _outcomes_of(buffer, group)
+        if where != 0:
+            counts = advanced(buffer, where)
+            inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
+            most = first if first >= 0 else likeliest(counts, inputs, state, probabilities)
+            different = 0.0
+            for kind in range(int(counts[o.T_KINDS])):
+                p = probabilities[kind]
+                if kind == most or p <= 0.0:
+                    continue
+                for i in range(width + 1):
+                    other[i] = usual[i]
+                restore_counted(counts, inputs, flowed, other)
+                if kind > 0:
+                    apply_outcome(counts, kind, inputs, state, other)
+                flags = call_step(int(buffer[b.SETTLE]), state, flow_flags, parameters, dt, other)
+                undefined = flags & UNDEFINED != 0
+                flagged = flags & UNSAFE != 0
+                if flagged != unsafe and (flagged or not undefined):
+                    different += p
+                if not undefined and math.isfinite(other[width]):
+                    expected += p * (other[width] - reward)
+            alike *= max(0.0, 1.0 - different)
+        group += b.GROUP
+    if math.isfinite(expected):
+        out[width] = expected
+    return alike if unsafe else 1.0 - alike
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _adapted_step(state, action, buffer, dt, out):
+    revised = buffer[b.REVISED] != 0.0
+    if buffer[b.ACTIVE] == 0.0 or not (revised or _differs(buffer, action, state)):
+        return call_step(
+            int(buffer[b.STEP]), state, action, advanced(buffer, int(buffer[b.WRITTEN])), dt, out
+        )
+    width = int(buffer[b.WIDTH])
+    known = revised or buffer[b.FLAGGING] != 0.0
+    flagged = 0
+    if known:
+        # UNSAFE is what the file as written flags. With its own parameters effects and processes
+        # flag the same in both steps, but events may not.
+        flagged = UNSAFE & call_step(
+            int(buffer[b.STEP]), state, action, advanced(buffer, int(buffer[b.WRITTEN])), dt, out
+        )
+        for i in range(width):
+            out[i] = state[i]
+        out[width] = 0.0
+    parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
+    flags = call_step(int(buffer[b.FLOW]), state, action, parameters, dt, out)
+    risk = 0.0
+    if flags & APPLICABLE:
+        add_residual(buffer, action, state, out)
+        if not finite(out, width):
+            # A residual that leads to no finite numbers is ignored.
+            for i in range(width):
+                out[i] = state[i]
+            out[width] = 0.0
+            flags = call_step(int(buffer[b.FLOW]), state, action, parameters, dt, out)
+        if buffer[b.STOCHASTIC] == 0.0:
+            flags = call_step(int(buffer[b.SETTLE]), state, flags, parameters, dt, out)
+            risk = 1.0 if flags & UNSAFE else 0.0
+        elif _room_for(width) <= STACK:
+            flags, risk = _settle_outcomes(buffer, action, state, flags, dt, out, stack_room())
+        else:
+            flags, risk = _settle_many(buffer, action, state, flags, dt, out)
+    if not known:
+        flagged = flags & UNSAFE
+    flags = flags & ~UNSAFE | flagged
+    return _with_risk(flags, risk) if flags & APPLICABLE and not flagged else flags
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _room_for(width):
+    return 3 * (width + 1) + o.KINDS
+
+
+@cached_njit(nogil=True)
+def _settle_many(buffer, action, state, flow_flags, dt, out):
+    """As `_settle_outcomes`, of states too long for the stack."""
+    room = np.empty(_room_for(int(buffer[b.WIDTH])))
+    return _settle_within(buffer, action, state, flow_flags, dt, out, room)
+
+
+@cached_njit(nogil=True)
+def _settle_within(buffer, action, state, flow_flags, dt, out, room):
+    # Pointers into an array keep it alive only where the array is an argument.
+    return _settle_outcomes(buffer, action, state, flow_flags, dt, out, pointer_to(room, 0))
+
+
+@cached_njit(nogil=True)
+def _settle_outcomes(buffer, action, state, flow_flags, dt, out, room):
+    """Apply the likeliest outcomes and then events, and weigh the other outcomes.
+
+    Returns:
+        Flags of the likeliest outcome, and the risk of the step.
+    """
+    width = int(buffer[b.WIDTH])
+    parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
+    flowed, usual = room, advanced(room, width + 1)
+    other, probabilities = advanced(room, 2 * (width + 1)), advanced(room, 3 * (width + 1))
+    for i in range(width + 1):
+        flowed[i] = out[i]
+    counted, first = apply_likeliest(buffer, action, state, out, -1, 0, probabilities)
+    for i in range(width + 1):
+        usual[i] = out[i]
+    flags = call_step(int(buffer[b.SETTLE]), state, flow_flags, parameters, dt, out)
+    unsafe = flags & UNSAFE != 0
+    if counted == 0 or not flags & APPLICABLE:
+        return flags, 1.0 if unsafe else 0.0
+    if counted > 1:
+        first = -1
+    return flags, weigh_outcomes(
+        buffer,
+        action,
+        state,
+        flowed,
+        usual,
+        other,
+        probabilities,
+        first,
+        flow_flags,
+        dt,
+        unsafe,
+        out,
+    )
+
+
+def _step(state, action, buffer, dt, out):
+    return _adapted_step(state, action, buffer, dt, out)
+
+
+@functools.cache
+def adapted_step() -> Any:
+    """Return the compiled C callback of the adapted step; its data is a buffer."""
+    return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(_step)
+
+
+@cached_njit(nogil=True)
+def adapt_row(buffer, action, state, out, away, kind):
+    """Apply the residual and then outcomes as `apply_likeliest` does, on arrays."""
+    base, source, target = pointer_to(buffer, 0), pointer_to(state, 0), pointer_to(out, 0)
+    before = out.copy()
+    add_residual(base, action, source, target)
+    if not finite(target, state.shape[0]):
+        out[:] = before
+    if base[b.STOCHASTIC] != 0.0:
+        probabilities = np.empty(o.KINDS)
+        _apply_within(base, action, source, target, away, kind, probabilities)
+
+
+@cached_njit(nogil=True)
+def probabilities_row(buffer, action, state, position):
+    """Return the probability of each outcome, `[KINDS]`, of the group at a position, on arrays."""
+    base, probabilities = pointer_to(buffer, 0), np.zeros(o.KINDS)
+    group = int(base[int(base[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
+    where = _outcomes_of(base, group)
+    if base[b.STOCHASTIC] != 0.0 and where != 0:
+        _probabilities_within(
+            base, where, int(base[group + b.G_INPUTS]), pointer_to(state, 0), probabilities
+        )
+    return probabilities
+
+
+@cached_njit(nogil=True)
+def _probabilities_within(buffer, where, inputs, state, probabilities):
+    likeliest(
+        advanced(buffer, where), advanced(buffer, inputs), state, pointer_to(probabilities, 0)
+    )
+
+
+@cached_njit(nogil=True)
+def _apply_within(buffer, action, state, out, away, kind, probabilities):
+    apply_likeliest(buffer, action, state, out, away, kind, pointer_to(probabilities, 0))
+
+
+@cached_njit(nogil=True)
+def step_row(buffer, action, state, dt, out):
+    """Predict the adapted step on arrays; `out` `[F + 1]` begins with the state, then 0."""
+    return _adapted_step(
+        pointer_to(state, 0), action, pointer_to(buffer, 0), dt, pointer_to(out, 0)
+    )
+
+
+@cached_njit(nogil=True)
+def predict_all(buffer, action, state, dt, rows):
+    """Predict one step in four variants.
+
+    Args:
+        buffer: The buffer, as an array.
+        action: Ground action.
+        state: `[F]`.
+        dt: Control period.
+        rows: Flat `[4 · (F + 1)]`; receives the file's step, its effects and processes with the
+            parameters in use, the same after its events, and the adapted step.
+
+    Returns:
+        Flags of the file's step, of the flow and of the adapted step.
+    """
+    width = state.shape[0]
+    row = width + 1
+    base, source = pointer_to(buffer, 0), pointer_to(state, 0)
+    for k in range(4):
+        for i in range(width):
+            rows[k * row + i] = state[i]
+        rows[k * row + width] = 0.0
+    written = call_step(
+        int(base[b.STEP]), source, action, advanced(base, int(base[b.WRITTEN])), dt,
+        pointer_to(rows, 0),
+    )  # fmt: skip
+    parameters = advanced(base, int(base[b.PARAMETERS]))
+    flow = call_step(int(base[b.FLOW]), source, action, parameters, dt, pointer_to(rows, row))
+    for i in range(row):
+        rows[2 * row + i] = rows[row + i]
+    if flow & APPLICABLE:
+        call_step(int(base[b.SETTLE]), source, flow, parameters, dt, pointer_to(rows, 2 * row))
+    adapted = _adapted_step(source, action, base, dt, pointer_to(rows, 3 * row))
+    return written, flow, adapted

@@ -1,0 +1,292 @@
+"""The candidates that may predict a target: their losses, and the choice among them.
+
+Candidates are the file alone and three residuals, see `serp.adaptation.parameter_buffer`: linear,
+linear with random features, linear of the mode's own. Each is measured on a sample before any
+learns from it (prequential loss: Dawid, Journal of the Royal Statistical Society A 147, 1984).
+
+Shapes: d inputs, T targets, S = 1 + MODES sets of statistics (set 0 over all modes).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from serp._util.compilation import cached_njit
+from serp.adaptation import parameter_buffer as b
+from serp.adaptation.moving_average import rate_of
+from serp.adaptation.residual.outliers import (
+    FAR,
+    FEW,
+    HUGE,
+    PATIENCE,
+    SETTLED,
+    WILD,
+)
+from serp.model.transition_model import Vector
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+MEMORY = 0.995
+"""Weight of the past in the losses, a step."""
+FORGET = 0.95
+"""Weight of the past in the statistics of the regression while the world drifts, a step."""
+_RECENT = 0.9
+_DRIFT = 6.0
+_LASTING = 0.7
+_MIN_SURPRISE = 0.01
+"""The world drifts where the recent squared error is so many times the loss; it has changed for
+good where such a share of recent steps are surprises: steps whose squared error is so many times
+the baseline and more than this share of the squared change."""
+_FOURIER_GAIN, _FOURIER_KEPT = 0.7, 0.85
+"""Random features cost a hundred times as much as a linear model; so they must leave less of its
+loss to be chosen, and to be kept."""
+_BETTER = 0.9
+"""Any other candidate must leave less of the loss to replace another."""
+_FORESEEN, _CERTAIN = 0.5, 0.02
+"""A candidate may leave this share of the squared change, or of the file's squared error."""
+_MIN_MODE_SAMPLES = 10.0
+"""Before so many samples of a mode it follows the choice over all modes."""
+JUDGED_FROM = 120
+"""Samples of an action from which on it is known whether a target can be predicted."""
+
+
+class Statistics(NamedTuple):
+    """What is remembered of the samples of one group.
+
+    Attributes:
+        gram: `[S, T, 1 + d, 1 + d]` of the regression.
+        moment: `[S, T, 1 + d]` of the regression.
+        samples: `[S, T]` in them.
+        loss: `[S, 4, T]` moving averages of the squared errors of the candidates.
+        seen: `[S, T]` samples that the losses are of.
+        typical: `[S, T]` moving average of |error| of what predicts.
+        recent: `[T]` its squared error over the last few steps.
+        baseline: `[T]` the same over many steps; surprises count for little.
+        surprises: `[T]` share of the last few steps that were surprises.
+        streak: `[S, T]` successive outliers.
+        spread: `[T]` moving average of the squared change.
+    """
+
+    gram: Vector
+    moment: Vector
+    samples: Vector
+    loss: Vector
+    seen: Vector
+    typical: Vector
+    recent: Vector
+    baseline: Vector
+    surprises: Vector
+    streak: Vector
+    spread: Vector
+
+
+@cached_njit(nogil=True)
+def find_mode(x, bits, codes, modes):
+    """Return the code of the predicates that hold, and the mode that has it; 0 for none.
+
+    Args:
+        x: `[d]` inputs.
+        bits: Positions of the predicates within them.
+        codes: `[1 + MODES]` of the modes, from entry 1 on.
+        modes: How many there are.
+    """
+    code, weight = 0.0, 1.0
+    for k in range(bits.shape[0]):
+        if x[bits[k]] != 0.0:
+            code += weight
+        weight *= 2.0
+    for mode in range(1, modes + 1):
+        if codes[mode] == code:
+            return code, mode
+    return code, 0
+
+
+@cached_njit(nogil=True)
+def account(sample, mode, features, fourier, published, statistics):
+    """Add one sample to the losses and then to the statistics of the regression.
+
+    Args:
+        sample: Inputs `[d]`; the same less the origin of the statistics; `[T]` observed next value
+            less that of effects and processes; `[T]` whether that says anything; `[T]` observed
+            change.
+        mode: The set that it belongs to besides set 0; 0 for none.
+        features: `[FOURIER]` random features, where `fourier`.
+        fourier: Whether there are any.
+        published: `linear`, `amplitude` and `kinds` of `GroupParameters`.
+        statistics: Fields of `Statistics`.
+
+    Returns:
+        Whether every target was taken, and whether the world has changed for good.
+    """
+    x, away, y, valid, change = sample
+    linear, amplitude, kinds = published
+    gram, moment, samples, loss, seen, typical, recent, baseline, surprises, streak, spread = (
+        statistics
+    )
+    depth = x.shape[0]
+    complete, changed = True, False
+    for t in range(y.shape[0]):
+        if not valid[t] or not abs(y[t]) < HUGE:
+            complete = False
+            continue
+        plain = linear[0, t, 0]
+        wavy = linear[1 + b.MODES, t, 0]
+        own = linear[mode, t, 0]
+        for i in range(depth):
+            plain += linear[0, t, 1 + i] * x[i]
+            wavy += linear[1 + b.MODES, t, 1 + i] * x[i]
+            own += linear[mode, t, 1 + i] * x[i]
+        if fourier:
+            for k in range(features.shape[0]):
+                wavy += amplitude[t, k] * features[k]
+        else:
+            wavy = plain
+        errors = (y[t], y[t] - plain, y[t] - wavy, y[t] - own)
+        kind = kinds[mode, t]
+        error = errors[0]
+        if kind == b.LINEAR:
+            error = errors[1]
+        elif kind == b.WAVY:
+            error = errors[2]
+        elif kind == b.OWN:
+            error = errors[3]
+        size = abs(error)
+        drifting = False
+        for which in range(2):
+            s = 0 if which == 0 else mode
+            if which == 1 and mode == 0:
+                break
+            # An outlier among all samples may be normal in a rare mode.
+            settled = seen[s, t] >= SETTLED
+            least = 1e-9 * (1.0 + abs(y[t]))
+            outlier = settled and size > FAR * typical[s, t] + least
+            # Relative to the prediction: an observation beyond all bounds would excuse itself.
+            if seen[s, t] >= FEW and typical[s, t] > 1e-9 * (1.0 + abs(y[t] - error)):
+                outlier = outlier or size > WILD * typical[s, t]
+            if outlier:
+                streak[s, t] += 1.0
+                if streak[s, t] <= PATIENCE:
+                    complete = complete and s > 0
+                    continue
+            else:
+                streak[s, t] = 0.0
+            known = settled and streak[s, t] == 0.0
+            limited = min(size, 4.0 * typical[s, t] + 1e-12) if known else size
+            rate = 0.02 if settled else 1.0 / (1.0 + seen[s, t])
+            typical[s, t] += rate * (limited - typical[s, t])
+            if s == 0:
+                slow = max(0.005, 1.0 / (1.0 + seen[0, t]))
+                spread[t] += slow * (change[t] * change[t] - spread[t])
+                squared = error * error
+                recent[t] = _RECENT * recent[t] + (1.0 - _RECENT) * squared
+                surprise = squared > max(_DRIFT * baseline[t], _MIN_SURPRISE * spread[t])
+                surprises[t] = _RECENT * surprises[t] + (
+                    1.0 - _RECENT if surprise and settled else 0.0
+                )
+                baseline[t] += slow * (
+                    (min(squared, 4.0 * baseline[t]) if settled else squared) - baseline[t]
+                )
+                drifting = (
+                    settled
+                    and kind != b.FILE
+                    and seen[0, t] > 2.0 / (1.0 - MEMORY)
+                    and recent[t] > _DRIFT * loss[0, int(kinds[0, t]), t] + 1e-18
+                )
+                if surprises[t] > _LASTING:
+                    drifting = changed = True
+            seen[s, t] += 1.0
+            # Predictions of candidates that knew nothing are soon forgotten.
+            rate = rate_of(seen[s, t] - 1.0, MEMORY)
+            for candidate in range(4):
+                squared = errors[candidate] * errors[candidate]
+                if candidate != b.FILE and seen[s, t] <= FEW:
+                    squared = min(squared, errors[0] * errors[0])
+                    if seen[s, t] == 2.0:
+                        loss[s, candidate, t] = squared
+                        continue
+                loss[s, candidate, t] += rate * (squared - loss[s, candidate, t])
+            keep = FORGET if drifting else 1.0
+            samples[s, t] = keep * samples[s, t] + 1.0
+            for i in range(1 + depth):
+                a = 1.0 if i == 0 else away[i - 1]
+                moment[s, t, i] = keep * moment[s, t, i] + a * y[t]
+                for j in range(1 + depth):
+                    other = 1.0 if j == 0 else away[j - 1]
+                    gram[s, t, i, j] = keep * gram[s, t, i, j] + a * other
+    return complete, changed
+
+
+@cached_njit(nogil=True)
+def choose(loss, seen, spread, fourier, modes, kinds, enabled):
+    """Choose what predicts each target in each mode; return whether that is ever a residual.
+
+    The file stays until a candidate predicts clearly better, and at least half of what happens:
+    the mean of values that differ widely is none of them, and no basis for a plan. Among the other
+    candidates the best one is chosen, with some hysteresis.
+
+    Args:
+        loss: See `Statistics`.
+        seen: See `Statistics`.
+        spread: See `Statistics`.
+        fourier: Whether there are random features.
+        modes: Modes in use.
+        kinds: `[1 + MODES, T]`; receives the choice.
+        enabled: `[T]` whether a residual may predict the target.
+    """
+    anybody = False
+    for s in range(modes + 1):
+        for t in range(kinds.shape[1]):
+            if not enabled[t]:
+                kinds[s, t] = b.FILE
+                continue
+            of = s if s == 0 or seen[s, t] >= _MIN_MODE_SAMPLES else 0
+            now = int(kinds[of, t]) if of == s else int(kinds[0, t])
+            best, least = b.FILE, _BETTER * loss[of, b.FILE, t]
+            worth = max(_FORESEEN * spread[t], _CERTAIN * loss[of, b.FILE, t])
+            least = min(least, worth) if seen[0, t] >= 2.0 else -1.0
+            if loss[of, b.LINEAR, t] < least:
+                best, least = b.LINEAR, loss[of, b.LINEAR, t]
+            if fourier and loss[of, b.WAVY, t] < _FOURIER_GAIN * least:
+                best, least = b.WAVY, loss[of, b.WAVY, t]
+            if of > 0 and loss[of, b.OWN, t] < least:
+                best, least = b.OWN, loss[of, b.OWN, t]
+            if (
+                best != now
+                and now != b.FILE
+                and best != b.FILE
+                and not (now == b.WAVY and not fourier)
+                and not (
+                    now == b.WAVY and loss[of, b.WAVY, t] > _FOURIER_KEPT * loss[of, b.LINEAR, t]
+                )
+                and not (now == b.OWN and of == 0)
+                and loss[of, best, t] > _BETTER * loss[of, now, t]
+                and loss[of, now, t] < _BETTER * loss[of, b.FILE, t]
+            ):
+                best = now
+            kinds[s, t] = best
+            anybody = anybody or best != b.FILE
+    return anybody
+
+
+@cached_njit(nogil=True)
+def judge(loss, seen, spread, fourier, enabled, left, allowed):
+    """Add up what the best candidate leaves of each target, and what it may leave by `choose`.
+
+    Args:
+        loss: See `Statistics`.
+        seen: See `Statistics`.
+        spread: See `Statistics`.
+        fourier: Whether there are random features.
+        enabled: `[T]` whether a residual may predict the target.
+        left: `[T]`; the squared error is added here, over the samples that the losses remember.
+        allowed: `[T]`; the most that it may be is added here.
+    """
+    for t in range(spread.shape[0]):
+        if not enabled[t] or seen[0, t] < JUDGED_FROM:
+            continue
+        least = min(loss[0, b.FILE, t], loss[0, b.LINEAR, t])
+        if fourier:
+            least = min(least, loss[0, b.WAVY, t])
+        samples = min(seen[0, t], 1.0 / (1.0 - MEMORY))
+        left[t] += samples * least
+        allowed[t] += samples * max(_FORESEEN * spread[t], _CERTAIN * loss[0, b.FILE, t])

@@ -1,0 +1,270 @@
+"""What a feature group learns online: the one-step error of the file.
+
+Recursive ridge regression of the error of every target, on inputs normalised by their ranges,
+linear and, where that leaves something unexplained, with random Fourier features. The candidate
+that predicts best is published; the file itself is one of them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.saved_state import LARGEST, MOST, Saved, nested, part_of
+from serp.adaptation.feature_groups import FeatureGroup
+from serp.adaptation.parameter_buffer import LINEAR, MODES, WAVY, GroupParameters
+from serp.adaptation.residual import candidates
+from serp.adaptation.residual.candidates import Statistics
+from serp.adaptation.residual.fourier import RIDGE, FourierRegression, relative_to
+from serp.adaptation.residual.outliers import FAR, FEW, PATIENCE, SETTLED, WILD, far_off
+from serp.adaptation.residual.solvers import solve_pooled, solve_ridge
+from serp.adaptation.residual.warm_up import WarmUp
+from serp.model.transition_model import Vector
+
+_FOURIER_FROM, _UNEXPLAINED = 60, 1e-4
+"""Random features are used after so many samples if the linear model leaves this share of the
+squared change."""
+_SOLVED_EVERY: Final = 30
+"""Weights are solved in every step at first, then after every thirtieth part of the samples."""
+
+Mask = NDArray[np.bool_]
+
+
+class OnlineResidual:
+    """Learns the one-step error of the targets of one group.
+
+    Args:
+        group: Any feature group of the key.
+        parameters: Where what predicts best is published.
+        seed: Seed of the random features.
+        nonlinear: Whether random features may be used.
+
+    Attributes:
+        siblings: Residuals of other actions with the same inputs and targets, this one included.
+    """
+
+    def __init__(
+        self,
+        group: FeatureGroup,
+        parameters: GroupParameters,
+        seed: np.random.SeedSequence,
+        nonlinear: bool,
+    ) -> None:
+        depth, count, sets = len(group.inputs), len(group.targets), 1 + MODES
+        self._bits = np.array(group.bits, dtype=np.int64)
+        self._warm_up = WarmUp(depth, np.array([group.inputs.index(t) for t in group.targets]))
+        self._parameters = parameters
+        self._published = parameters.linear, parameters.amplitude, parameters.kinds
+        self._fourier = FourierRegression(parameters, depth, count, seed, nonlinear)
+        by_set, by_target = (sets, count), (count,)
+        self._statistics = Statistics(
+            gram=np.zeros((sets, count, 1 + depth, 1 + depth)),
+            moment=np.zeros((sets, count, 1 + depth)),
+            samples=np.zeros(by_set),
+            loss=np.zeros((sets, 4, count)),
+            seen=np.zeros(by_set),
+            typical=np.zeros(by_set),
+            recent=np.zeros(by_target),
+            baseline=np.zeros(by_target),
+            surprises=np.zeros(by_target),
+            streak=np.zeros(by_set),
+            spread=np.zeros(by_target),
+        )
+        self._columns = tuple(self._statistics)  # compiled code takes it sooner than a named one
+        # Sums are of inputs less the first ones: far from 0 the squares would hide what varies.
+        self._origin = np.zeros(depth)
+        self._low = np.full(depth, np.inf)
+        self._high = np.full(depth, -np.inf)
+        self.siblings: list[OnlineResidual] = [self]
+        self._far_inputs = self._samples = self._since_solved = 0
+
+    def learn(self, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask) -> bool:
+        """Learn from a sample and publish what predicts best.
+
+        Args:
+            x: `[d]` inputs.
+            y: `[T]` observed next values less those of effects and processes.
+            valid: `[T]` whether that says anything.
+            change: `[T]` observed change.
+            enabled: `[T]` whether a residual may predict the target.
+
+        Returns:
+            Whether any target is predicted by a residual now.
+        """
+        used = self._learn(x, y, valid, change, enabled)
+        if not self._warm_up.over:
+            self._warm_up.add(x, y, valid, change)
+            if self._warm_up.over:
+                again = self._learn_warm_up(enabled)
+                used = used if again is None else again
+        return used
+
+    def predictable(self, enabled: Mask) -> bool:
+        """Return whether half of what happens to each target is predictable, over all siblings.
+
+        By the file or any candidate, in use or not; true as long as that is unknown.
+
+        Args:
+            enabled: `[T]` whether a residual may predict the target.
+        """
+        left, allowed = np.zeros((2, len(enabled)))
+        for group in self.siblings:
+            of, fourier = group._statistics, group._parameters.fourier > 0
+            candidates.judge(of.loss, of.seen, of.spread, fourier, enabled, left, allowed)
+        return bool((left <= allowed).all())
+
+    def _learn_warm_up(self, enabled: Mask) -> bool | None:
+        """Learn the first samples again without outliers; None where there are none."""
+        samples = self._warm_up.without_outliers([group._warm_up for group in self.siblings])
+        if samples is None:
+            return None
+        for array in (*self._statistics, self._origin):
+            array[:] = 0.0
+        self._low[:], self._high[:] = np.inf, -np.inf
+        self._far_inputs = self._samples = self._since_solved = 0
+        self._fourier.clear()
+        self._parameters.clear_residual()
+        return [self._learn(*sample, enabled) for sample in samples][-1]
+
+    def _learn(self, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask) -> bool:
+        parameters, statistics, fourier = self._parameters, self._statistics, self._fourier
+        if self._is_outlier(x):
+            return bool(parameters.kinds.any())
+        if not self._samples:
+            self._origin[:] = x
+        self._samples += 1
+        away = x - self._origin
+        np.minimum(self._low, x, out=self._low)
+        np.maximum(self._high, x, out=self._high)
+        evaluated = fourier.evaluate(x)
+        mode = self._mode(x)
+        complete, changed = candidates.account(
+            (x, away, y, valid, change), mode, fourier.features, evaluated, self._published,
+            self._columns,
+        )  # fmt: skip
+        if fourier.enabled:
+            if changed:
+                fourier.fade()
+            if complete:
+                fourier.add(x, away, y, evaluated)
+        self._since_solved += 1
+        if self._since_solved * _SOLVED_EVERY >= self._samples:
+            self._since_solved = 0
+            # Without a solution the weights stay as they are.
+            with contextlib.suppress(np.linalg.LinAlgError):
+                self._solve(mode)
+        used: bool = candidates.choose(
+            statistics.loss, statistics.seen, statistics.spread, parameters.fourier > 0,
+            parameters.modes, parameters.kinds, enabled,
+        )  # fmt: skip
+        return used
+
+    def _is_outlier(self, x: Vector) -> bool:
+        """Return whether inputs are far beyond their ranges; several in a row are not."""
+        far = False
+        if self._samples >= FEW:
+            far = far_off(x, self._low, self._high, FAR if self._samples >= SETTLED else WILD)
+        self._far_inputs = self._far_inputs + 1 if far else 0
+        return 0 < self._far_inputs <= PATIENCE
+
+    def _mode(self, x: Vector) -> int:
+        """Return the mode of an input, giving it a model of its own while there is room."""
+        if not len(self._bits):
+            return 0
+        parameters = self._parameters
+        code, mode = candidates.find_mode(x, self._bits, parameters.codes, parameters.modes)
+        if mode or parameters.modes == MODES:
+            return int(mode)
+        parameters.modes += 1
+        parameters.codes[parameters.modes] = code
+        parameters.kinds[parameters.modes] = parameters.kinds[0]
+        return parameters.modes
+
+    def _solve(self, mode: int) -> None:
+        linear, statistics = self._parameters.linear, self._statistics
+        centre, half = _centre_and_half(self._low, self._high)
+        pooled = self._pooled()
+        for row in (0, mode) if mode else (0,):
+            # The prior of a mode's own weights are those of all modes.
+            prior = relative_to(self._origin, linear[0]) if row else pooled
+            solve_ridge(
+                statistics.gram[row], statistics.moment[row], statistics.samples[row], self._origin,
+                centre, 1.0 / half, RIDGE, prior, linear[row],
+            )  # fmt: skip
+        if not self._fourier.enabled or not (self._parameters.fourier or self._unexplained()):
+            return
+        if self._fourier.draw(centre, half, self._origin):
+            statistics.loss[:, WAVY] = statistics.loss[:, LINEAR]
+        self._fourier.solve(centre, half, self._origin)
+
+    def _pooled(self) -> Vector:
+        """Return `[T, 1 + d]` weights from all siblings, each with a constant of its own.
+
+        They are weights of the inputs less the origin. Much of what happens does not depend on the
+        action, so that data of one action are evidence for the others.
+        """
+        known = [group for group in self.siblings if group._samples]
+        low = np.min([group._low for group in known], axis=0)
+        high = np.max([group._high for group in known], axis=0)
+        centre, half = _centre_and_half(low, high)
+        centres = centre - np.array([group._origin for group in known])
+        grams = np.array([group._statistics.gram[0] for group in known])
+        moments = np.array([group._statistics.moment[0] for group in known])
+        found = np.zeros(moments.shape[1:])
+        solve_pooled(grams, moments, centres, 1.0 / half, RIDGE, known.index(self), found)
+        return found
+
+    def _unexplained(self) -> bool:
+        """Return whether linear models leave something to explain, and there are samples for it."""
+        left = self._statistics.loss[0, LINEAR] > _UNEXPLAINED * self._statistics.spread + 1e-18
+        return self._samples >= _FOURIER_FROM and bool(left.any())
+
+    # State -------------------------------------------------------------------------------------
+
+    _RANGES: Final = {
+        "samples": (0, MOST), "seen": (0, MOST), "streak": (0, MOST), "origin": (-LARGEST, LARGEST),
+        "low": (-np.inf, np.inf), "high": (-np.inf, np.inf),  # infinite before the first sample
+    }  # fmt: skip
+    """Valid values; the others may overflow where observations are huge, which readers mind."""
+
+    def _arrays(self) -> dict[str, Vector]:
+        ranges = {"origin": self._origin, "low": self._low, "high": self._high}
+        return {**self._statistics._asdict(), **ranges}
+
+    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        arrays = {name: array.copy() for name, array in self._arrays().items()}
+        fourier, meta = self._fourier.state_dict()
+        arrays |= nested("fourier", fourier) | nested("warm_up", self._warm_up.state_dict())
+        return arrays, {
+            "fourier": meta,
+            "samples": self._samples,
+            "since_solved": self._since_solved,
+            "far_inputs": self._far_inputs,
+        }
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned; the owner restored the parameters before.
+
+        Raises:
+            RunError: It belongs to another feature group, or is damaged.
+        """
+        saved = Saved("residual", arrays, meta)
+        self._samples, self._since_solved = saved.whole("samples"), saved.whole("since_solved")
+        self._far_inputs = saved.whole("far_inputs")
+        for name, own in self._arrays().items():
+            low, high = self._RANGES.get(name, (None, LARGEST))
+            own[:] = saved.array(name, np.float64, own.shape, low, high)
+        self._fourier.load_state_dict(*saved.part("fourier"))
+        self._warm_up.load_state_dict(part_of(arrays, "warm_up"))
+
+
+def _centre_and_half(low: Vector, high: Vector) -> tuple[Vector, Vector]:
+    """Return the centres of ranges and half their widths, 1 for what never changed."""
+    centre, half = (high + low) / 2, (high - low) / 2
+    half[half <= 1e-9 * np.maximum(1.0, np.abs(centre))] = 1.0
+    return centre, half
