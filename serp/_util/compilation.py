@@ -52,7 +52,8 @@ def cached_cfunc(signature: Any, **options: Any) -> _Decorator:
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        # As `numba.cfunc` does, which would compile before there is a cache.
+        # As `numba.cfunc` does, which would compile before there is a cache. Its `cache=True` would
+        # take numba's own cache, see `serp._util.code_cache`.
         types: Any = normalize_signature(signature)  # type: ignore[no-untyped-call]
         callback = _kept(CFunc(function, types, locals={}, options=options), function, options)
         callback.compile()

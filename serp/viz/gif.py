@@ -1,6 +1,7 @@
 """Writes frames as a GIF, one after the other: nothing but the current ones is held in memory.
 
-Pillow would hold them all until it saves. All frames share one palette, and a frame stores only
+Pillow's `save_all` would hold them all until it saves; its `GifImagePlugin.getdata`, which is
+documented, encodes one. All frames share one palette, and a frame stores only
 what changed since the one before, so that films stay small.
 """
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import stat
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -98,28 +97,3 @@ def test_a_folder_that_cannot_be_made_does_not_stop_anything(folder: Path) -> No
     folder.write_text("")
     with pytest.warns(Notice, match="cannot be kept"):
         compile_native(generate_code(load_texts(HEATER).model.ground))
-
-
-def test_every_command_works_with_a_cache_of_empty_files_and_says_so_in_one_line(
-    tmp_path: Path,
-) -> None:
-    """Of models and loops alike; each zero-length file once stopped every command for good."""
-    domain = tmp_path / "heater.pddl"
-    domain.write_text(HEATER.domain)
-    environment = {**os.environ, "SERP_CACHE_DIR": str(tmp_path / "cache")}
-    command = [sys.executable, "-m", "serp", "plan", "--domain", str(domain), "--state", "heat=0"]
-
-    def planned() -> subprocess.CompletedProcess[str]:
-        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-
-    first = planned()
-    assert first.returncode == 0, first.stderr
-    files = list((tmp_path / "cache").iterdir())
-    for file in files:
-        file.write_bytes(b"")
-    again = planned()
-    assert (again.returncode, again.stdout) == (0, first.stdout)
-    assert again.stderr.splitlines() == [
-        f"Note: compiled code in {tmp_path / 'cache'} was damaged; it is compiled anew"
-    ]
-    assert all(file.stat().st_size for file in files)
