@@ -3,7 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from serp.runs.reading import read_metrics
 from serp.runs.rows import METRICS_COLUMNS, MetricsRow
+from serp.runs.tables import Table
 
 
 def _episodes(count, seed=0):
@@ -50,16 +52,15 @@ def make_rows():
 
 
 @pytest.fixture
-def make_metrics():
+def make_metrics(tmp_path):
     """Number of episodes → their columns, as they are read."""
 
     def make(count):
-        columns = zip(*_episodes(count), strict=True) if count else ((),) * len(METRICS_COLUMNS)
-        metrics = {}
-        for name, column in zip(METRICS_COLUMNS, columns, strict=True):
-            floats = name in ("return", "domain_return", "rho", "epsilon", "loss", "wall_time")
-            kind = float if floats else bool if name in ("terminated", "truncated") else int
-            metrics[name] = np.array(column, dtype=kind)
-        return metrics
+        path = tmp_path / f"made-up-{count}.csv"
+        path.unlink(missing_ok=True)
+        with Table(path, METRICS_COLUMNS) as table:
+            for row in _episodes(count):
+                table.append(row)
+        return read_metrics(path)
 
     return make

@@ -11,25 +11,7 @@ from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow
 from serp.runs.tables import Table
 
 ROW = MetricsRow(
-    episode=1,
-    env_steps=23,
-    return_=1 / 3,
-    domain_return=-0.0,
-    length=23,
-    terminated=True,
-    truncated=False,
-    rho=0.01,
-    epsilon=None,
-    planner_steps=20,
-    learner_steps=1,
-    exploration_steps=1,
-    fallback_steps=1,
-    vetoes=1,
-    unsafe_predicted=1,
-    unsafe_executed=0,
-    no_safe_action=0,
-    loss=None,
-    wall_time=0.25,
+    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, None, 0.25
 )
 
 

@@ -157,15 +157,12 @@ def test_the_cursor_comes_back_after_an_error():
     assert stream.getvalue().rstrip().endswith("\x1b[?25h")
 
 
-def test_a_dumb_terminal_gets_plain_lines(monkeypatch):
+def test_a_dumb_terminal_gets_plain_lines_and_a_stream_without_greek_the_word(monkeypatch):
     monkeypatch.setenv("TERM", "dumb")
     stream = Terminal()
     with open_progress(stream=stream) as progress:
         progress.update(TEN)
     assert "\x1b" not in stream.getvalue() and "episode 10" in stream.getvalue()
-
-
-def test_a_stream_without_greek_gets_the_word():
     raw = io.BytesIO()
     with open_progress(stream=io.TextIOWrapper(raw, encoding="ascii")) as progress:
         progress.update(TEN)
