@@ -1,4 +1,4 @@
-"""Numbers with standard errors, as people read them."""
+"""Numbers, shares and times, as people read them."""
 
 from __future__ import annotations
 
@@ -42,6 +42,30 @@ def percent_measured(share: float, error: float) -> str:
         return f"{100 * share:.1f} %" if 0 < share < 0.1 else f"{100 * share:.0f} %"
     decimals = 1 if error < 0.005 else 0
     return f"{100 * share:.{decimals}f} ± {100 * error:.{decimals}f} %"
+
+
+def percent(share: float, digits: int = 3) -> str:
+    """Return a share of 1 in percent, such as `12.5 %`.
+
+    Args:
+        share: At least 0; may exceed 1.
+        digits: Significant digits, 2 or 3. More are shown where the whole part has more; a share
+            below 0.01 % (2 digits) or 0.001 % (3) is shown as such.
+    """
+    value, least = 100 * share, 10.0**-digits
+    if 0 < value < least:
+        return f"< {least} %"
+    return f"{value:,.0f} %" if value >= 10 ** (digits - 1) else f"{value:.{digits}g} %"
+
+
+def duration(seconds: float) -> str:
+    """Return a time for people to read: ``8.2 s``, ``3 min 05 s``, ``2 h 07 min``."""
+    if seconds < 59.95:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest:02} s"
+    return f"{minutes // 60} h {minutes % 60:02} min"
 
 
 def _decimals(value: float, error: float) -> int | None:

@@ -1,4 +1,4 @@
-"""Numbers: as users give them, as they are shown to users, and the largest of them.
+"""Numbers as users give them, and the largest of several.
 
 Python's and NumPy's numbers are taken over as Python's. A truth value is not a number
 here (`depth=True` is a mistake, not 1), and neither is NaN.
@@ -47,11 +47,6 @@ def real(value: Any, *, infinite: bool = False) -> float | None:
         return None
 
 
-def truth(value: Any) -> bool | None:
-    """Return a truth value as a bool; None for anything else."""
-    return bool(value) if isinstance(value, bool | np.bool_) else None
-
-
 def seed_of(value: Any) -> int:
     """Return a seed as an int.
 
@@ -62,30 +57,6 @@ def seed_of(value: Any) -> int:
     if seed is None:
         raise SettingsError(f"the seed must be a whole number, 0 or more, not {value!r}")
     return seed
-
-
-def percent(share: float, digits: int = 3) -> str:
-    """Return a share of 1 in percent, such as `12.5 %`.
-
-    Args:
-        share: At least 0; may exceed 1.
-        digits: Significant digits, 2 or 3. More are shown where the whole part has more; a share
-            below 0.01 % (2 digits) or 0.001 % (3) is shown as such.
-    """
-    value, least = 100 * share, 10.0**-digits
-    if 0 < value < least:
-        return f"< {least} %"
-    return f"{value:,.0f} %" if value >= 10 ** (digits - 1) else f"{value:.{digits}g} %"
-
-
-def duration(seconds: float) -> str:
-    """Return a time for people to read: ``8.2 s``, ``3 min 05 s``, ``2 h 07 min``."""
-    if seconds < 59.95:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f"{minutes} min {rest:02} s"
-    return f"{minutes // 60} h {minutes % 60:02} min"
 
 
 def best_of(values: NDArray[np.floating[Any]], among: NDArray[np.bool_] | None = None) -> int:

@@ -100,7 +100,7 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool 
         diagnosis: What is printed.
         everything: List what hardly matters, too.
     """
-    from serp._util.numbers import percent
+    from serp._util.number_format import percent
 
     for line in _head(diagnosis):
         console.print(line)

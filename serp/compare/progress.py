@@ -12,7 +12,7 @@ from typing import Self
 
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
-from serp._util.numbers import duration
+from serp._util.number_format import duration
 from serp._util.terminal import open_console
 from serp.compare.records import Trial
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from serp._util.number_format import number
-from serp._util.numbers import percent
+from serp._util.number_format import number, percent
 from serp.diagnosis.accuracy import WELL, Quantity
 from serp.sysid.monitor import END, REWARD
 

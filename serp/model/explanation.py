@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from serp._util.numbers import percent
+from serp._util.number_format import percent
 from serp.model import ground as g
 from serp.model.emit import FLAG_NAMES, Site
 from serp.model.flags import UNSAFE, risk_of

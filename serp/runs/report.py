@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from serp._util.markdown import code, plain, table
-from serp._util.numbers import duration, percent
+from serp._util.number_format import duration, percent
 from serp.runs.summary import spans
 from serp.tasks.reward import describe_source
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import Final, TextIO
 
 from serp._util.compile_time import compile_seconds, compiled_loops, told_of_loops
-from serp._util.numbers import duration
+from serp._util.number_format import duration
 from serp.training.progress_display import is_live
 
 _LINE_EVERY: Final = 5.0  # seconds, where lines stay

@@ -8,7 +8,7 @@ import sys
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Final, Self, TextIO
 
-from serp._util.numbers import duration
+from serp._util.number_format import duration
 from serp._util.terminal import open_console, visible
 from serp.training.budget import Budget
 from serp.training.progress import Progress, ProgressStats

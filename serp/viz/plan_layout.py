@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
-from serp._util.numbers import percent
+from serp._util.number_format import percent
 
 if TYPE_CHECKING:
     import networkx as nx

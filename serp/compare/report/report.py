@@ -10,7 +10,7 @@ from typing import Final
 from serp._util.figures import render
 from serp._util.files import cannot_write, make_inside, write_durably
 from serp._util.markdown import plain
-from serp._util.numbers import percent
+from serp._util.number_format import percent
 from serp.compare.analysis.results import Results
 from serp.compare.analysis.statistics import RESAMPLES
 from serp.compare.analysis.variants import EARLY_MARGIN, FINAL_MARGIN, subject, variant_rows

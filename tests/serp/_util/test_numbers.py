@@ -1,4 +1,4 @@
-"""Numbers as users give them, as they are shown, and the largest of them."""
+"""Numbers as users give them, and the largest of several."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp._util.numbers import best_of, percent, real, seed_of, truth, whole
+from serp._util.numbers import best_of, real, seed_of, whole
 from serp.errors import SettingsError
 
 NO_NUMBERS: list[Any] = [None, True, np.True_, "3", [3], np.array([3]), Decimal(3), 1j, math.nan]
@@ -47,13 +47,6 @@ def test_infinities_count_where_they_may() -> None:
     assert real(10**400) is None
 
 
-def test_truth_values_are_no_numbers_and_numbers_no_truth_values() -> None:
-    assert truth(np.False_) is False
-    assert truth(True) is True
-    for value in (0, 1.0, "true", None):
-        assert truth(value) is None
-
-
 @pytest.mark.parametrize("value", [1.5, None, -1, "3", True, np.float64(2)])
 def test_what_is_no_seed_is_refused_with_its_value(value: Any) -> None:
     with pytest.raises(SettingsError, match="the seed must be a whole number, 0 or more, not "):
@@ -63,22 +56,6 @@ def test_what_is_no_seed_is_refused_with_its_value(value: Any) -> None:
 def test_any_whole_number_is_a_seed() -> None:
     assert seed_of(np.int64(7)) == 7
     assert seed_of(2**200) == 2**200
-
-
-@pytest.mark.parametrize(
-    ("share", "two", "three"),
-    [
-        (0.0, "0 %", "0 %"),
-        (1e-6, "< 0.01 %", "< 0.001 %"),
-        (0.00123, "0.12 %", "0.123 %"),
-        (0.05, "5 %", "5 %"),
-        (0.1234, "12 %", "12.3 %"),
-        (0.9999, "100 %", "100 %"),
-        (12.3456, "1,235 %", "1,235 %"),
-    ],
-)
-def test_shares_are_shown_with_significant_digits(share: float, two: str, three: str) -> None:
-    assert (percent(share, 2), percent(share)) == (two, three)
 
 
 pairs = st.lists(

@@ -1,9 +1,7 @@
 from __future__ import annotations
 
-import pytest
 from markdown_it import MarkdownIt
 
-from serp._util.numbers import duration
 from serp.runs.report import report
 from serp.runs.summary import summarize
 
@@ -57,19 +55,3 @@ def test_nothing_in_a_configuration_becomes_markdown_or_html(make_metrics):
     assert "<script" not in html and "<a " not in html
     assert html.count("<h1") == 1 and html.count("<pre>") == 1
     assert not set(html) & {"\x1b", "\u202e"}
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [
-        (0, "0.0 s"),
-        (8.21, "8.2 s"),
-        (59.96, "1 min 00 s"),
-        (185, "3 min 05 s"),
-        (3599.7, "1 h 00 min"),
-        (7620, "2 h 07 min"),
-        (400_000, "111 h 06 min"),
-    ],
-)
-def test_durations_are_written_for_people(seconds, text):
-    assert duration(seconds) == text

@@ -1,0 +1,39 @@
+"""Shares and times as people read them."""
+
+from __future__ import annotations
+
+import pytest
+
+from serp._util.number_format import duration, percent
+
+
+@pytest.mark.parametrize(
+    ("share", "two", "three"),
+    [
+        (0.0, "0 %", "0 %"),
+        (1e-6, "< 0.01 %", "< 0.001 %"),
+        (0.00123, "0.12 %", "0.123 %"),
+        (0.05, "5 %", "5 %"),
+        (0.1234, "12 %", "12.3 %"),
+        (0.9999, "100 %", "100 %"),
+        (12.3456, "1,235 %", "1,235 %"),
+    ],
+)
+def test_shares_are_shown_with_significant_digits(share: float, two: str, three: str) -> None:
+    assert (percent(share, 2), percent(share)) == (two, three)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0, "0.0 s"),
+        (8.21, "8.2 s"),
+        (59.96, "1 min 00 s"),
+        (185, "3 min 05 s"),
+        (3599.7, "1 h 00 min"),
+        (7620, "2 h 07 min"),
+        (400_000, "111 h 06 min"),
+    ],
+)
+def test_durations_are_written_for_people(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
