@@ -15,7 +15,7 @@ from typing import Any, Final
 from numba.core import event
 
 
-class _Watch(event.Listener):
+class _CompileTimer(event.Listener):
     """Adds up the time of compilation; what is compiled for another function counts once."""
 
     def __init__(self) -> None:
@@ -61,33 +61,33 @@ def _name_of(data: Any) -> Any:
     return data["module"], data["qualname"]
 
 
-_WATCH: Final = _Watch()
+_TIMER: Final = _CompileTimer()
 # Callbacks, whose compilation is not an event of its own, have passes too. Neither event comes up
 # where machine code is read from disk.
 for _kind in ("numba:compile", "numba:run_pass"):
-    event.register(_kind, _WATCH)  # type: ignore[no-untyped-call]
+    event.register(_kind, _TIMER)  # type: ignore[no-untyped-call]
 
 
 def compile_seconds() -> float:
     """Return the seconds that this process has spent on compiling."""
-    return _WATCH.seconds
+    return _TIMER.seconds
 
 
-def compiled_loops() -> int:
+def compiled_functions() -> int:
     """Return how many functions this process has compiled."""
-    return _WATCH.loops
+    return _TIMER.loops
 
 
 def working_time() -> float:
     """Return a monotonic clock, in seconds, that stands still while something is compiled."""
-    return time.monotonic() - _WATCH.seconds
+    return time.monotonic() - _TIMER.seconds
 
 
 @contextmanager
-def told_of_loops(tell: Callable[[], None]) -> Iterator[None]:
+def notifying_of_compilation(tell: Callable[[], None]) -> Iterator[None]:
     """Call a function whenever the compilation of another loop begins."""
-    before, _WATCH.on_loop = _WATCH.on_loop, tell
+    before, _TIMER.on_loop = _TIMER.on_loop, tell
     try:
         yield
     finally:
-        _WATCH.on_loop = before
+        _TIMER.on_loop = before

@@ -31,7 +31,7 @@ _SAMPLES = 8
 _T = TypeVar("_T")
 
 
-class Call(NamedTuple):
+class EnvironmentCall(NamedTuple):
     """A call of the environment.
 
     Attributes:
@@ -74,8 +74,8 @@ class BoundTask(Closing):
             with contextlib.suppress(Exception):  # what does not fit is what has to be read
                 self.env.close()
             raise
-        self._watch = wrapper_state.Watch(self.env)
-        self.call: Call | None = None
+        self._watch = wrapper_state.UnsavedStateDetector(self.env)
+        self.call: EnvironmentCall | None = None
         self.on_notice: Callable[[str], None] | None = None
 
     def _check_fields(self) -> None:
@@ -203,9 +203,9 @@ class BoundTask(Closing):
             EnvironmentFailure: It raised, or returned something else than observation and info.
         """
         self._watch.before_reset()
-        with self._blamed("reset"):
+        with self._calling("reset"):
             answer = self.env.reset(seed=seed)
-        raw, info = self._understood(reset_answer, answer, "reset")
+        raw, info = self._checked_answer(reset_answer, answer, "reset")
         for carried in self._watch.after_reset():
             if self.on_notice is not None:
                 self.on_notice(
@@ -224,14 +224,14 @@ class BoundTask(Closing):
             EnvironmentFailure: The environment raised, or returned something else.
         """
         what = f"step with action {self.actions.name(action)}"
-        with self._blamed(what):
+        with self._calling(what):
             answer = self.env.step(self._first_action + action)
-        return self._understood(step_answer, answer, what)
+        return self._checked_answer(step_answer, answer, what)
 
     @contextlib.contextmanager
-    def _blamed(self, what: str) -> Iterator[None]:
+    def _calling(self, what: str) -> Iterator[None]:
         """Note that the environment is called; say that it failed, whatever it raised."""
-        self.call = Call(what, time.monotonic())
+        self.call = EnvironmentCall(what, time.monotonic())
         try:
             yield
         except (Exception, SystemExit) as error:  # some that draw exit when their window closes
@@ -239,7 +239,7 @@ class BoundTask(Closing):
         finally:
             self.call = None
 
-    def _understood(self, understand: Callable[[Any], _T], answer: Any, what: str) -> _T:
+    def _checked_answer(self, understand: Callable[[Any], _T], answer: Any, what: str) -> _T:
         try:
             return understand(answer)
         except ValueError as error:
@@ -251,7 +251,7 @@ class BoundTask(Closing):
         Raises:
             EnvironmentFailure: It raised.
         """
-        with self._blamed("closing the environment"):
+        with self._calling("closing the environment"):
             self.env.close()
 
     # What outlives a reset ---------------------------------------------------------------------

@@ -15,7 +15,7 @@ _SLACK: Final = 1e-6
 """By so much, relative to a bound, a number may exceed it: float32 rounds."""
 
 
-class Outside(NamedTuple):
+class OutOfBounds(NamedTuple):
     """A number outside the bounds that its space declares.
 
     Attributes:
@@ -79,7 +79,7 @@ class Observations:
             return vector.reshape(self.space.shape).astype(self.space.dtype)
         return spaces.unflatten(self.space, vector)
 
-    def outside(self, vector: NDArray[np.float64]) -> Outside | None:
+    def outside(self, vector: NDArray[np.float64]) -> OutOfBounds | None:
         """Return the first number outside the declared bounds; None where all are inside."""
         if not self._bounded:
             return None
@@ -88,7 +88,7 @@ class Observations:
         if not wrong.any():
             return None
         k = int(wrong.argmax())
-        return Outside(
+        return OutOfBounds(
             self.name(k), float(vector[k]), float((self._low if low[k] else self._high)[k])
         )
 

@@ -175,7 +175,7 @@ def _as_lists(state: Any) -> Any:
     return state.tolist() if isinstance(state, np.ndarray | np.generic) else state
 
 
-class Watch:
+class UnsavedStateDetector:
     """Notices what wrappers carry over resets and nobody saves.
 
     Over the first episodes it compares the numbers, texts and arrays in the attributes of all

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Final, TextIO
 
-from serp._util.compile_time import compile_seconds, compiled_loops, told_of_loops
+from serp._util.compile_time import compile_seconds, compiled_functions, notifying_of_compilation
 from serp._util.number_format import duration
 from serp.training.progress_display import is_live
 
@@ -38,7 +38,7 @@ def show_compiling(
         return
     display = _Display(stream, clock)
     try:
-        with told_of_loops(display.update):
+        with notifying_of_compilation(display.update):
             yield
     finally:
         display.end()
@@ -50,7 +50,7 @@ class _Display:
         self._live = is_live(stream)
         self._clock = clock
         self._next = -float("inf")
-        self._loops = compiled_loops()
+        self._loops = compiled_functions()
         self._seconds = compile_seconds()
 
     def update(self) -> None:
@@ -59,13 +59,13 @@ class _Display:
         if not self._live and now < self._next:
             return
         self._next = now + _LINE_EVERY
-        loops, seconds = compiled_loops() - self._loops, compile_seconds() - self._seconds
+        loops, seconds = compiled_functions() - self._loops, compile_seconds() - self._seconds
         text = f"Compiling, once: loop {loops}, {duration(seconds)} so far"
         self._write(f"{_ERASE}{text}" if self._live else f"{text}\n")
 
     def end(self) -> None:
         """Say what it came to, if there was anything."""
-        loops, seconds = compiled_loops() - self._loops, compile_seconds() - self._seconds
+        loops, seconds = compiled_functions() - self._loops, compile_seconds() - self._seconds
         if loops:
             what = f"{loops} loop" + "s" * (loops != 1)
             text = f"Compiled {what} in {duration(seconds)}, kept for later runs.\n"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium import wrappers
 
-from serp.tasks.wrapper_state import Watch, restore, restore_statistics, save
+from serp.tasks.wrapper_state import UnsavedStateDetector, restore, restore_statistics, save
 from tests.serp.sample_tasks import Corridor
 
 Env = gym.Env[Any, Any]
@@ -158,7 +158,7 @@ class Saved(Drifting):
 
 
 def noticed(env: Env, count: int) -> list[list[str]]:
-    watch, said = Watch(env), []
+    watch, said = UnsavedStateDetector(env), []
     for number in range(count):
         watch.before_reset()
         env.reset(seed=number)
