@@ -201,13 +201,11 @@ class RunFolder(Closing):
 
         Args:
             arrays: Name → array.
-            meta: JSON values; the key ``tables`` is this method's own.
+            meta: JSON values, none of them called ``tables``, which this method adds.
 
         Raises:
             RunError: The write failed; the former checkpoint is whole.
         """
-        if _POSITIONS in meta:
-            raise ValueError(f"the key {_POSITIONS!r} of a checkpoint's JSON is reserved")
         self.flush()
         ends = {key: table.position() for key, table in self._by_key().items()}
         return save_rotating(self.path, arrays, {**meta, _POSITIONS: ends})

@@ -308,11 +308,6 @@ def test_without_a_whole_checkpoint_it_is_said_what_to_do(tmp_path):
         RunFolder.open(tmp_path / "x").load_checkpoint()
 
 
-def test_the_key_of_the_positions_is_reserved(tmp_path):
-    with create(tmp_path / "x") as run, pytest.raises(ValueError, match="reserved"):
-        run.save_checkpoint({}, {"tables": 1})
-
-
 def test_summary_is_json_for_strict_readers(tmp_path):
     summary = {"a": math.nan, "b": [math.inf, np.float64(0.5)], "c": {"d": np.int64(3)}}
     with create(tmp_path / "x") as run:
