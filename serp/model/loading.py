@@ -52,15 +52,15 @@ class Domain:
 
     @property
     def warnings(self) -> tuple[DomainWarning, ...]:
-        """What loading the files came upon that is no error: forms that other tools refuse."""
+        """What was noticed in the files that is not an error, such as forms other tools refuse."""
         sources = [s for s in (self.source, self.problem_source) if s is not None]
         return tuple(dict.fromkeys(w for source in sources for w in source.warnings))
 
     def observed(self, supplied: Iterable[str] = ()) -> Domain:
         """Return the same domain for states that an environment gives.
 
-        They may be others than those that the problem's `:init` leads to, so nothing is left out
-        of the model because it cannot be reached from there.
+        The problem's `:init` need not lead to them, so the model leaves out nothing for being
+        unreachable.
 
         Args:
             supplied: Names of fluents that are observed. Where `:init` states one that no effect
@@ -78,7 +78,7 @@ class Domain:
         return dataclasses.replace(self, supplied=frozenset(fixed) | (self.supplied or frozenset()))
 
     def declared(self, name: str) -> Declaration | None:
-        """Return what declares a ground predicate or function; None where there is no such.
+        """Return the declaration of a ground predicate or function; None where there is none.
 
         Args:
             name: Name and objects, such as `door-open hall`.
@@ -152,7 +152,7 @@ class Domain:
 
 
 def problem_beside(domain_file: Path) -> Path:
-    """Return where the problem of a domain file is looked for if nobody says where it is."""
+    """Return the default problem file of a domain file: `<name>-problem.pddl` beside it."""
     return domain_file.with_name(f"{domain_file.stem}-problem.pddl")
 
 
@@ -194,5 +194,5 @@ def load_domain(
         MAX_GROUND_SCHEMAS if max_ground_schemas is None else max_ground_schemas,
         frozenset() if observed else None,
     )
-    domain.model  # noqa: B018  (instantiated now, so that every error in the files is met here)
+    domain.model  # noqa: B018  (instantiated now, so that every error in the files is raised here)
     return domain

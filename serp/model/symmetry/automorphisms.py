@@ -32,7 +32,7 @@ class Symmetries:
     generators: tuple[ModelSymmetry, ...]
     complete: bool
 
-    def told(self) -> list[str]:
+    def described(self) -> list[str]:
         """Return the generators in words; interchangeable objects are listed together."""
         pairs = [s.objects for s in self.generators if len(s.objects) == 2]
         alike = _Orbits(name for pair in pairs for name in pair)
@@ -41,11 +41,11 @@ class Symmetries:
         classes: dict[str, list[str]] = {}
         for name in alike.parent:
             classes.setdefault(alike.of(name), []).append(name)
-        told = [
+        described = [
             " <-> ".join(c) if len(c) == 2 else f"{', '.join(c)} in any order"
             for c in classes.values()
         ]
-        return told + [cycles(s.objects) for s in self.generators if len(s.objects) != 2]
+        return described + [cycles(s.objects) for s in self.generators if len(s.objects) != 2]
 
 
 def find_symmetries(ground: g.GroundModel, max_work: int = MAX_WORK) -> Symmetries:
