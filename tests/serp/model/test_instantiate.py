@@ -181,3 +181,17 @@ def test_one_literal_is_one_parameter_however_many_instances_read_it() -> None:
         " (:action a :parameters (?o) :effect (forall (?u) (increase (x ?u) 2.5))))"
     )
     assert load_texts(Texts(domain, None)).model.theta.tolist() == [2.5]
+
+
+def test_a_static_value_is_needed_only_where_a_static_fact_asks_for_it() -> None:
+    texts = Texts(
+        "(define (domain d) (:predicates (road ?a ?b) (at ?a)) (:functions (length ?a ?b) (far))"
+        " (:action go :parameters (?a ?b) :precondition (and (at ?a) (road ?a ?b)"
+        "   (forall (?c) (imply (road ?b ?c) (< (length ?b ?c) 5))))"
+        "  :effect (and (at ?b) (not (at ?a)) (increase (far) (length ?a ?b)))))",
+        "(define (problem e) (:domain d) (:objects k l m)"
+        " (:init (at k) (road k l) (road l m) (= (length k l) 2) (= (length l m) 3) (= (far) 0)))",
+    )
+    actions, _, model = names(texts)
+    assert actions == ["go k l", "go l m"] and model.initial_state is not None
+    assert model.values(model.step(model.initial_state, "go k l").state)["far"] == 2.0
