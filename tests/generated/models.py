@@ -61,7 +61,7 @@ class Generated:
     def spelled(self, state: Vector) -> State:
         """A state of the model as the oracle has it, with what is static besides."""
         return self.oracle.initial() | {
-            (f.symbol, *f.arguments): float(v) if f.numeric else bool(v)
+            f.key: float(v) if f.numeric else bool(v)
             for f, v in zip(self.model.fluents, state.tolist(), strict=True)
         }
 
@@ -75,8 +75,10 @@ def generate(random: Random, flavour: Flavour = FULL, *, observed: bool = False)
     return Generated(texts, load_texts(texts, observed=observed))
 
 
-def random_state(random: Random, model: TransitionModel, *, exact: bool = False) -> Vector:
-    """Return a random state: quarters, literals of the files, and, unless exact, any number."""
+def random_states(
+    random: Random, model: TransitionModel, count: int, *, exact: bool = False
+) -> Vector:
+    """Return random states `[count, F]`: quarters, parameters, and, unless exact, any number."""
     written = [p.value for p in model.parameters] or [0.0]
 
     def draw(numeric: bool) -> float:
@@ -91,14 +93,7 @@ def random_state(random: Random, model: TransitionModel, *, exact: bool = False)
             return random.uniform(-100.0, 100.0)
         return random.choice((-0.0, 1e-310, -1e200, 1e308, 0.1, 1 / 3))
 
-    return np.array([draw(f.numeric) for f in model.fluents], dtype=np.float64)
-
-
-def random_states(
-    random: Random, model: TransitionModel, count: int, *, exact: bool = False
-) -> Vector:
-    """Return random states `[count, F]`."""
-    rows = [random_state(random, model, exact=exact) for _ in range(count)]
+    rows = [[draw(fluent.numeric) for fluent in model.fluents] for _ in range(count)]
     return np.array(rows, dtype=np.float64).reshape(count, len(model.fluents))
 
 
