@@ -1,8 +1,8 @@
 """Whether conditions exclude each other in every state: predicates, and intervals of numbers.
 
 Comparisons are brought to the form `expression < number`, and equal expressions are recognised
-(`(> (- (x) (y)) 2)` and `(< (x) (+ (y) 1))` exclude each other). Found contradictions are certain up
-to rounding; not every contradiction is found.
+(`(> (- (x) (y)) 2)` and `(< (x) (+ (y) 1))` exclude each other). A contradiction that is found is
+certain up to rounding; not every contradiction is found.
 """
 
 from __future__ import annotations

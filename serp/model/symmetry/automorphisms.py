@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from serp.model import ground as g
 from serp.model.symmetry.model_symmetry import ModelSymmetry, cycles
-from serp.model.symmetry.numbering import GaveUp, Seen, Work
+from serp.model.symmetry.numbering import GaveUp, Seen
 from serp.model.symmetry.permutation import Asymmetry, Items
 
 MAX_WORK = 1_000_000
@@ -65,12 +65,12 @@ class _Search:
 
     def __init__(self, ground: g.GroundModel, max_work: int) -> None:
         self.ground = ground
-        self.work = Work(max_work)
+        self.max_work = max_work
 
     def run(self) -> Symmetries:
         found: list[ModelSymmetry] = []
         try:
-            self.items = Items(self.ground, self.work)
+            self.items = Items(self.ground, self.max_work)
             self.objects = self.items.objects
             for symmetry in self._generators():
                 if not symmetry.trivial:
