@@ -32,7 +32,6 @@ class Domain:
     """A domain file with its optional problem file, checked and ready to be compiled.
 
     Attributes:
-        name: The domain's name.
         source: The domain file.
         problem_source: The problem file, or None.
         syntax: The domain as written.
@@ -42,13 +41,37 @@ class Domain:
             are observed (see `observed`), and this names what of `:init` is observed as well.
     """
 
-    name: str
     source: Source
     problem_source: Source | None
     syntax: DomainSyntax = field(repr=False)
     problem_syntax: ProblemSyntax | None = field(repr=False)
     max_ground_schemas: int = MAX_GROUND_SCHEMAS
     supplied: frozenset[str] | None = None
+
+    @classmethod
+    def parse(
+        cls,
+        source: Source,
+        problem_source: Source | None = None,
+        *,
+        observed: bool = False,
+        max_ground_schemas: int | None = None,
+    ) -> Domain:
+        """Parse the files, without instantiating them; see `load_domain` for the arguments.
+
+        Raises:
+            DomainError: A file is malformed, or uses what is not supported.
+        """
+        syntax = parse_domain(source)
+        problem = parse_problem(problem_source, syntax) if problem_source is not None else None
+        limit = MAX_GROUND_SCHEMAS if max_ground_schemas is None else max_ground_schemas
+        supplied = frozenset[str]() if observed else None
+        return cls(source, problem_source, syntax, problem, limit, supplied)
+
+    @property
+    def name(self) -> str:
+        """The domain's name."""
+        return self.syntax.name
 
     @property
     def warnings(self) -> tuple[DomainWarning, ...]:
@@ -178,21 +201,14 @@ def load_domain(
             has file, line, column, the line with a caret, and what to do.
     """
     source = Source.read(domain_file)
-    domain_file = Path(domain_file)
-    syntax = parse_domain(source)
     if problem_file is None:
-        sibling = problem_beside(domain_file)
+        sibling = problem_beside(Path(domain_file))
         problem_file = sibling if sibling.is_file() else None
-    problem_source = Source.read(problem_file) if problem_file is not None else None
-    problem = parse_problem(problem_source, syntax) if problem_source is not None else None
-    domain = Domain(
-        syntax.name,
+    domain = Domain.parse(
         source,
-        problem_source,
-        syntax,
-        problem,
-        MAX_GROUND_SCHEMAS if max_ground_schemas is None else max_ground_schemas,
-        frozenset() if observed else None,
+        Source.read(problem_file) if problem_file is not None else None,
+        observed=observed,
+        max_ground_schemas=max_ground_schemas,
     )
     domain.model  # noqa: B018  (instantiated now, so that every error in the files is raised here)
     return domain

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from serp.model.loading import Domain
 from serp.model.transition_model import TransitionModel, Vector
-from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import Source
 from tests.generated.oracle import Oracle, State
 from tests.generated.writer import FULL, Flavour, Texts, write_texts
@@ -29,11 +28,8 @@ def load_texts(texts: Texts, *, observed: bool = False) -> Domain:
         DomainError: As `serp.model.loading.load_domain`.
     """
     source = Source(DOMAIN_FILE, texts.domain)
-    problem_source = Source(PROBLEM_FILE, texts.problem) if texts.problem is not None else None
-    syntax = parse_domain(source)
-    problem = parse_problem(problem_source, syntax) if problem_source else None
-    supplied = frozenset[str]() if observed else None
-    return Domain(syntax.name, source, problem_source, syntax, problem, LIMIT, supplied)
+    problem = Source(PROBLEM_FILE, texts.problem) if texts.problem is not None else None
+    return Domain.parse(source, problem, observed=observed, max_ground_schemas=LIMIT)
 
 
 @dataclass(frozen=True)

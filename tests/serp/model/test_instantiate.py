@@ -8,7 +8,6 @@ import pytest
 
 from serp.model.loading import Domain
 from serp.model.transition_model import TransitionModel
-from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import DomainError, Source
 from tests.generated import Texts, load_texts
 
@@ -19,13 +18,8 @@ def with_objects(domain: str, count: int, init: str = "") -> Domain:
     """A domain over so many objects, with low limits."""
     objects = " ".join(f"o{k}" for k in range(count))
     source = Source("many.pddl", f"(define (domain many) {domain})")
-    problem_source = Source(
-        "many-problem.pddl", f"(define (problem p) (:objects {objects}) (:init {init}))"
-    )
-    syntax = parse_domain(source)
-    return Domain(
-        "many", source, problem_source, syntax, parse_problem(problem_source, syntax), 2000
-    )
+    problem = f"(define (problem p) (:objects {objects}) (:init {init}))"
+    return Domain.parse(source, Source("many-problem.pddl", problem), max_ground_schemas=2000)
 
 
 @pytest.mark.parametrize(
