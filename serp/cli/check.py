@@ -241,7 +241,7 @@ def _summary(domain: Domain) -> Iterator[str]:
         ends = "the problem's goal" + ("" if ends == "nothing" else f", {ends}")
     yield f"terminal: {ends}"
     symmetries = find_symmetries(ground)
-    for symmetry in symmetries.told():
+    for symmetry in symmetries.described():
         yield f"symmetry: {symmetry}"
     if not symmetries.complete:
         yield "symmetry: the search was given up, there may be more"

@@ -1,8 +1,8 @@
-"""Whether conditions exclude each other, whatever the state: predicates, and intervals of numbers.
+"""Whether conditions exclude each other in every state: predicates, and intervals of numbers.
 
-Comparisons are brought to the form `expression < number`, with equal expressions recognised as such
-(`(> (- (x) (y)) 2)` and `(< (x) (+ (y) 1))` exclude each other). What is found is certain up to
-rounding; not everything that is contradictory is found.
+Comparisons are brought to the form `expression < number`, and equal expressions are recognised
+(`(> (- (x) (y)) 2)` and `(< (x) (+ (y) 1))` exclude each other). A contradiction that is found is
+certain up to rounding; not every contradiction is found.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def threshold(test: g.Compare, theta: Sequence[float]) -> tuple[int, float] | No
 
 @dataclass
 class _Bounds:
-    """What is known of an expression: bounds with the tests that say so."""
+    """The bounds of an expression, with the tests that they come from."""
 
     low: tuple[Fraction, bool, g.Test] | None = None  # value, whether strict, test
     high: tuple[Fraction, bool, g.Test] | None = None
@@ -84,7 +84,7 @@ class _Bounds:
 
 
 class _Known:
-    """What a conjunction says of predicates and of expressions."""
+    """What a conjunction implies for predicates and expressions."""
 
     def __init__(self, theta: Sequence[float]) -> None:
         self.theta = theta

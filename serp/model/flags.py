@@ -1,8 +1,8 @@
-"""What a predicted step is like, as bits, and the risk that a learned model sees in it.
+"""The flags of a predicted step, and the risk that a learned model adds to them.
 
-The flags of a step are a whole number of 64 bits. Its lower eight are the bits below; the others
-hold the risk in fixed point, in units of 2⁻²⁴. The first three functions run in CPython and are
-compiled by numba, so that none of them calls another.
+Flags are a 64-bit integer. Its lower eight bits are those below; the others hold the risk in fixed
+point, in units of 2⁻²⁴. The first three functions run in CPython and are also compiled by numba, so
+none of them calls another.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ UNSAFE = 2
 TERMINAL = 4
 """`(terminal)` has become true, or the goal is reached."""
 UNDEFINED = 8
-"""The precondition does not fail, but the step has no result: something divides by zero, is no
-finite number, or contradicts something else. UNSAFE beside it is certain all the same."""
+"""The precondition does not fail, but the step has no result: something divides by zero, is not a
+finite number, or contradicts something else. UNSAFE is still certain where it is set."""
 RISKY = 16
-"""The risk of a step that is not UNSAFE is larger than what is accepted; planners set it."""
+"""The risk of a step that is not UNSAFE exceeds the accepted risk; planners set it."""
 
 RISK_SHIFT: Final = 8
 RISK_UNIT: Final = 2.0**-24
-"""Where the risk begins, and what its last bit stands for."""
+"""The position of the lowest bit of the risk, and its value."""
 
 
 def risk_of(flags: int) -> float:
@@ -35,12 +35,12 @@ def risk_of(flags: int) -> float:
 
 
 def with_risk(flags: int, risk: float) -> int:
-    """Return flags that have no risk yet with one in [0, 1], rounded to a multiple of 2⁻²⁴."""
+    """Add a risk in [0, 1], rounded to a multiple of 2⁻²⁴, to flags without one."""
     return flags | (int(risk / RISK_UNIT + 0.5) << RISK_SHIFT)
 
 
 def joined(flags: int, further: int) -> int:
-    """Return the flags of two steps taken one after the other: all bits, and the risk of both."""
+    """Return the flags of two consecutive steps: the bits of both, and their joint risk."""
     bits = (flags | further) & 0xFF
     first, second = flags >> RISK_SHIFT, further >> RISK_SHIFT
     if first | second:

@@ -1,9 +1,9 @@
 """What reaching the goal is worth beside a metric.
 
-The reward of a step is what the metric gains in it. The goal comes first: reaching it is worth more
-than the metric can make of 100 steps, which is what a reward in every step amounts to under a
-discount of 0.99 (the bound that R-max gives to what is unknown; Brafman & Tennenholtz, 2002). What
-the metric can gain or lose in one step is bounded from the numbers of the files.
+The reward of a step is what the metric gains in it. Reaching the goal is worth more than the metric
+can gain in 100 steps, which is the sum of a constant reward under a discount of 0.99 (the bound
+that R-max gives to unknown states; Brafman & Tennenholtz, 2002). The gain of the metric in one step
+is bounded from the numbers of the files.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from serp.pddl.syntax import Change
 
 STEPS = 100
 UNBOUNDED = 1_000_000.0
-"""What the goal is worth where nothing bounds the metric."""
+"""What the goal is worth where the gain of the metric is not bounded."""
 
 _Interval = tuple[float, float]
 _ANY: _Interval = (-math.inf, math.inf)
@@ -32,8 +32,8 @@ class GoalValue:
     Attributes:
         parameter: The entry of θ that holds it.
         metric: The metric.
-        actions, processes, events: What each of them does to what the metric reads, once each for
-            all that do the same (for events and processes, each as often as there are such).
+        actions, processes, events: The effects of each on what the metric reads; those of actions
+            without duplicates.
     """
 
     parameter: int
@@ -47,7 +47,7 @@ class GoalValue:
         return math.isfinite(self._range(theta, dt))
 
     def value(self, theta: Sequence[float], dt: float) -> float:
-        """Return the worth under parameters and a control period."""
+        """Return the worth for parameters and a control period."""
         worth = 1.0 + STEPS * self._range(theta, dt)
         return worth if math.isfinite(worth) else UNBOUNDED
 
@@ -105,7 +105,7 @@ def goal_value_of(
 def _change(
     effects: Iterable[g.SetNumber], weights: dict[int, float], theta: Sequence[float]
 ) -> _Interval:
-    """Bound what effects add to the metric; they may also not happen."""
+    """Bound what effects add to the metric where they happen, or do not."""
     low = high = 0.0
     for effect in effects:
         sign = _SIGNS.get(effect.change)

@@ -32,7 +32,6 @@ class Domain:
     """A domain file with its optional problem file, checked and ready to be compiled.
 
     Attributes:
-        name: The domain's name.
         source: The domain file.
         problem_source: The problem file, or None.
         syntax: The domain as written.
@@ -42,7 +41,6 @@ class Domain:
             are observed (see `observed`), and this names what of `:init` is observed as well.
     """
 
-    name: str
     source: Source
     problem_source: Source | None
     syntax: DomainSyntax = field(repr=False)
@@ -50,17 +48,42 @@ class Domain:
     max_ground_schemas: int = MAX_GROUND_SCHEMAS
     supplied: frozenset[str] | None = None
 
+    @classmethod
+    def parse(
+        cls,
+        source: Source,
+        problem_source: Source | None = None,
+        *,
+        observed: bool = False,
+        max_ground_schemas: int | None = None,
+    ) -> Domain:
+        """Parse the files, without instantiating them; see `load_domain` for the arguments.
+
+        Raises:
+            DomainError: A file is malformed, or uses what is not supported.
+        """
+        syntax = parse_domain(source)
+        problem = parse_problem(problem_source, syntax) if problem_source is not None else None
+        limit = MAX_GROUND_SCHEMAS if max_ground_schemas is None else max_ground_schemas
+        supplied = frozenset[str]() if observed else None
+        return cls(source, problem_source, syntax, problem, limit, supplied)
+
+    @property
+    def name(self) -> str:
+        """The domain's name."""
+        return self.syntax.name
+
     @property
     def warnings(self) -> tuple[DomainWarning, ...]:
-        """What loading the files came upon that is no error: forms that other tools refuse."""
+        """What was noticed in the files that is not an error, such as forms other tools refuse."""
         sources = [s for s in (self.source, self.problem_source) if s is not None]
         return tuple(dict.fromkeys(w for source in sources for w in source.warnings))
 
     def observed(self, supplied: Iterable[str] = ()) -> Domain:
         """Return the same domain for states that an environment gives.
 
-        They may be others than those that the problem's `:init` leads to, so nothing is left out
-        of the model because it cannot be reached from there.
+        The problem's `:init` need not lead to them, so the model leaves out nothing for being
+        unreachable.
 
         Args:
             supplied: Names of fluents that are observed. Where `:init` states one that no effect
@@ -78,7 +101,7 @@ class Domain:
         return dataclasses.replace(self, supplied=frozenset(fixed) | (self.supplied or frozenset()))
 
     def declared(self, name: str) -> Declaration | None:
-        """Return what declares a ground predicate or function; None where there is no such.
+        """Return the declaration of a ground predicate or function; None where there is none.
 
         Args:
             name: Name and objects, such as `door-open hall`.
@@ -152,7 +175,7 @@ class Domain:
 
 
 def problem_beside(domain_file: Path) -> Path:
-    """Return where the problem of a domain file is looked for if nobody says where it is."""
+    """Return the default problem file of a domain file: `<name>-problem.pddl` beside it."""
     return domain_file.with_name(f"{domain_file.stem}-problem.pddl")
 
 
@@ -178,21 +201,14 @@ def load_domain(
             has file, line, column, the line with a caret, and what to do.
     """
     source = Source.read(domain_file)
-    domain_file = Path(domain_file)
-    syntax = parse_domain(source)
     if problem_file is None:
-        sibling = problem_beside(domain_file)
+        sibling = problem_beside(Path(domain_file))
         problem_file = sibling if sibling.is_file() else None
-    problem_source = Source.read(problem_file) if problem_file is not None else None
-    problem = parse_problem(problem_source, syntax) if problem_source is not None else None
-    domain = Domain(
-        syntax.name,
+    domain = Domain.parse(
         source,
-        problem_source,
-        syntax,
-        problem,
-        MAX_GROUND_SCHEMAS if max_ground_schemas is None else max_ground_schemas,
-        frozenset() if observed else None,
+        Source.read(problem_file) if problem_file is not None else None,
+        observed=observed,
+        max_ground_schemas=max_ground_schemas,
     )
-    domain.model  # noqa: B018  (instantiated now, so that every error in the files is met here)
+    domain.model  # noqa: B018  (instantiated now, so that every error in the files is raised here)
     return domain

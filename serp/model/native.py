@@ -1,8 +1,8 @@
 """Running a generated transition function as machine code, by numba.
 
-The generated function is compiled alone, to a C callback; what loops over states (the lookahead,
-batches) is compiled once for all domains and calls it through its address. An edit of a domain file
-therefore costs the compilation of one small function, and none at all where only numbers changed.
+The generated function is compiled alone, to a C callback. Loops over states (the lookahead,
+batches) are compiled once for all domains and call it through its address. An edit of a domain
+file therefore costs the compilation of one small function, or none where only numbers changed.
 Both are cached on disk, see `serp._util.code_cache`.
 """
 
@@ -26,7 +26,7 @@ STEP_SIGNATURE = types.int64(_POINTER, types.int64, _POINTER, types.float64, _PO
 """Of every compiled transition function: state, action, data, Δt, out → flags."""
 
 STACK: Final = 256
-"""Numbers that compiled code keeps on the stack at most, see `stack_room`: 2 KB."""
+"""Most numbers that compiled code keeps on the stack, see `stack_room`: 2 KB."""
 
 
 def structure_digest(generated: Generated) -> str:
@@ -39,7 +39,7 @@ def compile_native(generated: Generated) -> Any:
 
     The callback must be kept alive as long as the address is in use.
     """
-    # The name of the file, of which there is none, is what the code is kept under.
+    # There is no file; its name is the key of the cached code.
     function = load_function(generated, f"<model {structure_digest(generated)}>")
     # `error_model`: divisions are guarded in the generated code, so no check is compiled in.
     return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(function)
@@ -48,9 +48,9 @@ def compile_native(generated: Generated) -> Any:
 def _pointer_to(typing_context, array, position):  # type: ignore[no-untyped-def]
     """Return a pointer to one entry of a flat float64 array, for compiled code.
 
-    Loops over rows are written with pointers: unlike slices and array arguments they cost neither
-    reference counts nor checks for negative positions. The array has to be an argument of the
-    calling function, whose caller keeps it alive.
+    Loops over rows use pointers: unlike slices and array arguments they cost neither reference
+    counts nor checks for negative positions. The array must be an argument of the calling
+    function, so that it is kept alive.
     """
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
@@ -79,7 +79,7 @@ def _call_step(typing_context, address, state, action, theta, dt, out):  # type:
 
 
 def _advanced(typing_context, pointer, count):  # type: ignore[no-untyped-def]
-    """Return a pointer so many entries further on, for compiled code."""
+    """Return a pointer a number of entries further on, for compiled code."""
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         return builder.gep(arguments[0], [arguments[1]])
@@ -90,7 +90,7 @@ def _advanced(typing_context, pointer, count):  # type: ignore[no-untyped-def]
 def _stack_room(typing_context):  # type: ignore[no-untyped-def]
     """Return a pointer to room for `STACK` numbers on the stack, for compiled code.
 
-    It is the same room whenever the compiled function asks, and gone when that function returns.
+    It is allocated once in a call of the compiled function, and gone when that returns.
     """
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]

@@ -1,11 +1,11 @@
 """Which instances can ever apply, and what they can change: relaxed reachability.
 
-Every ground predicate and function is taken to be either constant or free to have any value. An
-instance can apply where its precondition is not refuted by the constants; what it changes is free
-from then on. The least fixed point of this is found without trying every binding: positive atoms
-of a precondition are joined, and a fact that becomes possible is joined with those known before it
-(semi-naive evaluation, as in Helmert, "Concise finite-domain representations for PDDL planning
-tasks", Artificial Intelligence 173, 2009, section 6). Whatever else refutes a condition is watched.
+Every ground predicate and function is either constant or free to have any value. An instance can
+apply where the constants do not refute its precondition; what it changes is free from then on. The
+least fixed point is found without trying every binding: positive atoms of a precondition are
+joined, and a fact that becomes possible is joined with those known before it (semi-naive
+evaluation, as in Helmert, "Concise finite-domain representations for PDDL planning tasks",
+Artificial Intelligence 173, 2009, section 6). Constants that refute other conditions are watched.
 
 What is constant at the end is constant in every state in which all that is not free is as at the
 start, and no step leaves these states. On them the smaller model is exact. Comparisons of numbers

@@ -17,7 +17,7 @@ import argparse
 import os
 import statistics
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import cycle
 from pathlib import Path
@@ -62,6 +62,20 @@ CARTPOLE = """
                            (> (position) 2.4) (< (position) -2.4)))
     :effect (and (unsafe) (terminal) (decrease (reward) 1.0))))
 """
+
+CARTPOLE_STATES = {
+    "position": (-1.0, 1.0),
+    "velocity": (-0.5, 0.5),
+    "angle": (-0.05, 0.05),
+    "spin": (-0.3, 0.3),
+}
+SOCCER_STATES = {
+    "robot-to-ball": (0.9, 1.5),
+    "opponent-to-ball": (0.4, 0.9),
+    "robot-to-opponent": (0.9, 1.6),
+    "off-line": (0.0, 1.2),
+    "goal-open": (0.0, 0.3),
+}
 
 EFFECTS_ONLY = """
 (define (domain cartpole-in-effects)
@@ -134,18 +148,14 @@ def load(folder: Path, name: str, domain: str, problem: str | None = None) -> Tr
     return load_domain(file).model
 
 
-def states_of(model: TransitionModel) -> Vector:
-    """64 states in which no action ends the task or is unsafe."""
-    rng, found = np.random.default_rng(0), []
-    numeric = np.array([fluent.numeric for fluent in model.fluents])
-    while len(found) < 64:
-        state = np.where(
-            numeric, rng.uniform(-0.2, 1.5, len(numeric)) * rng.choice((0.1, 1.0)), 0.0
-        )
-        outcomes = [model.step(state, action) for action in range(len(model.actions))]
-        if not any(outcome.terminal or outcome.unsafe for outcome in outcomes):
-            found.append(state)
-    return np.array(found)
+def states_of(model: TransitionModel, ranges: Mapping[str, tuple[float, float]]) -> Vector:
+    """64 states, numbers drawn between their bounds, predicates false: nothing ends at once."""
+    rng = np.random.default_rng(0)
+    states = [
+        {f.name: rng.uniform(*ranges[f.name]) if f.numeric else False for f in model.fluents}
+        for _ in range(64)
+    ]
+    return np.array([model.state(values) for values in states])
 
 
 def planners(model: TransitionModel, states: Vector) -> dict[str, Contender]:
@@ -232,8 +242,8 @@ def main() -> None:
         soccer = load_task("soccer").load().model.replace(dt=0.4)
         effects = load(folder, "effects", effects_only(), PROBLEM)
         found = {
-            "cart": planners(cartpole, states_of(cartpole)),
-            "soccer": planners(soccer, states_of(soccer)),
+            "cart": planners(cartpole, states_of(cartpole, CARTPOLE_STATES)),
+            "soccer": planners(soccer, states_of(soccer, SOCCER_STATES)),
         }
         start = effects.initial_state
         assert start is not None

@@ -15,28 +15,22 @@ from tests.generated.models import (
     load_texts,
     models,
     models_with_states,
-    random_state,
     random_states,
 )
-from tests.generated.oracle import Oracle, Prediction
 from tests.generated.profile import examples
-from tests.generated.writer import FULL, PLANNABLE, SIMULATED, Flavour, Texts, write_texts
+from tests.generated.writer import FULL, PLANNABLE, SIMULATED, Texts, write_texts
 
 __all__ = [
     "FULL",
     "PLANNABLE",
     "SIMULATED",
-    "Flavour",
     "Generated",
-    "Oracle",
-    "Prediction",
     "Texts",
     "examples",
     "generate",
     "load_texts",
     "models",
     "models_with_states",
-    "random_state",
     "random_states",
     "write_texts",
 ]

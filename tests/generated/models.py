@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from serp.model.loading import Domain
 from serp.model.transition_model import TransitionModel, Vector
-from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import Source
 from tests.generated.oracle import Oracle, State
 from tests.generated.writer import FULL, Flavour, Texts, write_texts
@@ -29,11 +28,8 @@ def load_texts(texts: Texts, *, observed: bool = False) -> Domain:
         DomainError: As `serp.model.loading.load_domain`.
     """
     source = Source(DOMAIN_FILE, texts.domain)
-    problem_source = Source(PROBLEM_FILE, texts.problem) if texts.problem is not None else None
-    syntax = parse_domain(source)
-    problem = parse_problem(problem_source, syntax) if problem_source else None
-    supplied = frozenset[str]() if observed else None
-    return Domain(syntax.name, source, problem_source, syntax, problem, LIMIT, supplied)
+    problem = Source(PROBLEM_FILE, texts.problem) if texts.problem is not None else None
+    return Domain.parse(source, problem, observed=observed, max_ground_schemas=LIMIT)
 
 
 @dataclass(frozen=True)
@@ -61,7 +57,7 @@ class Generated:
     def spelled(self, state: Vector) -> State:
         """A state of the model as the oracle has it, with what is static besides."""
         return self.oracle.initial() | {
-            (f.symbol, *f.arguments): float(v) if f.numeric else bool(v)
+            f.key: float(v) if f.numeric else bool(v)
             for f, v in zip(self.model.fluents, state.tolist(), strict=True)
         }
 
@@ -75,8 +71,10 @@ def generate(random: Random, flavour: Flavour = FULL, *, observed: bool = False)
     return Generated(texts, load_texts(texts, observed=observed))
 
 
-def random_state(random: Random, model: TransitionModel, *, exact: bool = False) -> Vector:
-    """Return a random state: quarters, literals of the files, and, unless exact, any number."""
+def random_states(
+    random: Random, model: TransitionModel, count: int, *, exact: bool = False
+) -> Vector:
+    """Return random states `[count, F]`: quarters, parameters, and, unless exact, any number."""
     written = [p.value for p in model.parameters] or [0.0]
 
     def draw(numeric: bool) -> float:
@@ -91,14 +89,7 @@ def random_state(random: Random, model: TransitionModel, *, exact: bool = False)
             return random.uniform(-100.0, 100.0)
         return random.choice((-0.0, 1e-310, -1e200, 1e308, 0.1, 1 / 3))
 
-    return np.array([draw(f.numeric) for f in model.fluents], dtype=np.float64)
-
-
-def random_states(
-    random: Random, model: TransitionModel, count: int, *, exact: bool = False
-) -> Vector:
-    """Return random states `[count, F]`."""
-    rows = [random_state(random, model, exact=exact) for _ in range(count)]
+    rows = [[draw(fluent.numeric) for fluent in model.fluents] for _ in range(count)]
     return np.array(rows, dtype=np.float64).reshape(count, len(model.fluents))
 
 

@@ -1,7 +1,7 @@
 """Writing small random domains and problems as PDDL text.
 
 Everything is drawn from a `random.Random`, so that hypothesis can drive (and shrink) it through
-`st.randoms()` and a plain seed can too. Literals are quarters, hence arithmetic on them is exact.
+`st.randoms()` and a plain seed can too. Numbers are quarters, so that arithmetic on them is exact.
 """
 
 from __future__ import annotations

@@ -32,7 +32,6 @@ from serp.diagnosis.repair.insertion import InsertionPoints
 from serp.model.loading import Domain
 from serp.pddl import syntax as x
 from serp.pddl.edits import Edit, edited
-from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import Place, Source
 from serp.sysid.lifted_features import WORLD
 
@@ -101,10 +100,8 @@ def repair(domain: Domain, findings: Findings, unexplained: Sequence[str] = ()) 
 
 def _check(domain: Domain, text: str) -> None:
     source = Source(f"{domain.source.name} (repaired)", text)
-    syntax = parse_domain(source)
-    problem = domain.problem_source
-    parsed = parse_problem(problem, syntax) if problem is not None else None
-    Domain(syntax.name, source, problem, syntax, parsed, domain.max_ground_schemas).model  # noqa: B018
+    limit = domain.max_ground_schemas
+    Domain.parse(source, domain.problem_source, max_ground_schemas=limit).model  # noqa: B018
 
 
 class _Writer:

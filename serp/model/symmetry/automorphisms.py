@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from serp.model import ground as g
 from serp.model.symmetry.model_symmetry import ModelSymmetry, cycles
-from serp.model.symmetry.numbering import GaveUp, Seen, Work
+from serp.model.symmetry.numbering import GaveUp, Seen
 from serp.model.symmetry.permutation import Asymmetry, Items
 
 MAX_WORK = 1_000_000
@@ -32,7 +32,7 @@ class Symmetries:
     generators: tuple[ModelSymmetry, ...]
     complete: bool
 
-    def told(self) -> list[str]:
+    def described(self) -> list[str]:
         """Return the generators in words; interchangeable objects are listed together."""
         pairs = [s.objects for s in self.generators if len(s.objects) == 2]
         alike = _Orbits(name for pair in pairs for name in pair)
@@ -41,11 +41,11 @@ class Symmetries:
         classes: dict[str, list[str]] = {}
         for name in alike.parent:
             classes.setdefault(alike.of(name), []).append(name)
-        told = [
+        described = [
             " <-> ".join(c) if len(c) == 2 else f"{', '.join(c)} in any order"
             for c in classes.values()
         ]
-        return told + [cycles(s.objects) for s in self.generators if len(s.objects) != 2]
+        return described + [cycles(s.objects) for s in self.generators if len(s.objects) != 2]
 
 
 def find_symmetries(ground: g.GroundModel, max_work: int = MAX_WORK) -> Symmetries:
@@ -65,12 +65,12 @@ class _Search:
 
     def __init__(self, ground: g.GroundModel, max_work: int) -> None:
         self.ground = ground
-        self.work = Work(max_work)
+        self.max_work = max_work
 
     def run(self) -> Symmetries:
         found: list[ModelSymmetry] = []
         try:
-            self.items = Items(self.ground, self.work)
+            self.items = Items(self.ground, self.max_work)
             self.objects = self.items.objects
             for symmetry in self._generators():
                 if not symmetry.trivial:

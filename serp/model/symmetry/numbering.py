@@ -18,18 +18,21 @@ class GaveUp(Exception):
     """More expressions were visited than allowed."""
 
 
-class Work:
-    """Counts the expressions that are visited.
+class Numbering:
+    """Assigns one number to each key.
 
     Args:
-        most: The limit; None: there is none.
+        ground: The model that expressions are from.
+        max_work: Most expressions that are visited; None: no limit.
     """
 
-    def __init__(self, most: int | None) -> None:
-        self.left = most
+    def __init__(self, ground: g.GroundModel, max_work: int | None) -> None:
+        self.theta = [p.value for p in ground.parameters]
+        self.known: dict[Hashable, int] = {}
+        self.left = max_work
 
     def count(self, amount: int = 1) -> None:
-        """Count some.
+        """Count expressions that are visited.
 
         Raises:
             GaveUp: The limit is exceeded.
@@ -39,23 +42,9 @@ class Work:
             if self.left < 0:
                 raise GaveUp
 
-
-class Numbering:
-    """Assigns one number to each key.
-
-    Args:
-        ground: The model that expressions are from.
-        work: Counts the expressions.
-    """
-
-    def __init__(self, ground: g.GroundModel, work: Work) -> None:
-        self.theta = [p.value for p in ground.parameters]
-        self.known: dict[Hashable, int] = {}
-        self.work = work
-
     def number(self, *key: Hashable) -> int:
         """Return the number of a key."""
-        self.work.count()
+        self.count()
         return self.known.setdefault(key, len(self.known))
 
     def schema(self, schema: g.GroundSchema, seen: Seen) -> int:

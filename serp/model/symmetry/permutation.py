@@ -7,7 +7,7 @@ from itertools import pairwise
 
 from serp.model import ground as g
 from serp.model.symmetry.model_symmetry import ModelSymmetry, permuted_columns
-from serp.model.symmetry.numbering import Numbering, Seen, Work
+from serp.model.symmetry.numbering import Numbering, Seen
 from serp.pddl.source import Place
 from serp.pddl.syntax import Change
 
@@ -38,7 +38,7 @@ def symmetry_of(ground: g.GroundModel, objects: Mapping[str, str]) -> ModelSymme
     Raises:
         Asymmetry: It does not map the model onto itself.
     """
-    return Items(ground, Work(None)).apply(objects)
+    return Items(ground).apply(objects)
 
 
 class Items:
@@ -46,7 +46,7 @@ class Items:
 
     Args:
         ground: The model.
-        work: Counts the expressions that are visited.
+        max_work: Most expressions that are visited; None: no limit.
 
     Attributes:
         numbering: Numbers of all that was visited.
@@ -55,10 +55,9 @@ class Items:
         static: (symbol, *objects) of what is stated and never changes → its value.
     """
 
-    def __init__(self, ground: g.GroundModel, work: Work) -> None:
+    def __init__(self, ground: g.GroundModel, max_work: int | None = None) -> None:
         self.ground = ground
-        self.work = work
-        self.numbering = Numbering(ground, work)
+        self.numbering = Numbering(ground, max_work)
         self.schemas = ground.schemas
         self.static = {tuple(name.split()): value for name, value in ground.static.items()}
         self.same: Seen = int
@@ -95,7 +94,7 @@ class Items:
             Asymmetry: It is not a symmetry.
         """
         fluents = self.ground.fluents
-        self.work.count(len(fluents) + len(self.schemas))
+        self.numbering.count(len(fluents) + len(self.schemas))
         columns = permuted_columns(fluents, objects)
         if isinstance(columns, g.Fluent):
             raise Asymmetry(f"fluent `{columns.name}` has no mirror image")
@@ -157,7 +156,7 @@ class Items:
         if all(a < b for a, b in pairwise(order)):
             return
         for i, later in enumerate(order):
-            self.work.count(len(order) - i)
+            self.numbering.count(len(order) - i)
             for j in range(i + 1, len(order)):
                 if order[j] < later and self.numbers[order[j]] != self.numbers[later]:
                     one, other = self.schemas[start + i], self.schemas[start + j]

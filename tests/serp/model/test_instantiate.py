@@ -8,7 +8,6 @@ import pytest
 
 from serp.model.loading import Domain
 from serp.model.transition_model import TransitionModel
-from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import DomainError, Source
 from tests.generated import Texts, load_texts
 
@@ -19,13 +18,8 @@ def with_objects(domain: str, count: int, init: str = "") -> Domain:
     """A domain over so many objects, with low limits."""
     objects = " ".join(f"o{k}" for k in range(count))
     source = Source("many.pddl", f"(define (domain many) {domain})")
-    problem_source = Source(
-        "many-problem.pddl", f"(define (problem p) (:objects {objects}) (:init {init}))"
-    )
-    syntax = parse_domain(source)
-    return Domain(
-        "many", source, problem_source, syntax, parse_problem(problem_source, syntax), 2000
-    )
+    problem = f"(define (problem p) (:objects {objects}) (:init {init}))"
+    return Domain.parse(source, Source("many-problem.pddl", problem), max_ground_schemas=2000)
 
 
 @pytest.mark.parametrize(
@@ -181,3 +175,17 @@ def test_one_literal_is_one_parameter_however_many_instances_read_it() -> None:
         " (:action a :parameters (?o) :effect (forall (?u) (increase (x ?u) 2.5))))"
     )
     assert load_texts(Texts(domain, None)).model.theta.tolist() == [2.5]
+
+
+def test_a_static_value_is_needed_only_where_a_static_fact_asks_for_it() -> None:
+    texts = Texts(
+        "(define (domain d) (:predicates (road ?a ?b) (at ?a)) (:functions (length ?a ?b) (far))"
+        " (:action go :parameters (?a ?b) :precondition (and (at ?a) (road ?a ?b)"
+        "   (forall (?c) (imply (road ?b ?c) (< (length ?b ?c) 5))))"
+        "  :effect (and (at ?b) (not (at ?a)) (increase (far) (length ?a ?b)))))",
+        "(define (problem e) (:domain d) (:objects k l m)"
+        " (:init (at k) (road k l) (road l m) (= (length k l) 2) (= (length l m) 3) (= (far) 0)))",
+    )
+    actions, _, model = names(texts)
+    assert actions == ["go k l", "go l m"] and model.initial_state is not None
+    assert model.values(model.step(model.initial_state, "go k l").state)["far"] == 2.0

@@ -1,4 +1,8 @@
-"""The meaning of a step, rule by rule, with the numbers written out."""
+"""The meaning of a step, with the numbers written out.
+
+`test_transition_model` compares every rule with a slow reading of the file. Here are those that
+random domains seldom reach, and the flags of steps without a result.
+"""
 
 from __future__ import annotations
 
@@ -62,7 +66,6 @@ def check(model: TransitionModel, given: dict[str, float], expected: Any) -> Non
     assert flagged == {k: getattr(outcome, k) for k in ("reward", "unsafe", "terminal")}
 
 
-CLASH = event("clash", "(p)", "(assign (x) 1) (when (q) (increase (x) 2))")
 TEN = "(- 10 (y))"
 NAN = "(> (/ 1 (y)) 2)"
 SQUARE = "(* (y) (y))"
@@ -71,29 +74,9 @@ STEPS: dict[str, tuple[str, list[tuple[dict[str, float], Any]]]] = {
         action("(when (q) (p)) (when (r) (not (p)))"),
         [({"q": 1, "r": 1}, {"p": 1}), ({"p": 1, "r": 1}, {"p": 0})],
     ),
-    "effects are simultaneous": (
-        action(
-            "(assign (x) (y)) (assign (y) (x)) (when (p) (q)) (when (q) (p))"
-            " (when (not (p)) (not (q))) (when (not (q)) (not (p)))"
-        ),
-        [({"x": 1, "y": 2, "p": 1}, {"x": 2, "y": 1, "p": 0, "q": 1}), ({"p": 1, "q": 1}, {})],
-    ),
-    "effects see the state before the action": (
-        action("(increase (x) 1) (when (> (x) 0) (p)) (assign (y) (* 2 (x)))"),
-        [({}, {"x": 1}), ({"x": 1}, {"x": 2, "y": 2, "p": 1})],
-    ),
     "flags are false before the action": (
         action("(unsafe) (terminal) (when (or (unsafe) (terminal)) (p))"),
         [({}, {"unsafe": True, "terminal": True})],
-    ),
-    "a precondition may read a flag": (action("(p)", "(unsafe)"), [({}, 0)]),
-    "increases and decreases add up": (
-        action("(increase (x) 1) (decrease (x) (y)) (increase (x) (x))"),
-        [({"x": 5, "y": 2}, {"x": 9})],
-    ),
-    "scalings multiply": (
-        action("(scale-up (x) 3) (scale-down (x) 2) (scale-up (x) (y))"),
-        [({"x": 4, "y": -1}, {"x": -6})],
     ),
     "two assignments of one value agree": (
         action("(assign (x) (y)) (assign (x) (+ (z) 1))"),
@@ -103,42 +86,8 @@ STEPS: dict[str, tuple[str, list[tuple[dict[str, float], Any]]]] = {
         action("(assign (x) 1) (when (p) (increase (x) 2))"),
         [({}, {"x": 1}), ({"p": 1}, UNDEFINED)],
     ),
-    "a decrease contradicts an assignment": (
-        action("(decrease (x) 1) (when (p) (assign (x) 2))"),
-        [({}, {"x": -1}), ({"p": 1}, UNDEFINED)],
-    ),
-    "a scaling contradicts an increase": (
-        action("(scale-up (x) 2) (when (p) (increase (x) 2))"),
-        [({"x": 2}, {"x": 4}), ({"p": 1}, UNDEFINED)],
-    ),
-    "a decrease contradicts a scaling": (
-        action("(decrease (x) 2) (when (p) (scale-down (x) 2))"),
-        [({"x": 2}, {"x": 0}), ({"p": 1}, UNDEFINED)],
-    ),
-    "a scaling contradicts an assignment": (
-        action("(scale-up (x) 2) (when (p) (assign (x) 2))"),
-        [({"x": 2}, {"x": 4}), ({"p": 1}, UNDEFINED)],
-    ),
     # Undefined results
-    "0 / 0 is no number": (
-        action("(assign (x) (/ 0 (y))) (p)"),
-        [({"x": 3}, UNDEFINED), ({"y": 10}, {"p": 1})],
-    ),
-    "a scaling divides by zero": (action("(scale-down (x) (y))"), [({}, UNDEFINED)]),
-    "a reward divides by zero": (
-        action("(increase (reward) (/ 1 (y)))"), [({}, UNDEFINED), ({"y": 4}, {"reward": 0.25})]
-    ),
-    "a number overflows": (action(f"(increase (x) (* 1e308 {TEN}))"), [({}, UNDEFINED)]),
     "a reward overflows": (action(f"(decrease (reward) (* 1e308 {TEN}))"), [({}, UNDEFINED)]),
-    "0 times no number is none": (action("(increase (x) (* (/ 1 (y)) 0))"), [({}, UNDEFINED)]),
-    "a process without a finite result": (
-        action("(q)") + process("flow", "(p)", "(increase (x) (* #t (/ 1 (y))))"),
-        [({"p": 1}, UNDEFINED), ({}, {"q": 1}), ({"p": 1, "y": 1}, {"q": 1, "x": 0.5})],
-    ),
-    "an event without a finite result": (
-        action("(q)") + event("jump", "(p)", "(increase (x) (/ 1 (y)))"),
-        [({"p": 1}, UNDEFINED), ({}, {"q": 1}), ({"p": 1, "y": 1}, {"q": 1, "x": 1})],
-    ),
     "an undefined precondition": (
         action("(unsafe)", f"(and {NAN} (q))"),
         [({}, 0), ({"q": 1}, UNDEFINED), ({"q": 1, "y": 1}, 0)],  # it fails whatever NAN is
@@ -172,10 +121,6 @@ STEPS: dict[str, tuple[str, list[tuple[dict[str, float], Any]]]] = {
         action(f"(when (> {SQUARE} 0) (unsafe))"), [({"y": 1e200}, {"unsafe": True})]
     ),
     # Processes; the control period is 0.5
-    "processes see the state after the action": (
-        action("(assign (y) 3) (p)") + process("flow", "(p)", "(increase (x) (* #t (y)))"),
-        [({"y": 100}, {"x": 1.5, "y": 3, "p": 1})],
-    ),
     "all rates are evaluated before any is applied": (
         action("")
         + process("a", "(> (x) 0)", "(increase (y) (* #t (x)))")
@@ -183,10 +128,6 @@ STEPS: dict[str, tuple[str, list[tuple[dict[str, float], Any]]]] = {
         + process("c", "(<= (x) 0)", "(increase (z) #t)")
         + process("d", "(> (x) 0)", "(increase (x) (* (z) #t))"),
         [({"x": 4, "y": 32, "z": 1}, {"x": 4 - 16 + 0.5, "y": 34})],
-    ),
-    "processes reward by time": (
-        action("") + process("pay", "(p)", "(increase (reward) (* #t 3))"),
-        [({"p": 1}, {"reward": 1.5}), ({}, {})],
     ),
     # Events
     "an event fires once a step, however often it is enabled": (
@@ -202,12 +143,9 @@ STEPS: dict[str, tuple[str, list[tuple[dict[str, float], Any]]]] = {
         + event("down", "(>= (x) 1)", "(decrease (x) 5)"),
         [({}, {"x": -4}), ({"x": 1}, {"x": -3})],  # `up` is over; `up` in a second sweep
     ),
-    "effects of an event are simultaneous": (
-        action("") + event("swap", "(p)", "(assign (x) (y)) (assign (y) (x)) (not (p))"),
-        [({"p": 1, "x": 1, "y": 2}, {"x": 2, "y": 1, "p": 0})],
-    ),
-    "effects of an event contradict each other": (
-        action("") + CLASH, [({"p": 1}, {"x": 1}), ({"p": 1, "q": 1}, UNDEFINED)]
+    "the condition of an event that has fired may become undefined": (
+        action("") + event("below", "(< (y) 0)", "(q)") + event("zero", NAN, "(assign (y) 0)"),
+        [({"y": 0.25}, {"y": 0})],
     ),
     "events follow flags and rewards of the action": (
         action("(when (> (x) 1) (unsafe)) (increase (reward) 2)")

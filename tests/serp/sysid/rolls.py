@@ -12,7 +12,6 @@ import serp_envs
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.loading import Domain, load_domain
 from serp.model.transition_model import TransitionModel, Vector
-from serp.pddl.parser import parse_domain, parse_problem
 from serp.pddl.source import Source
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
@@ -25,11 +24,8 @@ DT = 0.02
 
 def from_text(text: str, problem: str | None = None) -> Domain:
     """A domain from its text, without a file."""
-    source = Source("world.pddl", text)
     problem_source = None if problem is None else Source("world-problem.pddl", problem)
-    syntax = parse_domain(source)
-    parsed = None if problem_source is None else parse_problem(problem_source, syntax)
-    return Domain(syntax.name, source, problem_source, syntax, parsed)
+    return Domain.parse(Source("world.pddl", text), problem_source)
 
 
 @functools.cache

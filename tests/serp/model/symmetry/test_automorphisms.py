@@ -29,7 +29,7 @@ LIFT = """(:action lift :parameters (?s - side) :precondition (and (not (up ?s))
 
 
 def told(loaded: Domain) -> list[str]:
-    return find_symmetries(loaded.model.ground).told()
+    return find_symmetries(loaded.model.ground).described()
 
 
 def objects_of(ground: GroundModel) -> list[str]:
