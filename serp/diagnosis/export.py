@@ -77,6 +77,7 @@ def finding_as_dict(finding: Finding) -> Mapping[str, Any]:
         values["text"] = place.text
     if isinstance(finding, MissingEffect):
         values["terms"] = [dataclasses.asdict(term) for term in finding.terms]
+        values["rate"] = finding.rate
     if isinstance(finding, StochasticEffect):
         values["outcomes"] = [
             {**dataclasses.asdict(outcome),
