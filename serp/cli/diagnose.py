@@ -156,7 +156,7 @@ def _fit_rows(fits: Sequence[FitRow]) -> Iterator[tuple[str, ...]]:
 
 
 _PREDICATE_HEAD = ("after", "predicate", "steps", "predicted changes", "happened", "unpredicted",
-                   "wrong if corrected")  # fmt: skip
+                   "wrong if adapted")  # fmt: skip
 
 
 def _missed(side: Side) -> int:
