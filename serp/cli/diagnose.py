@@ -66,7 +66,10 @@ def command(
         if file is not None and file.suffix.lower() != suffix:
             raise click.BadParameter(f"name a file that ends in {suffix}", ctx, param_hint=option)
     if png is not None or svg is not None:
-        from serp.diagnosis.plots import picture
+        from serp._util.extras import needs_extra
+
+        with needs_extra("plots", "a picture of a diagnosis"):
+            from serp.diagnosis.plots import picture
 
     from serp._util.files import write_durably
     from serp.diagnosis import export
@@ -153,7 +156,7 @@ def _fit_rows(fits: Sequence[FitRow]) -> Iterator[tuple[str, ...]]:
 
 
 _PREDICATE_HEAD = ("after", "predicate", "steps", "predicted changes", "happened", "unpredicted",
-                   "wrong if corrected")  # fmt: skip
+                   "wrong if adapted")  # fmt: skip
 
 
 def _missed(side: Side) -> int:

@@ -1,4 +1,4 @@
-"""`serp repair`: the domain file of a run, corrected by what the run has observed."""
+"""`serp repair`: the domain file of a run, repaired by what the run has observed."""
 
 from __future__ import annotations
 

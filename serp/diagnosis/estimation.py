@@ -13,7 +13,7 @@ from serp.diagnosis.stochastic_effects import find_stochastic_effects
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.added_effects import AddedEffect
 from serp.sysid.joint_fit import JointFit, fit_jointly
-from serp.sysid.lifted_features import WORLD, LiftedFluent
+from serp.sysid.lifted_features import LiftedFluent
 from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.parameter_fit import ParameterEstimator, whole_symbols
 from serp.sysid.regression_data import RegressionData, predicted_steps, predictions, regression_data
@@ -36,7 +36,7 @@ def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
     """
     sample = regression_data(model, experience.states, experience.actions, experience.next_states)
     if not len(sample):
-        return Findings(skipped=sample.skipped)
+        return Findings()
     objects = max(Counter(f.symbol for f in model.fluents if f.numeric).values(), default=1)
     part = sample.part(max(_FEWEST_ROWS, min(_MOST_ROWS, _MOST_PAIRS // objects)))
     explanation = fit_jointly(model, part)
@@ -51,7 +51,6 @@ def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
         stochastic=find_stochastic_effects(model, sample, whole, units),
         rules=find_rules(model, sample, steps, predicted, units),
         samples=len(sample),
-        skipped=sample.skipped,
     )
 
 
@@ -133,7 +132,6 @@ def _missing(
                     )
                     for index, addition in terms
                 ),
-                rate=schema == WORLD,
                 samples=int(fit.samples[indices].max()) if schema else len(sample),
                 cost=costs.of(indices, 0.0, target.symbol),
             )

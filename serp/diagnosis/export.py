@@ -77,6 +77,7 @@ def finding_as_dict(finding: Finding) -> Mapping[str, Any]:
         values["text"] = place.text
     if isinstance(finding, MissingEffect):
         values["terms"] = [dataclasses.asdict(term) for term in finding.terms]
+        values["rate"] = finding.rate
     if isinstance(finding, StochasticEffect):
         values["outcomes"] = [
             {**dataclasses.asdict(outcome),
@@ -97,11 +98,11 @@ def _monitor_row(row: MonitorRow, model: TransitionModel) -> dict[str, Any]:
         "steps": row.samples,
         "scale": row.scale,
         "written": row.written._asdict(),
-        "corrected": row.adapted._asdict(),
+        "adapted": row.adapted._asdict(),
         "worst": [
             {
                 "predicted": case.written,
-                "corrected": case.adapted,
+                "adapted": case.adapted,
                 "observed": case.observed,
                 "state": None if case.state is None else model.values(case.state),
             }
@@ -116,7 +117,7 @@ def table(diagnosis: Diagnosis) -> Iterator[tuple[str | float | int, ...]]:
     Columns that begin with `run` cover the whole run, the others the transitions kept.
     """
     yield (*FitRow._fields, "run_steps", *(
-        f"run_{side}_{name}" for side in ("written", "corrected") for name in Side._fields
+        f"run_{side}_{name}" for side in ("written", "adapted") for name in Side._fields
     ))  # fmt: skip
     fits = {(row.action, row.fluent): row for row in diagnosis.fits}
     for seen in diagnosis.observed:

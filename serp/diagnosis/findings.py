@@ -63,7 +63,6 @@ class MissingEffect:
         place: Where that schema is written; None where there is none.
         fluent: Name of the fluent that changes.
         terms: The summands of the change.
-        rate: Whether the terms are per unit of time and belong in a process.
         samples: Transitions behind the estimate.
         cost: See the module.
     """
@@ -72,9 +71,13 @@ class MissingEffect:
     place: Place | None
     fluent: str
     terms: tuple[EffectTerm, ...]
-    rate: bool
     samples: int
     cost: float
+
+    @property
+    def rate(self) -> bool:
+        """Whether the terms are per unit of time and belong in a process."""
+        return not self.schema
 
 
 @dataclass(frozen=True)
@@ -157,7 +160,6 @@ class Findings:
     Attributes:
         parameters, missing, stochastic, rules: The findings by kind.
         samples: Transitions looked at.
-        skipped: Transitions left out; see `serp.sysid.regression_data.RegressionData.left_out`.
     """
 
     parameters: tuple[ParameterFinding, ...] = ()
@@ -165,7 +167,6 @@ class Findings:
     stochastic: tuple[StochasticEffect, ...] = ()
     rules: tuple[RuleFinding, ...] = ()
     samples: int = 0
-    skipped: int = 0
 
 
 def symbol_of(name: str) -> str:

@@ -8,10 +8,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.diagnosis.findings import Findings, MissingEffect, ObservedOutcome
+from serp.diagnosis.findings import Findings, ObservedOutcome
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.added_effects import AddedEffect, with_effects
-from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel
+from serp.sysid.lifted_features import LiftedFluent, LiftedModel
 from serp.sysid.regression_data import predicted_steps, predictions
 
 _MOST_ACTIONS: Final = 40
@@ -62,16 +62,9 @@ def _patched(model: TransitionModel, findings: Findings, lifting: LiftedModel) -
         for term in missing.terms:
             factors = tuple(lifted(name) for name in term.fluents)
             additions.append(AddedEffect(missing.schema, lifted(missing.fluent), factors))
-            coefficients.append(term.coefficient * _periods(missing, model.dt))
+            coefficients.append(term.coefficient)
     ground = with_effects(lifting, additions)
     return TransitionModel(ground, dt=model.dt, theta=np.concatenate((theta, coefficients)))
-
-
-def _periods(missing: MissingEffect, dt: float) -> float:
-    """Return the factor of a coefficient: in a process it is a rate, in an action a change."""
-    if missing.schema == WORLD:
-        return 1.0 if missing.rate else 1.0 / dt
-    return dt if missing.rate else 1.0
 
 
 def _average(

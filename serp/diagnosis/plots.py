@@ -1,27 +1,17 @@
-"""Pictures of predicted against observed changes, a panel for each ground action and fluent.
-
-Importing this module without matplotlib raises `serp.errors.MissingExtra`.
-"""
+"""Pictures of predicted against observed changes, a panel for each ground action and fluent."""
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from importlib.util import find_spec
 from typing import Any, Final, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from serp.errors import MissingExtra
-
-if find_spec("matplotlib") is None:
-    raise MissingExtra("a picture of a diagnosis", "plots")
-
 import matplotlib.style
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
+from numpy.typing import NDArray
 
 from serp._util.figures import FAINT, INK, PLANNER, STYLE, render
 from serp._util.number_format import number

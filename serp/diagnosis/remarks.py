@@ -95,15 +95,11 @@ class _RemarkWriter:
         for finding in parameters:
             effects.setdefault(self._effect_around(finding.parameter), []).append(finding)
         ranked = sorted(effects.items(), key=lambda item: -sum(f.cost for f in item[1]))
-        rates = {self._is_process(finding.schema) for finding in parameters}
         for effect, found in ranked:
             wrong = [finding for finding in found if differs(finding, _DIFFERS)]
-            # A missing effect joins the first effect on the same fluent in the same unit.
-            beside = [m for m in missing if rates == {m.rate}]
-            if not wrong and not beside:
-                continue
-            missing = [m for m in missing if m not in beside]
-            yield self._parameters_in(effect, found, wrong, beside)
+            if wrong or missing:
+                yield self._parameters_in(effect, found, wrong, missing)
+                missing = []  # told with the first effect on the same fluent
         for effect_missing in missing:
             yield self._missing(effect_missing)
 
@@ -216,10 +212,6 @@ class _RemarkWriter:
             if _inside(place, outer):
                 return len({p.place.start for p in self._parameters if _inside(p.place, outer)})
         return 1
-
-    def _is_process(self, name: str) -> bool:
-        """Return whether a schema is a process, whose effects are rates."""
-        return any(s.schema == name and s.kind.value == "process" for s in self._schemas)
 
 
 def terms(summands: Iterable[EffectTerm]) -> str:

@@ -134,7 +134,7 @@ def test_the_goal_ends_an_episode_without_a_fall(task: BoundTask, table: Table) 
     assert (fallen, reached) == (0, 30)
 
 
-def test_the_planner_without_correction_walks_along_the_edge_and_falls(task: BoundTask) -> None:
+def test_the_planner_without_adaptation_walks_along_the_edge_and_falls(task: BoundTask) -> None:
     chosen = resolve("default", task.task.settings)
     arbiter = Arbiter(make_planner(task.model, chosen.planner), task.actions, chosen.arbiter)
     plan = [task.actions.name(arbiter.plan(task.ground(c)).action) for c in (36, *range(24, 36))]

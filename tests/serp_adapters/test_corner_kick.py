@@ -81,12 +81,8 @@ def test_the_mark_is_an_arms_length_from_the_opponent_towards_the_goal(
         ((0.5, 0.0), (0.76, 0.0), (0.0, 0.0), 0.0),  # in reach: nearer than 0.265 m
         ((0.5, 0.0), (1.265, 0.0), (0.0, 0.0), 2.0),  # 0.5 m to walk at 0.25 m/s
         ((0.5, 0.0), (2.265, 0.0), (-0.6, 0.0), 3.6),  # comes 0.6 m in 2 s and stops: 0.9 m to walk
-        (
-            (0.5, 0.0),
-            (0.5, 1.265),
-            (0.0, -0.6),
-            1.8,
-        ),  # after 1.8 s 0.406 m to walk, 1.62 s; before, more
+        # After 1.8 s 0.406 m to walk, 1.62 s; before, more.
+        ((0.5, 0.0), (0.5, 1.265), (0.0, -0.6), 1.8),
         ((0.5, 0.0), (0.8, 0.0), (0.6, 0.0), 2.54),  # rolls away by 0.6 m: 0.635 m to walk
     ],
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import asin, atan2, hypot, pi
+from math import asin, atan2, hypot
 
 import numpy as np
 import pytest
@@ -47,29 +47,6 @@ def fluents(model: TransitionModel, robot: Point, opponent: Point, to_goal: floa
 
 
 # Grounding -------------------------------------------------------------------------------------
-
-
-def test_distances_are_metres(model: TransitionModel) -> None:
-    values = fluents(model, robot=(0.3, 0.4), opponent=(-0.3, -0.4))
-    assert values["robot-to-ball"] == pytest.approx(0.5)
-    assert values["opponent-to-ball"] == pytest.approx(0.5)
-    assert values["robot-to-opponent"] == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize(
-    ("robot", "angle"),
-    [
-        ((0.4, 0.0), 0.0),
-        ((0.3, 0.3), pi / 4),
-        ((0.3, -0.3), pi / 4),
-        ((0.0, 0.4), pi / 2),
-        ((-0.4, 0.0), pi),
-    ],
-)
-def test_off_line_is_the_angle_to_the_goal_whichever_side(
-    model: TransitionModel, robot: Point, angle: float
-) -> None:
-    assert fluents(model, robot, (-0.5, 0.0))["off-line"] == pytest.approx(angle)
 
 
 @pytest.mark.parametrize(
@@ -153,24 +130,6 @@ def test_the_mirrored_observation_swaps_the_sides(task: BoundTask) -> None:
 
 
 # Domain and planner ----------------------------------------------------------------------------
-
-
-def test_the_domain_knows_left_from_right_by_name_only(model: TransitionModel) -> None:
-    names = [f.name for f in model.fluents]
-    swap = [names.index(MIRRORED.get(name, name)) for name in names]
-    other = {"side-advance left": "side-advance right", "side-advance right": "side-advance left"}
-    rng = np.random.default_rng(3)
-    for _ in range(200):
-        state = np.concatenate((rng.integers(0, 2, 4), np.zeros(2), rng.uniform(0, 1, 5)))
-        for action in model.actions:
-            here = model.step(state, action.name)
-            there = model.step(state[swap], other.get(action.name, action.name))
-            np.testing.assert_array_equal(here.state[swap], there.state)
-            assert (here.reward, here.unsafe, here.terminal) == (
-                there.reward,
-                there.unsafe,
-                there.terminal,
-            )
 
 
 @pytest.mark.parametrize(

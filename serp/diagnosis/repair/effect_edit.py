@@ -24,11 +24,13 @@ class EffectEdit:
 
     Attributes:
         schema, effect: The same.
+        evidence: Comments on the edits, each with the place that it stands above.
     """
 
     def __init__(self, schema: x.Schema, effect: x.ChangeFunction) -> None:
         self.schema = schema
         self.effect = effect
+        self.evidence: list[tuple[Place, str]] = []
         self._change = effect.change
         self._numbers: dict[int, tuple[Place, str]] = {}
         self._added: tuple[EffectTerm, ...] = ()

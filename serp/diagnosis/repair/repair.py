@@ -119,7 +119,6 @@ class _Writer:
             for schema in domain.syntax.schemas
             for effect in _changes(schema.effects)
         ]
-        self._evidence: list[tuple[EffectEdit, Place, str]] = []
         self._needs: dict[str, None] = {}
         self._names = {
             *(s.name for s in domain.syntax.schemas),
@@ -160,13 +159,12 @@ class _Writer:
 
     def _evidence_edits(self, edit: EffectEdit) -> list[Edit]:
         """Return the comments on the changes of an effect as edits, and note the repair."""
-        own = [(place, evidence) for e, place, evidence in self._evidence if e is edit]
-        if own:
-            before, after = edit.effect.place.text, edit.text
-            evidence = "; ".join(text for _, text in own)
-            line = edit.effect.place.line
-            self.repairs.append(Repair(line, edit.schema.name, before, after, evidence))
-        return [self._points.comment_above(place.start, text) for place, text in own]
+        if edit.evidence:
+            place, evidence = edit.effect.place, "; ".join(text for _, text in edit.evidence)
+            self.repairs.append(
+                Repair(place.line, edit.schema.name, place.text, edit.text, evidence)
+            )
+        return [self._points.comment_above(place.start, text) for place, text in edit.evidence]
 
     def _change(self, finding: ParameterFinding) -> None:
         place = finding.parameter.place
@@ -184,16 +182,14 @@ class _Writer:
         edit.set_number(place, number)
         observed = measured(finding.estimate, finding.error)
         evidence = f"{place.text} as written; observed {observed} in {finding.samples:,} steps"
-        self._evidence.append((edit, place, evidence))
+        edit.evidence.append((place, evidence))
 
     def _additions(self) -> list[Edit]:
         """Return the edits that add missing effects, in the order of the declarations."""
         edits: list[Edit] = []
         into: dict[str, list[tuple[str, str]]] = {}
-        order = list(self._syntax.declarations)
-        for missing in sorted(
-            self._findings.missing, key=lambda m: order.index(symbol_of(m.fluent))
-        ):
+        order = {symbol: k for k, symbol in enumerate(self._syntax.declarations)}
+        for missing in sorted(self._findings.missing, key=lambda m: order[symbol_of(m.fluent)]):
             terms = sorted(missing.terms, key=lambda term: (len(term.fluents), term.fluents))
             if missing.schema == WORLD:
                 if terms:
@@ -231,7 +227,7 @@ class _Writer:
         else:
             edit.add_terms(terms)
             evidence, rest = f"found to be that and more in {steps}", []
-        self._evidence.append((edit, edit.effect.place, f"assigned as written; {evidence}"))
+        edit.evidence.append((edit.effect.place, f"assigned as written; {evidence}"))
         return rest
 
     def _process(self, missing: MissingEffect, terms: Sequence[EffectTerm]) -> Edit:
@@ -247,7 +243,7 @@ class _Writer:
     ) -> list[tuple[str, str]]:
         """Return an effect for each term with its evidence, and note the repairs."""
         self._needs[":numeric-fluents"] = None
-        rate = missing.schema == WORLD
+        rate = missing.rate
         effects = [
             (
                 evidence_of_term(term, missing.samples, rate=rate),

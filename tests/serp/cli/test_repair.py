@@ -24,7 +24,7 @@ PLANNER_ALONE = [
     for section, values in OWN["mrp"].changes.items()
     for name, value in values.items()
 ]
-CORRECTED = ["--set=adaptation.mode=residual", "--set=adaptation.min_visits=3"]
+ADAPTED = ["--set=adaptation.mode=residual", "--set=adaptation.min_visits=3"]
 
 
 def planned(domain: str | Path, out: Path, *options: str) -> np.ndarray:
@@ -40,19 +40,19 @@ def planned(domain: str | Path, out: Path, *options: str) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def ignorant(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A run with a file that says nothing of how cart and pole move, corrected while it went."""
+    """A run with a file that says nothing of how cart and pole move, adapted on the way."""
     out = tmp_path_factory.mktemp("ignorant") / "run"
-    planned(EMPTY, out, "--episodes=2", *CORRECTED)
+    planned(EMPTY, out, "--episodes=2", *ADAPTED)
     return out
 
 
-def test_the_repaired_file_alone_is_as_good_as_the_corrected_run(run: Run, ignorant: Path) -> None:
-    corrected = planned(EMPTY, Path("corrected"), "--episodes=3", "--seed=7", *CORRECTED)
+def test_the_repaired_file_alone_is_as_good_as_the_adapted_run(run: Run, ignorant: Path) -> None:
+    adapted = planned(EMPTY, Path("adapted"), "--episodes=3", "--seed=7", *ADAPTED)
     run("repair", str(ignorant), "-o", "cartpole-known.pddl")
     off = "--set=adaptation.mode=off"
     repaired = planned("cartpole-known.pddl", Path("again"), "--episodes=6", "--seed=7", off)
     assert repaired.mean() >= 475.0
-    assert repaired.mean() >= corrected.mean() - 10.0
+    assert repaired.mean() >= adapted.mean() - 10.0
     # It is the repair that does it.
     assert planned(EMPTY, Path("unaided"), "--episodes=3", off).mean() < 30.0
 

@@ -140,12 +140,11 @@ def missing(
     terms: Mapping[tuple[str, ...], float],
     *,
     schema: str = "drive",
-    rate: bool = False,
     cost: float = 1.0,
 ) -> MissingEffect:
     place = next((a.place for a in model.actions if a.schema == schema), None)
     summands = tuple(EffectTerm(value, 0.02, fluents) for fluents, value in terms.items())
-    return MissingEffect(schema, place, fluent, summands, rate, samples=412, cost=cost)
+    return MissingEffect(schema, place, fluent, summands, samples=412, cost=cost)
 
 
 def chances(

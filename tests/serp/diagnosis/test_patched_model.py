@@ -3,7 +3,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from serp import load_domain
@@ -53,14 +52,11 @@ def test_missing_effects_are_added_to_every_instance(model: TransitionModel) -> 
     np.testing.assert_allclose(next_states(model, findings, states, actions), truth)
 
 
-@pytest.mark.parametrize(("rate", "periods"), [(True, 0.5), (False, 1.0)])
-def test_what_the_world_does_goes_on_whatever_the_action(
-    model: TransitionModel, rate: bool, periods: float
-) -> None:
+def test_a_missing_process_goes_on_whatever_the_action(model: TransitionModel) -> None:
     states, actions = states_of(model, 50)
-    findings = found(missing(model, "warmth", {(): 0.4}, schema="", rate=rate))
+    findings = found(missing(model, "warmth", {(): 0.4}, schema=""))
     truth = predictions(model, states, actions)
-    truth[:, column(model, "warmth")] += 0.4 * periods
+    truth[:, column(model, "warmth")] += 0.4 * model.dt
     np.testing.assert_allclose(next_states(model, findings, states, actions), truth)
 
 

@@ -32,9 +32,9 @@ def pictured(model: TransitionModel, truth: Findings) -> Diagnosis:
 def all_wrong(model: TransitionModel) -> Findings:
     return found(
         parameter(model, 0, 2.5), missing(model, "battery ?r", {("warmth",): 0.2}),
-        missing(model, "warmth", {(): 0.1}, schema="", rate=True),
-        missing(model, "place ?r", {(): 0.1}, schema="", rate=True),
-        missing(model, "battery ?r", {(): 0.1}, schema="", rate=True),
+        missing(model, "warmth", {(): 0.1}, schema=""),
+        missing(model, "place ?r", {(): 0.1}, schema=""),
+        missing(model, "battery ?r", {(): 0.1}, schema=""),
     )  # fmt: skip
 
 

@@ -74,9 +74,9 @@ def test_a_changed_domain_is_refused(copy: Path) -> None:
 
 def test_a_run_without_a_step_is_refused(copy: Path) -> None:
     arrays, meta = load(copy / NEWEST)
-    saved = meta["agent"]["correction"]["experience"]
+    saved = meta["agent"]["adaptation"]["experience"]
     for name in list(arrays):
-        if name.startswith("correction.experience."):
+        if name.startswith("adaptation.experience."):
             arrays[name] = arrays[name][:0]
     saved["seen"] = 0
     save(copy / NEWEST, arrays, meta)

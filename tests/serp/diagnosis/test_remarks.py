@@ -31,7 +31,7 @@ def test_a_literal_and_what_is_missing_beside_it_are_told_together() -> None:
         ParameterFinding(parameter, "push-left", "pole-velocity", 0.29, 0.2103, 0.021, 412, 0.5),
         MissingEffect(
             "push-left", action.place, "pole-velocity",
-            (EffectTerm(0.3123, 0.02, ("pole-angle",)),), False, 412, 0.25,
+            (EffectTerm(0.3123, 0.02, ("pole-angle",)),), 412, 0.25,
         ),
     )  # fmt: skip
     (remark,) = remarks(findings, model.ground)
@@ -47,7 +47,7 @@ def test_a_literal_and_what_is_missing_beside_it_are_told_together() -> None:
 def test_the_most_costly_comes_first(model: TransitionModel) -> None:
     findings = found(
         parameter(model, 0, 2.0, cost=0.2),
-        missing(model, "warmth", {(): 3.0}, schema="", rate=True, cost=0.7),
+        missing(model, "warmth", {(): 3.0}, schema="", cost=0.7),
         chances(model, "light", ({}, 1.0, False), cost=0.5),
     )
     told = remarks(findings, model.ground)
@@ -90,7 +90,7 @@ def test_what_the_file_is_silent_of(model: TransitionModel) -> None:
     ]
     (text,) = texts(found(missing(model, "place ?r", {(): 0.5})), model)
     assert "changes by 0.50, beyond what the file says" in text
-    (text,) = texts(found(missing(model, "place ?robot", {(): 0.5}, schema="", rate=True)), model)
+    (text,) = texts(found(missing(model, "place ?robot", {(): 0.5}, schema="")), model)
     assert text == (
         "whatever the action: `(place ?robot)` changes by 0.50 per unit of time, which the file "
         "does not mention (412 steps)"

@@ -44,9 +44,9 @@ def test_effects_fit_into_actions_of_any_shape(shape: str, newline: str) -> None
 """.replace("\n", newline)
     domain = from_text(text)
     findings = found(
-        MissingEffect("a", None, "g", (EffectTerm(0.5, 0.01, ("f",)),), False, 10, 1.0),
-        MissingEffect("a", None, "f", (EffectTerm(-2.0, 0.01, ()),), False, 10, 1.0),
-        MissingEffect("", None, "f", (EffectTerm(3.0, 0.01, ("g",)),), True, 10, 1.0),
+        MissingEffect("a", None, "g", (EffectTerm(0.5, 0.01, ("f",)),), 10, 1.0),
+        MissingEffect("a", None, "f", (EffectTerm(-2.0, 0.01, ()),), 10, 1.0),
+        MissingEffect("", None, "f", (EffectTerm(3.0, 0.01, ("g",)),), 10, 1.0),
     )
     repaired = repair(domain, findings)
     new = written(domain, repaired).model

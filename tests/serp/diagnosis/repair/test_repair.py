@@ -89,7 +89,7 @@ def test_an_assignment_takes_in_what_was_missing() -> None:
     domain = from_text(CARTS)
 
     def with_terms(*terms: EffectTerm) -> str:
-        missing = MissingEffect("stop", None, "v ?c", terms, False, 50, 1.0)
+        missing = MissingEffect("stop", None, "v ?c", terms, 50, 1.0)
         return repair(domain, found(missing)).text
 
     own = EffectTerm(0.9996, 1e-5, ("v ?c",))
@@ -102,7 +102,7 @@ def test_an_assignment_takes_in_what_was_missing() -> None:
         domain,
         found(
             parameter(domain.model, 4, -0.5, error=0.01),
-            MissingEffect("stop", None, "v ?c", (own,), False, 50, 1.0),
+            MissingEffect("stop", None, "v ?c", (own,), 50, 1.0),
         ),
     )
     assert "(decrease (v ?c) 0.50)" in falling.text
@@ -110,7 +110,7 @@ def test_an_assignment_takes_in_what_was_missing() -> None:
 
 def test_processes_have_new_names_and_typed_parameters() -> None:
     text = FLEET.replace("(:action rest", "(:action wind-changes")
-    world = MissingEffect("", None, "wind", (EffectTerm(1.0, 0.01, ()),), True, 10, 1.0)
+    world = MissingEffect("", None, "wind", (EffectTerm(1.0, 0.01, ()),), 10, 1.0)
     typed = replace(world, fluent="way ?r")
     repaired = repair(from_text(text, ROBOTS), found(world, world, typed))
     assert "(:process way-changes\n    :parameters (?r - robot)" in repaired.text

@@ -96,7 +96,7 @@ def findings_of(draw: st.DrawFn, name: str) -> Findings:
         place = next((a.place for a in model.actions if a.schema == lens.schema), None)
         terms = draw(terms_of(lens, words, target.name))
         missing[lens.schema, target.name] = MissingEffect(
-            lens.schema, place, target.name, terms, lens.schema == WORLD, 1234, 1.0
+            lens.schema, place, target.name, terms, 1234, 1.0
         )
     return found(*numbers, *missing.values())
 
