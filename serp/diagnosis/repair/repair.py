@@ -89,7 +89,7 @@ def repair(domain: Domain, findings: Findings, unexplained: Sequence[str] = ()) 
     Raises:
         DomainError: The repaired file with the problem would be wrong.
     """
-    writer = _RepairWriter(domain, findings)
+    writer = _Writer(domain, findings)
     edits = writer.edits()
     left = (*unexplained, *writer.in_problem)
     if not writer.repairs:
@@ -107,7 +107,7 @@ def _check(domain: Domain, text: str) -> None:
     Domain(syntax.name, source, problem, syntax, parsed, domain.max_ground_schemas).model  # noqa: B018
 
 
-class _RepairWriter:
+class _Writer:
     """Collects the edits of one file and notes the repairs."""
 
     def __init__(self, domain: Domain, findings: Findings) -> None:
