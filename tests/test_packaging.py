@@ -225,6 +225,7 @@ def test_what_needs_an_extra_says_which_one(tmp_path: Path) -> None:
         "soccer": "plan-and-learn --domain soccer --env-steps 30",
         "tensorboard": "plan-and-learn --domain cartpole --set training.tensorboard=true",
         "check": "check cartpole --portable",
+        "report": "compare --domain cartpole --algorithms mrp --env-steps 30",
     }
     shown = without_extras(tmp_path, *needs.values())
     for extra in needs:

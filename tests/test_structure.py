@@ -38,14 +38,7 @@ MOST_FILES = 16
 MOST_PARAMETERS = 10
 ABOVE: set[str] = {
     "envs/serp_envs/soccer",
-    "serp/adaptation/step_kernels.py",
     "serp/cli",
-    "serp/compare/study.py compare",
-    "serp/control/arbiter.py",
-    "serp/learning/dqn.py",
-    "serp/learning/kernels.py",
-    "serp/learning/replay.py",
-    "serp/learning/replay.py __init__",
     "serp/pddl/expressions.py",
     "serp/training/run.py",
 }
