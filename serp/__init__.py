@@ -23,12 +23,16 @@ _HOMES = {
     "Domain": "serp.model.loading",
     "DomainError": "serp.pddl.source",
     "EvaluationResult": "serp.training.evaluation",
+    "Forecast": "serp.planning.forecast",
     "GuideSettings": "serp.settings",
+    "Learner": "serp.control.protocols",
     "LearnerSettings": "serp.settings",
     "Lookahead": "serp.planning.lookahead",
     "MonitorReplanner": "serp.planning.replanner",
+    "NoVeto": "serp.control.veto",
     "Outcome": "serp.model.transition_model",
     "Plan": "serp.planning.replanner",
+    "Planner": "serp.control.protocols",
     "PlannerSettings": "serp.settings",
     "PlanningGraph": "serp.planning.graph",
     "Repaired": "serp.diagnosis.repair.repair",
@@ -37,12 +41,16 @@ _HOMES = {
     "SerpError": "serp.errors",
     "Settings": "serp.settings",
     "SettingsError": "serp.errors",
+    "Situation": "serp.control.strategies.strategy",
     "StateError": "serp.model.transition_model",
+    "StepRecord": "serp.control.step_record",
+    "Strategy": "serp.control.strategies.strategy",
     "Symmetry": "serp.tasks.symmetry",
     "Task": "serp.tasks.task",
     "TaskError": "serp.errors",
     "TrainingSettings": "serp.settings",
     "TransitionModel": "serp.model.transition_model",
+    "VetoPolicy": "serp.control.veto",
     "compare": "serp.compare.study",
     "diagnose": "serp.diagnosis.diagnosis",
     "load_domain": "serp.model.loading",
@@ -59,6 +67,13 @@ if TYPE_CHECKING:
     from serp.compare.study import compare as compare
     from serp.control.arbiter import Arbiter as Arbiter
     from serp.control.decision import Decision as Decision
+    from serp.control.protocols import Learner as Learner
+    from serp.control.protocols import Planner as Planner
+    from serp.control.step_record import StepRecord as StepRecord
+    from serp.control.strategies.strategy import Situation as Situation
+    from serp.control.strategies.strategy import Strategy as Strategy
+    from serp.control.veto import NoVeto as NoVeto
+    from serp.control.veto import VetoPolicy as VetoPolicy
     from serp.diagnosis.diagnosis import Diagnosis as Diagnosis
     from serp.diagnosis.diagnosis import diagnose as diagnose
     from serp.diagnosis.repair.repair import Repaired as Repaired
@@ -75,6 +90,7 @@ if TYPE_CHECKING:
     from serp.model.transition_model import TransitionModel as TransitionModel
     from serp.pddl.source import DomainError as DomainError
     from serp.planning.action_map import ActionMap as ActionMap
+    from serp.planning.forecast import Forecast as Forecast
     from serp.planning.graph import PlanningGraph as PlanningGraph
     from serp.planning.lookahead import Lookahead as Lookahead
     from serp.planning.replanner import MonitorReplanner as MonitorReplanner

@@ -24,6 +24,7 @@ import csv
 import importlib
 import io
 import itertools
+import os
 import re
 import shlex
 import shutil
@@ -129,8 +130,7 @@ def run_commands(block: Block) -> str:
 @pytest.mark.parametrize("page", [p for p in PAGES if blocks(p)], ids=name_of)
 def test_examples_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    for file in EXAMPLES.iterdir():
-        shutil.copy(file, tmp_path)
+    shutil.copytree(EXAMPLES, tmp_path, dirs_exist_ok=True)
     names: dict[str, Any] = {"__name__": "__main__"}
     printed: str | None = None
     for block in blocks(page):
@@ -172,9 +172,28 @@ def test_example_scripts_run(script: Path, tmp_path: Path) -> None:
     assert printed if not shown else printed == re.sub(r"^# ", "", shown[0], flags=re.M)
 
 
+def test_an_extension_is_found_by_its_entry_points(tmp_path: Path) -> None:
+    pip = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
+    source = shutil.copytree(EXAMPLES / "extension", tmp_path / "source")
+    where = ["--no-build-isolation", "--target", str(tmp_path / "site"), str(source)]
+    subprocess.run([*pip, *where], check=True, timeout=120)
+    names = ["guide.strategy=planner-first", "guide.imitation_steps=40", "planner.name=one-step"]
+    done = subprocess.run(
+        [sys.executable, "-m", "serp", "plan-and-learn", "--domain=cartpole", "--env-steps=80",
+         "--out=run", "--quiet", *(f"--set={name}" for name in [*names, "learner.name=linear"])],
+        cwd=tmp_path, capture_output=True, text=True, timeout=300, check=False,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), *sys.path])},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    with (tmp_path / "run" / "decisions.csv").open(newline="", encoding="utf-8") as file:
+        proposed = [row["proposed_by"] for row in csv.DictReader(file)]
+    assert set(proposed[:40]) == {"planner"}
+    assert set(proposed[41:]) <= {"learner", "exploration"}
+
+
 def test_examples_import_only_public_names() -> None:
     programs = [
-        (script.name, script.read_text(encoding="utf-8")) for script in EXAMPLES.glob("*.py")
+        (script.name, script.read_text(encoding="utf-8")) for script in EXAMPLES.rglob("*.py")
     ]
     programs += [(name_of(p), b.text) for p in PAGES for b in blocks(p) if b.language == "python"]
     assert len(programs) > 5

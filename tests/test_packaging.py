@@ -173,3 +173,61 @@ def test_nothing_heavy_is_imported_before_it_is_needed(script: str, tmp_path: Pa
     loaded = json.loads(printed.splitlines()[-1])
     assert "serp" in loaded
     assert HEAVY & {*loaded} == set()
+
+
+# Optional parts
+
+OPTIONAL = (
+    "PIL", "imageio_ffmpeg", "matplotlib", "pygame", "pymunk", "stable_baselines3", "tensorboard",
+    "unified_planning",
+)  # fmt: skip
+WITHOUT = f"""
+import shlex, sys
+sys.modules.update(dict.fromkeys({OPTIONAL}))  # importing them fails
+from serp.cli import main
+for line in sys.argv[1:]:
+    try:
+        main(shlex.split(line))
+    except SystemExit as end:
+        print("status", end.code, flush=True)
+"""
+
+
+def without_extras(folder: Path, *lines: str) -> str:
+    """Run commands where nothing is installed that only an extra brings; return what they print."""
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT, *lines],
+        cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=300,
+        check=False,
+    )  # fmt: skip
+    assert "Traceback" not in done.stdout, done.stdout
+    assert done.stdout.count("status") == len(lines)
+    return done.stdout
+
+
+def test_planning_and_learning_need_no_extra(tmp_path: Path) -> None:
+    shown = without_extras(
+        tmp_path,
+        "list",
+        "check cartpole",
+        "plan --domain cartpole",
+        "plan-and-learn --domain cartpole --env-steps 60 --out run --quiet",
+        "evaluate run --episodes 1",
+        "diagnose run",
+        "repair run",
+    )
+    assert "status 1" not in shown, shown
+
+
+def test_what_needs_an_extra_says_which_one(tmp_path: Path) -> None:
+    needs = {
+        "plots": "plan --domain cartpole --svg plan.svg",
+        "soccer": "plan-and-learn --domain soccer --env-steps 30",
+        "tensorboard": "plan-and-learn --domain cartpole --set training.tensorboard=true",
+        "check": "check cartpole --portable",
+        "report": "compare --domain cartpole --algorithms mrp --env-steps 30",
+    }
+    shown = without_extras(tmp_path, *needs.values())
+    for extra in needs:
+        assert f"pip install 'serp[{extra}]'" in shown
+    assert not any(tmp_path.glob("**/metrics.csv"))

@@ -13,6 +13,15 @@ def number(value: float) -> str:
     return _minus(f"{value + 0.0:.3g}")
 
 
+def readable(value: float | None, digits: int = 4) -> str:
+    """Return a number as people read it: `1,234`, `0.2618`, `–` for none."""
+    if value is None or math.isnan(value):
+        return "–"
+    if isinstance(value, int) or 1e3 <= abs(value) < 1e9:
+        return f"{value:,.0f}"
+    return f"{value + 0.0:.{digits}g}"
+
+
 def plain(value: float) -> str:
     """Return a number with six significant digits."""
     return f"{value + 0.0:.6g}"

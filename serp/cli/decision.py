@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from serp._util.number_format import percent
-from serp.cli.output import number, plural, print_table
+from serp._util.number_format import percent, readable
+from serp.cli.output import plural, print_table
 from serp.model.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.planning.forecast import SAFE, promise_at
@@ -123,7 +123,7 @@ def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
         if not planner.model.actions:
             return ["The domain has no ground action: there is nothing to decide."]
         return ["No action is applicable here."]
-    lines = [f"Chosen: {plan.name}, best return {number(plan.reward)}."]
+    lines = [f"Chosen: {plan.name}, best return {readable(plan.reward)}."]
     if plan.indifferent:
         lines.append(
             "All safe actions promise the same (the planner is indifferent): what matters "
@@ -180,7 +180,7 @@ def _most(planner: MonitorReplanner) -> str:
 
 
 def _print_state(console: Console, model: TransitionModel, state: Vector) -> None:
-    numeric = [(f.name, number(float(state[f.index]))) for f in model.fluents if f.numeric]
+    numeric = [(f.name, readable(float(state[f.index]))) for f in model.fluents if f.numeric]
     true = [f.name for f in model.fluents if not f.numeric and state[f.index]]
     for name, value in numeric[:_FLUENTS_SHOWN]:
         console.print(f"  {name} = {value}")
@@ -207,8 +207,8 @@ def _print_actions(console: Console, planner: MonitorReplanner, state: Vector, p
             (
                 "→" if chosen else "",
                 model.actions[k].name,
-                number(float(forecast.reward[k])) if applicable else "–",
-                number(float(forecast.value[k])) if applicable else "–",
+                readable(float(forecast.reward[k])) if applicable else "–",
+                readable(float(forecast.value[k])) if applicable else "–",
                 remark(planner, state, plan, k),
             )
         )
@@ -234,7 +234,7 @@ def _print_path(console: Console, planner: MonitorReplanner, state: Vector, plan
     for k, step in enumerate(plan.path):
         before, after = states[k], states[k + 1]
         mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""
-        row = [str(k + 1), step.action + mark, number(step.reward)]
+        row = [str(k + 1), step.action + mark, readable(step.reward)]
         if in_columns:
             row += [_shown(after[f.index], numeric=f.numeric) for f in changing]
         else:
@@ -249,4 +249,4 @@ def _print_path(console: Console, planner: MonitorReplanner, state: Vector, plan
 
 
 def _shown(value: float, *, numeric: bool) -> str:
-    return number(value) if numeric else ("true" if value else "false")
+    return readable(value) if numeric else ("true" if value else "false")

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from serp._util.number_format import readable
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say
-from serp.cli.output import number, open_console, plural, print_json, print_table
+from serp.cli.output import open_console, plural, print_json, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -152,7 +153,7 @@ _FIT_HEAD = ("after", "fluent", "steps", "change", "error", "with findings", "ra
 def _fit_rows(fits: Sequence[FitRow]) -> Iterator[tuple[str, ...]]:
     for row in fits:
         numbers = row.change, row.rmse_written, row.rmse_found, row.scale
-        yield row.action, row.fluent, f"{row.steps:,}", *(number(value, 3) for value in numbers)
+        yield row.action, row.fluent, f"{row.steps:,}", *(readable(value, 3) for value in numbers)
 
 
 _PREDICATE_HEAD = ("after", "predicate", "steps", "predicted changes", "happened", "unpredicted",
@@ -188,11 +189,11 @@ def _worst_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
         if case.state is not None:
             values = list(model.values(case.state).items())
             shown = [
-                f"{name}={str(value).lower() if isinstance(value, bool) else number(value, 3)}"
+                f"{name}={str(value).lower() if isinstance(value, bool) else readable(value, 3)}"
                 for name, value in values[:_NAMED]
             ]
             state = ", ".join(shown) + (", …" if len(values) > _NAMED else "")
-        yield row.action, row.fluent, number(case.written), number(case.observed), state
+        yield row.action, row.fluent, readable(case.written), readable(case.observed), state
 
 
 def _table(

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import click
 
+from serp._util.number_format import readable
 from serp.cli.examples import ExampledCommand
-from serp.cli.output import number, open_console, plural, print_json, print_table
+from serp.cli.output import open_console, plural, print_json, print_table
 from serp.cli.policies import open_run, policy_of_run
 from serp.training.policies import Policy
 
@@ -52,15 +53,15 @@ def command(
     console.print(f"Measured: {result['meaning']}.")
     steps = sum(result["lengths"])
     low, high = result["confidence_interval"] or (None, None)
-    interval = f", 95 % interval {number(low)} to {number(high)}" if low is not None else ""
+    interval = f", 95 % interval {readable(low)} to {readable(high)}" if low is not None else ""
     print_table(
         console,
         ("", ""),
         [
-            ("mean return", f"{number(result['mean'])}{interval}"),
-            ("spread", f"standard deviation {number(result['std'])}, "
-                       f"{number(result['min'])} to {number(result['max'])}, "
-                       f"median {number(result['median'])}"),
+            ("mean return", f"{readable(result['mean'])}{interval}"),
+            ("spread", f"standard deviation {readable(result['std'])}, "
+                       f"{readable(result['min'])} to {readable(result['max'])}, "
+                       f"median {readable(result['median'])}"),
             ("terminated", f"{result['terminated']} of {episodes} episodes"),
             ("unsafe", f"{plural(result['unsafe_executed'], 'action')} executed that the domain "
                        f"file flags unsafe, in {plural(steps, 'step')}"),

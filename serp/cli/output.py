@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -86,15 +85,6 @@ def print_json(value: Any) -> None:
 def print_result(text: object) -> None:
     """Print a line for programs to read, such as a path: as it is, but on a terminal visibly."""
     click.echo(visible(str(text)) if sys.stdout.isatty() else str(text))
-
-
-def number(value: float | None, digits: int = 4) -> str:
-    """Return a number as people read it: `1,234`, `0.2618`, `–` for none."""
-    if value is None or math.isnan(value):
-        return "–"
-    if isinstance(value, int) or 1e3 <= abs(value) < 1e9:
-        return f"{value:,.0f}"
-    return f"{value + 0.0:.{digits}g}"
 
 
 def plural(count: int, noun: str, several: str | None = None) -> str:

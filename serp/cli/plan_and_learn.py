@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from serp._util.number_format import readable
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say, stopped_by
-from serp.cli.output import number, open_console, plural, print_result, print_table
+from serp.cli.output import open_console, plural, print_result, print_table
 from serp.cli.tasks import asked_task, limited, own_task_name, own_task_option
 from serp.cli.values import parse_settings
 
@@ -204,8 +205,8 @@ def _print_results(run: Run, domain: str | None) -> None:
             ),
             (
                 "return",
-                f"{number(returns['first_10'])} in the first {plural(first, 'episode')}, "
-                f"{number(returns['last_20'])} in the last {last}",
+                f"{readable(returns['first_10'])} in the first {plural(first, 'episode')}, "
+                f"{readable(returns['last_20'])} in the last {last}",
             ),
             (
                 "terminated",

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from serp._util.number_format import readable
 from serp.cli.examples import ExampledCommand
 from serp.cli.failures import say
-from serp.cli.output import number, open_console, plural
+from serp.cli.output import open_console, plural
 from serp.cli.policies import open_run, policy_of_run
 from serp.training.policies import Policy
 
@@ -102,6 +103,6 @@ def _report(result: EpisodeResult) -> None:
     unsafe = f", {plural(result.unsafe, 'unsafe action')} executed" if result.unsafe else ""
     say(
         f"episode {result.number}: {result.outcome and result.outcome + ', '}"
-        f"return {number(result.total)} in "
+        f"return {readable(result.total)} in "
         f"{plural(result.steps, 'step')}, {plural(result.vetoes, 'proposal')} refused{unsafe}"
     )

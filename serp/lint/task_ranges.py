@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.cli.output import number
+from serp._util.number_format import readable
 from serp.errors import SerpError
 from serp.lint.exclusion import threshold
 from serp.model import ground as g
@@ -42,7 +42,7 @@ def out_of_range(bound: BoundTask) -> Iterator[DomainWarning]:
         told.add(place)
         yield DomainWarning(
             f"`{place.text}`: the observations of the task give `{fluents[index].name}` values "
-            f"from {number(low)} to {number(high)}; is {number(value)} in the same unit?",
+            f"from {readable(low)} to {readable(high)}; is {readable(value)} in the same unit?",
             place,
         )
 

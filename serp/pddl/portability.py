@@ -12,6 +12,7 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
 
 from serp.pddl.expressions import is_number
 from serp.pddl.sexpr import Group, Node, Word, read_group
@@ -127,6 +128,8 @@ def ask_unified_planning(
     Returns:
         `yes`, `no`, or why there is no answer; and what it has against the files.
     """
+    if find_spec("unified_planning") is None:
+        return "not known (it is not installed: pip install 'serp[check]')", None
     files = [(s.name, s.text) for s in (domain, problem) if s is not None]
     try:
         answer = subprocess.run(

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+import serp.diagnosis.plots  # noqa: F401 (before the fixtures replace what draws)
 from serp._util.json_files import finite
 from serp.diagnosis import export
 from serp.diagnosis.diagnosis import diagnose

@@ -6,7 +6,8 @@ import json
 
 import pytest
 
-from serp.cli.output import number, open_console, plural, print_json, print_table
+from serp._util.number_format import readable
+from serp.cli.output import open_console, plural, print_json, print_table
 
 
 @pytest.mark.parametrize(
@@ -24,7 +25,7 @@ from serp.cli.output import number, open_console, plural, print_json, print_tabl
     ],
 )
 def test_numbers(value: float | None, text: str) -> None:
-    assert number(value) == text
+    assert readable(value) == text
 
 
 def test_plurals() -> None:
