@@ -40,7 +40,8 @@ from serp.runs.folder import RunFolder
 from serp.runs.rows import MetricsRow
 from serp.runs.tensorboard import EventWriter
 from serp.tasks.task import Task
-from serp.training.run import Run, load_run, plan_and_learn
+from serp.training.plan_and_learn import plan_and_learn
+from serp.training.run import Run, load_run
 from serp.training.run_metadata import read_run_metadata
 from tests.serp.sample_tasks import CableCut, Corridor, corridor, corridor_file
 
@@ -200,8 +201,8 @@ def test_a_setting_that_turns_out_wrong_cannot_be_mended_by_resuming(tmp_path: P
 def test_the_event_writer_is_closed_and_hides_no_error(
     tmp_path: Path, at: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("serp.training.run.EventWriter", Recorder)
-    monkeypatch.setattr("serp.training.run.require_tensorboard", lambda: None)
+    monkeypatch.setattr("serp.training.plan_and_learn.EventWriter", Recorder)
+    monkeypatch.setattr("serp.training.plan_and_learn.require_tensorboard", lambda: None)
     monkeypatch.setattr(Recorder, "closed", [])
     task = corridor(tmp_path, lambda: CableCut(Corridor(), at))
     kind = EnvironmentFailure if at == 30 else OSError  # where all else went well, its own

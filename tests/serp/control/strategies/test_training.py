@@ -19,7 +19,8 @@ from serp.control.strategies.jump_start import JumpStart
 from serp.runs.checkpoint import NEWEST, load
 from serp.settings import Settings, resolve
 from serp.tasks.task import Task
-from serp.training.run import load_run, plan_and_learn
+from serp.training.plan_and_learn import plan_and_learn
+from serp.training.run import load_run
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import corridor
 
