@@ -56,7 +56,7 @@ _HOMES = {
     "load_domain": "serp.model.loading",
     "load_run": "serp.training.run",
     "load_task": "serp.tasks.registry",
-    "plan_and_learn": "serp.training.run",
+    "plan_and_learn": "serp.training.plan_and_learn",
     "repair": "serp.diagnosis.repair.repair",
 }
 
@@ -106,9 +106,9 @@ if TYPE_CHECKING:
     from serp.tasks.symmetry import Symmetry as Symmetry
     from serp.tasks.task import Task as Task
     from serp.training.evaluation import EvaluationResult as EvaluationResult
+    from serp.training.plan_and_learn import plan_and_learn as plan_and_learn
     from serp.training.run import Run as Run
     from serp.training.run import load_run as load_run
-    from serp.training.run import plan_and_learn as plan_and_learn
 
 
 def __getattr__(name: str) -> Any:

@@ -102,7 +102,7 @@ def command(
             )
         path, task = out, limited(asked, max_ground_schemas)
     from serp.errors import Interrupted
-    from serp.training.run import plan_and_learn
+    from serp.training.plan_and_learn import plan_and_learn
 
     episodes_before = _episodes(path) if resuming and path is not None else 0
     try:

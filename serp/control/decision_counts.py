@@ -1,9 +1,8 @@
 """What is counted of a training or an evaluation: the one definition of each number.
 
-Whoever says how often something was refused, by whom steps were executed, or what was unsafe feeds
-each step to a `DecisionCounts`: the training (whose counts become `metrics.csv`, the summary, the
-report and the line on the console), the reader of `decisions.csv`, evaluations, comparisons and
-films.
+Every count of vetoes, of steps by actor and of unsafe steps comes from a `DecisionCounts`: in
+`metrics.csv`, the summary, the report and the display of a training, in evaluations, comparisons
+and films.
 """
 
 from __future__ import annotations

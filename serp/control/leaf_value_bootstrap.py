@@ -1,9 +1,8 @@
-"""What lies beyond the lookahead, in the learner's eyes: believed once it has proven right.
+"""The learner's values at the leaves of the lookahead, once they have predicted well.
 
-A lookahead that ends after some seconds knows nothing of what comes later. The learner does: its Q
-is what the rest of an episode is worth. At the leaves of the lookahead its values let planning see
-beyond the horizon (as in AlphaZero, Silver et al. 2018, and POLO, Lowrey et al. 2019, arXiv
-1811.01848), the planner's choices in turn teach the learner.
+A lookahead knows nothing of what comes after its horizon. The learner does: its Q is what the rest
+of an episode is worth. With its values at the leaves, planning sees beyond the horizon, as in
+AlphaZero (Silver et al. 2018) and POLO (Lowrey et al. 2019, arXiv 1811.01848).
 """
 
 from __future__ import annotations
@@ -27,16 +26,16 @@ _PERIOD: Final = 500
 _SAMPLES: Final = 1_000
 """Newest states that a fit rests on."""
 _REST: Final = 0.05
-"""Values are judged by the rewards of so many steps that what follows weighs so little."""
+"""Weight that is left for what follows the compared rewards."""
 _LONGEST: Final = 300
-"""Most steps of these."""
+"""Most rewards that are compared with one value."""
 _MEMORY: Final = 0.998
 _LEAST: Final = 200
-"""Before so many comparisons nothing is proven."""
+"""Fewest comparisons before the values are used."""
 _EXPLAINED: Final = 0.5
-"""Share of the variance of what was received that has to be explained."""
+"""Share of the variance of the rewards that the values have to explain."""
 _OTHERS: Final = 0.01
-"""Share of the steps in which file and learner may go by different rewards."""
+"""Share of the steps in which the rewards of file and learner may differ."""
 
 
 _HELD, _COMPARED = 0, 1
@@ -82,14 +81,13 @@ def _follow(packed, state, next_state, reward, terminated, discount, window, cou
 
 
 class LeafValueBootstrap:
-    """Gives a lookahead the learner's values at its leaves while they explain what was received.
+    """Gives a lookahead the learner's values at its leaves while they predict the rewards well.
 
-    From the value V of a state, and that of the state n steps later, follows what is received in
-    between: V(s) - γⁿ V(s′), or V(s) where the episode has terminated. That is compared with the
-    rewards that came, each value as it was when its state was visited, so that nobody has seen what
-    it is judged by. Where leaves are all worth the same, as without the learner, none of what
-    differs is explained. The learner's values mean nothing to a planner that goes by other rewards
-    than those learned from: a file that shapes its rewards plans by them alone.
+    The values V of a state and of the state n steps later predict the rewards in between:
+    V(s) - γⁿ V(s′), or V(s) where the episode has terminated. The prediction is compared with the
+    rewards received. Each value is that of the time when its state was visited, so that the test
+    data are new. Used are values that explain at least half of the variance of the rewards. They
+    are never used where the learner learns from other rewards than the planner plans with.
 
     Args:
         planner: Whose leaves these are.
@@ -127,7 +125,7 @@ class LeafValueBootstrap:
 
     @property
     def _alike(self) -> bool:
-        """Whether planner and learner go by the same rewards."""
+        """Whether planner and learner use the same rewards."""
         return self._others <= _OTHERS * self._steps
 
     def observe(self, step: StepRecord) -> None:
@@ -146,7 +144,7 @@ class LeafValueBootstrap:
             self._fit()
         self._publish()
 
-    def rehearse(self) -> None:
+    def precompile(self) -> None:
         """Call once what `observe` calls after the first fit; everything stays as it is."""
         state, value = np.zeros(self._fluents), LeafValue(self._fluents, np.random.SeedSequence(0))
         value.fit(np.zeros((1, self._fluents)), np.zeros(1))

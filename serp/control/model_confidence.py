@@ -1,4 +1,4 @@
-"""How far the model that is planned with can be trusted."""
+"""How far the model that is planned with can be relied on."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from enum import IntEnum
 class ModelConfidence(IntEnum):
     """What is known of the model's predictions.
 
-    OPEN: Nothing speaks for the model, or against it.
-    GROWING: It corrects itself, and has seen too little yet to be judged by how it does.
-    RELIABLE: It has foreseen what happened, of late.
+    OPEN: Nothing is known; a model that does not adapt is always in this state.
+    GROWING: It adapts, and has seen too few episodes to be judged by its predictions.
+    RELIABLE: It has predicted the newest steps well.
     """
 
     OPEN = 0

@@ -1,6 +1,6 @@
-"""A rehearsal without an environment: what acting and learning call is compiled before it begins.
+"""Compile what acting and learning call before a training begins, without an environment.
 
-Loops are compiled when they are first called. Without a rehearsal the robot would stand still for
+Loops are compiled when they are first called. Without this the robot would stand still for
 seconds after its first observation, and again where it first learns.
 """
 
@@ -29,8 +29,8 @@ _REMEMBERED: Final = 4
 _ROOM: Final = 64
 
 
-def rehearse(agent: Agent) -> None:
-    """Call once what an agent's steps will call, with made-up states; the agent stays as it was.
+def precompile(agent: Agent) -> None:
+    """Call once what an agent's steps will call, with made-up states; the agent is not changed.
 
     Args:
         agent: The agent.
@@ -42,14 +42,14 @@ def rehearse(agent: Agent) -> None:
     states[:, predicates] = states[:, predicates] > 0
     states[: _WHOLE + 1] = np.round(states[: _WHOLE + 1])
     if isinstance(agent.arbiter.planner, Lookahead):
-        _rehearse_learning(agent, states[0])
+        _precompile_learning(agent, states[0])
     if agent.leaf_values is not None:
-        agent.leaf_values.rehearse()
+        agent.leaf_values.precompile()
     if agent.task.model.compiled and agent.task.model.actions:
-        _rehearse_adaptation(agent, states)
+        _precompile_adaptation(agent, states)
 
 
-def _rehearse_adaptation(agent: Agent, states: np.ndarray[Any, np.dtype[np.float64]]) -> None:
+def _precompile_adaptation(agent: Agent, states: np.ndarray[Any, np.dtype[np.float64]]) -> None:
     seed = np.random.SeedSequence(0)
     adaptation = ModelAdaptation(agent.task.model, agent.settings.adaptation, seed)
     model, often = adaptation.model, 0
@@ -65,7 +65,7 @@ def _rehearse_adaptation(agent: Agent, states: np.ndarray[Any, np.dtype[np.float
         adaptation.observe(state, action, following, ending)
 
 
-def _rehearse_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
+def _precompile_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
     arbiter, strategy, learner = agent.arbiter, agent.strategy, agent.learner
     forecast = arbiter.forecast(state)
     settings = learner.settings.replace(

@@ -23,7 +23,7 @@ from serp.tasks.bound_task import BoundTask
 from serp.tasks.env_checks import single
 from serp.tasks.reward import Judge
 from serp.training.agent import Agent
-from serp.training.precompile import rehearse
+from serp.training.precompile import precompile
 from serp.training.rollout import Rollout, training_seed
 
 _MIRRORED = 256
@@ -104,7 +104,7 @@ class Trainer:
 
     def prepare(self) -> None:
         """Compile what the training will call; the time of training begins afterwards."""
-        rehearse(self.agent)
+        precompile(self.agent)
         self._clock = working_time()
 
     def run_episode(self) -> MetricsRow:

@@ -75,7 +75,7 @@ def run_trial(
     trial: Trial,
     algorithm: Algorithm,
     task: Task,
-    conditions: ComparisonProtocol,
+    protocol: ComparisonProtocol,
     changes: Changes,
     on_progress: Callable[[int], None],
 ) -> Measured:
@@ -85,7 +85,7 @@ def run_trial(
         trial: What it is of.
         algorithm: Its algorithm.
         task: The task, with the domain file of the variant.
-        conditions: The equal terms.
+        protocol: What is equal for all algorithms.
         changes: What the user changes in the settings of all algorithms.
         on_progress: Called with the env steps so far, some times a second at most.
 
@@ -95,7 +95,7 @@ def run_trial(
     settings = trial_settings(algorithm, task, changes)
     with one_thread(), task.bind() as bound:
         contestant = make_contestant(algorithm, bound, settings, trial.seed)
-        return _Trial(algorithm, contestant, bound, conditions, on_progress).run()
+        return _Trial(algorithm, contestant, bound, protocol, on_progress).run()
 
 
 class _Trial:
@@ -104,13 +104,13 @@ class _Trial:
         algorithm: Algorithm,
         contestant: Contestant,
         bound: BoundTask,
-        conditions: ComparisonProtocol,
+        protocol: ComparisonProtocol,
         on_progress: Callable[[int], None],
     ) -> None:
         self._algorithm = algorithm
         self._contestant = contestant
         self._bound = bound
-        self._conditions = conditions
+        self._protocol = protocol
         self._on_progress = on_progress
         self._next_progress = 0.0
         self._evaluations: list[EvaluationRow] = []
@@ -122,8 +122,8 @@ class _Trial:
             lambda: self._log.env_steps + 1,
             lambda line: warnings.warn(visible(line), Notice, stacklevel=2),
         )
-        most = max(conditions.evaluation_episodes, conditions.final_episodes)
-        self._arena = Arena(bound.task, contestant.agent, most, conditions.evaluation_seed)
+        most = max(protocol.evaluation_episodes, protocol.final_episodes)
+        self._arena = Arena(bound.task, contestant.agent, most, protocol.evaluation_seed)
 
     def run(self) -> Measured:
         try:
@@ -140,9 +140,9 @@ class _Trial:
         )
 
     def _train(self) -> None:
-        conditions, log, name = self._conditions, self._log, self._algorithm.name
+        protocol, log, name = self._protocol, self._log, self._algorithm.name
         try:
-            self._contestant.train(conditions.env_steps, self._after_step)
+            self._contestant.train(protocol.env_steps, self._after_step)
         except _Spent:
             pass
         except SerpError:
@@ -152,9 +152,9 @@ class _Trial:
                 raise
             raise RunError(f"`{name}` failed: {type(error).__name__}: {error}") from error
         if self._external:
-            if log.env_steps < conditions.env_steps:
+            if log.env_steps < protocol.env_steps:
                 raise RunError(
-                    f"`{name}` made {log.env_steps} env steps of {conditions.env_steps} and ended"
+                    f"`{name}` made {log.env_steps} env steps of {protocol.env_steps} and ended"
                 )
             self._evaluate(last=True)
 
@@ -163,17 +163,17 @@ class _Trial:
         return self._algorithm.kind == "external"
 
     def _after_step(self, step: StepRecord) -> None:
-        log, conditions = self._log, self._conditions
-        if log.env_steps >= conditions.env_steps:
+        log, protocol = self._log, self._protocol
+        if log.env_steps >= protocol.env_steps:
             raise _Spent
         log.step(step)
         now = time.monotonic()
         if now >= self._next_progress:
             self._next_progress = now + 0.3
             self._on_progress(log.env_steps)
-        if not conditions.due(log.env_steps):
+        if not protocol.due(log.env_steps):
             return
-        last = log.env_steps >= conditions.env_steps
+        last = log.env_steps >= protocol.env_steps
         if last and self._external:  # it has yet to learn from the last steps, and then ends
             return
         self._evaluate(last=last)
@@ -185,16 +185,16 @@ class _Trial:
             self._evaluate_now(last=last)
 
     def _evaluate_now(self, *, last: bool) -> None:
-        conditions = self._conditions
+        protocol = self._protocol
         if self._algorithm.kind == "planner":
             if last:
-                self._play("planner", self._plan, conditions.final_episodes)
+                self._play("planner", self._plan, protocol.final_episodes)
             return
         if not last:
-            self._play("learner", self._greedy, conditions.evaluation_episodes)
+            self._play("learner", self._greedy, protocol.evaluation_episodes)
             return
-        self._play("learner", self._greedy_forecast, conditions.final_episodes)
-        self._play("vetoed", self._vetoed, conditions.final_episodes)
+        self._play("learner", self._greedy_forecast, protocol.final_episodes)
+        self._play("vetoed", self._vetoed, protocol.final_episodes)
 
     def _play(self, policy: str, act: Act, episodes: int) -> None:
         self._evaluations += self._arena.play(

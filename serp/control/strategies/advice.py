@@ -1,4 +1,4 @@
-"""What the planner says of one env step, as the learner takes it."""
+"""The planner's view of one env step, in the form that the learner uses."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def advice(
     scale: float,
     imitate: bool,
 ) -> Guidance:
-    """Return the planner's word on an env step.
+    """Return the planner's view of an env step.
 
     Args:
         forecast: Of the state that was acted in.

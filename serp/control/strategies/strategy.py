@@ -1,4 +1,4 @@
-"""What a strategy is: a way in which planner and learner share the decisions.
+"""The base class of strategies: ways in which planner and learner share the decisions.
 
 A strategy only proposes; what it proposes passes `serp.control.arbiter.Arbiter`, so that
 the vetoes hold under every strategy.

@@ -16,7 +16,7 @@ from numba import cfunc, njit, types
 from serp._util.compile_time import compile_seconds, compiled_functions, working_time
 from serp.settings import resolve
 from serp.training.compile_progress import show_compiling
-from serp.training.run import plan_and_learn
+from serp.training.plan_and_learn import plan_and_learn
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import Corridor, corridor
 from tests.serp.training.test_run import without_pictures

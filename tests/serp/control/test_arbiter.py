@@ -6,26 +6,29 @@ import dataclasses
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from random import Random
+from typing import NamedTuple
 
 import numpy as np
-import pytest
+from hypothesis import given
+from hypothesis import settings as examples
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from serp.control.arbiter import Arbiter
 from serp.control.decision import Actor, Decision, Reason
 from serp.control.protocols import Mask, Values
+from serp.control.registry import make_strategy, strategy_names
 from serp.control.strategies.mixture import Mixture
-from serp.errors import SettingsError
-from serp.learning.dqn import DQN, Proposal
+from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.action_map import ActionMap
 from serp.planning.forecast import SAFE
 from serp.planning.lookahead import Lookahead
-from serp.settings import ArbiterSettings, LearnerSettings, PlannerSettings, Settings
-from tests.serp.planning.worlds import WORLDS, load, states_of, text_of, world
+from serp.settings import ArbiterSettings, PlannerSettings, Settings
+from tests.serp.planning.worlds import WORLDS, load, states_of, world
 
 LEARNERS = (Actor.LEARNER, Actor.EXPLORATION)
 STATES = 9
@@ -57,55 +60,32 @@ class Proposer:
     def __init__(self, seed: int, actions: int) -> None:
         self.random = np.random.default_rng(seed)
         self.actions = actions
-        self.mask: NDArray[np.bool_] | None = None
-        self.asked = 0
+        self.explorable: Mask | None = None
+        self.asked = False
 
     def propose(
         self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
     ) -> Proposal:
-        self.mask, self.asked = explorable, self.asked + 1
+        self.explorable, self.asked = explorable, True
         if self.random.random() < 0.5:
             allowed = np.arange(self.actions)
             if explorable is not None and explorable.any():
                 allowed = np.flatnonzero(explorable)
             return Proposal(int(self.random.choice(allowed)), True, None)
-        return self.propose_greedily()
+        return self.propose_greedily(among=among, base=base)
 
     def propose_greedily(
         self, *, among: Mask | None = None, base: Values | None = None
     ) -> Proposal:
-        q = self.random.normal(size=self.actions).astype(np.float32)
-        return Proposal(int(q.argmax()), False, q)
+        q = self.target_q() if base is None else (self.target_q() + base).astype(np.float32)
+        choice = q if among is None or not among.any() else np.where(among, q, -np.inf)
+        return Proposal(int(choice.argmax()), False, q)
 
-    def member_q(self) -> Values:
-        raise AssertionError("Algorithm 1 asks for no values")
+    def member_q(self) -> NDArray[np.float32]:
+        return self.random.normal(size=(3, self.actions)).astype(np.float32)
 
-    def target_q(self) -> Values:
-        raise AssertionError("Algorithm 1 asks for no values")
-
-
-class Before:
-    """The real learner before a state."""
-
-    def __init__(self, learner: DQN, state: Vector) -> None:
-        self.learner = learner
-        self.state = state
-
-    def propose(
-        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
-    ) -> Proposal:
-        return self.learner.propose(self.state, explorable, base)
-
-    def propose_greedily(
-        self, *, among: Mask | None = None, base: Values | None = None
-    ) -> Proposal:
-        return self.learner.propose_greedily(self.state, base)
-
-    def member_q(self) -> Values:
-        return self.learner.member_q(self.state)
-
-    def target_q(self) -> Values:
-        return self.learner.target_q(self.state)
+    def target_q(self) -> NDArray[np.float32]:
+        return self.random.normal(size=self.actions).astype(np.float32)
 
 
 def action_maps(model: TransitionModel, random: Random) -> Iterator[ActionMap]:
@@ -188,73 +168,92 @@ class View:
         return allowed
 
 
-Checked = Callable[[Arbiter, View, Vector, Decision, Proposer], None]
+MODELS = [*map(world, range(WORLDS)), GLIDER]
 
 
-def every_case(check: Checked, *, choices: int = 13) -> int:
-    """Check decisions over worlds, maps, settings and states; return how many there were."""
-    cases = 0
-    for seed, model in enumerate((*map(world, range(WORLDS)), GLIDER)):
+class Case(NamedTuple):
+    """A decision, and what the model predicts where it was made."""
+
+    arbiter: Arbiter
+    view: View
+    state: Vector
+    decision: Decision
+    proposer: Proposer
+
+
+def cases_of(
+    model: TransitionModel, actions: ActionMap, random: Random, seed: int, strategy: str = "mixture"
+) -> Iterator[Case]:
+    """Decide in some states of a world, with settings of all kinds."""
+    depth, repeat = random.randint(1, 3), random.choice((1, 1, 2))
+    planner = Lookahead(model, PlannerSettings(depth=depth, repeat=repeat))
+    settings = settings_of(random)
+    made = Settings(arbiter=settings).replace({"guide": {"strategy": strategy}})
+    arbiter = Arbiter(planner, actions, settings, make_strategy(made, seed))
+    proposer = Proposer(seed, actions.size)
+    for state in states_of(model, random, STATES):
+        proposer.asked = False
+        decision = arbiter.decide(state, proposer)
+        yield Case(arbiter, View.of(model, actions, planner, state), state, decision, proposer)
+
+
+def every_case(choices: int) -> Iterator[Case]:
+    """Decide in all worlds, with all maps of actions."""
+    for seed, model in enumerate(MODELS):
         random = Random(seed)
         for number, actions in enumerate(action_maps(model, random)):
             for k in range(choices):
-                planner = Lookahead(
-                    model,
-                    PlannerSettings(depth=random.randint(1, 3), repeat=random.choice((1, 1, 2))),
-                )
-                settings = settings_of(random)
-                mixture = Mixture(Settings(arbiter=settings), k)
-                arbiter = Arbiter(planner, actions, settings, mixture)
-                proposer = Proposer(1000 * seed + 100 * number + k, actions.size)
-                for state in states_of(model, random, STATES):
-                    decision = arbiter.decide(state, proposer)
-                    view = View.of(model, actions, planner, state)
-                    check(arbiter, view, state, decision, proposer)
-                    cases += 1
-    return cases
+                yield from cases_of(model, actions, random, 1000 * seed + 100 * number + k)
 
 
 def test_nothing_unsafe_is_executed_while_there_is_an_alternative() -> None:
-    """The guarantee, over more than ten thousand decisions."""
+    """The guarantee, under every strategy."""
     met: Counter[str] = Counter()
 
-    def check(
-        arbiter: Arbiter, view: View, state: Vector, decision: Decision, proposer: Proposer
-    ) -> None:
-        executed = view.kind[decision.action]
-        unknown = "unknown" in view.kind and arbiter.settings.unmodelled == "allow"
-        alternative = "safe" in view.kind or unknown
-        met[f"{executed}, {'with' if alternative else 'without'} alternative"] += 1
-        if alternative:
-            assert executed not in ("unsafe", "undefined", "not applicable")
-        elif "undefined" in view.kind:
-            assert executed == "undefined"  # may be damage, which the others are for certain
-        elif any(view.applicable):
-            # Nothing is left but damage: it is done knowingly, by an action that does something.
-            assert executed == "unsafe"
-        elif "not applicable" in view.kind:
-            assert executed == "not applicable"
-        if executed == "unknown":
-            assert unknown or set(view.kind) == {"unknown"}
-        assert decision.unsafe == (executed == "unsafe")
-        met["proposal unsafe"] += decision.proposal_unsafe and decision.vetoed
+    @examples(max_examples=1_200, deadline=None, derandomize=True)
+    @given(
+        strategy=st.sampled_from(strategy_names()),
+        world=st.integers(0, WORLDS),
+        actions=st.integers(0, 4),
+        seed=st.integers(0, 2**32),
+    )
+    def holds(strategy: str, world: int, actions: int, seed: int) -> None:
+        random, model = Random(seed), MODELS[world]
+        chosen = list(action_maps(model, random))[actions]
+        for case in cases_of(model, chosen, random, seed, strategy):
+            view, decision = case.view, case.decision
+            executed = view.kind[decision.action]
+            unknown = "unknown" in view.kind and case.arbiter.settings.unmodelled == "allow"
+            alternative = "safe" in view.kind or unknown
+            met[f"{executed}, {'with' if alternative else 'without'} alternative"] += 1
+            if alternative:
+                assert executed not in ("unsafe", "undefined", "not applicable")
+            elif "undefined" in view.kind:
+                assert executed == "undefined"  # may be damage, which the others are for certain
+            elif any(view.applicable):
+                # Nothing is left but damage: it is done knowingly, by an action that has effects.
+                assert executed == "unsafe"
+            elif "not applicable" in view.kind:
+                assert executed == "not applicable"
+            if executed == "unknown":
+                assert unknown or set(view.kind) == {"unknown"}
+            assert decision.unsafe == (executed == "unsafe")
+            met["proposal unsafe"] += decision.proposal_unsafe and decision.vetoed
 
-    assert every_case(check) >= 10_000
-    # It was not for want of danger.
+    holds()
+    # The danger was there.
     assert met["unsafe, without alternative"] > 500
     assert met["not applicable, without alternative"] > 50
     assert met["safe, with alternative"] > 5_000
     assert met["unknown, with alternative"] > 500
     assert met["undefined, without alternative"] > 50
-    assert met["proposal unsafe"] > 1_000
+    assert met["proposal unsafe"] > 500
 
 
 def test_the_record_tells_what_happened() -> None:
     reasons: Counter[Reason] = Counter()
 
-    def check(
-        arbiter: Arbiter, view: View, state: Vector, decision: Decision, proposer: Proposer
-    ) -> None:
+    for arbiter, view, _, decision, _ in every_case(9):
         reasons[decision.reason] += 1
         settings = arbiter.settings
         assert decision.rho == arbiter.rho == settings.rho
@@ -320,7 +319,6 @@ def test_the_record_tells_what_happened() -> None:
         if decision.executed_by is Actor.PLANNER:
             assert view.applicable[decision.action]
 
-    every_case(check, choices=9)
     # What a model that does not correct itself predicts is certain: no risk is between.
     assert set(reasons) == set(Reason) - {Reason.LITTLE_TRIED, Reason.TOO_RISKY, Reason.LEAST_RISK}
     assert min(reasons.values()) >= 5
@@ -329,20 +327,18 @@ def test_the_record_tells_what_happened() -> None:
 def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file() -> None:
     said: Counter[Reason] = Counter()
 
-    def check(
-        arbiter: Arbiter, view: View, state: Vector, decision: Decision, proposer: Proposer
-    ) -> None:
+    for arbiter, view, state, decision, _ in every_case(4):
         explanation = arbiter.explain(decision, state)
         fine = decision.reason in (Reason.PLANNER_TURN, Reason.ACCEPTED)
         assert (explanation == "") == fine
         if fine:
-            return
+            continue
         said[decision.reason] += 1
         shown = decision.proposed if decision.proposed >= 0 else decision.action
         match view.kind[shown]:
             case "unknown":
                 assert "domain does not mention" in explanation
-                return
+                continue
             case "not applicable":
                 assert "does not hold" in explanation
             case _ if not view.applicable[shown]:
@@ -354,10 +350,10 @@ def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file() -> Non
                 assert "(unsafe)" in explanation
             case "safe" if decision.reason is Reason.LOW_REWARD:
                 assert f"below R_min {arbiter.settings.r_min:g}" in explanation
-                return
+                continue
             case "safe":
                 assert "then nothing is left that is predicted safe" in explanation
-                return
+                continue
         found = re.search(r"`(.+)` \(line (\d+)\)", explanation)
         assert found is not None, explanation
         source = next(a for a in arbiter.model.actions).place.source.text
@@ -365,7 +361,6 @@ def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file() -> Non
         names = [arbiter.model.actions[k].name for k in range(len(arbiter.model.actions))]
         assert explanation.split(":")[0] in names
 
-    every_case(check, choices=4)
     unsaid = {Reason.PLANNER_TURN, Reason.LITTLE_TRIED, Reason.ACCEPTED}
     assert set(said) == set(Reason) - unsaid - {Reason.TOO_RISKY, Reason.LEAST_RISK}
 
@@ -373,17 +368,14 @@ def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file() -> Non
 def test_exploration_is_kept_among_the_admissible() -> None:
     masks = 0
 
-    def check(
-        arbiter: Arbiter, view: View, state: Vector, decision: Decision, proposer: Proposer
-    ) -> None:
-        nonlocal masks
-        if proposer.asked == 0:
-            return
-        mask, proposer.asked = proposer.mask, 0
+    for arbiter, _, _, decision, proposer in every_case(6):
+        if not proposer.asked:
+            continue
+        mask = proposer.explorable
         slack = arbiter.settings.exploration_slack
         if slack is None:
             assert mask is None
-            return
+            continue
         assert mask is not None
         assert not (mask & ~decision.admissible).any()
         assert mask.any() == decision.admissible.any()
@@ -396,30 +388,7 @@ def test_exploration_is_kept_among_the_admissible() -> None:
                 assert mask[action] == (value[action] >= best - slack)
                 masks += 1
 
-    every_case(check, choices=6)
     assert masks > 1_500
-
-
-def test_the_same_holds_with_the_real_learner() -> None:
-    for seed in range(0, WORLDS, 4):
-        model = world(seed)
-        actions = ActionMap(model, len(model.actions) + 1)
-        planner = Lookahead(model, PlannerSettings(depth=2))
-        learner = DQN(
-            max(1, len(model.fluents)),
-            actions.size,
-            LearnerSettings(hidden=(8,), epsilon_end=0.5),
-            seed,
-        )
-        arbiter = Arbiter(
-            planner, actions, ArbiterSettings(rho=0.7, exploration_slack=0.5, unmodelled="veto")
-        )
-        for state in states_of(model, Random(seed), 60):
-            decision = arbiter.decide(state, Before(learner, state))
-            view = View.of(model, actions, planner, state)
-            if "safe" in view.kind:
-                assert view.kind[decision.action] == "safe"
-            assert decision.admissible.tolist() == view.admissible(arbiter.settings)
 
 
 # Algorithm 1 ------------------------------------------------------------------------------------
@@ -472,15 +441,6 @@ def propose(action: int, *, exploratory: bool = False) -> Stubborn:
     return Stubborn(Proposal(action, exploratory, None))
 
 
-@pytest.mark.parametrize("rho", [0.0, 0.1, 0.35, 0.8, 1.0])
-def test_the_planner_acts_with_probability_one_minus_rho(rho: float) -> None:
-    arbiter, count = two(rho=rho), 5_000
-    turns = Counter(arbiter.decide(STATE, propose(1)).executed_by for _ in range(count))
-    deviation = math.sqrt(rho * (1 - rho) / count)
-    assert abs(turns[Actor.PLANNER] / count - (1 - rho)) <= 4 * deviation
-    assert turns[Actor.LEARNER] == count - turns[Actor.PLANNER]
-
-
 def test_a_proposal_below_r_min_is_refused_and_the_planner_acts() -> None:
     decision = two(rho=1.0, r_min=0.5).decide(STATE, propose(1, exploratory=True))
     assert decision.reason is Reason.LOW_REWARD
@@ -511,37 +471,6 @@ def test_what_cannot_be_stopped_any_more_is_refused_ahead_of_time() -> None:
     )
     assert judged("step", 3)[0].reason is Reason.ACCEPTED
     assert judged("lookahead", 1)[0].reason is Reason.ACCEPTED
-
-
-@pytest.mark.parametrize("unit", ["step", "episode", "game"])
-def test_rho_grows_by_its_unit_alone_and_no_farther_than_its_maximum(unit: str) -> None:
-    arbiter = two(rho=0.1, rho_increment=0.25, rho_max=0.8, rho_unit=unit)
-    for other in {"step", "episode", "game"} - {unit}:
-        arbiter.strategy.end_unit(other)
-    assert arbiter.rho == 0.1
-    seen = []
-    for _ in range(4):
-        arbiter.strategy.end_unit(unit)
-        seen.append(arbiter.rho)
-    assert seen == [0.35, 0.6, 0.8, 0.8]
-
-
-def test_an_indifferent_planner_leaves_its_turn_to_the_learner() -> None:
-    model = load(
-        "(define (domain tie) (:functions (x) (reward))"
-        " (:action a :parameters () :precondition (and) :effect (and (increase (x) 1)))"
-        " (:action b :parameters () :precondition (and) :effect (and (decrease (x) 1))))"
-    )
-    deciding = {
-        mode: Arbiter(
-            Lookahead(model), ActionMap(model, 2), ArbiterSettings(indifferent=mode)
-        ).decide(np.zeros(1), propose(1))
-        for mode in ("first", "learner")
-    }
-    assert deciding["first"].executed_by is Actor.PLANNER
-    assert deciding["first"].action == 0
-    assert deciding["learner"].executed_by is Actor.LEARNER
-    assert deciding["learner"].action == 1
 
 
 def test_plan_and_judge_proposal_do_not_draw() -> None:
@@ -576,18 +505,6 @@ def test_what_is_tried_for_the_sake_of_learning_is_no_plan() -> None:
     assert asked.decide(STATE, propose(1)).executed_by is Actor.LEARNER
 
 
-def test_a_restored_arbiter_goes_on_as_the_one_that_was_saved() -> None:
-    arbiter = two(rho=0.5, rho_unit="step")
-    for _ in range(50):
-        arbiter.decide(STATE, propose(1))
-        arbiter.strategy.end_unit("step")
-    other = two(rho=0.5, rho_unit="step")
-    other.load_state_dict(arbiter.state_dict())
-    assert other.rho == arbiter.rho
-    first = [arbiter.decide(STATE, propose(1)).executed_by for _ in range(200)]
-    assert first == [other.decide(STATE, propose(1)).executed_by for _ in range(200)]
-
-
 # Several ground actions, one environment action ------------------------------------------------
 
 SHARED = """
@@ -612,38 +529,3 @@ def test_an_environment_action_is_as_unsafe_as_the_worst_it_may_stand_for() -> N
     assert (decision.action, decision.proposed) == (1, 1)
     assert not decision.unsafe
     assert not decision.proposal_unsafe
-
-
-# Settings ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("rho", -0.1),
-        ("rho", 1.1),
-        ("rho", math.nan),
-        ("rho_increment", 2.0),
-        ("rho_max", -1.0),
-        ("r_min", math.nan),
-        ("r_min", math.inf),
-        ("rho_unit", 3),
-        ("exploration_slack", -0.1),
-        ("exploration_slack", math.nan),
-        ("veto_horizon", "forever"),
-        ("unmodelled", "maybe"),
-        ("indifferent", "last"),
-    ],
-)
-def test_a_value_outside_its_range_is_refused_by_name(name: str, value: object) -> None:
-    with pytest.raises(SettingsError, match=name):
-        ArbiterSettings(**{name: value})  # type: ignore[arg-type]
-
-
-def test_rho_cannot_start_above_its_maximum() -> None:
-    with pytest.raises(SettingsError, match="rho_max"):
-        ArbiterSettings(rho=0.9, rho_max=0.5)
-
-
-def test_the_worlds_are_readable_pddl_of_their_own() -> None:
-    assert len({text_of(seed) for seed in range(WORLDS)}) == WORLDS

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 from serp.control.decision import Actor, Reason
-from serp.training.run import Run, plan_and_learn
+from serp.training.plan_and_learn import plan_and_learn
+from serp.training.run import Run
 from tests.serp.sample_tasks import corridor
 
 QUICK = {"planner": {"depth": 2}, "training": {"checkpoint_seconds": 9e9, "random_steps": 20}}

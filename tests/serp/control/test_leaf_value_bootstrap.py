@@ -5,8 +5,6 @@ A chain of places, walked from left to right; what a place is worth is known.
 
 from __future__ import annotations
 
-import copy
-import json
 import math
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -499,44 +497,6 @@ def test_a_learner_that_looks_no_step_ahead_sees_nothing_beyond(
 
 
 # State -------------------------------------------------------------------------------------------
-
-
-def everything(world: World) -> Any:
-    made = world.made
-    states = [*made.learner.state_dict(), *made.leaf_values.state_dict()]
-    states += [{"leaves": made.planner.leaves}, world.random.bit_generator.state]
-    return json.dumps(
-        [
-            {k: v.tobytes().hex() if isinstance(v, np.ndarray) else v for k, v in part.items()}
-            for part in states
-        ]
-    )
-
-
-@pytest.mark.parametrize(
-    ("episodes", "fitted", "proven"), [(2, False, False), (10, True, False), (60, True, True)]
-)
-def test_resume_equals_uninterrupted(
-    chain: TransitionModel,
-    monkeypatch: pytest.MonkeyPatch,
-    episodes: int,
-    fitted: bool,
-    proven: bool,
-) -> None:
-    monkeypatch.setattr("serp.control.leaf_value_bootstrap._PERIOD", 70)
-    world, other = living(chain), living(chain)
-    for _ in range(episodes):
-        world.episode()
-    arrays, meta = copy.deepcopy(world.made.leaf_values.state_dict())
-    assert (arrays["packed"].size > 0, world.made.leaf_values.proven) == (fitted, proven)
-    other.made.learner.load_state_dict(*copy.deepcopy(world.made.learner.state_dict()))
-    other.made.leaf_values.load_state_dict(arrays, json.loads(json.dumps(meta)))
-    other.random.bit_generator.state = world.random.bit_generator.state
-    assert everything(other) == everything(world)
-    for _ in range(25):
-        for one in (world, other):
-            one.episode()
-        assert everything(other) == everything(world)
 
 
 def test_what_is_saved_is_not_changed_by_what_comes(chain: TransitionModel) -> None:

@@ -11,7 +11,7 @@ import pytest
 from serp.errors import SettingsError
 from serp.settings import resolve
 from serp.tasks.task import Task
-from serp.training.run import plan_and_learn
+from serp.training.plan_and_learn import plan_and_learn
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import CORRIDOR, corridor
 from tests.serp.training.test_run import everything, without_pictures

@@ -40,7 +40,8 @@ from serp.runs.folder import RunFolder
 from serp.runs.rows import MetricsRow
 from serp.runs.tensorboard import EventWriter
 from serp.tasks.task import Task
-from serp.training.run import Run, load_run, plan_and_learn
+from serp.training.plan_and_learn import plan_and_learn
+from serp.training.run import Run, load_run
 from serp.training.run_metadata import read_run_metadata
 from tests.serp.sample_tasks import CableCut, Corridor, corridor, corridor_file
 
@@ -200,8 +201,8 @@ def test_a_setting_that_turns_out_wrong_cannot_be_mended_by_resuming(tmp_path: P
 def test_the_event_writer_is_closed_and_hides_no_error(
     tmp_path: Path, at: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("serp.training.run.EventWriter", Recorder)
-    monkeypatch.setattr("serp.training.run.require_tensorboard", lambda: None)
+    monkeypatch.setattr("serp.training.plan_and_learn.EventWriter", Recorder)
+    monkeypatch.setattr("serp.training.plan_and_learn.require_tensorboard", lambda: None)
     monkeypatch.setattr(Recorder, "closed", [])
     task = corridor(tmp_path, lambda: CableCut(Corridor(), at))
     kind = EnvironmentFailure if at == 30 else OSError  # where all else went well, its own
@@ -327,27 +328,20 @@ def test_a_run_continued_twice_equals_an_undisturbed_one(
     assert everything(out) == whole(preset)
 
 
-@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize(
+    ("preset", "first"), [("paper", False), ("default", False), ("default", True)]
+)
 def test_a_run_that_died_in_an_episode_continues_as_if_it_had_not(
-    tmp_path: Path, preset: str, whole: Whole
+    tmp_path: Path, preset: str, first: bool, whole: Whole
 ) -> None:
     """The environment raises; what was written after the last checkpoint is taken back."""
     steps, out = len(whole(preset)[1].splitlines()) - 1, tmp_path / "run"
-    at = Random(preset).randint(2, steps)
+    at = 1 if first else Random(preset).randint(2, steps)
     with pytest.raises(EnvironmentFailure, match="cable cut"):
         train(corridor(tmp_path, lambda: CableCut(Corridor(), at)), out, preset, episodes=EPISODES)
     assert len((out / "decisions.csv").read_text().splitlines()) == at + 1
     resume(corridor(tmp_path), out)  # to the budget that it began with
     assert everything(out) == whole(preset)
-
-
-def test_a_run_that_died_in_its_first_episode_continues_too(tmp_path: Path, whole: Whole) -> None:
-    with pytest.raises(EnvironmentFailure):
-        train(
-            corridor(tmp_path, lambda: CableCut(Corridor(), 1)), tmp_path / "run", episodes=EPISODES
-        )
-    resume(corridor(tmp_path), tmp_path / "run")
-    assert everything(tmp_path / "run") == whole("default")
 
 
 KILLED = """
@@ -382,37 +376,6 @@ def test_a_killed_process_leaves_a_run_that_continues(tmp_path: Path, whole: Who
     assert everything(tmp_path / "run") == whole("default")
 
 
-def test_ctrl_c_finishes_the_episode_and_leaves_a_run_that_continues(
-    tmp_path: Path, whole: Whole
-) -> None:
-    class Stopped(Corridor):
-        def step(self, action: int) -> Any:
-            if self.made == 20:
-                os.kill(os.getpid(), signal.SIGINT)
-            return super().step(action)
-
-    before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(Interrupted, match=r"stopped after \d episodes, 2\d env steps"):
-        train(corridor(tmp_path, Stopped), tmp_path / "run", episodes=EPISODES)
-    assert signal.getsignal(signal.SIGINT) is before
-    assert (tmp_path / "run" / "summary.json").exists()
-    resume(corridor(tmp_path), tmp_path / "run")
-    assert everything(tmp_path / "run") == whole("default")
-
-
-def test_a_second_ctrl_c_stops_at_once(tmp_path: Path, whole: Whole) -> None:
-    class Stopped(Corridor):
-        def step(self, action: int) -> Any:
-            if self.made in (20, 21):
-                os.kill(os.getpid(), signal.SIGINT)
-            return super().step(action)
-
-    with pytest.raises(KeyboardInterrupt):
-        train(corridor(tmp_path, Stopped), tmp_path / "run", episodes=EPISODES)
-    resume(corridor(tmp_path), tmp_path / "run")
-    assert everything(tmp_path / "run") == whole("default")
-
-
 class Patient(Corridor):
     """An episode of 12 steps, in which Ctrl-C is pressed at the third step (and the sixth)."""
 
@@ -436,16 +399,21 @@ def test_the_first_ctrl_c_says_what_happens_and_what_a_second_would_do(
     whole: Whole,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
+    before = signal.getsignal(signal.SIGINT)
     with without_pictures(), pytest.raises(ends) as stopped:
         plan_and_learn(
             corridor(tmp_path, make), settings=CHANGES["default"], seed=3, episodes=EPISODES,
             out=tmp_path / "run",
         )  # fmt: skip
+    assert signal.getsignal(signal.SIGINT) is before
+    assert (tmp_path / "run" / "summary.json").exists() == (ends is Interrupted)
     shown = capsys.readouterr().err
     assert shown.count("finishing the episode") == 1
     assert "Press it again to stop at once" in shown
     if ends is KeyboardInterrupt:
         assert "--resume" in stopped.value.__notes__[0]
+    else:
+        assert re.search(r"stopped after \d episodes, [23]\d env steps", str(stopped.value))
     resume(corridor(tmp_path), tmp_path / "run")
     assert everything(tmp_path / "run") == whole("default")
 
@@ -471,13 +439,14 @@ def test_the_budget_in_env_steps_ends_with_the_episode_that_reaches_it(tmp_path:
 # The run's own domain, settings, task -------------------------------------------------------------
 
 
-def test_a_run_goes_on_with_its_own_domain_whatever_became_of_the_file(
+def test_a_run_goes_on_with_its_own_domain_period_and_reward_whatever_became_of_the_task(
     tmp_path: Path, whole: Whole
 ) -> None:
     task, out = corridor(tmp_path), tmp_path / "run"
     train(task, out, episodes=5)
+    other = corridor(tmp_path, dt=0.5, reward="environment")
     (tmp_path / "corridor.pddl").write_text("(define (domain corridor) (oops")
-    resume(task, out, episodes=EPISODES)
+    resume(other, out, episodes=EPISODES)
     assert everything(out) == whole("default")
 
 
@@ -487,13 +456,6 @@ def test_a_run_of_a_domain_beyond_the_usual_limit_goes_on_within_its_own(tmp_pat
     resume(corridor(tmp_path), tmp_path / "run", episodes=3)
     assert read_run_metadata(RunFolder.open(tmp_path / "run")).max_ground_schemas == 9
     assert read_recorded(tmp_path / "run").domain.max_ground_schemas == 9
-
-
-def test_a_run_goes_on_with_its_own_control_period_and_reward(tmp_path: Path, whole: Whole) -> None:
-    out = tmp_path / "run"
-    train(corridor(tmp_path), out, episodes=5)
-    resume(corridor(tmp_path, dt=0.5, reward="environment"), out, episodes=EPISODES)
-    assert everything(out) == whole("default")
 
 
 def test_a_run_of_another_task_is_refused(tmp_path: Path) -> None:
@@ -712,9 +674,9 @@ def test_a_configuration_that_was_broken_is_named_with_what_is_wrong(
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
     for folder in (tmp_path, tmp_path / "nowhere"):
-        with pytest.raises(RunError, match="no run|not a run"):
+        with pytest.raises(RunError, match="is not a run|there is no run"):
             load_run(folder)
-        with pytest.raises(RunError, match="no run|not a run"):
+        with pytest.raises(RunError, match="is not a run|there is no run"):
             resume(corridor(tmp_path), folder)
 
 

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from random import Random
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -18,11 +16,10 @@ from serp.runs import checkpoint
 from serp.runs.rows import DECISIONS_COLUMNS, MetricsRow
 from serp.runs.tables import Position, Table
 from serp.settings import Settings, resolve
-from serp.tasks.registry import load_task
 from serp.tasks.task import Task
 from serp.training.agent import Agent
 from serp.training.trainer import Trainer
-from tests.serp.sample_tasks import CableCut, Corridor, corridor
+from tests.serp.sample_tasks import Corridor, corridor
 
 PRESETS = ("paper", "default")
 CHANGES: dict[str, dict[str, dict[str, Any]]] = {
@@ -84,82 +81,6 @@ def uninterrupted(folder: Path, preset: str, episodes: int, seed: int = 3) -> Ru
 # Resuming ----------------------------------------------------------------------------------------
 
 EPISODES = 14
-
-
-@pytest.mark.parametrize("preset", PRESETS)
-def test_resume_equals_uninterrupted_from_random_places(tmp_path: Path, preset: str) -> None:
-    expected = uninterrupted(tmp_path / "whole", preset, EPISODES).everything()
-    random = Random(preset)
-    for attempt in range(4):
-        folder = tmp_path / f"cut{attempt}"
-        folder.mkdir()
-        stops = sorted(random.sample(range(1, EPISODES), random.randint(1, 3)))
-        rows: list[MetricsRow] = []
-        for number, stop in enumerate([*stops, EPISODES]):
-            run = Run(folder, corridor(folder), preset)
-            if number:
-                run.restore()
-            run.rows = rows
-            run.train(stop)
-            run.save()
-            run.decisions.close()
-        run = Run(folder, corridor(folder), preset)
-        run.restore()
-        run.rows = rows
-        assert run.everything() == expected, stops
-
-
-@pytest.mark.parametrize("preset", PRESETS)
-def test_resume_equals_uninterrupted_after_dying_in_the_middle_of_an_episode(
-    tmp_path: Path, preset: str
-) -> None:
-    whole = uninterrupted(tmp_path / "whole", preset, EPISODES)
-    expected = whole.everything()
-    random = Random(preset)
-    for attempt in range(4):
-        folder = tmp_path / f"killed{attempt}"
-        folder.mkdir()
-        at = random.randint(2, whole.trainer.env_steps)
-        run = Run(folder, corridor(folder, lambda at=at: CableCut(Corridor(), at)), preset)
-        run.save()
-        kept: list[MetricsRow] = []
-        every = random.randint(1, 3)
-        with pytest.raises(EnvironmentFailure, match="cable cut"):
-            while True:
-                run.train(run.trainer.episode + every)
-                run.save()
-                kept = run.rows[:]
-        run.decisions.close()
-        run = Run(folder, corridor(folder), preset)
-        run.restore()
-        run.rows = kept
-        run.train(EPISODES)
-        assert run.everything() == expected, at
-
-
-def test_resume_equals_uninterrupted_on_cartpole(tmp_path: Path) -> None:
-    changes: dict[str, dict[str, Any]] = {
-        "learner": {"hidden": [16], "batch_size": 8, "learning_starts": 20, "epsilon_start": 0.3},
-        "planner": {"depth": 3},
-        "arbiter": {"rho": 0.5},
-    }
-
-    def run(*stops: int) -> Any:
-        task, state, lengths = load_task("cartpole"), None, []
-        for stop in stops:
-            settings = resolve("default", task.settings, changes)
-            trainer = Trainer(task.bind(), settings, 11)
-            if state is not None:
-                trainer.load_state_dict(*state)
-            while trainer.episode < stop:
-                lengths.append(trainer.run_episode().length)
-            state = trainer.state_dict()
-        assert state is not None
-        arrays, meta = state
-        del meta["wall_time"]
-        return lengths, {name: array.tobytes() for name, array in arrays.items()}, meta
-
-    assert run(1, 2) == run(2)
 
 
 @pytest.mark.parametrize("leaf_value", ["indifferent", "always"])
@@ -272,52 +193,6 @@ def test_equal_seeds_give_equal_bits_and_others_give_others(tmp_path: Path) -> N
     assert runs[0][1] != runs[2][1]
 
 
-def test_the_number_of_decision_logs_changes_nothing(tmp_path: Path) -> None:
-    logged = uninterrupted(tmp_path / "logged", "default", 6)
-    task = corridor(tmp_path)
-    silent = Trainer(task.bind(), settings_of(task, "default"), 3)
-    rows = [silent.run_episode()._replace(wall_time=0.0) for _ in range(6)]
-    assert rows == [row._replace(wall_time=0.0) for row in logged.rows]
-
-
-class Drifting(gym.Wrapper[Any, Any, Any, Any]):
-    """A wrapper that carries something from one episode to the next."""
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
-        self.drift = 0.0
-
-    def step(self, action: Any) -> Any:
-        seen, reward, *rest = super().step(action)
-        self.drift += 0.01
-        return seen + np.array([0.0, self.drift]), reward, *rest
-
-    def state_dict(self) -> dict[str, float]:
-        return {"drift": self.drift}
-
-    def load_state_dict(self, state: dict[str, float]) -> None:
-        self.drift = state["drift"]
-
-
-def test_what_a_wrapper_carries_is_resumed_too(tmp_path: Path) -> None:
-    def run(*stops: int) -> Any:
-        task, state = corridor(tmp_path, lambda: Drifting(Corridor())), None
-        for stop in stops:
-            trainer = Trainer(task.bind(), settings_of(task, "default"), 2)
-            if state is not None:
-                trainer.load_state_dict(*state)
-            while trainer.episode < stop:
-                trainer.run_episode()
-            state = trainer.state_dict()
-        assert state is not None
-        arrays, meta = state
-        return {name: a.tobytes() for name, a in arrays.items()}, {**meta, "wall_time": 0}
-
-    whole = run(8)
-    assert len(whole[1]["environment"]["own"]) == 2
-    assert run(3, 5, 8) == whole
-
-
 def test_a_state_of_another_learner_is_refused(tmp_path: Path) -> None:
     run = uninterrupted(tmp_path / "run", "default", 2)
     task = corridor(tmp_path)
@@ -407,14 +282,6 @@ def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path: Path) -
     assert sum(seen[2] for seen in recorder.seen) == pytest.approx(
         sum(row.domain_return for row in rows if row.domain_return is not None)
     )
-
-
-def test_the_environments_reward_is_learned_from_where_the_task_says_so(tmp_path: Path) -> None:
-    task = corridor(tmp_path, reward="environment")
-    trainer = Trainer(task.bind(), settings_of(task, "default"), 5)
-    recorder = Recorder(trainer)
-    rows = [trainer.run_episode() for _ in range(5)]
-    assert sum(seen[2] for seen in recorder.seen) == pytest.approx(sum(r.return_ for r in rows))
 
 
 @pytest.mark.parametrize(("inputs", "size"), [("observation", 2), ("state", 1), ("both", 3)])
@@ -539,88 +406,6 @@ def test_a_unit_that_is_no_number_is_refused(tmp_path: Path) -> None:
     task = corridor(tmp_path, Odd)
     with pytest.raises(SettingsError, match=r"\[0\] under `game`"):
         Trainer(task.bind(), settings_of(task, "default"), 0).run_episode()
-
-
-class Broken(Corridor):
-    """Goes wrong at its fifth step, or at its second reset."""
-
-    def __init__(self, how: str) -> None:
-        super().__init__()
-        self.how, self.steps_made, self.resets = how, 0, 0
-
-    def reset(self, **options: Any) -> Any:
-        self.resets += 1
-        seen, info = super().reset(**options)
-        if self.how == "reset" and self.resets == 2:
-            raise RuntimeError("motor is hot")
-        if self.how == "no info" and self.resets == 2:
-            return seen
-        return seen, info
-
-    def step(self, action: int) -> Any:
-        self.steps_made += 1
-        seen: Any
-        seen, reward, terminated, truncated, info = super().step(action)
-        if self.steps_made >= 5:
-            match self.how:
-                case "step":
-                    raise RuntimeError("motor is hot")
-                case "observation":
-                    seen = np.array([np.nan, 0.0])
-                case "shape":
-                    seen = np.zeros(7)
-                case "nothing":
-                    seen = None
-                case "reward":
-                    reward = float("nan")
-                case "four":
-                    return seen, reward, terminated or truncated, info
-        return seen, reward, terminated, truncated, info
-
-
-@pytest.mark.parametrize(
-    ("how", "said"),
-    [
-        ("step", "step with action .* RuntimeError: motor is hot"),
-        ("reset", "reset failed: RuntimeError: motor is hot"),
-        ("no info", "reset failed"),
-        ("observation", "the observation: entry 0 is nan"),
-        ("shape", "7 numbers of shape .7,.; 2 are wanted"),
-        ("nothing", "observation"),
-        ("reward", "reward is nan"),
-        ("four", "step with action .* failed"),
-    ],
-)
-def test_an_environment_that_goes_wrong_in_training_is_named(
-    tmp_path: Path, how: str, said: str
-) -> None:
-    task = corridor(tmp_path, lambda: Broken(how))
-    trainer = Trainer(task.bind(), settings_of(task, "default"), 0)
-    with pytest.raises(EnvironmentFailure, match=f"task corridor: .*{said}"):
-        for _ in range(3):
-            trainer.run_episode()
-    assert trainer.env_steps >= 4
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [lambda seen: {}, lambda seen: {"x": float("nan")}, lambda seen: {"x": seen[9]}],
-    ids=["forgets", "nan", "raises"],
-)
-def test_a_grounding_that_goes_wrong_in_training_is_named(tmp_path: Path, wrong: Any) -> None:
-    calls = 0
-
-    def ground(seen: Any) -> Any:
-        nonlocal calls
-        calls += 1
-        return {"x": seen[0]} if calls < 5 else wrong(seen)
-
-    task = corridor(tmp_path, ground=ground)
-    trainer = Trainer(task.bind(), settings_of(task, "default"), 0)
-    with pytest.raises(TaskError, match="task corridor: .*grounding"):
-        trainer.run_episode()
-        trainer.run_episode()
-    assert calls == 5
 
 
 def test_only_what_the_learner_sees_has_to_fit_into_float32(tmp_path: Path) -> None:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from serp.training.run import Run, load_run, plan_and_learn
+from serp.training.plan_and_learn import plan_and_learn
+from serp.training.run import Run, load_run
 from tests.serp.viz.scene import drawn, reckless
 
 

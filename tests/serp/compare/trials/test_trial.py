@@ -15,7 +15,7 @@ from serp.compare.trials.trial import Measured, unit_of
 from serp.errors import EnvironmentFailure, Notice, RunError, SettingsError
 from serp.tasks.registry import load_task
 from serp.training.agent import Agent
-from serp.training.precompile import rehearse
+from serp.training.precompile import precompile
 from tests.serp.compare.contest import (
     CONDITIONS,
     GUIDED,
@@ -245,11 +245,11 @@ def test_a_training_begins_when_what_it_calls_is_loaded(
 
     def rehearsing(agent: Agent) -> None:
         begin = time.perf_counter()
-        rehearse(agent)
+        precompile(agent)
         time.sleep(0.2)
         seconds.append(time.perf_counter() - begin)
 
-    monkeypatch.setattr("serp.training.trainer.rehearse", rehearsing)
+    monkeypatch.setattr("serp.training.trainer.precompile", rehearsing)
     begin = time.perf_counter()
     found = measured(tmp_path, "dqn").seconds
     (took,) = seconds

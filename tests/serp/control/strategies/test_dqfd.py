@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 from serp.control.strategies.dqfd import Demonstrations
 from tests.serp.control.strategies.scene import forecast, guide, learner_acts
 
@@ -38,12 +36,3 @@ def test_the_loss_stays_on_for_the_demonstrations_in_memory_with_the_q_filter() 
     assert strategy.margin_weight == 1.0
     assert strategy.guided is not None
     assert strategy.guided.q_filter
-
-
-def test_a_restored_strategy_goes_on_as_the_one_that_was_saved() -> None:
-    for steps in (0, 3, STEPS, 20):
-        other = after(0)
-        other.load_state_dict(json.loads(json.dumps(after(steps).state_dict())))
-        assert learner_acts(other) == learner_acts(after(steps))
-        other.end_unit("step")
-        assert other.rho == after(steps + 1).rho

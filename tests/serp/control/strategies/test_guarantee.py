@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.control.arbiter import Actor, Decision, Reason
+from serp.control.decision import Actor, Decision, Reason
 from serp.control.registry import strategy_names
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 import pytest
 
 from serp.control.strategies.imitate import ImitateThenLearn
@@ -93,16 +91,3 @@ def test_the_smallest_numbers_of_steps_work(steps: int) -> None:
             learner_acts(strategy)
             strategy.end_unit("step")
         assert strategy.rho == 1.0
-
-
-def test_a_restored_strategy_goes_on_as_the_one_that_was_saved() -> None:
-    one, other = imitating(60, seed=1), imitating(60, seed=2)
-    for _ in range(20):
-        learner_acts(one)
-        one.end_unit("step")
-    other.load_state_dict(json.loads(json.dumps(one.state_dict())))
-    for _ in range(60):
-        assert one.margin_weight == other.margin_weight
-        assert learner_acts(one) == learner_acts(other)
-        one.end_unit("step")
-        other.end_unit("step")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from random import Random
 
@@ -104,18 +103,3 @@ def test_rho_says_who_acts_next() -> None:
         for _ in range(6):
             assert strategy.rho == learner_acts(strategy)
         strategy.end_episode(random.random(), 6)
-
-
-@pytest.mark.parametrize("episodes", [0, 2, 5, 13, 40])
-def test_a_restored_strategy_goes_on_as_the_one_that_was_saved(episodes: int) -> None:
-    random = Random(episodes)
-    one = JumpStart(guide(jump_stages=6, jump_tolerance=0.2))
-    for _ in range(episodes):
-        episode(one, random.random(), random.randint(1, 9))
-    other = JumpStart(guide(jump_stages=6, jump_tolerance=0.2))
-    learner_acts(other)
-    other.load_state_dict(json.loads(json.dumps(one.state_dict())))
-    for _ in range(40):
-        return_, length = random.random(), random.randint(1, 9)
-        assert episode(one, return_, length) == episode(other, return_, length)
-        assert one.planned_steps == other.planned_steps

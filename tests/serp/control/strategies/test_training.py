@@ -19,7 +19,7 @@ from serp.control.strategies.jump_start import JumpStart
 from serp.runs.checkpoint import NEWEST, load
 from serp.settings import Settings, resolve
 from serp.tasks.task import Task
-from serp.training.run import load_run, plan_and_learn
+from serp.training.plan_and_learn import plan_and_learn
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import corridor
 
@@ -76,23 +76,6 @@ def test_resume_equals_uninterrupted(tmp_path: Path, strategy: str) -> None:
     for episodes in (10, EPISODES):
         resumed = train(tmp_path, tmp_path / "run", strategy, episodes=episodes, resume=True)
     assert resumed == whole
-
-
-@pytest.mark.parametrize("strategy", strategy_names())
-def test_a_run_acts_by_its_strategy_when_it_is_loaded(tmp_path: Path, strategy: str) -> None:
-    with without_pictures():
-        run = plan_and_learn(
-            corridor(tmp_path),
-            settings=changes(strategy),
-            out=tmp_path / "run",
-            episodes=6,
-            quiet=True,
-        )
-    loaded = load_run(run.path, corridor(tmp_path))
-    for x in range(-2, 4):
-        seen = np.array([x, 0.5])
-        one, other = run.decide(seen), loaded.decide(seen)
-        assert (one.action, one.reason) == (other.action, other.reason)
 
 
 def steps_of(folder: Path, strategy: str, episodes: int) -> tuple[Trainer, list[StepRecord]]:
