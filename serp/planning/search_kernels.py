@@ -25,9 +25,9 @@ _DEPTH = int(Bound.DEPTH)
 _NODES = int(Bound.NODES)
 _EXHAUSTED = int(Bound.EXHAUSTED)
 _LEFT_OUT, _WANTED = -2, -1
-"""Stand for the steps of a node that is not, or not yet, looked at from the back."""
+"""In place of the steps of a node: it is left out; the backward pass has yet to value it."""
 _BITS, _RANK = 0x1F, 6
-"""Of the flags of an edge its bits are stored, and above them the rank of its first period."""
+"""What is stored of the flags of an edge: their bits, above them the rank of its first period."""
 
 _promise = cached_njit(nogil=True, forceinline=True)(promise)
 _rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
@@ -150,7 +150,7 @@ def _search_all(model, rules, leaves, state, scratch, found):
 
 @cached_njit(nogil=True)
 def _search(model, rules, leaves, state, scratch, found, choosy):
-    """Expand and look back; `choosy`: leave out nodes that cannot matter.
+    """Expand and value the nodes; `choosy`: leave out nodes that cannot matter.
 
     Where a budget ends the expansion, `leaves` are worth nothing.
     """
