@@ -197,8 +197,7 @@ def _print_actions(console: Console, planner: MonitorReplanner, state: Vector, p
     # The best first where there are too many to show; else as in the file.
     order = list(range(len(model.actions)))
     if len(order) > _ACTIONS_SHOWN:
-        promises = (forecast.value, forecast.path_risk, forecast.safe_steps, forecast.flags)
-        order.sort(key=lambda k: promise_at(*promises, k), reverse=True)
+        order.sort(key=lambda k: promise_at(forecast, k), reverse=True)
     rows, styles = [], []
     for k in order[:_ACTIONS_SHOWN]:
         applicable = bool(forecast.applicable[k])

@@ -41,7 +41,7 @@ def compiled(function: _F) -> _F:
 
 @compiled
 def add_bias(z: Any, parameters: Any, at: int, floor: Any) -> None:
-    """In place, z ``[E, B, H]`` = max(z + bias, floor): ReLU with floor 0, none with −inf."""
+    """Set z ``[E, B, H]`` to max(z + bias, floor): ReLU with floor 0, none with −inf."""
     members, batch, outputs = z.shape
     for e in range(members):
         bias = parameters[e, at : at + outputs]
@@ -54,14 +54,14 @@ def add_bias(z: Any, parameters: Any, at: int, floor: Any) -> None:
 
 @compiled
 def normalize(z: Any, h: Any, inverse: Any, parameters: Any, at: int) -> None:
-    """Sets h to ReLU(LayerNorm(z + bias)).
+    """Set h to ReLU(LayerNorm(z + bias)).
 
     Args:
         z: ``[E, B, H]``; becomes the normalised value before gain and shift.
         h: ``[E, B, H]``, written.
         inverse: ``[E, B]``, written: 1 / standard deviation of each row.
         parameters: ``[E, P]``.
-        at: column of the layer's bias.
+        at: Column of the layer's bias.
     """
     members, batch, outputs = z.shape
     share = _ONE / np.float32(outputs)
@@ -92,7 +92,7 @@ def normalize(z: Any, h: Any, inverse: Any, parameters: Any, at: int) -> None:
 
 @compiled
 def add_bias_backward(d: Any, gradient: Any, at: int) -> None:
-    """Gradient of a bias with nothing after it: the sum of d ``[E, B, H]`` over the batch."""
+    """Write the gradient of an output layer's bias: the sum of d ``[E, B, H]`` over the batch."""
     members, batch, outputs = d.shape
     for e in range(members):
         bias = gradient[e, at : at + outputs]
@@ -105,7 +105,7 @@ def add_bias_backward(d: Any, gradient: Any, at: int) -> None:
 
 @compiled
 def relu_backward(d: Any, h: Any, gradient: Any, at: int) -> None:
-    """From dloss/dh to dloss/dz, in place in d ``[E, B, H]``; writes the gradient of the bias."""
+    """Turn dloss/dh in d ``[E, B, H]`` into dloss/dz; write the gradient of the bias."""
     members, batch, outputs = d.shape
     for e in range(members):
         bias = gradient[e, at : at + outputs]
@@ -122,9 +122,9 @@ def relu_backward(d: Any, h: Any, gradient: Any, at: int) -> None:
 def normalize_backward(
     d: Any, h: Any, z: Any, inverse: Any, parameters: Any, gradient: Any, at: int
 ) -> None:
-    """From dloss/dh to dloss/dz, in place in d; the other arrays as `normalize` left them.
+    """Turn dloss/dh in d into dloss/dz; the other arrays are as `normalize` left them.
 
-    Writes the gradients of bias, gain and shift. With x the normalised row and g = d × gain,
+    Write the gradients of bias, gain and shift. With x the normalised row and g = d × gain,
     dz = (g − mean(g) − x · mean(g · x)) / standard deviation (arXiv 1607.06450).
     """
     members, batch, outputs = d.shape

@@ -37,12 +37,12 @@ class _DenseLayer:
     """Where one layer lies in the flat parameters.
 
     Attributes:
-        weight: view ``[inputs, outputs]``, or ``[members, inputs, outputs]`` with several members.
-        transposed: view with the last two axes of `weight` exchanged.
-        weight_gradient: like `weight`, in the gradient.
-        start: column of the first weight in the flat parameters.
-        bias: column of the first bias.
-        end: the first column after the layer.
+        weight: View ``[inputs, outputs]``, or ``[members, inputs, outputs]`` with several members.
+        transposed: View with the last two axes of `weight` exchanged.
+        weight_gradient: Like `weight`, in the gradient.
+        start: Column of the first weight in the flat parameters.
+        bias: Column of the first bias.
+        end: The first column after the layer.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Workspace:
     """Preallocated buffers for forward and backward passes over batches of one size.
 
     Attributes:
-        batch: that size.
+        batch: That size.
         q: ``[members, batch, A]``, the result of the last forward pass.
         q_gradient: ``[members, batch, A]``; the caller writes dloss/dq here before
             `QNetwork.backward`, which may overwrite it.
@@ -103,12 +103,12 @@ class QNetwork:
     """One Q-network, or several of one shape side by side ("members").
 
     Args:
-        input_size: numbers in one input, F ≥ 1.
+        input_size: Numbers in one input, F ≥ 1.
         action_count: Q-values of one input, A ≥ 1.
-        hidden: neurons of each hidden layer; ReLU follows each.
+        hidden: Neurons of each hidden layer; ReLU follows each.
         layer_norm: LayerNorm before each ReLU.
-        members: networks side by side, E ≥ 1.
-        rng: draws the start, uniform in ±1/√inputs for weights and biases as in
+        members: Networks side by side, E ≥ 1.
+        rng: Draws the start, uniform in ±1/√inputs for weights and biases as in
             `torch.nn.Linear`; None leaves all parameters 0 (a target network).
 
     Attributes:
@@ -116,7 +116,7 @@ class QNetwork:
         parameters: float32 tensor ``[E, P]``: member by member, layer by layer the weights
             ``[inputs, outputs]``, the bias and, under LayerNorm, gain and shift.
         gradient: float32 tensor ``[E, P]``, written by `backward`.
-        layers: where each layer lies.
+        layers: Where each layer lies.
     """
 
     def __init__(

@@ -11,8 +11,9 @@ smallest likewise. Telling both kinds of reward apart keeps the bounds tight: wi
 and −1 for a fall, γ = 0.9, they are −1 and 10, where the range of all rewards would give −10.
 
 Only the *estimated* part of a TD target, the value of the next state, has to be clipped to these
-bounds. What was observed is true: a terminal target is its rewards alone and stays as it is, and a
-non-terminal target then lies between R + γᵏ·lower and R + γᵏ·upper, inside the bounds and tighter.
+bounds. The observed rewards stay as they are: a terminal target consists of them alone, and a
+non-terminal target then lies between R + γᵏ·lower and R + γᵏ·upper, which is tighter than the
+bounds.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class ReturnBounds:
         self._update()
 
     def observe(self, reward: float, terminated: bool) -> None:
-        """Takes the reward of one step into account."""
+        """Take the reward of one step into account."""
         seen = self._terminal if terminated else self._going_on
         if seen[0] <= reward <= seen[1]:
             return
@@ -51,11 +52,11 @@ class ReturnBounds:
         self.upper: float = math.inf if nothing_known else upper
 
     def state(self) -> list[float]:
-        """Smallest and largest reward of going on, and of terminating; ±inf where none was seen."""
+        """Return smallest and largest reward of going on, and of terminating; ±inf where unseen."""
         return [*self._going_on, *self._terminal]
 
     def load_state(self, state: Sequence[float]) -> None:
-        """Continues from what `state` returned."""
+        """Continue from what `state` returned."""
         low, high, terminal_low, terminal_high = map(float, state)
         self._going_on = [low, high]
         self._terminal = [terminal_low, terminal_high]

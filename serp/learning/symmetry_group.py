@@ -31,7 +31,7 @@ class Element:
         actions: A actions, each once.
 
     Raises:
-        ValueError: It is none.
+        ValueError: It is not a signed permutation.
     """
 
     columns: tuple[int, ...]
@@ -41,17 +41,17 @@ class Element:
     def __post_init__(self) -> None:
         for numbers in (self.columns, self.actions):
             if sorted(numbers) != list(range(len(numbers))):
-                raise ValueError(f"{numbers} is no permutation")
+                raise ValueError(f"{numbers} is not a permutation")
         if len(self.signs) != len(self.columns) or not {1.0, -1.0}.issuperset(self.signs):
-            raise ValueError(f"{self.signs} are no {len(self.columns)} signs")
+            raise ValueError(f"{self.signs} are not {len(self.columns)} signs")
 
     @staticmethod
     def identity(inputs: int, actions: int) -> Element:
-        """The element that changes nothing."""
+        """Return the element that changes nothing."""
         return Element(tuple(range(inputs)), (1.0,) * inputs, tuple(range(actions)))
 
     def after(self, first: Element) -> Element:
-        """The element that does what `first` does and then what this one does."""
+        """Return the element that does what `first` does and then what this one does."""
         return Element(
             tuple(first.columns[i] for i in self.columns),
             tuple(s * first.signs[i] for s, i in zip(self.signs, self.columns, strict=True)),
@@ -59,12 +59,12 @@ class Element:
         )
 
     def of_input(self, x: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """g·x of an input ``[..., F]``, of the same dtype."""
+        """Return g·x of an input ``[..., F]``, of the same dtype."""
         image: npt.NDArray[Any] = x[..., list(self.columns)] * np.array(self.signs, x.dtype)
         return image
 
     def of_actions(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """What is known of every action ``[..., A]``, moved to the actions' images."""
+        """Return values of every action ``[..., A]``, moved to the images of the actions."""
         image = np.empty_like(values)
         image[..., list(self.actions)] = values
         return image
@@ -77,17 +77,17 @@ class SymmetryGroup:
     averaged over a subgroup of at most `MOST_AVERAGED` elements, which come first.
 
     Args:
-        inputs: numbers in an input, F.
+        inputs: Numbers in an input, F.
         actions: A.
-        generators: the permutations, the most important first.
+        generators: The permutations, the most important first.
 
     Raises:
-        ValueError: a generator has another size.
+        ValueError: A generator has another size.
 
     Attributes:
-        elements: the elements, the identity first.
-        averaged: how many of them Q is averaged over.
-        complete: whether no generator was left out.
+        elements: The elements, the identity first.
+        averaged: How many of them Q is averaged over.
+        complete: Whether no generator was left out.
         columns: int64 ``[G, F]``.
         signs: float32 ``[G, F]``.
         actions: int64 ``[G, A]``.

@@ -41,7 +41,7 @@ class ActionForecast(NamedTuple):
     @property
     def indifferent(self) -> bool:
         """Whether the planner has no reason to prefer one action; see `all_alike`."""
-        return all_alike(self.value, self.path_risk, self.safe_steps, self.flags)
+        return all_alike(self)
 
     @property
     def safe(self) -> NDArray[np.bool_]:
@@ -64,10 +64,9 @@ class ActionMap:
     """The map from ground actions to the actions 0 ... E-1 of an environment.
 
     Several ground actions may share an environment action (`move a b` and `move b c` are both "go
-    east"): the one whose precondition holds counts. Of several, none of which can be told to be
-    the one, the worst counts: one that the file flags first, then one with an undefined result,
-    else the largest risks, the shortest safe time, the least value and the least reward of them
-    all.
+    east"): the one whose precondition holds counts. Where several hold, the worst counts: one that
+    the file flags first, then one with an undefined result, else the largest risks, the shortest
+    safe time, the least value and the least reward of them all.
 
     Args:
         model: The transition model.
@@ -193,8 +192,7 @@ class ActionMap:
         """
         applicable = [a for a in range(self.size) if of.flags[a] & APPLICABLE]
         applicable.sort(key=lambda a: self._groups[a][0])
-        promises = (of.value, of.path_risk, of.safe_steps, of.flags)
-        return max(applicable, key=lambda a: promise_at(*promises, a), default=-1)
+        return max(applicable, key=lambda a: promise_at(of, a), default=-1)
 
     def _choose(self, forecast: Forecast) -> NDArray[np.int64]:
         """Return the ground action that counts for every environment action."""

@@ -14,9 +14,9 @@ from serp.settings import PlannerSettings
 
 State = tuple[float, ...]
 
-# So many edges are tried between two looks at the clock: some milliseconds, some tens of them.
 _NATIVE_EDGES = 4096
 _INTERPRETED_EDGES = 256
+"""Edges that are tried between two readings of the clock: up to some tens of milliseconds."""
 
 
 class Followed(NamedTuple):
@@ -36,7 +36,7 @@ class Followed(NamedTuple):
 class Edges(NamedTuple):
     """Edges that are applicable, column by column, in the order of their sources and actions.
 
-    Columns instead of objects: a decision makes thousands of edges, a reader looks at a handful.
+    Columns instead of objects, because a decision makes thousands of edges.
 
     Attributes:
         source: Node that the edge leaves.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,32 +76,42 @@ class Forecast(NamedTuple):
     @property
     def indifferent(self) -> bool:
         """Whether the planner has no reason to prefer one action; see `all_alike`."""
-        return all_alike(self.value, self.path_risk, self.safe_steps, self.flags)
+        return all_alike(self)
 
 
-def promise_at(
-    value: NDArray[np.float64],
-    path_risk: NDArray[np.float64],
-    safe_steps: NDArray[np.int64],
-    flags: NDArray[np.int64],
-    action: int,
-) -> Promise:
+class Promises(Protocol):
+    """The columns of a forecast that actions are compared by; see `Forecast`."""
+
+    @property
+    def value(self) -> NDArray[np.float64]:
+        """`[A]` value of the best path that begins with each action."""
+
+    @property
+    def path_risk(self) -> NDArray[np.float64]:
+        """`[A]` its risk."""
+
+    @property
+    def safe_steps(self) -> NDArray[np.int64]:
+        """`[A]` its control periods before the first with a risk."""
+
+    @property
+    def flags(self) -> NDArray[np.int64]:
+        """`[A]` flags of one control period."""
+
+
+def promise_at(of: Promises, action: int) -> Promise:
     """Return what one action promises."""
-    rank = rank_of(int(flags[action]))
-    return promise(rank, float(path_risk[action]), int(safe_steps[action]), float(value[action]))
+    rank, steps = rank_of(int(of.flags[action])), int(of.safe_steps[action])
+    return promise(rank, float(of.path_risk[action]), steps, float(of.value[action]))
 
 
-def all_alike(
-    value: NDArray[np.float64],
-    path_risk: NDArray[np.float64],
-    safe_steps: NDArray[np.int64],
-    flags: NDArray[np.int64],
-) -> bool:
+def all_alike(of: Promises) -> bool:
     """Return whether there are two or more actions to choose from and all promise the same.
 
     Those to choose from are the actions of the best rank, see `serp.planning.preference`.
     """
-    chosen = np.flatnonzero(of_best_rank(flags))
+    chosen = np.flatnonzero(of_best_rank(of.flags))
     if len(chosen) < 2:
         return False
-    return all(bool((of[chosen] == of[chosen[0]]).all()) for of in (value, path_risk, safe_steps))
+    columns = (of.value, of.path_risk, of.safe_steps)
+    return all(bool((column[chosen] == column[chosen[0]]).all()) for column in columns)

@@ -123,7 +123,7 @@ class PlanningGraph:
                 del states[first:]
                 return met
         self._layers.append(layer)
-        # Where nothing but the undefined is left, nothing is known to be safe.
+        # Where only actions with an undefined result are left, nothing is known to be safe.
         self._unpredictable |= undefined.difference(layer.edges.source)
         self._layer_of += [self.depth] * (len(states) - first)
         self._ended.update(ended.values())

@@ -1,8 +1,8 @@
 """What the states at the end of a lookahead are worth: an estimate that compiled loops evaluate.
 
-Ridge regression on random Fourier features (Rahimi & Recht 2007). What is learned elsewhere, from
-observations that no model predicts, becomes a function of the state alone, which a lookahead can
-ask of states that nobody has seen.
+Ridge regression on random Fourier features (Rahimi & Recht 2007). Values that a learner estimates
+from observations become a function of the state alone, which a lookahead can evaluate in states
+that were never visited.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def value_at(packed, states, at, width):  # type: ignore[no-untyped-def]
     """Return the value of one state.
 
     Args:
-        packed: What `LeafValue.packed` is.
+        packed: `LeafValue.packed`.
         states: Flat float64 array.
         at: Where the state begins in it.
         width: Fluents, F.
@@ -51,20 +51,20 @@ def value_at(packed, states, at, width):  # type: ignore[no-untyped-def]
         value += packed[amplitude + k] * math.cos(z)
     if value > packed[_HIGH]:
         return packed[_HIGH]
-    return value if value >= packed[_LOW] else packed[_LOW]  # also where it is no number
+    return value if value >= packed[_LOW] else packed[_LOW]  # NaN as well
 
 
 class LeafValue:
     """A value for every state `[F]`, fitted to values of some.
 
-    It never leaves the range of the values that it was fitted to.
+    The value is clipped to the range of the values that it was fitted to.
 
     Args:
         fluents: Width of a state, F.
         seed: Seed of the random features.
 
     Attributes:
-        packed: float64; what `value_at` reads. Empty before the first fit.
+        packed: float64, read by `value_at`. Empty before the first fit.
     """
 
     def __init__(self, fluents: int, seed: np.random.SeedSequence) -> None:
@@ -83,7 +83,7 @@ class LeafValue:
         """Take over what `packed` was.
 
         Raises:
-            ValueError: It is of states of another width, or none at all.
+            ValueError: It does not belong to states of this width.
         """
         size = _HEADER + 2 * self._fluents + FEATURES * (2 + self._fluents)
         if packed.size and (packed.shape != (size,) or packed[_WAVES] != FEATURES):
@@ -97,8 +97,8 @@ class LeafValue:
     def fit(self, states: Vector, values: Vector) -> None:
         """Replace the estimate.
 
-        Where anything is no finite number, as the values of a learner that diverges, or the
-        regression has no solution, the one before stays.
+        Where a number is not finite, as the values of a learner that diverges, or the regression
+        has no solution, the previous estimate stays.
 
         Args:
             states: `[N, F]`, N ≥ 1.
@@ -106,7 +106,7 @@ class LeafValue:
         """
         if not (np.isfinite(states).all() and np.isfinite(values).all()):
             return
-        # By quantiles: one wild state would make all others look alike.
+        # By quantiles: a single outlier would make all other states look alike.
         low, centre, high = np.quantile(states, (0.05, 0.5, 0.95), axis=0)
         spread = np.where(high > low, (high - low) / _NORMAL, states.std(axis=0))
         rests = spread <= 1e-9 * np.maximum(1.0, np.abs(centre))

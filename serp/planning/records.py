@@ -6,7 +6,7 @@ times slower. The loops give the values their names again.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,7 @@ class Rules(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory of one search; of a batch, each array has one more leading axis, an entry a thread.
+    """Memory of one search.
 
     Attributes:
         states: Flat `[(max_nodes + 2) * (F + 1)]`.
@@ -74,27 +74,23 @@ class Scratch(NamedTuple):
     table: NDArray[np.int32]
 
     @classmethod
-    def allocate(cls, nodes: int, actions: int, width: int, threads: int) -> Scratch:
-        """Return memory for as many searches as threads, of so many nodes each."""
-
-        def zeros(size: int, kind: Any = np.float64) -> Any:
-            return np.zeros((threads, size), dtype=kind)
-
+    def allocate(cls, nodes: int, actions: int, width: int) -> Scratch:
+        """Return memory for searches that expand so many nodes at most."""
         edges, size = nodes * actions, 2
         while size < 2 * nodes:
             size *= 2
         return cls(
-            states=zeros((nodes + 2) * (width + 1)),
-            reward=zeros(edges),
-            weight=zeros(edges),
-            flags=zeros(edges, np.uint8),
-            periods=zeros(edges, np.int32),
-            risk=zeros(edges),
-            child=zeros(edges, np.int32),
-            best_value=zeros(nodes),
-            best_risk=zeros(nodes),
-            best_steps=zeros(nodes, np.int64),
-            table=zeros(size, np.int32),
+            states=np.zeros((nodes + 2) * (width + 1)),
+            reward=np.zeros(edges),
+            weight=np.zeros(edges),
+            flags=np.zeros(edges, np.uint8),
+            periods=np.zeros(edges, np.int32),
+            risk=np.zeros(edges),
+            child=np.zeros(edges, np.int32),
+            best_value=np.zeros(nodes),
+            best_risk=np.zeros(nodes),
+            best_steps=np.zeros(nodes, np.int64),
+            table=np.zeros(size, np.int32),
         )
 
 
@@ -108,9 +104,9 @@ class FirstActions(NamedTuple):
     flags: NDArray[np.int64]
 
 
-def room_for_actions(*shape: int) -> tuple[_Reals, _Reals, _Wholes, _Reals, _Wholes]:
-    """Return values of `FirstActions`, arrays `[*shape]` to be written."""
+def room_for_actions(count: int) -> tuple[_Reals, _Reals, _Wholes, _Reals, _Wholes]:
+    """Return values of `FirstActions` for so many actions, to be written."""
     return (
-        np.empty(shape), np.empty(shape), np.empty(shape, dtype=np.int64), np.empty(shape),
-        np.empty(shape, dtype=np.int64),
+        np.empty(count), np.empty(count), np.empty(count, dtype=np.int64), np.empty(count),
+        np.empty(count, dtype=np.int64),
     )  # fmt: skip

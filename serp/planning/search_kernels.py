@@ -8,7 +8,6 @@ have F + 1 entries, the last for the reward.
 from __future__ import annotations
 
 import numpy as np
-from numba import get_num_threads, get_thread_id, prange  # type: ignore[attr-defined]
 
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
@@ -26,9 +25,9 @@ _DEPTH = int(Bound.DEPTH)
 _NODES = int(Bound.NODES)
 _EXHAUSTED = int(Bound.EXHAUSTED)
 _LEFT_OUT, _WANTED = -2, -1
-"""Stand for the steps of a node that is not, or not yet, looked at from the back."""
+"""In place of the steps of a node: it is left out; the backward pass has yet to value it."""
 _BITS, _RANK = 0x1F, 6
-"""Of the flags of an edge its bits are stored, and above them the rank of its first period."""
+"""What is stored of the flags of an edge: their bits, above them the rank of its first period."""
 
 _promise = cached_njit(nogil=True, forceinline=True)(promise)
 _rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
@@ -151,7 +150,7 @@ def _search_all(model, rules, leaves, state, scratch, found):
 
 @cached_njit(nogil=True)
 def _search(model, rules, leaves, state, scratch, found, choosy):
-    """Expand and look back; `choosy`: leave out nodes that cannot matter.
+    """Expand and value the nodes; `choosy`: leave out nodes that cannot matter.
 
     Where a budget ends the expansion, `leaves` are worth nothing.
     """
@@ -275,32 +274,3 @@ def _search(model, rules, leaves, state, scratch, found, choosy):
         if node == 0:
             return chosen, expanded, bound
     return -1, expanded, bound
-
-
-@cached_njit(nogil=True, parallel=True)
-def search_batch(model, rules, leaves, batch, scratch, found, choice, expanded, bound):
-    """Run `search` on every row of `batch` `[B, F]`, in parallel over the rows.
-
-    The arrays of `scratch` have one more leading axis, an entry a thread; those of `found`, and
-    `choice`, `expanded` and `bound`, an entry a row.
-    """
-    (
-        states, reward, weight, flags, periods, risk, child, best_value, best_risk, best_steps,
-        table,
-    ) = scratch  # fmt: skip
-    value, path_risk, safe_steps, first_reward, first_flags = found
-    for k in prange(batch.shape[0]):
-        t = get_thread_id()
-        choice[k], expanded[k], bound[k] = search(
-            model, rules, leaves, batch[k],
-            (
-                states[t], reward[t], weight[t], flags[t], periods[t], risk[t], child[t],
-                best_value[t], best_risk[t], best_steps[t], table[t],
-            ),
-            (value[k], path_risk[k], safe_steps[k], first_reward[k], first_flags[k]),
-        )  # fmt: skip
-
-
-def threads() -> int:
-    """Return how many threads a batch is spread over."""
-    return int(get_num_threads())

@@ -1,4 +1,4 @@
-"""What one replan costs: array lookahead, planning graph, batches, unified-planning's simulator.
+"""What one replan costs: array lookahead, planning graph, unified-planning's simulator.
 
     python tests/benchmarks/bench_planning.py [--rounds N]
 
@@ -14,7 +14,6 @@ is the same search as plain recursion over `SequentialSimulator.apply`.
 from __future__ import annotations
 
 import argparse
-import os
 import statistics
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -23,8 +22,6 @@ from itertools import cycle
 from pathlib import Path
 from time import perf_counter
 from typing import Any
-
-os.environ.setdefault("NUMBA_NUM_THREADS", "1")  # batches are measured per core
 
 import numpy as np
 
@@ -35,7 +32,7 @@ from serp.planning.replanner import MonitorReplanner
 from serp.settings import PlannerSettings
 from serp.tasks.registry import load_task
 
-DEPTH, DISCOUNT, BATCH = 5, 0.99, 1024
+DEPTH, DISCOUNT = 5, 0.99
 
 CARTPOLE = """
 (define (domain cartpole-like)
@@ -128,8 +125,8 @@ class Contender:
     def median(self) -> float:
         return statistics.median(self.seconds)
 
-    def shown(self, parts: int = 1) -> str:
-        return f"{shown(self.median / parts)} ({shown(min(self.seconds) / parts)})"
+    def shown(self) -> str:
+        return f"{shown(self.median)} ({shown(min(self.seconds))})"
 
 
 def interleaved(contenders: Sequence[Contender], rounds: int) -> None:
@@ -162,11 +159,9 @@ def planners(model: TransitionModel, states: Vector) -> dict[str, Contender]:
     settings = PlannerSettings(depth=DEPTH, discount=DISCOUNT)
     lookahead = Lookahead(model, settings)
     replanner = MonitorReplanner(model, depth=DEPTH, discount=DISCOUNT)
-    batch = np.resize(states, (BATCH, states.shape[1]))
     rows = cycle(states)
     return {
         "single": Contender("lookahead", lambda: lookahead.forecast(next(rows)), 500),
-        "batch": Contender(f"{BATCH} at once", lambda: lookahead.forecast_batch(batch), 1),
         "plan": Contender("planning graph: plan", lambda: replanner.plan(next(rows)), 20),
         "graph": Contender("the same, as networkx", lambda: replanner.plan(next(rows)).graph, 10),
     }
@@ -221,14 +216,11 @@ def row(name: str, measured: str, target: str = "") -> None:
 
 
 def report(title: str, found: dict[str, Contender], targets: tuple[str, str]) -> None:
-    single, batch = found["single"].median, found["batch"].median / BATCH
     edges = found["graph"].call().number_of_edges()
     print(f"{title}, {edges:,} edges")
     row("lookahead", found["single"].shown(), f"target: ≤ {targets[0]}")
     row("planning graph (plan)", found["plan"].shown(), f"target: ≤ {targets[1]}")
     row("planning graph and its networkx form", found["graph"].shown())
-    row(f"batch of {BATCH:,} on one core, a replan", found["batch"].shown(BATCH))
-    row("batch / singles, replans a second", f"{single / batch:.2f} ×", "target: ≥ 1")
     print()
 
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
+from serp.model.flags import APPLICABLE, UNSAFE
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.limits import Bound
 
@@ -23,40 +23,31 @@ def forecast(
     )
 
 
-def test_flags_are_told_apart() -> None:
-    flags = [0, APPLICABLE, APPLICABLE | UNSAFE, APPLICABLE | TERMINAL, 7]
-    found = forecast([0.0] * 5, [-1, SAFE, 0, SAFE, 0], flags)
-    assert found.applicable.tolist() == [False, True, True, True, True]
-    assert found.unsafe.tolist() == [False, False, True, False, True]
-    assert found.terminal.tolist() == [False, False, False, True, True]
-    assert found.applicable.dtype == np.bool_
+BAD = APPLICABLE | UNSAFE
 
 
 @pytest.mark.parametrize(
-    ("values", "steps", "expected"),
+    ("values", "steps", "flags", "expected"),
     [
-        ([1.0, 1.0, 1.0], [SAFE] * 3, True),
-        ([1.0, 1.0, 1.5], [SAFE] * 3, False),
-        ([1.0, 1.0], [SAFE, 2], False),
-        ([1.0, 1.0], [2, 2], True),
-        ([1.0, -np.inf, 1.0], [SAFE, -1, SAFE], True),
-        ([1.0, -np.inf], [SAFE, -1], False),  # a single action is no tie
-        ([-np.inf, -np.inf], [-1, -1], False),
-        ([], [], False),
+        ([1.0, 1.0, 1.0], [SAFE] * 3, None, True),
+        ([1.0, 1.0, 1.5], [SAFE] * 3, None, False),
+        ([1.0, 1.0], [SAFE, 2], None, False),
+        ([1.0, 1.0], [2, 2], None, True),
+        ([1.0, -np.inf, 1.0], [SAFE, -1, SAFE], None, True),
+        ([1.0, -np.inf], [SAFE, -1], None, False),  # a single action is no tie
+        ([-np.inf, -np.inf], [-1, -1], None, False),
+        ([], [], None, False),
+        # An unsafe action is no choice while there is another.
+        ([1.0, 5.0, 1.0], [SAFE, 0, SAFE], [APPLICABLE, BAD, APPLICABLE], True),
+        ([1.0, 5.0, 2.0], [SAFE, 0, SAFE], [APPLICABLE, BAD, APPLICABLE], False),
+        ([1.0, 5.0], [SAFE, 0], [APPLICABLE, BAD], False),
+        ([1.0, 1.0], [0, 0], [BAD, BAD], True),
     ],
 )
 def test_indifferent_is_when_all_that_is_safe_promises_the_same(
-    values: list[float], steps: list[int], expected: bool
+    values: list[float], steps: list[int], flags: list[int] | None, expected: bool
 ) -> None:
-    assert forecast(values, steps).indifferent is expected
-
-
-def test_an_unsafe_action_is_no_choice_while_there_is_another() -> None:
-    flags = [APPLICABLE, APPLICABLE | UNSAFE, APPLICABLE]
-    assert forecast([1.0, 5.0, 1.0], [SAFE, 0, SAFE], flags).indifferent
-    assert not forecast([1.0, 5.0, 2.0], [SAFE, 0, SAFE], flags).indifferent
-    assert not forecast([1.0, 5.0], [SAFE, 0], flags[:2]).indifferent
-    assert forecast([1.0, 1.0], [0, 0], [APPLICABLE | UNSAFE] * 2).indifferent
+    assert forecast(values, steps, flags).indifferent is expected
 
 
 def test_safe_is_about_the_whole_chosen_path() -> None:

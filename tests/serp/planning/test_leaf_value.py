@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -93,53 +95,40 @@ def test_it_never_leaves_the_range_of_what_it_was_fitted_to(seed: int, state: li
     assert values.min() <= found <= values.max()
 
 
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("fluent", range(F))
-def test_what_is_no_state_is_worth_the_least(wrong: float, fluent: int) -> None:
+def test_what_is_no_state_is_worth_the_least() -> None:
     states = states_of(0, 40)
     states[:, 1] = 2.0  # rests
     values = smooth(states)
-    state = states[3].copy()
-    state[fluent] = wrong
-    assert fitted(states, values).of(state) == values.min()
+    value = fitted(states, values)
+    for fluent, wrong in product(range(F), (np.nan, np.inf, -np.inf)):
+        state = states[3].copy()
+        state[fluent] = wrong
+        assert value.of(state) == values.min()
 
 
-def test_beyond_the_range_it_is_cut_not_wrong_in_between() -> None:
-    """A line goes on; its estimate ends where the values did."""
-    line = np.linspace(-1.0, 1.0, 200)[:, np.newaxis]
-    value = fitted(line, 3.0 * line[:, 0])
-    found = [value.of(np.array([x])) for x in (-0.8, -0.4, 0.0, 0.4, 0.8)]
-    assert found == pytest.approx([-2.4, -1.2, 0.0, 1.2, 2.4], abs=0.1)
-    assert (value.of(np.array([1.3])), value.of(np.array([-1.3]))) == (3.0, -3.0)
+@pytest.mark.parametrize(
+    ("states", "values", "mean"),
+    [
+        (np.array([[1.0, -2.0, 3.0]]), np.array([4.5]), 4.5),  # one sample
+        (states_of(0, 50), np.full(50, -1.25), -1.25),  # values that are all alike
+        (np.zeros((4, 0)), np.array([1.0, 2.0, 3.0, 6.0]), 3.0),  # states without fluents
+    ],
+)
+def test_where_states_or_values_are_alike_all_are_worth_the_mean(
+    states: Vector, values: Vector, mean: float
+) -> None:
+    value = fitted(states, values)
+    for state in states_of(1, 20)[:, : states.shape[1]]:
+        assert value.of(state) == pytest.approx(mean)
 
 
-def test_one_sample_says_the_same_of_every_state() -> None:
-    value = fitted(np.array([[1.0, -2.0, 3.0]]), np.array([4.5]))
-    assert [value.of(state) for state in states_of(0, 20)] == [4.5] * 20
-
-
-def test_values_that_are_all_alike_stay_so() -> None:
-    value = fitted(states_of(0, 50), np.full(50, -1.25))
-    assert [value.of(state) for state in states_of(1, 20)] == [-1.25] * 20
-
-
-def test_states_without_fluents_are_worth_the_mean() -> None:
-    value = fitted(np.zeros((4, 0)), np.array([1.0, 2.0, 3.0, 6.0]))
-    assert value.of(np.zeros(0)) == pytest.approx(3.0)
-
-
-def test_equal_seeds_give_equal_bits_and_others_give_others() -> None:
-    states = states_of(0, 100)
-    packed = [fitted(states, smooth(states), seed).packed.tobytes() for seed in (1, 1, 2)]
-    assert packed[0] == packed[1]
-    assert packed[0] != packed[2]
-
-
-def test_a_fit_owes_nothing_to_those_before() -> None:
+def test_a_fit_depends_on_the_seed_and_on_no_fit_before() -> None:
     states, others = states_of(0, 100), 5.0 + states_of(1, 30)
-    value = fitted(others, -smooth(others))
+    packed = [fitted(states, smooth(states), seed).packed.tobytes() for seed in (1, 1, 2)]
+    assert packed[0] == packed[1] != packed[2]
+    value = fitted(others, -smooth(others), 1)
     value.fit(states, smooth(states))
-    assert value.packed.tobytes() == fitted(states, smooth(states)).packed.tobytes()
+    assert value.packed.tobytes() == packed[0]
 
 
 def test_what_was_packed_is_restored_whatever_the_seed() -> None:
@@ -150,9 +139,7 @@ def test_what_was_packed_is_restored_whatever_the_seed() -> None:
     other.restore(packed)
     packed[:] = np.nan  # it is the other's own
     assert other.fitted
-    assert other.packed.tobytes() == value.packed.tobytes()
-    unseen = states_of(1, 50)
-    assert [other.of(state) for state in unseen] == [value.of(state) for state in unseen]
+    assert [other.of(state) for state in states] == [value.of(state) for state in states]
     other.restore(np.zeros(0))
     assert not other.fitted
 
@@ -169,28 +156,17 @@ def test_what_does_not_fit_is_not_restored() -> None:
     assert value.packed.tobytes() == before
 
 
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("where", ["state", "value"])
-def test_what_is_no_number_leaves_the_estimate_as_it_was(wrong: float, where: str) -> None:
-    states = states_of(0, 50)
-    values = smooth(states)
-    value = fitted(states, values)
-    before = value.packed.tobytes()
-    if where == "state":
-        states[7, 2] = wrong
-    else:
-        values[7] = wrong
-    value.fit(states, values)
-    assert value.packed.tobytes() == before
-    assert not fitted(states, values).fitted
-
-
-def test_a_regression_without_a_solution_leaves_the_estimate_as_it_was(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_estimate_stays_where_there_is_no_better_one(monkeypatch: pytest.MonkeyPatch) -> None:
     states = states_of(0, 50)
     value = fitted(states, smooth(states))
     before = value.packed.tobytes()
+    for wrong in (np.nan, np.inf, -np.inf):
+        spoiled = states.copy()
+        spoiled[7, 2] = wrong
+        value.fit(spoiled, smooth(states))
+        value.fit(states, np.append(smooth(states[1:]), wrong))
+        assert value.packed.tobytes() == before
+        assert not fitted(spoiled, smooth(states)).fitted
     monkeypatch.setattr("serp.planning.leaf_value._RIDGE", 0.0)
     value.fit(np.ones((4, F)), np.arange(4.0))  # no feature differs: singular without a ridge
     assert value.packed.tobytes() == before

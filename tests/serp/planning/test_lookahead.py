@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import threading
 import tracemalloc
 from dataclasses import replace
 from random import Random
 from typing import Literal
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE, with_risk
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning import search_kernels as kernels
-from serp.planning.forecast import SAFE, Forecast, all_alike
+from serp.planning.forecast import Forecast
 from serp.planning.leaf_value import LeafValue
 from serp.planning.limits import Bound
-from serp.planning.lookahead import BatchForecast, Lookahead
+from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
 from serp.settings import PlannerSettings
 from tests.generated import PLANNABLE, generate, random_states
@@ -61,12 +57,9 @@ def assert_all_forms_agree(
 ) -> list[Forecast]:
     lookahead = Lookahead(model, settings)
     singles = [lookahead.forecast(state) for state in states]
-    batch = lookahead.forecast_batch(states)
-    for row, (state, single) in enumerate(zip(states, singles, strict=True)):
+    for state, single in zip(states, singles, strict=True):
         assert bits(single) == bits(graph_forecast(model, settings, state))
-        assert bits(single) == bits(Forecast(*(column[row] for column in batch)))
-        assert type(single.choice) is int
-        assert single.bound is Bound(batch.bound[row])
+        assert type(single.choice) is int and type(single.bound) is Bound
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
         assert not model.compiles
@@ -77,7 +70,7 @@ def assert_all_forms_agree(
 
 @examples(120)
 @given(st.integers(0, WORLDS - 1), PLANNERS, st.integers(0, 10**6))
-def test_lookahead_graph_batch_and_interpreter_agree_bit_for_bit(
+def test_lookahead_graph_and_interpreter_agree_bit_for_bit(
     seed: int, settings: PlannerSettings, states_seed: int
 ) -> None:
     model = world(seed)
@@ -133,24 +126,6 @@ def test_what_lies_behind_a_risk_counts_where_nothing_else_is_left(depth: int, r
     assert_all_forms_agree(load(RISKS), PlannerSettings(depth=depth, repeat=repeat), states)
 
 
-def test_batches_from_several_threads_are_what_they_are_from_one() -> None:
-    model = world(5)
-    states = states_of(model, Random(2), 400)
-    lookaheads = [Lookahead(model, PlannerSettings(depth=3)) for _ in range(4)]
-    expected = lookaheads[0].forecast_batch(states).value.tobytes()
-    found: list[bytes] = []
-
-    def run(lookahead: Lookahead) -> None:
-        found.extend(lookahead.forecast_batch(states).value.tobytes() for _ in range(10))
-
-    threads = [threading.Thread(target=run, args=(lookahead,)) for lookahead in lookaheads]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert found == [expected] * 40
-
-
 def test_the_examples_meet_every_bound_ties_and_danger() -> None:
     """What the two tests above vary does make a difference."""
     bounds, ties, unsafe_paths, longest = set(), 0, 0, set()
@@ -171,39 +146,6 @@ def test_the_examples_meet_every_bound_ties_and_danger() -> None:
     assert longest >= {-1, 0, 1, 2, 3}
 
 
-def test_repeated_calls_do_not_depend_on_what_was_computed_before() -> None:
-    model = world(5)
-    states = states_of(model, Random(1), 12)
-    used = Lookahead(model, PlannerSettings(depth=4, max_nodes=50))
-    for state in states[::-1]:
-        used.forecast(state)
-    for state in states:
-        fresh = Lookahead(model, PlannerSettings(depth=4, max_nodes=50))
-        assert bits(used.forecast(state)) == bits(fresh.forecast(state))
-
-
-def test_batches_do_not_depend_on_the_number_of_threads() -> None:
-    model = world(4)
-    states = states_of(model, Random(2), 65)
-    lookahead = Lookahead(model, PlannerSettings(depth=4))
-    before = numba.get_num_threads()
-    try:
-        results = []
-        for threads in (1, before):
-            numba.set_num_threads(threads)
-            results.append([column.tobytes() for column in lookahead.forecast_batch(states)])
-    finally:
-        numba.set_num_threads(before)
-    assert results[0] == results[1]
-
-
-def test_an_empty_batch_gives_empty_columns() -> None:
-    model = world(4)
-    batch = Lookahead(model).forecast_batch(np.empty((0, len(model.fluents))))
-    assert batch.choice.shape == (0,)
-    assert batch.value.shape == (0, len(model.actions))
-
-
 def test_positive_and_negative_zero_are_one_state() -> None:
     """One node a layer, so that four nodes are enough for depth 4."""
     model = load(
@@ -221,8 +163,6 @@ def test_a_state_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
     model = world(5)
     with pytest.raises(StateError, match=f"{len(model.fluents)} numbers"):
         Lookahead(model).forecast(np.zeros(shape))
-    with pytest.raises(StateError, match=f"{len(model.fluents)} numbers"):
-        Lookahead(model).forecast_batch(np.zeros(shape))
 
 
 def test_states_of_another_dtype_or_layout_are_read_right() -> None:
@@ -261,6 +201,8 @@ def test_memory_is_bounded_whatever_the_depth() -> None:
     assert peak < 20_000 * 5 * 40 + 20_000 * 60
 
 
+NOTHING = np.zeros(0)
+
 # Leaves that are worth something -----------------------------------------------------------------
 
 
@@ -283,10 +225,6 @@ def with_leaves(
     return lookahead
 
 
-def rows_of(batch: BatchForecast) -> list[Forecast]:
-    return [Forecast(*(column[row] for column in batch)) for row in range(len(batch.choice))]
-
-
 def best_of(value: Vector, safe_steps: Vector) -> int:
     """The choice by the book: safe for longest, then worth most, then first."""
     applicable = [a for a in range(len(value)) if safe_steps[a] >= 0]
@@ -303,8 +241,6 @@ def test_every_first_action_is_worth_what_it_earns_and_where_it_ends(
     states = states_of(model, Random(other), 2)
     lookahead = with_leaves(model, settings, "always", value.packed)
     singles = [lookahead.forecast(state) for state in states]
-    for single, row in zip(singles, rows_of(lookahead.forecast_batch(states)), strict=True):
-        assert bits(single) == bits(row)
     for state, forecast in zip(states, singles, strict=True):
         reference = Reference(model, settings, lambda s: value.of(np.array(s)))
         layers, bound = reference.layers(as_state(state))
@@ -322,30 +258,6 @@ def test_every_first_action_is_worth_what_it_earns_and_where_it_ends(
         assert forecast.choice == best_of(forecast.value, forecast.safe_steps)
 
 
-def test_one_step_ahead_a_leaf_counts_as_much_as_what_is_earned_then() -> None:
-    """By hand: reward + γ² · value of the state two periods later; nothing after an end."""
-    model = load(
-        "(define (domain hand) (:predicates (unsafe) (terminal)) (:functions (x) (reward))"
-        " (:action up :parameters () :precondition (and)"
-        "  :effect (and (increase (x) 1) (increase (reward) (x))))"
-        " (:action down :parameters () :precondition (and (> (x) 0))"
-        "  :effect (and (decrease (x) 1) (decrease (reward) 0.5)))"
-        " (:action end :parameters () :precondition (and)"
-        "  :effect (and (terminal) (increase (reward) 3))))"
-    )
-    settings = PlannerSettings(depth=1, repeat=2, discount=0.9, leaf_value="always")
-    lookahead = Lookahead(model, settings)
-    value = LeafValue(1, np.random.SeedSequence(0))
-    grid = np.linspace(-3.0, 5.0, 50)
-    value.fit(grid[:, np.newaxis], np.sin(grid))
-    lookahead.leaves = value.packed
-    found = lookahead.forecast(np.array([1.0]))
-    rewards = [float(model.step([x], 0).reward) for x in (1.0, 2.0)]
-    up = rewards[0] + 0.9 * rewards[1] + 0.81 * value.of(np.array([3.0]))
-    down = -0.5 + 0.9 * value.of(np.array([0.0]))  # once: then it is not applicable
-    assert found.value == pytest.approx([up, down, 3.0], rel=1e-12)
-
-
 def wherever() -> st.SearchStrategy[tuple[int, PlannerSettings, int, float]]:
     """A world, settings, a seed, and how loud its leaves are."""
     return st.tuples(
@@ -356,44 +268,27 @@ def wherever() -> st.SearchStrategy[tuple[int, PlannerSettings, int, float]]:
     )
 
 
-@examples(60)
+@examples(100)
 @given(wherever())
-def test_no_leaf_is_worth_a_risk(drawn: tuple[int, PlannerSettings, int, float]) -> None:
-    """For how long an action is safe does not hang on leaves, and it comes before all values."""
-    seed, settings, other, size = drawn
-    model = world(seed)
-    states = states_of(model, Random(other), 4)
-    leaves = worth(model, other, size).packed
-    plain = rows_of(Lookahead(model, settings).forecast_batch(states))
-    for mode in ("indifferent", "always"):
-        found = rows_of(with_leaves(model, settings, mode, leaves).forecast_batch(states))
-        for before, after in zip(plain, found, strict=True):
-            assert after.safe_steps.tobytes() == before.safe_steps.tobytes()
-            assert after.flags.tobytes() == before.flags.tobytes()
-            assert after.reward.tobytes() == before.reward.tobytes()
-            assert (after.depth, after.bound) == (before.depth, before.bound)
-            if after.choice >= 0:
-                assert after.safe_steps[after.choice] == before.safe_steps.max()
-            assert (after.choice >= 0) == (before.choice >= 0)
-
-
-@examples(80)
-@given(wherever())
-def test_leaves_decide_where_all_else_is_alike_and_nowhere_else(
+def test_leaves_decide_among_equals_and_are_never_worth_a_risk(
     drawn: tuple[int, PlannerSettings, int, float],
 ) -> None:
+    """For how long an action is safe does not depend on leaves, and it comes before all values."""
     seed, settings, other, size = drawn
     model = world(seed)
-    states = states_of(model, Random(other), 6)
     leaves = worth(model, other, size).packed
     plain = Lookahead(model, settings)
     always = with_leaves(model, settings, "always", leaves)
     asked = with_leaves(model, settings, "indifferent", leaves)
-    for state, row in zip(states, rows_of(asked.forecast_batch(states)), strict=True):
-        before = plain.forecast(state)
-        expected = always.forecast(state) if before.indifferent else before
-        assert bits(asked.forecast(state)) == bits(expected)
-        assert bits(row) == bits(expected)
+    for state in states_of(model, Random(other), 6):
+        before, after = plain.forecast(state), always.forecast(state)
+        assert bits(asked.forecast(state)) == bits(after if before.indifferent else before)
+        for column in ("path_risk", "safe_steps", "flags", "reward"):
+            assert getattr(after, column).tobytes() == getattr(before, column).tobytes()
+        assert (after.depth, after.bound) == (before.depth, before.bound)
+        assert (after.choice >= 0) == (before.choice >= 0)
+        if after.choice >= 0:
+            assert after.safe_steps[after.choice] == before.safe_steps.max()
 
 
 @pytest.mark.parametrize("mode", ["never", "indifferent", "always"])
@@ -404,23 +299,14 @@ def test_without_leaves_and_where_they_are_not_asked_for_all_bits_are_as_ever(
     for seed in range(WORLDS):
         model = world(seed)
         states = states_of(model, Random(seed), 10)
-        plain = Lookahead(model, settings)
-        leaves = worth(model, seed).packed if mode == "never" else np.zeros(0)
-        other = with_leaves(model, settings, mode, leaves)
-        for state in states:
-            assert bits(other.forecast(state)) == bits(plain.forecast(state))
-
-
-def test_leaves_that_are_taken_away_again_leave_no_trace() -> None:
-    model = world(5)
-    states = states_of(model, Random(1), 12)
-    settings = PlannerSettings(depth=3)
-    used = with_leaves(model, settings, "always", worth(model, 1).packed)
-    with_them = [bits(used.forecast(state)) for state in states]
-    used.leaves = np.zeros(0)
-    plain = [bits(Lookahead(model, settings).forecast(state)) for state in states]
-    assert [bits(used.forecast(state)) for state in states] == plain
-    assert with_them != plain
+        plain, other = Lookahead(model, settings), with_leaves(model, settings, mode, NOTHING)
+        expected = [bits(plain.forecast(state)) for state in states]
+        assert [bits(other.forecast(state)) for state in states] == expected
+        other.leaves = worth(model, seed).packed
+        with_them = [bits(other.forecast(state)) for state in states]
+        assert mode != "never" or with_them == expected
+        other.leaves = NOTHING  # taken away again, they leave no trace
+        assert [bits(other.forecast(state)) for state in states] == expected
 
 
 def test_the_examples_meet_indifference_risks_and_choices_that_leaves_turn() -> None:
@@ -444,41 +330,3 @@ def test_the_examples_meet_indifference_risks_and_choices_that_leaves_turn() -> 
                     crowded += 1  # something unsafe is worth more
                 ends += bool(before.terminal.any())
     assert min(turned, indifferent, risky, crowded, ends) >= 20
-
-
-FLAGS = st.sampled_from(
-    (
-        APPLICABLE,
-        APPLICABLE,
-        APPLICABLE | UNSAFE,
-        APPLICABLE | TERMINAL,
-        APPLICABLE | UNSAFE | TERMINAL,
-        APPLICABLE | RISKY,
-        with_risk(APPLICABLE, 0.01),
-        0,
-        UNDEFINED,
-        UNDEFINED | UNSAFE,
-    )
-)
-
-
-@examples(200)
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from((0.0, -0.0, 1.0, np.nan)),
-            st.sampled_from((0.0, 0.5)),
-            st.sampled_from((1, SAFE)),
-            FLAGS,
-        ),
-        max_size=5,
-    )
-)
-def test_the_compiled_notion_of_indifference_is_that_of_forecasts(
-    actions: list[tuple[float, float, int, int]],
-) -> None:
-    value, risk = (np.array([a[k] for a in actions], dtype=np.float64) for k in (0, 1))
-    steps, flags = (np.array([a[k] for a in actions], dtype=np.int64) for k in (2, 3))
-    assert bool(kernels._all_alike((value, risk, steps, value, flags))) is all_alike(
-        value, risk, steps, flags
-    )

@@ -12,10 +12,17 @@ from hypothesis import strategies as st
 
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.model.flags import RISKY, UNSAFE, joined, risk_of, with_risk
+from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
 from tests.serp.planning.reference import Reference, as_state
-from tests.serp.planning.test_lookahead import PLANNERS, assert_all_forms_agree
+from tests.serp.planning.test_lookahead import (
+    PLANNERS,
+    assert_all_forms_agree,
+    bits,
+    with_leaves,
+    worth,
+)
 from tests.serp.planning.worlds import WORLDS, states_of, world
 from tests.serp.sysid import worlds as corrections
 
@@ -60,6 +67,22 @@ def test_all_forms_find_the_plan_of_plain_recursion_where_models_see_risks(
             assert forecast.value[action] == path.value
             first = int(forecast.flags[action])
             assert arc.rank == (2 if first & UNSAFE else 1 if first & RISKY else 0)
+
+
+@examples(60)
+@given(st.integers(0, WORLDS - 1), SETTINGS, st.integers(0, 10**6))
+def test_leaves_decide_among_equal_risks_only(
+    seed: int, settings: PlannerSettings, other: int
+) -> None:
+    model = risky_world(seed)
+    leaves = worth(model, other).packed
+    plain = Lookahead(model, settings)
+    always = with_leaves(model, settings, "always", leaves)
+    asked = with_leaves(model, settings, "indifferent", leaves)
+    for state in states_of(model, Random(other), 6):
+        before = plain.forecast(state)
+        expected = always.forecast(state) if before.indifferent else before
+        assert bits(asked.forecast(state)) == bits(expected)
 
 
 def test_these_worlds_hold_risks_of_every_size() -> None:
