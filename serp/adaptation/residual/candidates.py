@@ -14,14 +14,7 @@ from typing import NamedTuple
 from serp._util.compilation import cached_njit
 from serp.adaptation import parameter_buffer as b
 from serp.adaptation.moving_average import rate_of
-from serp.adaptation.residual.outliers import (
-    FAR,
-    FEW,
-    HUGE,
-    PATIENCE,
-    SETTLED,
-    WILD,
-)
+from serp.adaptation.residual.outliers import FAR, FEW, HUGE, PATIENCE, SETTLED, WILD
 from serp.model.transition_model import Vector
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -224,14 +217,8 @@ def choose(loss, seen, spread, fourier, modes, kinds, enabled):
     the mean of values that differ widely is none of them, and no basis for a plan. Among the other
     candidates the best one is chosen, with some hysteresis.
 
-    Args:
-        loss: See `Statistics`.
-        seen: See `Statistics`.
-        spread: See `Statistics`.
-        fourier: Whether there are random features.
-        modes: Modes in use.
-        kinds: `[1 + MODES, T]`; receives the choice.
-        enabled: `[T]` whether a residual may predict the target.
+    `fourier` says whether there are random features, `modes` how many are in use, `enabled` `[T]`
+    whether a residual may predict the target; `kinds` `[1 + MODES, T]` receives the choice.
     """
     anybody = False
     for s in range(modes + 1):
@@ -270,16 +257,9 @@ def choose(loss, seen, spread, fourier, modes, kinds, enabled):
 
 @cached_njit(nogil=True)
 def judge(loss, seen, spread, fourier, enabled, left, allowed):
-    """Add up what the best candidate leaves of each target, and what it may leave by `choose`.
+    """Add up, over the remembered samples, the squared error that the best candidate leaves.
 
-    Args:
-        loss: See `Statistics`.
-        seen: See `Statistics`.
-        spread: See `Statistics`.
-        fourier: Whether there are random features.
-        enabled: `[T]` whether a residual may predict the target.
-        left: `[T]`; the squared error is added here, over the samples that the losses remember.
-        allowed: `[T]`; the most that it may be is added here.
+    It is added to `left` `[T]`, and the most that `choose` allows to `allowed` `[T]`.
     """
     for t in range(spread.shape[0]):
         if not enabled[t] or seen[0, t] < JUDGED_FROM:

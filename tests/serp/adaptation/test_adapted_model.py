@@ -18,9 +18,9 @@ from serp.planning.replanner import MonitorReplanner
 from serp.settings import PlannerSettings
 from tests.generated import random_states
 from tests.generated.profile import examples
-from tests.serp.sysid import worlds
+from tests.serp.adaptation import worlds
+from tests.serp.adaptation.worlds import MILD, WILD, publish
 from tests.serp.sysid.rolls import from_text
-from tests.serp.sysid.worlds import MILD, WILD, publish
 
 SEEDS = (1, 4, 6)
 """Of generated domains."""

@@ -14,10 +14,10 @@ from serp.adaptation.adapted_model import AdaptedModel
 from serp.model.flags import RISKY, UNSAFE, joined, risk_of, with_risk
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
+from tests.serp.adaptation import worlds as corrections
 from tests.serp.planning.reference import Reference, as_state
 from tests.serp.planning.test_lookahead import PLANNERS, assert_all_forms_agree
 from tests.serp.planning.worlds import WORLDS, states_of, world
-from tests.serp.sysid import worlds as corrections
 
 SETTINGS = st.builds(
     lambda settings, accepted: settings.replace(accepted_risk=accepted),
