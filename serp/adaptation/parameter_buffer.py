@@ -35,7 +35,7 @@ G_INPUTS, G_TARGETS, G_DEPTH, G_COUNT, G_SHARED, GROUP = range(6)
     S_FREQUENCY, S_PHASE, S_AMPLITUDE, S_OUTCOMES, SHARED,
 ) = range(14)  # fmt: skip
 
-FILE, LINEAR, WAVY, OWN = range(4)
+FILE, LINEAR, NONLINEAR, OWN = range(4)
 """What predicts a fluent in a mode: the file alone, or with a linear model, a linear model with
 random features, or a linear model of the mode's own."""
 
@@ -154,7 +154,7 @@ class GroupParameters:
         modes, fourier = saved.array("sizes", np.int64, (2,), 0, max(MODES, FOURIER)).tolist()
         for name in self._SAVED:
             array = saved.array(name, np.float64, getattr(self, name).shape)
-            if name == "kinds" and not np.isin(array, (FILE, LINEAR, WAVY, OWN)).all():
+            if name == "kinds" and not np.isin(array, (FILE, LINEAR, NONLINEAR, OWN)).all():
                 raise saved.wrong("kinds are others than there are")
         if modes > MODES or fourier not in (0, FOURIER):
             raise saved.wrong(f"there are {modes} modes and {fourier} random features")

@@ -24,7 +24,7 @@ _FITTED: Final = 0.7
 _BETTER: Final = 0.9
 """An estimate replaces a written value where its squared error is smaller by this factor, and an
 earlier estimate where it is smaller."""
-_FORESEEN, _CERTAIN = 0.5, 0.02
+_PREDICTED, _CERTAIN = 0.5, 0.02
 """An estimate may have any value where it leaves less than this share of the squared change, or of
 the squared error of the parameters in use; otherwise it is bounded, see `_LEAST`."""
 _LEAST: Final = 0.25
@@ -84,7 +84,7 @@ class ParameterEstimation:
             if not known:
                 continue
             in_use = now[columns].sum()
-            enough = max(_FORESEEN * change[columns].sum(), _CERTAIN * in_use)
+            enough = max(_PREDICTED * change[columns].sum(), _CERTAIN * in_use)
             believed = free[columns].sum() < enough
             error = (free if believed else bounded)[columns].sum()
             estimated = (theta[owned] != self._written.theta[owned]).any()

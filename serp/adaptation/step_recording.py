@@ -1,9 +1,10 @@
 """Recording of an env step in one compiled call: each call from Python costs microseconds.
 
-`log` is (step, ring, tables, means): the comparison of `serp.sysid.monitor`, the ring of
-`serp.sysid.transitions`, the monitor's tables and the means of the forecast skill. `transition`
-is (state, action, next state, ending, reward), `head` its position in the ring, `row` its row in
-the tables, `steps` the number of steps in the means.
+Arguments of all loops: `log` is (step, ring, tables, means), the comparison of
+`serp.sysid.monitor`, the ring of `serp.sysid.transitions`, the monitor's tables and the means of
+the forecast skill. `transition` is (state, action, next state, ending, reward), `head` its position
+in the ring, `row` its row in the tables, `steps` the number of steps in the means. `visits` `[A]`
+counts the steps of each action.
 """
 
 from __future__ import annotations
@@ -51,19 +52,7 @@ def fill_in(step, which, state, out, flags):
 
 @cached_njit(nogil=True)
 def record_by_file(address, theta, dt, visits, log, transition, head, row, steps):
-    """Predict a step by the file and record it; see `record`.
-
-    Args:
-        address: Of the compiled transition function.
-        theta: `[P]`.
-        dt: Control period.
-        visits: `[A]`; the step is counted there.
-        log: See above; so are the others.
-        transition: See above.
-        head: See above.
-        row: See above.
-        steps: See above.
-    """
+    """Predict a step by the compiled function at an address and record it; see `record`."""
     step, state, action = log[0], transition[0], transition[1]
     width = state.shape[0]
     out = step[ADAPTED, : width + 1]
@@ -80,19 +69,9 @@ def record_by_file(address, theta, dt, visits, log, transition, head, row, steps
 
 @cached_njit(nogil=True)
 def record_adapted(buffer, dt, rows, alike, visits, log, transition, head, row, steps):
-    """Predict a step by the file and the adapted model and record it; see `record`.
+    """Predict a step by the file and the adapted model, see `predict_all`, and record it.
 
-    Args:
-        buffer: See `predict_all`.
-        dt: See `predict_all`.
-        rows: See `predict_all`.
-        alike: `[A]` numbers, equal for ground actions that are visited together.
-        visits: `[A]`; the step is counted there.
-        log: See above; so are the others.
-        transition: See above.
-        head: See above.
-        row: See above.
-        steps: See above.
+    `alike` `[A]` are numbers, equal for ground actions whose visits are counted together.
 
     Returns:
         What `record` does, and whether effects and processes have a result.

@@ -29,7 +29,7 @@ _MAX_CHOICES = 30
 CERTAIN = 4.0
 """Standard errors by which the coefficient of an added effect must differ from 0."""
 _COLLINEAR = 1e-6
-"""Squared share of a column that other columns leave; below it they say the same."""
+"""Squared share of a column that other columns leave; below it they are collinear."""
 _WORLD_FACTOR = 1.05
 _FACTORS = (1.1, 1.0, 0.8)
 """Preference for the world and for fewer factors between choices that explain about the same."""

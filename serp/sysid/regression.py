@@ -24,7 +24,7 @@ _MIN_ROWS = 10
 """Rows of a group that are needed to tell outliers among them."""
 _MAX_ITERATIONS = 10
 _COLLINEAR = 1e-3
-"""Share of a column that other columns leave; below it they say the same."""
+"""Share of a column that other columns leave; below it they are collinear."""
 _ROUNDING = 1e-10
 """Size of rounding errors in ranges of the target."""
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,8 @@ class RegressionData:
     positions: NDArray[np.intp]
     left_out: Mapping[str, int]
 
+    _BY_ROW: ClassVar = ("states", "actions", "next_states", "blocks", "positions")
+
     @property
     def skipped(self) -> int:
         """Transitions left out."""
@@ -70,12 +72,7 @@ class RegressionData:
         chosen = np.unique(np.linspace(0, number - 1, max(1, most // BLOCK)).astype(np.int64))
         rows = np.isin(self.blocks, chosen)
         return dataclasses.replace(
-            self,
-            states=self.states[rows],
-            actions=self.actions[rows],
-            next_states=self.next_states[rows],
-            blocks=self.blocks[rows],
-            positions=self.positions[rows],
+            self, **{name: getattr(self, name)[rows] for name in self._BY_ROW}
         )
 
 

@@ -14,14 +14,7 @@ from typing import NamedTuple
 from serp._util.compilation import cached_njit
 from serp.adaptation import parameter_buffer as b
 from serp.adaptation.moving_average import rate_of
-from serp.adaptation.residual.outliers import (
-    FAR,
-    FEW,
-    HUGE,
-    PATIENCE,
-    SETTLED,
-    WILD,
-)
+from serp.adaptation.residual.outliers import EXTREME, FAR, FEW, HUGE, PATIENCE, SETTLED
 from serp.model.transition_model import Vector
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -42,7 +35,7 @@ _FOURIER_GAIN, _FOURIER_KEPT = 0.7, 0.85
 loss to be chosen, and to be kept."""
 _BETTER = 0.9
 """Any other candidate must leave less of the loss to replace another."""
-_FORESEEN, _CERTAIN = 0.5, 0.02
+_PREDICTED, _CERTAIN = 0.5, 0.02
 """A candidate may leave this share of the squared change, or of the file's squared error."""
 _MIN_MODE_SAMPLES = 10.0
 """Before so many samples of a mode it follows the choice over all modes."""
@@ -107,7 +100,7 @@ def account(sample, mode, features, fourier, published, statistics):
 
     Args:
         sample: Inputs `[d]`; the same less the origin of the statistics; `[T]` observed next value
-            less that of effects and processes; `[T]` whether that says anything; `[T]` observed
+            less that of effects and processes; `[T]` whether that is observed; `[T]` observed
             change.
         mode: The set that it belongs to besides set 0; 0 for none.
         features: `[FOURIER]` random features, where `fourier`.
@@ -130,23 +123,23 @@ def account(sample, mode, features, fourier, published, statistics):
             complete = False
             continue
         plain = linear[0, t, 0]
-        wavy = linear[1 + b.MODES, t, 0]
+        nonlinear = linear[1 + b.MODES, t, 0]
         own = linear[mode, t, 0]
         for i in range(depth):
             plain += linear[0, t, 1 + i] * x[i]
-            wavy += linear[1 + b.MODES, t, 1 + i] * x[i]
+            nonlinear += linear[1 + b.MODES, t, 1 + i] * x[i]
             own += linear[mode, t, 1 + i] * x[i]
         if fourier:
             for k in range(features.shape[0]):
-                wavy += amplitude[t, k] * features[k]
+                nonlinear += amplitude[t, k] * features[k]
         else:
-            wavy = plain
-        errors = (y[t], y[t] - plain, y[t] - wavy, y[t] - own)
+            nonlinear = plain
+        errors = (y[t], y[t] - plain, y[t] - nonlinear, y[t] - own)
         kind = kinds[mode, t]
         error = errors[0]
         if kind == b.LINEAR:
             error = errors[1]
-        elif kind == b.WAVY:
+        elif kind == b.NONLINEAR:
             error = errors[2]
         elif kind == b.OWN:
             error = errors[3]
@@ -162,7 +155,7 @@ def account(sample, mode, features, fourier, published, statistics):
             outlier = settled and size > FAR * typical[s, t] + least
             # Relative to the prediction: an observation beyond all bounds would excuse itself.
             if seen[s, t] >= FEW and typical[s, t] > 1e-9 * (1.0 + abs(y[t] - error)):
-                outlier = outlier or size > WILD * typical[s, t]
+                outlier = outlier or size > EXTREME * typical[s, t]
             if outlier:
                 streak[s, t] += 1.0
                 if streak[s, t] <= PATIENCE:
@@ -224,16 +217,11 @@ def choose(loss, seen, spread, fourier, modes, kinds, enabled):
     the mean of values that differ widely is none of them, and no basis for a plan. Among the other
     candidates the best one is chosen, with some hysteresis.
 
-    Args:
-        loss: See `Statistics`.
-        seen: See `Statistics`.
-        spread: See `Statistics`.
-        fourier: Whether there are random features.
-        modes: Modes in use.
-        kinds: `[1 + MODES, T]`; receives the choice.
-        enabled: `[T]` whether a residual may predict the target.
+    `fourier`: whether there are random features; `modes`: how many are in use; `enabled`
+    `[T]`: whether a residual may predict the target; `kinds` `[1 + MODES, T]`
+    receives the choice.
     """
-    anybody = False
+    residual = False
     for s in range(modes + 1):
         for t in range(kinds.shape[1]):
             if not enabled[t]:
@@ -242,51 +230,43 @@ def choose(loss, seen, spread, fourier, modes, kinds, enabled):
             of = s if s == 0 or seen[s, t] >= _MIN_MODE_SAMPLES else 0
             now = int(kinds[of, t]) if of == s else int(kinds[0, t])
             best, least = b.FILE, _BETTER * loss[of, b.FILE, t]
-            worth = max(_FORESEEN * spread[t], _CERTAIN * loss[of, b.FILE, t])
+            worth = max(_PREDICTED * spread[t], _CERTAIN * loss[of, b.FILE, t])
             least = min(least, worth) if seen[0, t] >= 2.0 else -1.0
             if loss[of, b.LINEAR, t] < least:
                 best, least = b.LINEAR, loss[of, b.LINEAR, t]
-            if fourier and loss[of, b.WAVY, t] < _FOURIER_GAIN * least:
-                best, least = b.WAVY, loss[of, b.WAVY, t]
+            if fourier and loss[of, b.NONLINEAR, t] < _FOURIER_GAIN * least:
+                best, least = b.NONLINEAR, loss[of, b.NONLINEAR, t]
             if of > 0 and loss[of, b.OWN, t] < least:
                 best, least = b.OWN, loss[of, b.OWN, t]
+            kept = now != b.FILE and not (now == b.OWN and of == 0)
+            if now == b.NONLINEAR:
+                limit = _FOURIER_KEPT * loss[of, b.LINEAR, t]
+                kept = kept and fourier and not loss[of, b.NONLINEAR, t] > limit
             if (
-                best != now
-                and now != b.FILE
+                kept
+                and best != now
                 and best != b.FILE
-                and not (now == b.WAVY and not fourier)
-                and not (
-                    now == b.WAVY and loss[of, b.WAVY, t] > _FOURIER_KEPT * loss[of, b.LINEAR, t]
-                )
-                and not (now == b.OWN and of == 0)
                 and loss[of, best, t] > _BETTER * loss[of, now, t]
                 and loss[of, now, t] < _BETTER * loss[of, b.FILE, t]
             ):
                 best = now
             kinds[s, t] = best
-            anybody = anybody or best != b.FILE
-    return anybody
+            residual = residual or best != b.FILE
+    return residual
 
 
 @cached_njit(nogil=True)
 def judge(loss, seen, spread, fourier, enabled, left, allowed):
-    """Add up what the best candidate leaves of each target, and what it may leave by `choose`.
+    """Add up, over the remembered samples, the squared error that the best candidate leaves.
 
-    Args:
-        loss: See `Statistics`.
-        seen: See `Statistics`.
-        spread: See `Statistics`.
-        fourier: Whether there are random features.
-        enabled: `[T]` whether a residual may predict the target.
-        left: `[T]`; the squared error is added here, over the samples that the losses remember.
-        allowed: `[T]`; the most that it may be is added here.
+    It is added to `left` `[T]`, and the most that `choose` allows to `allowed` `[T]`.
     """
     for t in range(spread.shape[0]):
         if not enabled[t] or seen[0, t] < JUDGED_FROM:
             continue
         least = min(loss[0, b.FILE, t], loss[0, b.LINEAR, t])
         if fourier:
-            least = min(least, loss[0, b.WAVY, t])
+            least = min(least, loss[0, b.NONLINEAR, t])
         samples = min(seen[0, t], 1.0 / (1.0 - MEMORY))
         left[t] += samples * least
-        allowed[t] += samples * max(_FORESEEN * spread[t], _CERTAIN * loss[0, b.FILE, t])
+        allowed[t] += samples * max(_PREDICTED * spread[t], _CERTAIN * loss[0, b.FILE, t])

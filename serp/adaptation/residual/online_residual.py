@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import LARGEST, MOST, Saved, nested, part_of
 from serp.adaptation.feature_groups import FeatureGroup
-from serp.adaptation.parameter_buffer import LINEAR, MODES, WAVY, GroupParameters
+from serp.adaptation.parameter_buffer import LINEAR, MODES, NONLINEAR, GroupParameters
 from serp.adaptation.residual import candidates
 from serp.adaptation.residual.candidates import Statistics
 from serp.adaptation.residual.fourier import RIDGE, FourierRegression, relative_to
-from serp.adaptation.residual.outliers import FAR, FEW, PATIENCE, SETTLED, WILD, far_off
+from serp.adaptation.residual.outliers import EXTREME, FAR, FEW, PATIENCE, SETTLED, far_off
 from serp.adaptation.residual.solvers import solve_pooled, solve_ridge
 from serp.adaptation.residual.warm_up import WarmUp
 from serp.model.transition_model import Vector
@@ -88,7 +88,7 @@ class OnlineResidual:
         Args:
             x: `[d]` inputs.
             y: `[T]` observed next values less those of effects and processes.
-            valid: `[T]` whether that says anything.
+            valid: `[T]` whether that is observed.
             change: `[T]` observed change.
             enabled: `[T]` whether a residual may predict the target.
 
@@ -167,7 +167,7 @@ class OnlineResidual:
         """Return whether inputs are far beyond their ranges; several in a row are not."""
         far = False
         if self._samples >= FEW:
-            far = far_off(x, self._low, self._high, FAR if self._samples >= SETTLED else WILD)
+            far = far_off(x, self._low, self._high, FAR if self._samples >= SETTLED else EXTREME)
         self._far_inputs = self._far_inputs + 1 if far else 0
         return 0 < self._far_inputs <= PATIENCE
 
@@ -198,7 +198,7 @@ class OnlineResidual:
         if not self._fourier.enabled or not (self._parameters.fourier or self._unexplained()):
             return
         if self._fourier.draw(centre, half, self._origin):
-            statistics.loss[:, WAVY] = statistics.loss[:, LINEAR]
+            statistics.loss[:, NONLINEAR] = statistics.loss[:, LINEAR]
         self._fourier.solve(centre, half, self._origin)
 
     def _pooled(self) -> Vector:

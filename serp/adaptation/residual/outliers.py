@@ -11,8 +11,8 @@ from serp._util.compilation import cached_njit
 HUGE = 1e60
 """Numbers from here on are no observations; sums of their squares would overflow."""
 FEW, SETTLED = 5, 30
-"""Samples before which nothing is an outlier, and before which only what is `WILD`."""
-FAR, WILD = 8.0, 100.0
+"""Samples before which nothing is an outlier, and before which only what is `EXTREME`."""
+FAR, EXTREME = 8.0, 100.0
 """An outlier is so many typical errors, or half ranges of an input, off."""
 PATIENCE = 3
 """More successive outliers than that are none: the world has changed."""

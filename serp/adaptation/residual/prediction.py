@@ -56,7 +56,7 @@ def add_residual(buffer, action, state, out):
         mode = mode_of(buffer, shared, inputs, state)
         kinds = int(buffer[shared + b.S_KINDS]) + mode * count
         linear = int(buffer[shared + b.S_LINEAR])
-        wavy = False
+        nonlinear = False
         for t in range(count):
             kind = int(buffer[kinds + t])
             if kind == b.FILE:
@@ -64,15 +64,15 @@ def add_residual(buffer, action, state, out):
             row = 0
             if kind == b.OWN:
                 row = mode
-            elif kind == b.WAVY:
+            elif kind == b.NONLINEAR:
                 row = 1 + b.MODES
-                wavy = True
+                nonlinear = True
             weights = linear + (row * count + t) * (1 + depth)
             change = buffer[weights]
             for i in range(depth):
                 change += buffer[weights + 1 + i] * state[int(buffer[inputs + i])]
             out[int(buffer[targets + t])] += change
-        if wavy:
+        if nonlinear:
             fourier = int(buffer[shared + b.S_FOURIER])
             centre, shrink = int(buffer[shared + b.S_CENTRE]), int(buffer[shared + b.S_SHRINK])
             frequency, phase = int(buffer[shared + b.S_FREQUENCY]), int(buffer[shared + b.S_PHASE])
@@ -84,7 +84,7 @@ def add_residual(buffer, action, state, out):
                     z += buffer[frequency + k * depth + i] * x
                 feature = cosine(z)
                 for t in range(count):
-                    if int(buffer[kinds + t]) == b.WAVY:
+                    if int(buffer[kinds + t]) == b.NONLINEAR:
                         out[int(buffer[targets + t])] += (
                             buffer[amplitude + t * fourier + k] * feature
                         )

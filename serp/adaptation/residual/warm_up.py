@@ -23,7 +23,7 @@ _MIN_NUMBERS: Final = 6
 """Numbers that are needed to identify outliers among them."""
 _SPARED: Final = 2
 """Outliers at most; one wrong reading affects two steps."""
-_WILD: Final = 30.0
+_EXTREME: Final = 30.0
 """An outlier is this many times as far from the median as all other numbers."""
 
 
@@ -119,7 +119,7 @@ def _outliers(values: Vector, median: float, spread: float) -> Mask:
     """
     if spread <= 1e-9 * max(1.0, abs(median)):
         spread = 1.0
-    found: Mask = np.abs(values - median) > _WILD * spread
+    found: Mask = np.abs(values - median) > _EXTREME * spread
     last = len(values)
     while last and found[last - 1]:
         last -= 1

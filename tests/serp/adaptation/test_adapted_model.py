@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.parameter_buffer import LINEAR, OWN, WAVY
+from serp.adaptation.parameter_buffer import LINEAR, NONLINEAR, OWN
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.lookahead import Lookahead
@@ -18,9 +18,9 @@ from serp.planning.replanner import MonitorReplanner
 from serp.settings import PlannerSettings
 from tests.generated import random_states
 from tests.generated.profile import examples
-from tests.serp.sysid import worlds
+from tests.serp.adaptation import worlds
+from tests.serp.adaptation.worlds import MILD, WILD, publish
 from tests.serp.sysid.rolls import from_text
-from tests.serp.sysid.worlds import MILD, WILD, publish
 
 SEEDS = (1, 4, 6)
 """Of generated domains."""
@@ -152,7 +152,7 @@ def test_random_features_are_added_to_what_the_file_says() -> None:
     (group,) = model.feature_groups[0]
     shared = model.buffer.shared[group.key]
     rng = np.random.default_rng(0)
-    shared.kinds[0] = WAVY
+    shared.kinds[0] = NONLINEAR
     shared.fourier = len(shared.phase)
     shared.linear[-1] = rng.normal(size=shared.linear[-1].shape)
     for weights in (shared.amplitude, shared.frequency, shared.phase, shared.centre, shared.shrink):

@@ -13,7 +13,7 @@ from serp.planning.limits import Bound
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
-from tests.serp.sysid import worlds
+from tests.serp.adaptation import worlds
 
 MIN_VISITS = 3
 FLAGS = (

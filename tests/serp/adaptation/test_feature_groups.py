@@ -4,9 +4,9 @@ import pytest
 
 from serp.adaptation.feature_groups import MAX_BITS, FeatureGroup, Key, feature_groups_of
 from serp.model.transition_model import TransitionModel
-from tests.serp.sysid import worlds
+from tests.serp.adaptation import worlds
+from tests.serp.adaptation.worlds import FLEET
 from tests.serp.sysid.rolls import from_text
-from tests.serp.sysid.worlds import FLEET
 
 MODELS = [*worlds.SHIPPED, "fleet", "1", "4", "6"]
 

@@ -5,7 +5,7 @@ import pytest
 
 from serp.adaptation.forecast_skill import ForecastSkill, update_means
 from serp.model.transition_model import Vector
-from tests.serp.sysid.worlds import plus
+from tests.serp.adaptation.worlds import plus
 
 
 def observe(skill: ForecastSkill, state: Vector, predicted: Vector, observed: Vector) -> None:

@@ -14,8 +14,8 @@ from serp.model.flags import UNSAFE, risk_of
 from serp.model.native import STACK
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
+from tests.serp.adaptation.worlds import GRID
 from tests.serp.sysid.rolls import from_text
-from tests.serp.sysid.worlds import GRID
 
 DOORS = """
 (define (domain doors)

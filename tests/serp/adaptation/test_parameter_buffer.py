@@ -8,9 +8,9 @@ import pytest
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.parameter_buffer import MODES
 from serp.errors import RunError
-from tests.serp.sysid import worlds
+from tests.serp.adaptation import worlds
+from tests.serp.adaptation.worlds import FLEET, ICE, MILD, PLANE, any_state, publish
 from tests.serp.sysid.rolls import from_text
-from tests.serp.sysid.worlds import FLEET, ICE, MILD, PLANE, any_state, publish
 
 NAMES = ["soccer", "cartpole", "cliff", "1"]
 

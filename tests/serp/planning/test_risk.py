@@ -15,6 +15,7 @@ from serp.model.flags import RISKY, UNSAFE, joined, risk_of, with_risk
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
+from tests.serp.adaptation import worlds as corrections
 from tests.serp.planning.reference import Reference, as_state
 from tests.serp.planning.test_lookahead import (
     PLANNERS,
@@ -24,7 +25,6 @@ from tests.serp.planning.test_lookahead import (
     worth,
 )
 from tests.serp.planning.worlds import WORLDS, states_of, world
-from tests.serp.sysid import worlds as corrections
 
 SETTINGS = st.builds(
     lambda settings, accepted: settings.replace(accepted_risk=accepted),

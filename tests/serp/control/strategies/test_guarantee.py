@@ -17,9 +17,9 @@ from serp.model.transition_model import TransitionModel
 from serp.settings import Settings, resolve
 from serp.training.agent import Agent
 from serp.training.trainer import Trainer
+from tests.serp.adaptation import worlds as corrections
 from tests.serp.control.strategies.imagined import imagined
 from tests.serp.planning.worlds import WORLDS
-from tests.serp.sysid import worlds as corrections
 
 STEPS = 60
 """Env steps of training in each world."""

@@ -13,7 +13,7 @@ from serp.adaptation import outcome_kernels as c
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.outcome_counts import new_table
-from serp.adaptation.parameter_buffer import FILE, LINEAR, OWN, WAVY, GroupParameters
+from serp.adaptation.parameter_buffer import FILE, LINEAR, NONLINEAR, OWN, GroupParameters
 from serp.model.loading import load_domain
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
@@ -231,7 +231,7 @@ def _publish(group: GroupParameters, rng: np.random.Generator, numbers: tuple[fl
     group.modes = int(rng.integers(modes + 1))
     group.codes[1:] = rng.permutation(modes)
     group.fourier = len(group.phase) if rng.random() < 0.5 else 0
-    kinds = (FILE, LINEAR, WAVY, OWN) if group.fourier else (FILE, LINEAR, OWN)
+    kinds = (FILE, LINEAR, NONLINEAR, OWN) if group.fourier else (FILE, LINEAR, OWN)
     group.kinds[:] = rng.choice(kinds, size=group.kinds.shape)
     for weights in (
         group.linear, group.amplitude, group.centre, group.shrink, group.frequency, group.phase
