@@ -32,15 +32,24 @@ class Program:
 
     def __init__(self, ground: GroundModel) -> None:
         self.ground = ground
-        self._functions: dict[tuple[Part, int], _Function] = {}
+        self._actions: dict[int, _Function] = {}
+        self._judged: dict[int, _Function] = {}
         self._traced: dict[tuple[Part, int], tuple[_Function, tuple[Site, ...]]] = {}
 
-    def _function(self, part: Part, action: int = -1) -> _Function:
-        function = self._functions.get((part, action))
-        if function is None:
-            generated = generate_code(self.ground, part, action)
-            function = self._functions[part, action] = load_function(generated)
-        return function
+    def _load(self, part: Part, action: int = -1) -> _Function:
+        return load_function(generate_code(self.ground, part, action))
+
+    @functools.cached_property
+    def _drift(self) -> _Function:
+        return self._load("drift")
+
+    @functools.cached_property
+    def _settle(self) -> _Function:
+        return self._load("settle")
+
+    @functools.cached_property
+    def _judged_aftermath(self) -> _Function:
+        return self._load("judged_aftermath")
 
     # In CPython --------------------------------------------------------------------------------
 
@@ -61,11 +70,14 @@ class Program:
             dt: Control period, seconds.
             out: A copy of the state and the reward 0; becomes the next state and the reward.
         """
-        flags = self._function("action", action)(state, theta, dt, out)
+        function = self._actions.get(action)
+        if function is None:
+            function = self._actions[action] = self._load("action", action)
+        flags = function(state, theta, dt, out)
         if flags & APPLICABLE:
-            flags = self._function("drift")(state, flags, theta, dt, out)
+            flags = self._drift(state, flags, theta, dt, out)
         if flags & APPLICABLE:
-            flags = self._function("settle")(state, flags, theta, dt, out)
+            flags = self._settle(state, flags, theta, dt, out)
         return flags
 
     def judge(
@@ -80,10 +92,12 @@ class Program:
         """Read reward and flags off an observed transition; action -1: none of the model."""
         flags = APPLICABLE
         if action >= 0:
-            flags = self._function("judged_action", action)(state, theta, dt, out)
+            function = self._judged.get(action)
+            if function is None:
+                function = self._judged[action] = self._load("judged_action", action)
+            flags = function(state, theta, dt, out)
         if flags & APPLICABLE:
-            aftermath = self._function("judged_aftermath")
-            flags = aftermath(state, next_state, flags, theta, dt, out)
+            flags = self._judged_aftermath(state, next_state, flags, theta, dt, out)
         return flags
 
     def trace(
