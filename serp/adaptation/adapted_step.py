@@ -110,19 +110,11 @@ def weigh_outcomes(
 
     Groups are varied one at a time: their outcomes are assumed to be independent.
 
-    Args:
-        buffer: The buffer.
-        action: Ground action.
-        state: `[F]` before it.
-        flowed: `[F + 1]` after effects, processes and residual.
-        usual: `[F + 1]` the same with the likeliest outcomes.
-        other: Room for `[F + 1]`.
-        probabilities: `[KINDS]` of the only group with counts; room where there are several.
-        first: The likeliest outcome of the only group with counts; -1 where there are several.
-        flow_flags: Flags after effects and processes.
-        dt: Control period.
-        unsafe: Whether events flag `usual`.
-        out: `[F + 1]` what events make of `usual`; only the reward is changed.
+    `flowed` `[F + 1]` is the result of effects, processes and residual, `flow_flags` its flags,
+    `usual` the same with the likeliest outcomes; `out` is what events make of `usual`, `unsafe`
+    whether they flag it. Where only one group has counts, `first` is its likeliest outcome and
+    `probabilities` `[KINDS]` are its own; otherwise `first` is -1 and `probabilities` is room, as
+    `other` `[F + 1]` is. Only the reward of `out` is changed.
 
     Returns:
         The probability, in [0, 1], that events flag the step unsafe.

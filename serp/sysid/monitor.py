@@ -234,10 +234,11 @@ class Monitor:
         self._counts.append(0)
         self._rows[action] = row
         if row >= len(self._table):
-            room = min(len(self._actions), max(row + 1, 2 * row))
-            self._table = _grown(self._table, room)
+            more = min(len(self._actions), max(row + 1, 2 * row)) - len(self._table)
+            padding = ((0, more), (0, 0), (0, 0))
+            self._table = np.pad(self._table, padding)
             if self._keeps_states:
-                self._states = _grown(self._states, room)
+                self._states = np.pad(self._states, (*padding, (0, 0)))
         return row
 
     def rows(self) -> list[MonitorRow]:
@@ -298,8 +299,8 @@ class Monitor:
             RunError: It belongs to another domain, or is incomplete; this monitor is unchanged.
         """
         saved, width = Saved("monitor", arrays, meta), self._width
-        for name, here in (("actions", len(self._actions)), ("fluents", width)):
-            saved.equal(name, here, "continue with the task it was saved with")
+        saved.equal("actions", len(self._actions), "continue with the task it was saved with")
+        saved.equal("fluents", width, "continue with the task it was saved with")
         executed = saved.array("actions", np.int64, (-1,), 0, len(self._actions) - 1).tolist()
         rows = len(executed)
         if len(set(executed)) != rows:
@@ -332,12 +333,6 @@ def _side(cells: list[float], side: int, count: int) -> Side:
         happened=int(cells[_HAPPENED + side]),
         unpredicted=int(cells[_UNPREDICTED + side]),
     )
-
-
-def _grown(table: Vector, rows: int) -> Vector:
-    larger = np.zeros((rows, *table.shape[1:]))
-    larger[: len(table)] = table
-    return larger
 
 
 def _packed(name: str, array: Vector) -> dict[str, NDArray[Any]]:
