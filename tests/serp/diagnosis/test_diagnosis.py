@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -11,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp._util.json_files import finite
 from serp.diagnosis import export
 from serp.diagnosis.accuracy import WELL
 from serp.diagnosis.diagnosis import Diagnosis, make_diagnosis
@@ -278,20 +276,6 @@ def test_where_nothing_can_be_compared_nothing_is_said(model: TransitionModel) -
     still, rest = from_text(STILL), np.zeros((60, 1))
     still_diagnosis = diagnosed(recorded(still.model, rest, np.zeros(60, int), rest, domain=still))
     assert still_diagnosis.verdict.startswith("Nothing changed in these steps, as the file says")
-
-
-def test_everything_is_in_the_json(model: TransitionModel) -> None:
-    truth = found(
-        parameter(model, 0, 2.5), missing(model, "battery ?r", {("warmth",): 0.2}, cost=0.5)
-    )
-    shown = json.loads(json.dumps(finite(export.as_dict(made_up(model, truth, truth)))))
-    assert shown["steps"] == 400
-    kinds = [f["kind"] for remark in shown["remarks"] for f in remark["findings"]]
-    assert sorted(kinds) == ["missing-effect", "parameter"]
-    pairs = len(model.actions) * (len(model.fluents) + 2)
-    assert len(shown["fits"]) == len(shown["monitor"]) == pairs
-    worst = next(row for row in shown["monitor"] if row["worst"])["worst"][0]
-    assert set(worst["state"]) == {f.name for f in model.fluents}
 
 
 def test_the_table_has_a_row_for_each_action_and_quantity(model: TransitionModel) -> None:

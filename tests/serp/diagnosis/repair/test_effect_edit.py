@@ -1,4 +1,4 @@
-"""One effect, amended where it stands."""
+"""Edits of one effect."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ import pytest
 from serp.diagnosis.findings import EffectTerm
 from serp.diagnosis.repair.effect_edit import EffectEdit
 from serp.pddl import syntax as x
-from serp.pddl.edits import edited
 from tests.serp.sysid.rolls import from_text
 
 
-def amended(effect: str) -> EffectEdit:
+def edit_of(effect: str) -> EffectEdit:
     text = f"""(define (domain d) (:functions (f) (g))
       (:action a :parameters () :precondition (and) :effect {effect}))"""
     (schema,) = from_text(text).syntax.schemas
@@ -27,7 +26,7 @@ def numbers(value: x.Expression) -> list[x.Number]:
 
 
 def with_numbers(effect: str, *new: str) -> str:
-    found = amended(effect)
+    found = edit_of(effect)
     for number, text in zip(numbers(found.effect.value), new, strict=True):
         found.set_number(number.place, text)
     return found.text
@@ -60,25 +59,18 @@ def test_an_assignment_that_adds_is_an_increase() -> None:
         ("(assign (f) -3)", "(decrease (f) 3)"),
         ("(assign (f) (- (g) 3))", "(increase (f) (- (g) 3))"),
     ):
-        found = amended(effect)
+        found = edit_of(effect)
         found.make_increase()
         assert found.text == text
-    found = amended("(assign (f) 3)")
+    found = edit_of("(assign (f) 3)")
     found.set_number(numbers(found.effect.value)[0].place, "-2")
     found.make_increase()
     assert found.text == "(decrease (f) 2)"
 
 
 def test_terms_are_added_to_an_assignment() -> None:
-    found = amended("(assign (f) 3)")
+    found = edit_of("(assign (f) 3)")
     found.add_terms([EffectTerm(-0.5, 0.01, ("g",)), EffectTerm(2.0, 1e-9, ())])
     assert found.text == "(assign (f) (+ (- 3 (* 0.50 (g))) 2))"
     found.set_number(numbers(found.effect.value)[0].place, "-4")
     assert found.text == "(assign (f) (+ (- -4 (* 0.50 (g))) 2))"
-
-
-def test_nothing_amended_is_no_edit() -> None:
-    found = amended("(increase (f) 1)")
-    assert found.edits() == []
-    source = found.effect.place.source.text
-    assert edited(source, found.edits()) == source
