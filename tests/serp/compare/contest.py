@@ -148,7 +148,7 @@ def small(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp.compare.report.report.render", lambda figure, kind: b"<svg/>")
         if not report:
-            patch.setattr("serp.compare.study.write_report", lambda folder, results: None)
+            patch.setattr("serp.compare.report.report.write_report", lambda folder, results: None)
         return compare(task, out=out, **{**given, **options})
 
 

@@ -396,11 +396,11 @@ def test_an_option_that_does_not_exist_is_refused(tmp_path: Path) -> None:
 def test_what_the_report_needs_is_missed_before_anything_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "serp.compare.study.find_spec", lambda name: None if name == "jinja2" else object()
-    )
+    for name in ("serp.compare.report.report", "serp.compare.report.rendering"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "jinja2", None)
     with pytest.raises(MissingExtra, match=r"report of a comparison .* 'serp\[report\]'"):
-        small(walk(tmp_path), tmp_path / "c")
+        compare(walk(tmp_path), out=tmp_path / "c")
     assert not (tmp_path / "c").exists()
 
 
