@@ -24,10 +24,10 @@ class ExternalAlgorithm(Protocol):
     """A learner of another library, on an environment that it was given.
 
     Attributes:
-        terms: Name → text: its characteristics, for the table of what differs.
+        characteristics: Name → text, for the table of what differs.
     """
 
-    terms: Mapping[str, str]
+    characteristics: Mapping[str, str]
 
     def learn(self, env_steps: int) -> None:
         """Train for so many steps of the environment."""

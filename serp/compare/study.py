@@ -24,8 +24,8 @@ from serp.compare.request import (
     requested_task,
 )
 from serp.compare.trial_files import is_complete, read_trial
+from serp.compare.trials.characteristics import settings_in_use
 from serp.compare.trials.contestant import make_contestant
-from serp.compare.trials.terms import settings_in_use
 from serp.compare.workers import Job, portable, run_here, run_in_processes
 from serp.errors import Interrupted, RunError
 from serp.runs.placement import default_path

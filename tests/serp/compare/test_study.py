@@ -127,7 +127,7 @@ def test_a_domain_file_that_rewards_otherwise_is_noted(tmp_path: Path) -> None:
     comparison = small(walk(tmp_path), tmp_path / "c", model_variants=[rich], seeds=1, report=True)
     (note,) = comparison.results.metadata.notes
     assert "`rich` rewards other steps than `walk`" in note
-    assert "on it the terms are not equal" in (tmp_path / "c" / "report.md").read_text()
+    assert "results on it cannot be compared" in (tmp_path / "c" / "report.md").read_text()
 
 
 def test_settings_are_the_same_when_it_is_continued(tmp_path: Path) -> None:
@@ -193,13 +193,13 @@ def test_no_guided_algorithm_does_what_is_unsafe_and_can_be_avoided(tmp_path: Pa
     assert set(unsafe.values()) == {0}
 
 
-def test_an_algorithm_from_outside_is_compared_too(tmp_path: Path, guests: None) -> None:
+def test_an_external_algorithm_is_compared_too(tmp_path: Path, external: None) -> None:
     comparison = small(
         walk(tmp_path), tmp_path / "c", algorithms=["serp", "drawing"], seeds=1, report=True
     )
     (record,) = comparison.results.of("drawing")
     assert record.metadata["settings"] is None
-    assert record.metadata["terms"]["who acts"] == "chance"
+    assert record.metadata["characteristics"]["who acts"] == "chance"
     assert "chance" in (tmp_path / "c" / "report.md").read_text()
 
 
@@ -349,7 +349,7 @@ def test_another_task_or_one_with_other_settings_is_refused(copy: Path) -> None:
     ],
 )  # fmt: skip
 def test_mistakes_leave_nothing_behind(
-    tmp_path: Path, options: Any, kind: type[SerpError], message: str, guests: None,
+    tmp_path: Path, options: Any, kind: type[SerpError], message: str, external: None,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)

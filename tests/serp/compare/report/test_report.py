@@ -57,7 +57,7 @@ def test_names_that_hold_markup_are_shown_as_text():
     odd = "<script>|alert(1)|</script>\n# [x](http://x) ![y](z) `c`"
     found = [
         record([1.0] * 3, trial=(odd, odd, seed), outcomes=[odd] * 3, info={odd: [1] * 3},
-               metadata={"terms": {odd: odd + str(seed)}})
+               metadata={"characteristics": {odd: odd + str(seed)}})
         for seed in range(2)
     ] + [trial("serp", seed, 2.0, variant=odd) for seed in range(2)]  # fmt: skip
     asked = metadata(found, task=odd, base=odd, variants={odd: odd, "b": odd}, notes=[odd],
@@ -108,7 +108,10 @@ def test_equal_records_in_any_order_give_equal_files(whole, tmp_path):
 def test_terms_are_sorted_into_equal_and_different():
     def one(name, seed, planner, gamma):
         settings = {"learner": {"gamma": gamma, "batch": 64}}
-        more = {"terms": {"planner": planner, "reward": "the domain's"}, "settings": settings}
+        more = {
+            "characteristics": {"planner": planner, "reward": "the domain's"},
+            "settings": settings,
+        }
         return record([1.0], trial=(name, "base", seed), metadata=more)
 
     found = [one("serp", 0, "lookahead", 0.9), one("dqn", 0, "none", 0.97)]
