@@ -17,6 +17,7 @@ _HOMES = {
     "Arbiter": "serp.control.arbiter",
     "ArbiterSettings": "serp.settings",
     "Comparison": "serp.compare.study",
+    "ComparisonRequest": "serp.compare.study",
     "DQN": "serp.learning.dqn",
     "Decision": "serp.control.decision",
     "Diagnosis": "serp.diagnosis.diagnosis",
@@ -63,6 +64,7 @@ _HOMES = {
 __all__ = [*sorted(_HOMES), "__version__"]
 
 if TYPE_CHECKING:
+    from serp.compare.request import ComparisonRequest as ComparisonRequest
     from serp.compare.study import Comparison as Comparison
     from serp.compare.study import compare as compare
     from serp.control.arbiter import Arbiter as Arbiter

@@ -90,11 +90,12 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def source_files() -> set[str]:
-    """Every module of the three packages and every domain, by its name in the wheel."""
+    """Every module and template of the packages and every domain, by its name in the wheel."""
     names = {
         f"{package}/{path.relative_to(folder).as_posix()}"
         for package, folder in PACKAGES.items()
-        for path in folder.rglob("*.py")
+        for kind in ("*.py", "*.j2")
+        for path in folder.rglob(kind)
     }
     domains = {f"serp_adapters/domains/{path.name}" for path in (ROOT / "domains").glob("*.pddl")}
     assert domains

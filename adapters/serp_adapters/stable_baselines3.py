@@ -3,7 +3,7 @@
 On cart-pole their settings are those that RL Baselines3 Zoo has tuned for CartPole-v1
 (https://github.com/DLR-RM/rl-baselines3-zoo, commit eec15dc, `hyperparams/dqn.yml` and `ppo.yml`).
 On any other task they are stable-baselines3's own, as the zoo's `default` entry has it; what counts
-in env steps there and is meant for a million of them is adapted, and named in `terms`.
+in env steps there and is meant for a million of them is adapted, and named in `characteristics`.
 
 Importing this module without stable-baselines3 raises `serp.errors.MissingExtra`.
 """
@@ -41,19 +41,19 @@ class StableBaselines3:
     Args:
         make: Makes the model.
         rollout: Env steps between two rounds of updates.
-        terms: See the attribute.
+        characteristics: See the attribute.
 
     Attributes:
-        terms: Name → text: what it is like.
+        characteristics: Name → text: what it is like.
     """
 
     def __init__(
-        self, make: Callable[[], BaseAlgorithm], rollout: int, terms: Mapping[str, str]
+        self, make: Callable[[], BaseAlgorithm], rollout: int, characteristics: Mapping[str, str]
     ) -> None:
         import torch
         from stable_baselines3.common.logger import Logger
 
-        self.terms = terms
+        self.characteristics = characteristics
         self._rollout = rollout
         self._random: _Random = _drawn(torch)
         with self._own_random():
@@ -117,7 +117,7 @@ def dqn(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
         f"ε 1 → {settings['exploration_final_eps']:g} "
         f"in the first {settings['exploration_fraction']:.0%} of the budget"
     )
-    terms = {
+    characteristics = {
         "settings": source,
         "network": f"{_layers(settings)}, ReLU",
         "learning rate": f"{settings['learning_rate']:g}, Adam",
@@ -133,7 +133,7 @@ def dqn(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
     return StableBaselines3(
         lambda: DQN("MlpPolicy", env, seed=seed, device="cpu", **settings),
         settings["train_freq"],
-        terms,
+        characteristics,
     )
 
 
@@ -158,7 +158,7 @@ def ppo(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
         for name in ("learning_rate", "clip_range"):
             passed[name] = _falling(settings[name])
     steps = settings["n_steps"]
-    terms = {
+    characteristics = {
         "settings": f"{_ZOO}; 1 environment × {steps} steps, not 8 × 32" if tuned else _DEFAULTS,
         "network": f"{_layers(settings)}, tanh, policy and value apart",
         "learning rate": f"{settings['learning_rate']:g}{falling}, Adam",
@@ -170,7 +170,7 @@ def ppo(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
         "returns": f"GAE, λ {settings['gae_lambda']:g}",
     }
     return StableBaselines3(
-        lambda: PPO("MlpPolicy", env, seed=seed, device="cpu", **passed), steps, terms
+        lambda: PPO("MlpPolicy", env, seed=seed, device="cpu", **passed), steps, characteristics
     )
 
 

@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util import plugins
+from serp._util.plugins import find, loading, offered
 from serp.errors import SettingsError
 
 GROUP: Final = "serp.algorithms"
@@ -24,10 +24,10 @@ class ExternalAlgorithm(Protocol):
     """A learner of another library, on an environment that it was given.
 
     Attributes:
-        terms: Name → text: its characteristics, for the table of what differs.
+        characteristics: Name → text, for the table of what differs.
     """
 
-    terms: Mapping[str, str]
+    characteristics: Mapping[str, str]
 
     def learn(self, env_steps: int) -> None:
         """Train for so many steps of the environment."""
@@ -154,7 +154,7 @@ OWN: Final[Mapping[str, Algorithm]] = {algorithm.name: algorithm for algorithm i
 
 def algorithm_entries() -> dict[str, EntryPoint]:
     """Return the installed external algorithms by name, without importing them."""
-    return plugins.offered(GROUP)
+    return offered(GROUP)
 
 
 def find_algorithm(name: str) -> Algorithm:
@@ -166,8 +166,8 @@ def find_algorithm(name: str) -> Algorithm:
     """
     if name in OWN:
         return OWN[name]
-    entry = plugins.find(algorithm_entries(), name, "algorithm", SettingsError, known=OWN)
-    with plugins.loading(entry, "algorithm", SettingsError):
+    entry = find(algorithm_entries(), name, "algorithm", SettingsError, known=OWN)
+    with loading(entry, "algorithm", SettingsError):
         make = entry.load()
     description = (make.__doc__ or name).strip().splitlines()[0].rstrip(".")
     return Algorithm(name=name, description=description, kind="external", make_external=make)

@@ -37,8 +37,8 @@ def judges_alike(plan: ComparisonPlan, bound: BoundTask) -> list[str]:
             if name != plan.base
         }
         return [
-            f"The domain file `{name}` {what} other steps than `{plan.base}` does: on it the terms "
-            "are not equal."
+            f"The domain file `{name}` {what} other steps than `{plan.base}` does: results "
+            "on it cannot be compared."
             for name, what in _different(variants, bound, settings).items()
         ]
 

@@ -104,7 +104,7 @@ class Record:
             environment's info that the task declares (`Task.counters`): its value at the end of
             the episode.
         evaluations: Columns `EVALUATION_COLUMNS`.
-        metadata: JSON values: `env_steps` (budget), `terms` (name → text: characteristics of the
+        metadata: JSON values: `env_steps` (budget), `characteristics` (name → text: those of the
             algorithm), `settings` (section → setting → value; null for an external algorithm),
             `seconds` ({"training": …, "evaluation": …}).
     """

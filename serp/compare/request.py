@@ -29,7 +29,7 @@ SEEDS: Final = 5
 
 
 class ComparisonRequest(TypedDict, total=False):
-    """The options of `serp.compare`; one that is absent or None has its default.
+    """The options of `serp.compare`, all of them optional; None stands for the default.
 
     In a comparison that is continued, the default is what it consists of so far.
 

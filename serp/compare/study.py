@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Unpack
 
+from serp._util.extras import needs_extra
 from serp.compare.analysis.results import Results
 from serp.compare.fairness import judges_alike
 from serp.compare.folder import read_plan, write_plan, writing
@@ -24,10 +24,10 @@ from serp.compare.request import (
     requested_task,
 )
 from serp.compare.trial_files import is_complete, read_trial
+from serp.compare.trials.characteristics import settings_in_use
 from serp.compare.trials.contestant import make_contestant
-from serp.compare.trials.terms import settings_in_use
 from serp.compare.workers import Job, portable, run_here, run_in_processes
-from serp.errors import Interrupted, MissingExtra, RunError
+from serp.errors import Interrupted, RunError
 from serp.runs.placement import default_path
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.task import Task
@@ -66,7 +66,7 @@ def compare(task: Task | str | None = None, **request: Unpack[ComparisonRequest]
     Args:
         task: The task, the name of an installed one, or a domain file that belongs to one. None:
             that of the comparison in `out`.
-        **request: See `serp.compare.request.ComparisonRequest`.
+        **request: Options, see `serp.ComparisonRequest`.
 
     Raises:
         SerpError: Task, settings or folder are wrong, or a trial failed. Trials that are complete
@@ -76,7 +76,8 @@ def compare(task: Task | str | None = None, **request: Unpack[ComparisonRequest]
     unknown = [name for name in request if name not in ComparisonRequest.__annotations__]
     if unknown:
         raise TypeError(f"compare() got an unexpected keyword argument {unknown[0]!r}")
-    _require_report()
+    with needs_extra("report", "the report of a comparison"):
+        from serp.compare.report.report import write_report
     folder = requested_folder(request.get("out"))
     before = None if folder is None else read_plan(folder)
     base = requested_task(task, before, folder)
@@ -111,19 +112,6 @@ def compare(task: Task | str | None = None, **request: Unpack[ComparisonRequest]
             f"{failed[0][1]}\nThe others are kept in {folder}."
         )
     return Comparison(folder, results)
-
-
-def _require_report() -> None:
-    """Raise MissingExtra if the report could not be written in the end."""
-    if any(find_spec(name) is None for name in ("jinja2", "markdown_it", "matplotlib")):
-        raise MissingExtra("the report of a comparison", "report")
-
-
-def write_report(folder: Path, results: Results) -> None:
-    """Write the report; what it needs besides serp's dependencies is imported here alone."""
-    from serp.compare.report.report import write_report
-
-    write_report(folder, results)
 
 
 def _try_algorithms(plan: ComparisonPlan, bound: BoundTask) -> None:

@@ -59,7 +59,11 @@ class Job:
                 trial, self.algorithm, self.task, self.protocol, self.changes,
                 partial(on_progress, trial),
             )  # fmt: skip
-            metadata = {**self.metadata, "terms": measured.terms, "seconds": measured.seconds}
+            metadata = {
+                **self.metadata,
+                "characteristics": measured.characteristics,
+                "seconds": measured.seconds,
+            }
             write_trial(self.folder, trial, measured, metadata, self.task.counters)
         except SerpError as error:
             notes: list[str] = getattr(error, "__notes__", [])

@@ -16,7 +16,7 @@ MAX_GROUND_SCHEMAS = 50_000
 _FLUENTS_EACH = 4
 _BINDINGS_EACH = 20
 _RAISE = (
-    "or raise the limit: `--max-ground-schemas N` of `serp check` and `serp plan`, in Python "
+    "or raise the limit: `--max-ground-schemas N` on the command line, in Python "
     "`load_domain(..., max_ground_schemas=N)`"
 )
 

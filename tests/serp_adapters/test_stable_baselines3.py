@@ -155,10 +155,14 @@ def test_it_acts_on_batches_greedily_also_while_it_learns(name: str) -> None:
 
 @pytest.mark.parametrize(("name", "task"), CASES)
 def test_terms_are_text_and_say_whose_settings_these_are(name: str, task: str) -> None:
-    terms = MAKERS[name](Sign(), task, 0).terms
-    assert {"settings", "network", "learning rate", "discount", "exploration"} <= set(terms)
-    assert all(isinstance(text, str) and text for text in (*terms, *terms.values()))
-    assert ("zoo" in terms["settings"]) == (task == "cartpole")
+    characteristics = MAKERS[name](Sign(), task, 0).characteristics
+    assert {"settings", "network", "learning rate", "discount", "exploration"} <= set(
+        characteristics
+    )
+    assert all(
+        isinstance(text, str) and text for text in (*characteristics, *characteristics.values())
+    )
+    assert ("zoo" in characteristics["settings"]) == (task == "cartpole")
 
 
 def test_settings_that_are_not_adapted_are_the_defaults() -> None:

@@ -68,7 +68,7 @@ MEASURES: Final = (
             "return", "higher"),
     Measure("final_vetoed", "final policy within the vetoes",
             "The same within the vetoes. What takes the place of a refused proposal is for the "
-            "algorithm's settings to say (`arbiter.after_veto`); for algorithms from outside it "
+            "algorithm's settings to say (`arbiter.after_veto`); for external algorithms it "
             "is the planner's action.",
             "return", "higher"),
     Measure("planner", "planner alone",

@@ -22,7 +22,7 @@ from serp.compare.analysis.variants import Check, pooled_final, subject, variant
 from serp.compare.records import EPISODE_COLUMNS, EVALUATION_COLUMNS, Columns, Record, Trial
 from serp.compare.report.tables import DIFFERENCES
 
-FORMAT = 1
+FORMAT = 2
 _LEADING = ("algorithm", "variant", "seed")
 
 
@@ -66,9 +66,9 @@ def comparison_json(results: Results) -> str:
         "missing": [trial._asdict() for trial in results.missing],
         "range": results.range,
         "measures": {measure.name: measure._asdict() for measure in results.table},
-        "terms": {
+        "characteristics": {
             name: {
-                "terms": results.of(name)[0].metadata.get("terms"),
+                "characteristics": results.of(name)[0].metadata.get("characteristics"),
                 "settings": results.of(name)[0].metadata.get("settings"),
             }
             for name in results.algorithms

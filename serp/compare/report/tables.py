@@ -170,7 +170,7 @@ def differences_table(results: Results) -> str:
 
 
 def characteristics_tables(results: Results) -> tuple[str, str]:
-    """Return what is the same for all algorithms, and what differs, of traits and settings.
+    """Return the characteristics and settings that all algorithms share, and those that differ.
 
     Returns:
         A table of what all have in common, and one with a column for each algorithm; each may be
@@ -183,7 +183,7 @@ def characteristics_tables(results: Results) -> tuple[str, str]:
         # External algorithms have no settings of ours, so these are compared among the others.
         having = [mapping[key] for mapping in found.values() if key in mapping]
         if len(set(having)) == 1 and (len(having) == len(found) or key[0] == "settings"):
-            if key[0] == "terms":
+            if key[0] == "characteristics":
                 same.append([plain(key[1]), plain(having[0])])
         else:
             cells = (
@@ -198,16 +198,13 @@ def characteristics_tables(results: Results) -> tuple[str, str]:
 
 
 def _characteristics(metadata: Mapping[str, Any]) -> dict[tuple[str, str], str]:
-    """Return traits and settings of a trial: ("terms" or "settings", name) → text."""
-    found = {
-        ("terms", str(key)): str(value) for key, value in (metadata.get("terms") or {}).items()
-    }
+    """Return characteristics and settings of a trial: (key of `metadata`, name) → text."""
+    kind = "characteristics"
+    found = {(kind, str(key)): str(value) for key, value in (metadata.get(kind) or {}).items()}
     for section, values in (metadata.get("settings") or {}).items():
-        items = values.items() if isinstance(values, Mapping) else [("", values)]
-        for key, value in items:
-            name = f"{section}.{key}".rstrip(".")
+        for name, value in values.items():
             text = value if isinstance(value, str) else json.dumps(value, default=str)
-            found["settings", name] = text
+            found["settings", f"{section}.{name}"] = text
     return found
 
 

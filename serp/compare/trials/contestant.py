@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.compare.algorithms import Algorithm, ExternalAlgorithm
+from serp.compare.trials.characteristics import REWARDS, characteristics_of
 from serp.compare.trials.external_env import ExternalEnv
-from serp.compare.trials.terms import REWARDS, terms_of
 from serp.control.decision import Decision
 from serp.control.step_record import OnStep, StepRecord
 from serp.errors import RunError, SerpError
@@ -28,11 +28,11 @@ class Contestant(Protocol):
 
     Attributes:
         agent: Perceives; its guarded arbiter holds the vetoes.
-        terms: Name → text: what it is like.
+        characteristics: Name → text, for the table of what differs.
     """
 
     agent: Agent
-    terms: Mapping[str, str]
+    characteristics: Mapping[str, str]
 
     def train(self, env_steps: int, on_step: OnStep) -> None:
         """Train for at least so many env steps, unless `on_step` raises."""
@@ -76,7 +76,7 @@ class _Own:
         self.agent = Agent(task, settings, seed, baseline=algorithm.kind == "baseline")
         self._trainer = Trainer(task, settings, seed, agent=self.agent)
         self._trainer.prepare()  # what is read from disk for the first step is no training
-        self.terms = terms_of(algorithm, settings, self._trainer.judge.source)
+        self.characteristics = characteristics_of(algorithm, settings, self._trainer.judge.source)
 
     def train(self, env_steps: int, on_step: OnStep) -> None:
         self._trainer.on_step = on_step
@@ -95,7 +95,7 @@ class _Own:
 
 
 class _External:
-    """A contestant from outside: it trains itself in the environment that it is given."""
+    """An external algorithm, which trains itself in the environment that it is given."""
 
     def __init__(self, algorithm: Algorithm, task: BoundTask, agent: Agent, seed: int) -> None:
         self.agent = agent
@@ -105,9 +105,9 @@ class _External:
         self._name = algorithm.name
         with self._blamed():
             self._algorithm: ExternalAlgorithm = algorithm.make_external(env, task.name, seed)
-        self.terms: Mapping[str, str] = {
+        self.characteristics: Mapping[str, str] = {
             "learned from": REWARDS[env.judge.source],
-            **self._algorithm.terms,
+            **self._algorithm.characteristics,
         }
 
     def _notice(self, step: StepRecord) -> None:

@@ -1,4 +1,4 @@
-"""The environment that an algorithm from outside is trained in: our task, seen from outside."""
+"""The environment in which an external algorithm is trained."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from serp.training.rollout import Rollout, training_seed
 
 
 class ExternalEnv(gym.Env[NDArray[np.float32], np.int64]):
-    """A task as a plain environment, on the terms that our own learner has.
+    """A task as a plain environment, with the protocol of serp's own learner.
 
     Observations are the learner's input (observation, grounded state or both, as
     `training.inputs` says) as float32 `[F]`; the reward is the one that is learned from; episodes

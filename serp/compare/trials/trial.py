@@ -42,13 +42,13 @@ class Measured:
     Attributes:
         log: The episodes of training.
         evaluations: The episodes of all evaluations.
-        terms: Name → text: what the algorithm is like.
+        characteristics: Name → text: those of the algorithm.
         seconds: Seconds of training and of evaluation.
     """
 
     log: Log
     evaluations: list[EvaluationRow]
-    terms: dict[str, str]
+    characteristics: dict[str, str]
     seconds: dict[str, float]
 
 
@@ -85,7 +85,7 @@ def run_trial(
         trial: What it is of.
         algorithm: Its algorithm.
         task: The task, with the domain file of the variant.
-        protocol: What is equal for all algorithms.
+        protocol: Budget and evaluations.
         changes: What the user changes in the settings of all algorithms.
         on_progress: Called with the env steps so far, some times a second at most.
 
@@ -135,7 +135,7 @@ class _Trial:
         return Measured(
             log,
             self._evaluations,
-            dict(self._contestant.terms),
+            dict(self._contestant.characteristics),
             {"training": log.seconds, "evaluation": log.pauses},
         )
 

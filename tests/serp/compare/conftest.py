@@ -6,9 +6,9 @@ from tests.serp.compare import contest
 
 
 @pytest.fixture
-def guests(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Algorithms from outside are installed: those of `contest`, and one that is broken."""
-    found = contest.guests()
+def external(monkeypatch: pytest.MonkeyPatch) -> None:
+    """External algorithms are installed: those of `contest`, and one that is broken."""
+    found = contest.external_algorithms()
     broken = type(found["lazy"])("broken", "tests.serp.compare.nosuch:make", "serp.algorithms")
     monkeypatch.setattr(
         "serp.compare.algorithms.algorithm_entries", lambda: {**found, "broken": broken}

@@ -1,4 +1,4 @@
-"""A small task to compare on, that other processes can import, and learners from outside."""
+"""A small task to compare on, that other processes can import, and external learners."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from serp.training.rollout import training_seed
 from serp.training.stopping import SIGNALS
 from tests.serp.sample_tasks import Corridor, corridor
 
-CONDITIONS = ComparisonProtocol(
+PROTOCOL = ComparisonProtocol(
     env_steps=130, evaluate_every=50, evaluation_episodes=3, final_episodes=4, evaluation_seed=9
 )
 GUIDED = (
@@ -112,7 +112,7 @@ def measured(
     *,
     task: Task | None = None,
     seed: int = 0,
-    conditions: ComparisonProtocol = CONDITIONS,
+    protocol: ComparisonProtocol = PROTOCOL,
     changes: Mapping[str, Mapping[str, Any]] | None = None,
     on_progress: Callable[[int], None] = lambda steps: None,
 ) -> Measured:
@@ -120,7 +120,7 @@ def measured(
     found = algorithm if isinstance(algorithm, Algorithm) else find_algorithm(algorithm)
     trial = Trial(found.name, "walk", seed)
     chosen = task or walk(folder)
-    return run_trial(trial, found, chosen, conditions, changes or {}, on_progress)
+    return run_trial(trial, found, chosen, protocol, changes or {}, on_progress)
 
 
 def episodes_of(found: Measured) -> list[Any]:
@@ -148,7 +148,7 @@ def small(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp.compare.report.report.render", lambda figure, kind: b"<svg/>")
         if not report:
-            patch.setattr("serp.compare.study.write_report", lambda folder, results: None)
+            patch.setattr("serp.compare.report.report.write_report", lambda folder, results: None)
         return compare(task, out=out, **{**given, **options})
 
 
@@ -178,13 +178,13 @@ def place_of(folder: Path, algorithm: str, seed: int, variant: str = "walk") -> 
     return trial_folder(folder, Trial(algorithm, variant, seed))
 
 
-# Learners from outside ----------------------------------------------------------------------------
+# External learners --------------------------------------------------------------------------------
 
 
 class Drawing:
     """Draws its actions; what it has learned is how many steps it has made."""
 
-    terms: Mapping[str, str] = {"learner": "none", "who acts": "chance"}
+    characteristics: Mapping[str, str] = {"learner": "none", "who acts": "chance"}
 
     def __init__(self, env: gym.Env[Any, Any], task: str, seed: int) -> None:
         self.env = env
@@ -255,9 +255,9 @@ def absent(env: gym.Env[Any, Any], task: str, seed: int) -> Drawing:
     raise RunError("it needs more memory than there is")
 
 
-GUESTS = ("drawing", "lazy", "greedy", "faulty", "absent")
+EXTERNAL = ("drawing", "lazy", "greedy", "faulty", "absent")
 
 
-def guests() -> dict[str, EntryPoint]:
+def external_algorithms() -> dict[str, EntryPoint]:
     """Entry points, as an installed package would offer them."""
-    return {name: EntryPoint(name, f"{__name__}:{name}", GROUP) for name in GUESTS}
+    return {name: EntryPoint(name, f"{__name__}:{name}", GROUP) for name in EXTERNAL}

@@ -57,7 +57,10 @@ def record(
         for name, values, kind in zip(EVALUATION_COLUMNS, cells, kinds, strict=True)
     }
     return Record(
-        Trial(*trial), columns, found, {"terms": {"planner": "lookahead"}, **(metadata or {})}
+        Trial(*trial),
+        columns,
+        found,
+        {"characteristics": {"planner": "lookahead"}, **(metadata or {})},
     )
 
 

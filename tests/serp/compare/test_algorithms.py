@@ -28,14 +28,14 @@ def test_the_algorithms_of_serp_have_settings_that_exist() -> None:
     ("name", "near"), [("srep", "serp"), ("jumpstart", "jump-start"), ("drawin", "drawing")]
 )
 def test_a_name_that_does_not_exist_is_refused_with_a_near_one(
-    name: str, near: str, guests: None
+    name: str, near: str, external: None
 ) -> None:
     with pytest.raises(SettingsError, match=f"no algorithm `{name}`; did you mean `{near}`"):
         find_algorithm(name)
 
 
 def test_an_external_algorithm_is_described_by_the_first_line_of_its_docstring(
-    guests: None,
+    external: None,
 ) -> None:
     algorithm = find_algorithm("drawing")
     assert (algorithm.kind, algorithm.description) == ("external", "Draws its actions")
@@ -47,7 +47,7 @@ def test_an_external_algorithm_is_described_by_the_first_line_of_its_docstring(
 
 
 def test_an_external_algorithm_that_cannot_be_loaded_is_named(
-    guests: None, monkeypatch: pytest.MonkeyPatch
+    external: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with pytest.raises(SettingsError, match=r"`broken` \(tests.serp.compare.nosuch:make\)"):
         find_algorithm("broken")

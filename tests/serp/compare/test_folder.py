@@ -10,7 +10,7 @@ import pytest
 from serp.compare.folder import SavedPlan, keep_domain, read_plan, write_plan, writing
 from serp.compare.records import Trial
 from serp.errors import RunError
-from tests.serp.compare.contest import CONDITIONS, walk
+from tests.serp.compare.contest import PROTOCOL, walk
 from tests.serp.sample_tasks import CORRIDOR
 
 PROBLEM = "(define (problem there) (:domain corridor) (:init (= (x) 0)) (:goal (and)))\n"
@@ -69,7 +69,7 @@ def test_a_plan_is_read_as_it_was_written(tmp_path: Path) -> None:
         variants=["walk", "other"],
         algorithms={"serp": {}, "serp:x": {"arbiter": {"r_min": None, "exploration_slack": 0.5}}},
         trials=[Trial("serp", "walk", 3)],
-        protocol=CONDITIONS,
+        protocol=PROTOCOL,
         changes={"arbiter": {"exploration_slack": math.inf}, "learner": {"hidden": (8, 8)}},
         threshold=None,
         max_ground_schemas=70,

@@ -15,7 +15,7 @@ from serp.compare.trial_files import write_trial
 from serp.errors import RunError, SettingsError
 from serp.model.facts import MAX_GROUND_SCHEMAS
 from serp.tasks.task import Task
-from tests.serp.compare.contest import CONDITIONS, measured, walk
+from tests.serp.compare.contest import PROTOCOL, measured, walk
 from tests.serp.sample_tasks import CORRIDOR
 
 
@@ -27,7 +27,7 @@ def plan(folder: Path, *, task: Task | None = None, **changes: Any) -> Compariso
         "variants": {"walk": task or walk(folder)},
         "algorithms": algorithms,
         "trials": trials_of(algorithms, ["walk"], [1, 0]),
-        "protocol": CONDITIONS,
+        "protocol": PROTOCOL,
         "changes": {},
         "threshold": None,
         "max_ground_schemas": MAX_GROUND_SCHEMAS,
@@ -41,7 +41,7 @@ def complete(plan: ComparisonPlan, trial: Trial, folder: Path) -> None:
     write_trial(plan.folder, trial, measured(folder), about, ("slips",))
 
 
-def test_what_uses_no_model_runs_on_the_first_domain_file_alone(guests: None) -> None:
+def test_what_uses_no_model_runs_on_the_first_domain_file_alone(external: None) -> None:
     algorithms = named_algorithms(["serp", "mrp", "dqn", "drawing"], {})
     trials = trials_of(algorithms, ["walk", "bad"], [4, 7])
     assert len(trials) == len(set(trials)) == 2 * (2 * 2 + 2)
@@ -70,7 +70,7 @@ def test_a_trial_that_was_made_of_something_else_is_refused(tmp_path: Path) -> N
     changed = dataclasses.replace(algorithms["dqn"], kind="guided")
     for changes, message in (
         ({"changes": {"learner": {"members": 1}}}, "other settings"),
-        ({"protocol": dataclasses.replace(CONDITIONS, env_steps=99)}, "another budget"),
+        ({"protocol": dataclasses.replace(PROTOCOL, env_steps=99)}, "another budget"),
         ({"variants": {"walk": walk(tmp_path, domain=other)}}, "another domain file"),
         ({"algorithms": {**algorithms, "dqn": changed}}, "another algorithm"),
     ):

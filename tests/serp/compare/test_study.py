@@ -127,7 +127,7 @@ def test_a_domain_file_that_rewards_otherwise_is_noted(tmp_path: Path) -> None:
     comparison = small(walk(tmp_path), tmp_path / "c", model_variants=[rich], seeds=1, report=True)
     (note,) = comparison.results.metadata.notes
     assert "`rich` rewards other steps than `walk`" in note
-    assert "on it the terms are not equal" in (tmp_path / "c" / "report.md").read_text()
+    assert "results on it cannot be compared" in (tmp_path / "c" / "report.md").read_text()
 
 
 def test_settings_are_the_same_when_it_is_continued(tmp_path: Path) -> None:
@@ -193,13 +193,13 @@ def test_no_guided_algorithm_does_what_is_unsafe_and_can_be_avoided(tmp_path: Pa
     assert set(unsafe.values()) == {0}
 
 
-def test_an_algorithm_from_outside_is_compared_too(tmp_path: Path, guests: None) -> None:
+def test_an_external_algorithm_is_compared_too(tmp_path: Path, external: None) -> None:
     comparison = small(
         walk(tmp_path), tmp_path / "c", algorithms=["serp", "drawing"], seeds=1, report=True
     )
     (record,) = comparison.results.of("drawing")
     assert record.metadata["settings"] is None
-    assert record.metadata["terms"]["who acts"] == "chance"
+    assert record.metadata["characteristics"]["who acts"] == "chance"
     assert "chance" in (tmp_path / "c" / "report.md").read_text()
 
 
@@ -298,14 +298,15 @@ def test_one_at_a_time(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ({"threshold": float("nan")}, "threshold must be a number"),
     ],
 )
-def test_another_protocol_in_the_same_folder_are_refused(
-    copy: Path, options: Any, message: str
-) -> None:
-    before = {path: path.read_bytes() for path in sorted(copy.rglob("*")) if path.is_file()}
+def test_what_cannot_change_is_refused(copy: Path, options: Any, message: str) -> None:
+    def content() -> dict[Path, bytes]:
+        files = (path for path in copy.rglob("*") if path.is_file() and path.name != ".lock")
+        return {path: path.read_bytes() for path in files}
+
+    before = content()
     with pytest.raises(SerpError, match=message):
         again(copy, **options)
-    after = {path: path.read_bytes() for path in sorted(copy.rglob("*")) if path.is_file()}
-    assert after == before
+    assert content() == before
 
 
 def test_an_edited_domain_file_is_refused(copy: Path) -> None:
@@ -348,7 +349,7 @@ def test_another_task_or_one_with_other_settings_is_refused(copy: Path) -> None:
     ],
 )  # fmt: skip
 def test_mistakes_leave_nothing_behind(
-    tmp_path: Path, options: Any, kind: type[SerpError], message: str, guests: None,
+    tmp_path: Path, options: Any, kind: type[SerpError], message: str, external: None,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
@@ -395,11 +396,11 @@ def test_an_option_that_does_not_exist_is_refused(tmp_path: Path) -> None:
 def test_what_the_report_needs_is_missed_before_anything_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(
-        "serp.compare.study.find_spec", lambda name: None if name == "jinja2" else object()
-    )
+    for name in ("serp.compare.report.report", "serp.compare.report.rendering"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "jinja2", None)
     with pytest.raises(MissingExtra, match=r"report of a comparison .* 'serp\[report\]'"):
-        small(walk(tmp_path), tmp_path / "c")
+        compare(walk(tmp_path), out=tmp_path / "c")
     assert not (tmp_path / "c").exists()
 
 

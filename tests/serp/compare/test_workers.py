@@ -14,17 +14,17 @@ from serp.compare.records import Trial
 from serp.compare.trial_files import is_complete
 from serp.compare.workers import Ended, Job, portable, run_here, run_in_processes
 from serp.tasks.task import Task
-from tests.serp.compare.contest import CONDITIONS, Deadly, Pothole, Signalled, everything, walk
+from tests.serp.compare.contest import PROTOCOL, Deadly, Pothole, Signalled, everything, walk
 
 
 def job(folder: Path, task: Task, algorithm: str, seed: int) -> Job:
     folder.mkdir(exist_ok=True)
     trial = Trial(algorithm, "walk", seed)
-    return Job(folder, trial, find_algorithm(algorithm), task, CONDITIONS, {}, {})
+    return Job(folder, trial, find_algorithm(algorithm), task, PROTOCOL, {}, {})
 
 
 def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(
-    tmp_path: Path, guests: None
+    tmp_path: Path, external: None
 ) -> None:
     """External algorithms too, trials that fail, processes that die, and signals."""
     good, bad, deadly = walk(tmp_path), walk(tmp_path, Pothole), walk(tmp_path, Deadly)

@@ -91,13 +91,6 @@ def test_one_good_episode_is_no_good_policy():
     assert measure(record([99.0] * 20), 600, 5.0)["threshold_episodes"] == 20
 
 
-def test_without_a_threshold_nothing_is_measured_of_it():
-    found = measure(record([9.0] * 30), BUDGET, None)
-    assert np.isnan(found["threshold_env_steps"])
-    assert np.isnan(found["learner_threshold_env_steps"])
-    assert undecided(record([9.0]), None) == ()
-
-
 def test_final_values_come_from_the_last_evaluation_of_each_policy():
     one = record(
         [1.0],
@@ -125,18 +118,21 @@ def test_counts_outcomes_counters_and_seconds():
     assert (found["seconds"], found["seconds_per_1000"]) == (1.5, 50.0)
 
 
-def test_a_trial_without_a_complete_episode_has_holes_and_no_failure():
+def test_a_trial_without_a_complete_episode_or_a_threshold_has_holes_and_no_failure():
     found = measure(record([]), BUDGET, 5.0)
-    assert found["episodes"] == 0 and np.isnan(found["training_area"])
-    assert np.isnan(found["threshold_env_steps"])
+    assert found["episodes"] == 0
+    assert np.isnan([found["training_area"], found["threshold_env_steps"]]).all()
+    without = measure(record([9.0] * 30), BUDGET, None)
+    assert np.isnan([without["threshold_env_steps"], without["learner_threshold_env_steps"]]).all()
+    assert undecided(record([9.0]), None) == ()
 
 
 def test_every_measure_is_taken_and_described():
-    one = record([1.0], outcomes=["goal"], info={"hits": [1]})
-    found = measure(one, BUDGET, 1.0)
-    described = [*MEASURES, *extra_measures(found)]
+    found = measure(record([1.0], outcomes=["goal"], info={"hits": [1]}), BUDGET, 1.0)
+    described = [*MEASURES, *extra_measures([*found, "info.outcome.x"] * 2)]
     assert [each.name for each in described] == [
-        *BY_NAME, *sorted(name for name in found if name not in BY_NAME)
+        *BY_NAME, "info.hits", "info.outcome.x", "outcome.goal"
     ]  # fmt: skip
-    assert set(found) == {each.name for each in described}
-    assert all(each.meaning.endswith(".") for each in described)
+    assert set(found) | {"info.outcome.x"} == {each.name for each in described}
+    assert [each.title for each in described[-3:]] == ["hits", "outcome.x", "outcome goal"]
+    assert all(each.meaning.endswith(".") and each.meaning[0].isupper() for each in described)

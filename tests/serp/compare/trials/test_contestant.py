@@ -45,9 +45,9 @@ def test_alone_it_does_what_the_agent_does_alone_and_vetoed_nothing_unsafe(
         assert decision.admissible[decision.action]
 
 
-def test_one_from_outside_is_held_by_the_same_vetoes(tmp_path: Path, guests: None) -> None:
+def test_an_external_one_is_held_by_the_same_vetoes(tmp_path: Path, external: None) -> None:
     contestant, _ = trained(tmp_path, "drawing")
-    assert contestant.terms["who acts"] == "chance"
+    assert contestant.characteristics["who acts"] == "chance"
     states = [contestant.agent.perceive(place)[0] for place in PLACES]
     for place, state in zip(PLACES, states, strict=True):
         x = contestant.agent.perceive(place)[1]
@@ -57,8 +57,8 @@ def test_one_from_outside_is_held_by_the_same_vetoes(tmp_path: Path, guests: Non
         assert not decision.unsafe
 
 
-def test_what_one_from_outside_chooses_is_one_of_the_actions(
-    tmp_path: Path, guests: None, monkeypatch: pytest.MonkeyPatch
+def test_what_an_external_one_chooses_is_one_of_the_actions(
+    tmp_path: Path, external: None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A negative number is no last action, and 1.5 no 1."""
     contestant, bound = trained(tmp_path, "drawing")
@@ -78,8 +78,12 @@ def test_what_one_from_outside_chooses_is_one_of_the_actions(
 @pytest.mark.parametrize("name", OWN)
 def test_what_it_is_like_is_said_for_the_table_of_what_differs(tmp_path: Path, name: str) -> None:
     contestant, _ = trained(tmp_path, name, env_steps=1)
-    terms = contestant.terms
-    assert set(terms) == {"learner", "learned from", "planner", "who acts", "vetoes"}
+    characteristics = contestant.characteristics
+    assert set(characteristics) == {"learner", "learned from", "planner", "who acts", "vetoes"}
     alone = name in ("dqn", "dqn-paper")
-    assert (terms["planner"] == "none") == (terms["vetoes"] == "none") == alone
-    assert (terms["learner"] == "none") == (terms["learned from"] == "none") == (name == "mrp")
+    assert (characteristics["planner"] == "none") == (characteristics["vetoes"] == "none") == alone
+    assert (
+        (characteristics["learner"] == "none")
+        == (characteristics["learned from"] == "none")
+        == (name == "mrp")
+    )

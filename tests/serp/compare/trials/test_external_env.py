@@ -1,4 +1,4 @@
-"""The environment of an algorithm from outside: the same as our own learner has."""
+"""The environment of an external algorithm: the same as our own learner has."""
 
 from __future__ import annotations
 
@@ -39,7 +39,9 @@ class Noting(Walk):
 
 @pytest.mark.parametrize("inputs", ["observation", "state", "both"])
 @pytest.mark.parametrize("reward", ["domain", "environment"])
-def test_a_guest_meets_what_our_learner_meets(tmp_path: Path, inputs: str, reward: Any) -> None:
+def test_an_external_one_meets_what_our_learner_meets(
+    tmp_path: Path, inputs: str, reward: Any
+) -> None:
     """With the actions that our learner took: the same seeds, observations, rewards and ends."""
     ours: list[int | None] = []
     task = walk(tmp_path, type("Ours", (Noting,), {"seeds": ours}), reward=reward)
@@ -65,7 +67,7 @@ def test_a_guest_meets_what_our_learner_meets(tmp_path: Path, inputs: str, rewar
     bound = task.bind()
     seen: list[StepRecord] = []
     env = ExternalEnv(bound, Agent(bound, settings, SEED), SEED, seen.append)
-    x, _ = env.reset(seed=123)  # a seed of its own would not be equal terms
+    x, _ = env.reset(seed=123)  # a seed of its own would not be the same protocol
     for before, action, earned, following, terminated, truncated in met:
         assert (x == before.astype(np.float32)).all()
         assert env.observation_space.contains(x)
@@ -86,7 +88,9 @@ def test_a_guest_meets_what_our_learner_meets(tmp_path: Path, inputs: str, rewar
 
 
 def test_it_is_an_environment_as_gymnasium_has_it(tmp_path: Path) -> None:
-    task = walk(tmp_path, lambda: Corridor(start=3))  # its first action is 3, a guest's is 0
+    task = walk(
+        tmp_path, lambda: Corridor(start=3)
+    )  # its first action is 3, an external one's is 0
     bound = task.bind()
     agent = Agent(bound, settings_of(task), 0)
     drawn = str(agent.state_dict()[1])

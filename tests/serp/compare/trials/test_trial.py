@@ -17,9 +17,9 @@ from serp.tasks.registry import load_task
 from serp.training.agent import Agent
 from serp.training.precompile import precompile
 from tests.serp.compare.contest import (
-    CONDITIONS,
     GUIDED,
     OWN,
+    PROTOCOL,
     Walk,
     episodes_of,
     measured,
@@ -48,7 +48,7 @@ Once = Callable[..., Measured]
 
 def found(measured: Measured) -> Any:
     """What was found, but for the time it took."""
-    return episodes_of(measured), measured.evaluations, measured.terms
+    return episodes_of(measured), measured.evaluations, measured.characteristics
 
 
 def test_a_step_that_hangs_is_a_notice(tmp_path: Path) -> None:
@@ -75,18 +75,18 @@ def test_equal_seeds_give_equal_records_and_others_give_others(
 
 @pytest.mark.parametrize("algorithm", [*OWN, "drawing"])
 def test_evaluations_change_nothing_in_training(
-    tmp_path: Path, algorithm: str, guests: None, once: Once
+    tmp_path: Path, algorithm: str, external: None, once: Once
 ) -> None:
     often = dataclasses.replace(
-        CONDITIONS, evaluate_every=7, evaluation_episodes=5, evaluation_seed=1
+        PROTOCOL, evaluate_every=7, evaluation_episodes=5, evaluation_seed=1
     )
-    runs = [measured(tmp_path, algorithm, conditions=often, changes=SWIFT), once(algorithm)]
+    runs = [measured(tmp_path, algorithm, protocol=often, changes=SWIFT), once(algorithm)]
     assert episodes_of(runs[0]) == episodes_of(runs[1])
     assert len(runs[0].evaluations) > len(runs[1].evaluations) or algorithm == "mrp"
 
 
 @pytest.mark.parametrize("algorithm", [*OWN, "drawing", "greedy"])
-def test_the_budget_is_met_exactly(tmp_path: Path, algorithm: str, guests: None) -> None:
+def test_the_budget_is_met_exactly(tmp_path: Path, algorithm: str, external: None) -> None:
     made = 0
 
     class Counting(Walk):
@@ -103,15 +103,15 @@ def test_the_budget_is_met_exactly(tmp_path: Path, algorithm: str, guests: None)
     environments: list[Any] = []  # the first is trained in, the others are evaluated in
     result = measured(tmp_path, algorithm, task=walk(tmp_path, Counting), changes=SWIFT)
     rows = [row for row, _ in result.log.rows]
-    assert result.log.env_steps == CONDITIONS.env_steps
-    assert made == CONDITIONS.env_steps + (algorithm == "greedy")  # its last is not counted
-    assert rows[-1].env_steps == sum(row.length for row in rows) <= CONDITIONS.env_steps
+    assert result.log.env_steps == PROTOCOL.env_steps
+    assert made == PROTOCOL.env_steps + (algorithm == "greedy")  # its last is not counted
+    assert rows[-1].env_steps == sum(row.length for row in rows) <= PROTOCOL.env_steps
     assert [row.env_steps for row in rows] == sorted({row.env_steps for row in rows})
     assert [row.episode for row in rows] == list(range(1, len(rows) + 1))
 
 
 @pytest.mark.parametrize("algorithm", [*OWN, "drawing"])
-def test_what_is_evaluated_when(algorithm: str, guests: None, once: Once) -> None:
+def test_what_is_evaluated_when(algorithm: str, external: None, once: Once) -> None:
     rows = once(algorithm).evaluations
     played: dict[tuple[int, str], list[int]] = {}
     for row in rows:
@@ -180,11 +180,13 @@ def test_counters_units_and_returns_are_the_environments(tmp_path: Path) -> None
     assert sum(counts[0] for counts in slips) > 0
 
 
-def test_a_guest_is_evaluated_at_the_end_when_it_has_learned(tmp_path: Path, guests: None) -> None:
+def test_an_external_one_is_evaluated_at_the_end_when_it_has_learned(
+    tmp_path: Path, external: None
+) -> None:
     rows = measured(tmp_path, "drawing").evaluations
     # Before it has learned it waits, and walks to the goal after that.
-    assert {row.outcome for row in rows if row.env_steps < CONDITIONS.env_steps} == {""}
-    last = [row for row in rows if row.env_steps == CONDITIONS.env_steps]
+    assert {row.outcome for row in rows if row.env_steps < PROTOCOL.env_steps} == {""}
+    last = [row for row in rows if row.env_steps == PROTOCOL.env_steps]
     assert {row.outcome for row in last} == {"goal"}
     assert {row.policy for row in last} == {"learner", "vetoed"}
 
@@ -197,8 +199,8 @@ def test_a_guest_is_evaluated_at_the_end_when_it_has_learned(tmp_path: Path, gue
         ("absent", "it needs more memory than there is"),
     ],
 )
-def test_what_goes_wrong_in_a_guest_is_told(
-    tmp_path: Path, algorithm: str, message: str, guests: None
+def test_what_goes_wrong_in_an_external_one_is_told(
+    tmp_path: Path, algorithm: str, message: str, external: None
 ) -> None:
     with pytest.raises(RunError, match=message):
         measured(tmp_path, algorithm)

@@ -25,7 +25,9 @@ _NOT_OF_TRAINING: Final = (
 """Settings that a comparison does not read."""
 
 
-def terms_of(algorithm: Algorithm, settings: Settings, source: Source) -> Mapping[str, str]:
+def characteristics_of(
+    algorithm: Algorithm, settings: Settings, source: Source
+) -> Mapping[str, str]:
     """Return what an algorithm of ours is like: name → text.
 
     Args:
@@ -65,7 +67,7 @@ def _who_acts(algorithm: Algorithm, settings: Settings) -> str:
 
 
 def settings_in_use(algorithm: Algorithm, settings: Settings) -> dict[str, dict[str, Any]] | None:
-    """Return section → setting → JSON value of what an algorithm reads; None for a guest."""
+    """Return section → setting → JSON value of what an algorithm reads; None if it is external."""
     if algorithm.kind == "external":
         return None
     said = settings.as_dict()

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from serp.compare.algorithms import OWN, Algorithm, find_algorithm
-from serp.compare.trials.terms import settings_in_use, terms_of
+from serp.compare.trials.characteristics import characteristics_of, settings_in_use
 from serp.control.registry import strategy_names
 from serp.settings import GuideSettings, Settings, resolve
 from tests.serp.compare.contest import GUIDED
@@ -45,14 +45,16 @@ def test_every_setting_of_the_guide_is_read_by_some_strategy() -> None:
     assert told == set(GuideSettings.model_fields)
 
 
-def test_of_one_from_outside_nothing_is_known(guests: None) -> None:
+def test_of_an_external_one_nothing_is_known(external: None) -> None:
     assert settings_in_use(find_algorithm("drawing"), Settings()) is None
 
 
 def test_the_vetoes_are_told_as_they_are_set() -> None:
     algorithm = find_algorithm("serp")
     changes = {"arbiter": {"veto_horizon": "step", "r_min": -0.5}}
-    plain = terms_of(algorithm, settings_of(algorithm), "domain")["vetoes"]
+    plain = characteristics_of(algorithm, settings_of(algorithm), "domain")["vetoes"]
     assert "within the lookahead" in plain
-    changed = terms_of(algorithm, settings_of(algorithm).replace(changes), "domain")["vetoes"]
+    changed = characteristics_of(algorithm, settings_of(algorithm).replace(changes), "domain")[
+        "vetoes"
+    ]
     assert changed == "unsafe and not applicable, reward below -0.5"
