@@ -1,4 +1,4 @@
-"""The command `serp`: one module a command, imported when the command is used."""
+"""The command `serp`; its commands are imported when they are used."""
 
 from __future__ import annotations
 

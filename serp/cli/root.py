@@ -23,7 +23,7 @@ COMMANDS = {
 
 @click.group(
     cls=LazyGroup,
-    commands_in=("serp.cli", COMMANDS),
+    commands_in=("serp.cli.commands", COMMANDS),
     examples=(
         "serp plan-and-learn --domain cartpole",
         "serp plan --domain cartpole --svg decision.svg",

@@ -43,7 +43,7 @@ PRESETS: Final[Mapping[str, Changes]] = {
         },
         "training": {"random_steps": 500},
     },
-    # What gives the best result today; docs/cartpole.md measures each choice.
+    # What gives the best result today; docs/results/cartpole.md measures each choice.
     "default": {
         # Two control periods an edge see twice as far at the same cost.
         "planner": {"depth": 5, "repeat": 2, "discount": 0.99, "leaf_value": "indifferent"},

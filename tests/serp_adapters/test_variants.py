@@ -24,7 +24,7 @@ FOLDER = Path(__file__).resolve().parents[2] / "domains"
 VARIANTS = sorted(path.stem for path in FOLDER.glob("*.pddl") if path.stem not in task_entries())
 
 # What the planner alone is worth with the preset `default`: episodes to measure, lowest and highest
-# mean return. docs/cartpole.md and docs/soccer.md have the exact figures.
+# mean return. docs/results/ has the exact figures.
 WORTH = {
     "cartpole-no-gravity": (5, 490.0, 500.0),
     "cartpole-no-velocity": (20, 46.0, 60.0),

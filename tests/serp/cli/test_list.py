@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from serp.cli.list import PRESETS
+from serp.cli.commands.list import PRESETS
 from serp.settings import PRESETS as KNOWN
 from serp.tasks.registry import GROUP, load_task, task_entries
 from tests.serp.cli.conftest import Run

@@ -1,0 +1,1 @@
+"""The commands of `serp`: one module a command, with the attribute `command`."""
