@@ -46,6 +46,11 @@ class TDGradient:
         self._next_work = Workspace(online, settings.batch_size)
         self._choice_work = Workspace(online, settings.batch_size if self._chooses else 0)
         self._filter_work = Workspace(online, settings.batch_size if self._filters else 0)
+        q, next_q = self._work.q, self._next_work.q
+        self._values = (
+            q, next_q, self._choice_work.q if self._chooses else next_q,
+            self._filter_work.q if self._filters else q,
+        )  # fmt: skip
 
     def gradient(
         self, batch: Samples, bounds: tuple[float, float], imitation_weight: float
@@ -66,11 +71,6 @@ class TDGradient:
         if self._chooses:
             self._online.forward(batch.next_observation, self._choice_work)
         self._online.forward(batch.observation, self._work)
-        q, next_q = self._work.q, self._next_work.q
-        values = (
-            q, next_q, self._choice_work.q if self._chooses else next_q,
-            self._filter_work.q if self._filters else q,
-        )  # fmt: skip
         how, guide, guided = None, None, self._guided
         if guided is not None and batch.guide is not None:
             guide = tuple(batch.guide)
@@ -79,7 +79,7 @@ class TDGradient:
                 np.float32(guided.margin), np.float32(imitation_weight),
             )  # fmt: skip
         loss: float = td_gradient(
-            values, (batch.action, batch.reward, batch.discount, batch.forbidden),
+            self._values, (batch.action, batch.reward, batch.discount, batch.forbidden),
             (np.float32(bounds[0]), np.float32(bounds[1])), self._huber, guide, how,
             self._work.q_gradient,
         )  # fmt: skip

@@ -36,7 +36,6 @@ class Sampler:
         symmetry: SymmetryGroup | None,
     ) -> None:
         self.rng = rng
-        self._store = store
         group = symmetry or SymmetryGroup(spec.input_size, spec.action_count)
         self._group = (group.columns, group.signs, group.actions)
         self._order = len(group)
@@ -46,8 +45,13 @@ class Sampler:
         self._elements: type_I64 = np.zeros(count, np.int64)
         self._counts = np.zeros(shape[1])
         self._starts: type_I64 = np.zeros(shape[1], np.int64)
-        self._flat = Samples.zeros(count, spec)
-        self._batch = self._flat.reshaped(*shape)
+        flat = Samples.zeros(count, spec)
+        self._batch = flat.reshaped(*shape)
+        # Plain tuples for the loops: memory and batch, without and of the guide.
+        self._samples = (store[:6], flat[:6])
+        self._guides = None
+        if store.guide is not None and flat.guide is not None:
+            self._guides = (tuple(store.guide), tuple(flat.guide))
 
     def divide(self, ranges: Iterable[tuple[int, int, int]]) -> None:
         """Set which rows the columns of a batch are drawn from.
@@ -68,18 +72,15 @@ class Sampler:
         Returns:
             Samples with leading axes ``[members, batch]``, valid until the next draw.
         """
-        store, out = self._store, self._flat
         self.rng.random(out=self._uniform)
         _choose_rows(self._uniform, self._starts, self._counts, self._rows)
         if self._order > 1:
             self.rng.random(out=self._uniform)
             # From float to integer rounds down.
             self._elements[:] = self._uniform.reshape(-1) * self._order
-        _take_images(self._rows, self._elements, self._group, store[:6], out[:6])
-        if store.guide is not None and out.guide is not None:
-            _take_guide_images(
-                self._rows, self._elements, self._group[2], tuple(store.guide), tuple(out.guide)
-            )
+        _take_images(self._rows, self._elements, self._group, *self._samples)
+        if self._guides is not None:
+            _take_guide_images(self._rows, self._elements, self._group[2], *self._guides)
         return self._batch
 
 
@@ -113,13 +114,17 @@ def _take_images(rows: Any, elements: Any, group: Any, store: Any, out: Any) -> 
     columns, signs, images = group
     observation, action, reward, next_observation, discount, forbidden = store
     to_observation, to_action, to_reward, to_next_observation, to_discount, to_forbidden = out
-    width, count = columns.shape[1], images.shape[1]
+    width, count, alone = columns.shape[1], images.shape[1], len(columns) == 1
     for i in range(len(rows)):
         row, g = rows[i], elements[i]
         for j in range(width):
-            sign, column = signs[g, j], columns[g, j]
-            to_observation[i, j] = sign * observation[row, column]
-            to_next_observation[i, j] = sign * next_observation[row, column]
+            if alone:  # the identity
+                to_observation[i, j] = observation[row, j]
+                to_next_observation[i, j] = next_observation[row, j]
+            else:
+                sign, column = signs[g, j], columns[g, j]
+                to_observation[i, j] = sign * observation[row, column]
+                to_next_observation[i, j] = sign * next_observation[row, column]
         to_action[i] = images[g, action[row]]
         to_reward[i] = reward[row]
         to_discount[i] = discount[row]
