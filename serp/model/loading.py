@@ -11,7 +11,8 @@ from pathlib import Path
 from serp.model.facts import MAX_GROUND_SCHEMAS
 from serp.model.instantiate import instantiate
 from serp.model.transition_model import TransitionModel
-from serp.pddl.parser import parse_domain, parse_problem
+from serp.pddl.domain_parser import parse_domain
+from serp.pddl.problem_parser import parse_problem
 from serp.pddl.source import DomainError, DomainWarning, Source
 from serp.pddl.syntax import (
     REWARD,

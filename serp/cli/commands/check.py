@@ -107,7 +107,7 @@ def _report(
     """
     from serp.cli.rewards import learned_from
     from serp.lint.omissions import warnings_of
-    from serp.pddl.portability import outside_portable_subset
+    from serp.lint.portability import outside_portable_subset
 
     domain, task = _load(pair, own, max_ground_schemas)
     findings = warnings_of(domain)
@@ -133,7 +133,7 @@ def _report(
 
 def _ask_unified_planning(console: Console, domain: Domain, seconds: float | None) -> int:
     """Print whether unified-planning reads the files; return the number of warnings."""
-    from serp.pddl.portability import ask_unified_planning
+    from serp.lint.portability import ask_unified_planning
 
     if seconds is None:
         console.print("  unified-planning reads it: not asked (--portable asks)")

@@ -18,8 +18,8 @@ from serp.diagnosis.findings import (
     StochasticEffect,
 )
 from serp.diagnosis.repair.repair import repair
+from serp.lint.portability import outside_portable_subset
 from serp.model.loading import Domain
-from serp.pddl.portability import outside_portable_subset
 from serp.sysid.candidate_effects import may_change
 from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel, LiftedScope
 from serp.sysid.parameter_dependencies import parameter_dependencies

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from serp.pddl.portability import outside_portable_subset, refused_by_unified_planning
+from serp.lint.portability import outside_portable_subset, refused_by_unified_planning
 from serp.pddl.source import Source
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -1,0 +1,91 @@
+"""What domain and problem files begin with: `(define (domain name) ...)` and `:requirements`."""
+
+from __future__ import annotations
+
+import re
+
+from serp._util.text import did_you_mean
+from serp.pddl.declarations import expect_group, expect_name, is_name
+from serp.pddl.sexpr import Group, Word, read_group
+from serp.pddl.source import DomainError, Source
+
+_SUPPORTED = frozenset(
+    (
+        *(":strips", ":typing", ":equality", ":adl", ":conditional-effects"),
+        *(":negative-preconditions", ":disjunctive-preconditions", ":quantified-preconditions"),
+        *(":existential-preconditions", ":universal-preconditions"),
+        *(":fluents", ":numeric-fluents", ":action-costs"),
+        *(":time", ":processes", ":events", ":continuous-effects", ":hybrid"),
+    )
+)
+_UNSUPPORTED = {
+    ":durative-actions": "durative actions",
+    ":duration-inequalities": "durative actions",
+    ":derived-predicates": "derived predicates",
+    ":timed-initial-literals": "timed initial literals",
+    ":timed-initial-fluents": "timed initial fluents",
+    ":preferences": "preferences",
+    ":constraints": "trajectory constraints",
+    ":object-fluents": "object fluents",
+    ":probabilistic-effects": "probabilistic effects",
+    ":rewards": "PPDDL rewards",
+    ":multi-agent": "multi-agent domains",
+    ":unfactored-privacy": "multi-agent domains",
+    ":factored-privacy": "multi-agent domains",
+    ":method-preconditions": "hierarchical domains",
+    ":hierarchy": "hierarchical domains",
+}
+_FILE_NAME = re.compile(r"[a-z0-9][a-z0-9_.\-]*\Z")
+
+
+def read_definition(source: Source, what: str) -> tuple[str, Group, tuple[Group, ...]]:
+    """Return the name, the whole, and the sections of `(define (what name) ...)`."""
+    top = read_group(source)
+    if top.head != "define":
+        raise DomainError("a PDDL file begins with `(define`", top.place)
+    title = expect_group(top.items[1], f"`({what} name)`") if len(top.items) > 1 else top
+    if title is top or title.head not in ("domain", "problem"):
+        raise DomainError(f"expected `({what} name)` after `define`", title.place)
+    if title.head != what:
+        raise DomainError(f"this is a {title.head} file, a {what} file is needed", title.place)
+    name = _name(title, what)
+    return name, top, tuple(expect_group(item, "a section") for item in top.items[2:])
+
+
+def _name(title: Group, what: str) -> str:
+    """Return the name in `(what name)`, with a warning where it is an unusual one.
+
+    A domain's name becomes the name of files; that of a problem is read by nobody.
+    """
+    words = [node.text for node in title.items[1:] if isinstance(node, Word)]
+    if what == "problem" and len(words) == len(title.items) - 1 and len(words) != 1:
+        title.place.warn(f"`{title.place.text}`: other tools take one name")
+        return " ".join(words)
+    if len(title.items) != 2:
+        raise DomainError(f"expected `({what} name)` after `define`", title.place)
+    node = title.items[1]
+    if isinstance(node, Word) and (what == "problem" or _FILE_NAME.match(node.text)):
+        if not is_name(node):
+            node.place.warn(f"`{node.text}`: for other tools a name begins with a letter and goes "
+                            "on with letters, digits, `-` and `_`")  # fmt: skip
+        return node.text
+    return expect_name(node, f"the {what}").text
+
+
+def check_requirements(group: Group) -> None:
+    """Warn of requirements that are unknown or not supported.
+
+    Raises:
+        DomainError: Something that stands there is a list.
+    """
+    for node in group.items[1:]:
+        if not isinstance(node, Word):
+            raise DomainError("expected a requirement such as `:typing`", node.place)
+        if node.text in _UNSUPPORTED:
+            what = _UNSUPPORTED[node.text]
+            node.place.warn(
+                f"`{node.text}` is not needed: {what} are not supported, and none is used"
+            )
+        elif node.text not in _SUPPORTED:
+            advice = did_you_mean(node.text, [*_SUPPORTED, *_UNSUPPORTED])
+            node.place.warn(f"unknown requirement `{node.text}`; {advice}")

@@ -1,0 +1,152 @@
+"""Parsing problem files."""
+
+from __future__ import annotations
+
+from serp._util.text import did_you_mean
+from serp.pddl.conditions import parse_condition
+from serp.pddl.declarations import expect_group, parse_objects
+from serp.pddl.definition import check_requirements, read_definition
+from serp.pddl.expressions import as_function, parse_expression, parse_number
+from serp.pddl.scope import INSTEAD, Scope
+from serp.pddl.sexpr import Group, Word
+from serp.pddl.source import DomainError, Place, Source
+from serp.pddl.syntax import (
+    REWARD,
+    TERMINAL,
+    UNSAFE,
+    Atom,
+    Condition,
+    DomainSyntax,
+    FunctionTerm,
+    Metric,
+    Number,
+    ProblemSyntax,
+    TotalTime,
+)
+
+_SECTIONS = (":domain", ":requirements", ":objects", ":init", ":goal", ":metric")
+
+
+def parse_problem(source: Source, domain: DomainSyntax) -> ProblemSyntax:
+    """Parse the problem file that belongs to a domain.
+
+    Raises:
+        DomainError: Anything in it is malformed, unknown, not supported, or of another domain.
+    """
+    name, top, sections = read_definition(source, "problem")
+    single: dict[str, Group] = {}
+    for section in sections:
+        if section.head not in _SECTIONS:
+            raise DomainError(
+                f"`{section.head or '()'}` is not supported in a problem",
+                section.place,
+                INSTEAD.get(section.head) or did_you_mean(section.head, _SECTIONS),
+            )
+        if section.head in single:
+            raise DomainError(f"a second `{section.head}`", section.place, "merge the two")
+        single[section.head] = section
+    if ":domain" in single:
+        _check_domain_name(single[":domain"], domain)
+    if ":requirements" in single:
+        check_requirements(single[":requirements"])
+    objects = dict(domain.constants)
+    if ":objects" in single:
+        for obj in parse_objects(single[":objects"], domain.parents).values():
+            known = objects.get(obj.name)
+            if known is not None and known.type != obj.type:
+                raise DomainError(
+                    f"`{obj.name}` is a constant of type `{known.type}` in the domain", obj.place
+                )
+            objects[obj.name] = obj
+    scope = Scope(domain.parents, objects, domain.declarations, {})
+    atoms, values = _initial(single[":init"], scope) if ":init" in single else ((), ())
+    goal = _goal(single[":goal"], scope) if ":goal" in single else None
+    metric = _metric(single[":metric"], scope) if ":metric" in single else None
+    return ProblemSyntax(
+        name, objects, atoms, values, goal, metric, top.place, has_init=":init" in single
+    )
+
+
+def _check_domain_name(group: Group, domain: DomainSyntax) -> None:
+    if len(group.items) != 2:
+        raise DomainError("expected `(:domain name)`", group.place)
+    word = group.items[1]
+    if not isinstance(word, Word):
+        raise DomainError("expected the name of the domain, found a list", word.place)
+    if word.text != domain.name:
+        word.place.warn(f"this problem names domain `{word.text}`, not `{domain.name}`")
+
+
+def _initial(
+    group: Group, scope: Scope
+) -> tuple[tuple[Atom, ...], tuple[tuple[FunctionTerm, Number], ...]]:
+    atoms: list[Atom] = []
+    denied: dict[tuple[str, ...], Place] = {}
+    values: dict[tuple[str, ...], tuple[FunctionTerm, Number]] = {}
+    # What a metric may read, an initial value may name: `(reward)` too.
+    readable = Scope(scope.parents, scope.objects, scope.declarations, {}, in_metric=True)
+    for node in group.items[1:]:
+        item = expect_group(node, "a fact")
+        if item.head == "=":
+            if len(item.items) != 3:
+                raise DomainError("expected `(= (function) number)`", item.place)
+            target = expect_group(as_function(item.items[1], scope), "a function")
+            function = parse_expression(target, readable)
+            if isinstance(function, TotalTime) and parse_number(item.items[2]).value == 0.0:
+                item.place.warn("`(total-time)` starts at 0 without being told so")
+                continue
+            if not isinstance(function, FunctionTerm):
+                raise DomainError("expected a function of the domain", function.place)
+            key = _key(function)
+            if key in values:
+                raise DomainError(f"a second value for `{function.place.text}`", item.place)
+            values[key] = (function, parse_number(item.items[2]))
+            continue
+        if item.head == "not":
+            if len(item.items) != 2:
+                raise DomainError("`not` takes one predicate", item.place)
+            fact = parse_condition(item.items[1], scope)
+            if not isinstance(fact, Atom):
+                raise DomainError("`not` takes one predicate", item.place)
+            denied[_key(fact)] = item.place  # false anyway, unless it is stated too
+            continue
+        if item.head == "at" and len(item.items) == 3 and isinstance(item.items[2], Group):
+            raise DomainError(
+                "timed initial literals are not supported", item.place, INSTEAD["timed"]
+            )
+        fact = parse_condition(item, scope)
+        if not isinstance(fact, Atom):
+            raise DomainError(
+                "expected a predicate over objects or `(= (function) number)`", item.place
+            )
+        if fact.name in (UNSAFE, TERMINAL):
+            raise DomainError(f"`({fact.name})` starts false in every step", item.place)
+        atoms.append(fact)
+    for atom in atoms:
+        if _key(atom) in denied:
+            raise DomainError(f"`{atom.place.text}` is also stated true", denied[_key(atom)])
+    _, zero = values.pop((REWARD,), (None, None))
+    if zero is not None and zero.value != 0.0:
+        raise DomainError("`(reward)` starts at 0 in every step", zero.place)
+    return tuple(atoms), tuple(values.values())
+
+
+def _key(term: Atom | FunctionTerm) -> tuple[str, ...]:
+    return (term.name, *(argument.name for argument in term.arguments))
+
+
+def _goal(group: Group, scope: Scope) -> Condition | None:
+    if len(group.items) != 2:
+        raise DomainError("expected `(:goal condition)`", group.place)
+    return parse_condition(group.items[1], scope)
+
+
+def _metric(group: Group, scope: Scope) -> Metric:
+    if len(group.items) != 3 or not isinstance(group.items[1], Word):
+        raise DomainError("expected `(:metric maximize|minimize expression)`", group.place)
+    sense = group.items[1]
+    if sense.text not in ("maximize", "minimize"):
+        raise DomainError(f"expected maximize or minimize, found `{sense.text}`", sense.place)
+    inner = Scope(scope.parents, scope.objects, scope.declarations, {}, in_metric=True)
+    node = group.items[2]
+    return Metric(sense.text == "maximize", parse_expression(node, inner), group.place)
