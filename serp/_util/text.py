@@ -1,4 +1,4 @@
-"""Words in messages: what was probably meant, and lists of names."""
+"""Words in messages: what was probably meant, lists of names, counts."""
 
 from __future__ import annotations
 
@@ -20,3 +20,8 @@ def listed(names: Iterable[str], most: int = 8) -> str:
     known = list(names)
     more = f" and {len(known) - most:,} more" if len(known) > most else ""
     return ", ".join(f"`{name}`" for name in known[:most]) + more
+
+
+def plural(count: int, noun: str, several: str | None = None) -> str:
+    """Return a count with its noun: `1 action`, `3 actions`."""
+    return f"{count:,} {noun if count == 1 else several or noun + 's'}"

@@ -1,4 +1,4 @@
-"""Writing results: tables and lines, in colour on a terminal, plain text elsewhere."""
+"""Writing: tables and lines (in colour on a terminal, plain text elsewhere), examples in help."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from serp._util.terminal import visible
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from serp.model.loading import Domain
+    from serp.tasks.task import Task
 
 _UNLIMITED = 10_000  # columns of a file or pipe: nothing is wrapped or cut
 
@@ -87,6 +90,45 @@ def print_result(text: object) -> None:
     click.echo(visible(str(text)) if sys.stdout.isatty() else str(text))
 
 
-def plural(count: int, noun: str, several: str | None = None) -> str:
-    """Return a count with its noun: `1 action`, `3 actions`."""
-    return f"{count:,} {noun if count == 1 else several or noun + 's'}"
+def learned_from(domain: Domain, task: Task) -> str:
+    """Say what the learner of a task learns from.
+
+    Args:
+        domain: The domain file that is looked at.
+        task: The task that it belongs to.
+
+    Raises:
+        SettingsError: The settings of the task are wrong.
+    """
+    from serp.settings import resolve
+    from serp.tasks.reward import describe_source, reward_source
+    from serp.tasks.task import declared_reward
+
+    declared = declared_reward(task, domain.model)
+    source = reward_source(declared, resolve("default", task.settings))
+    said = describe_source(source, in_file=domain.model.rewarding)
+    return f"task {task.name or domain.name}: the learner learns from {said}"
+
+
+class ExampledCommand(click.Command):
+    """A command with examples.
+
+    Args:
+        examples: Command lines.
+    """
+
+    def __init__(self, *args: Any, examples: Sequence[str], **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.examples = tuple(examples)
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the examples, then what else there is to say."""
+        write_examples(formatter, self.examples)
+        super().format_epilog(ctx, formatter)
+
+
+def write_examples(formatter: click.HelpFormatter, examples: Sequence[str]) -> None:
+    """Write a section of examples; no line is wrapped, so that each can be copied."""
+    with formatter.section("Examples"):
+        for example in examples:
+            formatter.write(f"{'':{formatter.current_indent}}{example}\n")

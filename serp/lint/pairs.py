@@ -16,7 +16,7 @@ _TITLE = re.compile(r"\s*\(\s*define\s*\(\s*(domain|problem)\s+([^\s()]+)", re.I
 _DOMAIN = re.compile(r"\(\s*:domain\s+([^\s()]+)", re.IGNORECASE)
 
 
-class Pair(NamedTuple):
+class DomainFiles(NamedTuple):
     """One domain to check.
 
     Attributes:
@@ -30,7 +30,7 @@ class Pair(NamedTuple):
     problem: Path | None
 
 
-def pairs(names: Iterable[str]) -> list[Pair]:
+def pairs(names: Iterable[str]) -> list[DomainFiles]:
     """Return the domains that files and names of tasks mean, with their problems.
 
     A domain file is looked at with each problem that belongs to it, and by itself (or with the
@@ -42,9 +42,9 @@ def pairs(names: Iterable[str]) -> list[Pair]:
     titles = {path: _title(path) for _, path in given if path is not None}
     domains = [path for path, title in titles.items() if title.kind != "problem"]
     found = [
-        Pair(name, _domain_of(path, titles[path], domains, titles), path)
+        DomainFiles(name, _domain_of(path, titles[path], domains, titles), path)
         if path is not None and titles[path].kind == "problem"
-        else Pair(name, path, None)
+        else DomainFiles(name, path, None)
         for name, path in given
     ]
     with_problem = {_real(pair.domain) for pair in found if pair.problem is not None}
@@ -94,7 +94,7 @@ def _domain_of(
     return None
 
 
-def _once(found: Iterable[Pair]) -> Iterator[Pair]:
+def _once(found: Iterable[DomainFiles]) -> Iterator[DomainFiles]:
     seen: set[tuple[str, str]] = set()
     for pair in found:
         key = (_real(pair.domain) or pair.name, _real(pair.problem))

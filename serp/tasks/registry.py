@@ -51,11 +51,15 @@ def find_domain_file(domain: str) -> Path | None:
     return None if domain in task_entries() else _shipped_beside(domain)
 
 
-def find_task(domain: str) -> Task:
+def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
     """Return the task that `--domain` means.
 
     A file belongs to the task that is named like the domain in it, or like the file up to a
     hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`).
+
+    Args:
+        domain: Name of an installed task, or a domain file.
+        max_ground_schemas: How large the domain of a file may be; None for the usual limit.
 
     Raises:
         TaskError: There is no such file, or no task for it.
@@ -64,7 +68,7 @@ def find_task(domain: str) -> Task:
     path = find_domain_file(domain)
     if path is None:
         return load_task(domain)
-    loaded = load_domain(path, observed=True)
+    loaded = load_domain(path, observed=True, max_ground_schemas=max_ground_schemas)
     task = task_of(loaded, path)
     if task is None:
         raise TaskError(

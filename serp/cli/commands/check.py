@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from serp.cli.examples import ExampledCommand
+from serp._util.text import plural
+from serp.cli.asked import asked_domain, asked_own_task
 from serp.cli.failures import DONE, MISTAKE, say
-from serp.cli.output import open_console, plural
-from serp.cli.tasks import asked_own_task, domain_of, own_task_name, own_task_option
+from serp.cli.options import max_ground_schemas_option, own_task_name, own_task_option
+from serp.cli.output import ExampledCommand, open_console
 from serp.errors import SerpError, TaskError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.lint.pairs import Pair
+    from serp.lint.pairs import DomainFiles
     from serp.model.loading import Domain
     from serp.pddl.source import DomainWarning
     from serp.tasks.task import Task
@@ -45,8 +45,7 @@ _WARNINGS = 100  # warnings of one domain that are printed
               help="Ask unified-planning as well whether it reads the files.")  # fmt: skip
 @click.option("--portable-seconds", type=click.FloatRange(min=0, min_open=True), default=60.0,
               show_default=True, metavar="S", help="Most seconds to wait for it.")  # fmt: skip
-@click.option("--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
-              help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
+@max_ground_schemas_option
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -66,14 +65,14 @@ def command(
     Every file is checked, even where one before it is wrong. Warnings (what may have been
     forgotten, and what other PDDL tools refuse) leave the exit status 0.
     """
-    from serp.lint.pairs import Pair, pairs
+    from serp.lint.pairs import DomainFiles, pairs
 
     own = asked_own_task()
     if not domains and own is None:
         raise click.UsageError("give files, names of installed tasks, or --task", ctx)
     console = open_console()
     wrong = warned = 0
-    checks = pairs(domains) if domains else [Pair(str(own_task_name()), None, None)]
+    checks = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
     for position, check in enumerate(checks):
         if position:
             console.print("")
@@ -95,7 +94,7 @@ def command(
 
 def _report(
     console: Console,
-    pair: Pair,
+    pair: DomainFiles,
     own: Task | None,
     portable_seconds: float | None,
     max_ground_schemas: int | None,
@@ -105,7 +104,7 @@ def _report(
     Raises:
         SerpError: Something is wrong.
     """
-    from serp.cli.rewards import learned_from
+    from serp.cli.output import learned_from
     from serp.lint.omissions import warnings_of
     from serp.lint.portability import outside_portable_subset
 
@@ -147,31 +146,25 @@ def _ask_unified_planning(console: Console, domain: Domain, seconds: float | Non
 
 
 def _load(
-    pair: Pair, own: Task | None, max_ground_schemas: int | None
+    pair: DomainFiles, own: Task | None, max_ground_schemas: int | None
 ) -> tuple[Domain, Task | None]:
     """Return a domain, and the task that it belongs to, with that domain; None for no task."""
-    import dataclasses
-
     from serp.model.loading import load_domain
-    from serp.tasks.registry import load_task, task_of
 
-    if pair.domain is not None:
-        domain = load_domain(pair.domain, pair.problem, max_ground_schemas=max_ground_schemas)
-        task = None if own is None else dataclasses.replace(own, domain=domain, problem=None)
-        if own is None:
-            with contextlib.suppress(TaskError):  # the file may be right all the same
-                task = task_of(domain, pair.domain)
-        return domain if task is None else task.load(), task
-    if pair.problem is not None:
+    if pair.domain is None and pair.problem is not None:
         raise SerpError(
             f"{pair.problem}: a problem file, and its domain file is not known; give both, as in "
             f"`serp check domain.pddl {pair.problem}`"
         )
-    if own is None and Path(pair.name).is_dir():
+    if pair.domain is None and own is None and Path(pair.name).is_dir():
         raise SerpError(f"{pair.name} is a folder; give the files in it, such as `*.pddl`")
-    task = load_task(pair.name) if own is None else own
-    domain = domain_of(task, None, max_ground_schemas)
-    return domain, dataclasses.replace(task, domain=domain, problem=None)
+    try:
+        return asked_domain(pair.name, pair.domain, pair.problem, max_ground_schemas, own)
+    except TaskError:
+        if pair.domain is None or own is not None:
+            raise
+        # The package that offers the task fails; the file may be right all the same.
+        return load_domain(pair.domain, pair.problem, max_ground_schemas=max_ground_schemas), None
 
 
 def _fit(task: Task, *, asked: bool) -> tuple[str | None, list[DomainWarning]]:

@@ -8,11 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from serp.cli.examples import ExampledCommand
+from serp.cli.asked import asked_task
 from serp.cli.failures import say, stopped_by
-from serp.cli.output import open_console, print_result, print_table
-from serp.cli.tasks import asked_task, limited, own_task_name, own_task_option
-from serp.cli.values import parse_settings
+from serp.cli.options import (
+    max_ground_schemas_option,
+    own_task_name,
+    own_task_option,
+    parse_settings,
+)
+from serp.cli.output import ExampledCommand, open_console, print_result, print_table
 
 if TYPE_CHECKING:
     from serp.compare.study import Comparison
@@ -61,8 +65,7 @@ if TYPE_CHECKING:
                    "[default: runs/compare-<domain>-<time>]")  # fmt: skip
 @click.option("--jobs", type=click.IntRange(min=1), metavar="N",
               help="Processes.  [default: one a core]")  # fmt: skip
-@click.option("--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
-              help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
+@max_ground_schemas_option
 @click.option("--quiet", is_flag=True, help="No display; print the folder alone.")
 @click.option("--list", "listing", is_flag=True, help="List the algorithms.")
 @click.pass_context
@@ -87,7 +90,7 @@ def command(
     if listing:
         _list()
         return None
-    task = asked_task(domain)
+    task = asked_task(domain, max_ground_schemas)
     if task is None and options["out"] is None:
         raise click.UsageError(
             "give --domain (`serp list` names the tasks), --task, or --out DIR", ctx
@@ -104,8 +107,6 @@ def command(
         "settings": parse_settings(assignments),
         "model_variants": _named(model_variants, "--model-variants"),
     }
-    if task is not None:
-        task = limited(task, max_ground_schemas)
     from serp.compare.study import compare
     from serp.errors import Interrupted
 

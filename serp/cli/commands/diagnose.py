@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import click
 
 from serp._util.number_format import readable
-from serp.cli.examples import ExampledCommand
+from serp._util.text import plural
 from serp.cli.failures import say
-from serp.cli.output import open_console, plural, print_json, print_table
+from serp.cli.output import ExampledCommand, open_console, print_json, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -7,9 +7,10 @@ from pathlib import Path
 import click
 
 from serp._util.number_format import readable
-from serp.cli.examples import ExampledCommand
-from serp.cli.output import open_console, plural, print_json, print_table
-from serp.cli.policies import open_run, policy_of_run
+from serp._util.text import plural
+from serp.cli.asked import open_run
+from serp.cli.options import policy_of_run
+from serp.cli.output import ExampledCommand, open_console, print_json, print_table
 from serp.training.policies import Policy
 
 

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from serp.cli.examples import ExampledCommand
-from serp.cli.output import open_console, print_table
+from serp.cli.output import ExampledCommand, open_console, print_table
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint

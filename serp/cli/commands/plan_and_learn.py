@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import shlex
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,11 +13,17 @@ import click
 from click.core import ParameterSource
 
 from serp._util.number_format import readable
-from serp.cli.examples import ExampledCommand
+from serp._util.text import plural
+from serp.cli.asked import asked_task
 from serp.cli.failures import say, stopped_by
-from serp.cli.output import open_console, plural, print_result, print_table
-from serp.cli.tasks import asked_task, limited, own_task_name, own_task_option
-from serp.cli.values import parse_settings
+from serp.cli.options import (
+    as_record,
+    max_ground_schemas_option,
+    own_task_name,
+    own_task_option,
+    parse_settings,
+)
+from serp.cli.output import ExampledCommand, open_console, print_result, print_table
 
 if TYPE_CHECKING:
     from serp.tasks.task import Task
@@ -24,6 +31,23 @@ if TYPE_CHECKING:
 
 _FROM_OUT = ""
 """What `--resume` holds without a value of its own."""
+
+
+@dataclass(frozen=True)
+class TrainingOptions:
+    """What `serp plan-and-learn` is given; the help of the command says what each is."""
+
+    domain: str | None
+    preset: str
+    episodes: int | None
+    env_steps: int | None
+    seed: int
+    out: Path | None
+    resume: str | None
+    adapt: str | None
+    max_ground_schemas: int | None
+    assignments: tuple[str, ...]
+    quiet: bool
 
 
 @click.command(
@@ -55,26 +79,12 @@ _FROM_OUT = ""
               help="Continue a run: this one, or that in --out.")  # fmt: skip
 @click.option("--adapt", metavar="off|parameters|residual|full",
               help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
-@click.option("--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
-              help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
+@max_ground_schemas_option
 @click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
               help="Change a setting; may be repeated.")  # fmt: skip
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
-@click.pass_context
-def command(
-    ctx: click.Context,
-    domain: str | None,
-    preset: str,
-    episodes: int | None,
-    env_steps: int | None,
-    seed: int,
-    out: Path | None,
-    resume: str | None,
-    adapt: str | None,
-    max_ground_schemas: int | None,
-    assignments: tuple[str, ...],
-    quiet: bool,
-) -> int | None:
+@as_record(TrainingOptions)
+def command(ctx: click.Context, given: TrainingOptions) -> int | None:
     """Train on a task, or continue a training.
 
     The planner acts from the first step and the learner takes over; what the domain file flags
@@ -84,23 +94,20 @@ def command(
     episode is finished first. A second one stops at once, and the run goes on from its last
     checkpoint.
     """
-    settings = parse_settings(assignments)
-    if adapt is not None:
+    settings = parse_settings(given.assignments)
+    if given.adapt is not None:
         if "mode" in settings.setdefault("adaptation", {}):
             raise click.UsageError("give --adapt or --set adaptation.mode, not both", ctx)
-        settings["adaptation"]["mode"] = adapt
-    resuming = resume is not None
-    path: Path | None
-    if resuming:
-        path = _run_to_resume(ctx, resume or None, out)
-        task = _task_of_run(path, domain)
-    else:
-        asked = asked_task(domain)
-        if asked is None:
+        settings["adaptation"]["mode"] = given.adapt
+    resuming = given.resume is not None
+    path = _run_to_resume(ctx, given.resume or None, given.out) if resuming else given.out
+    task = asked_task(given.domain, given.max_ground_schemas)
+    if task is None:
+        if path is None or not resuming:
             raise click.UsageError(
                 "give --domain (`serp list` names the tasks), --task, or --resume RUN", ctx
             )
-        path, task = out, limited(asked, max_ground_schemas)
+        task = _task_of_run(path)
     from serp.errors import Interrupted
     from serp.training.plan_and_learn import plan_and_learn
 
@@ -108,8 +115,9 @@ def command(
     try:
         with _own_task_added():
             run = plan_and_learn(
-                task, preset=preset, settings=settings, episodes=episodes, env_steps=env_steps,
-                seed=seed, out=path, resume=resuming, quiet=quiet,
+                task, preset=given.preset, settings=settings, episodes=given.episodes,
+                env_steps=given.env_steps, seed=given.seed, out=path, resume=resuming,
+                quiet=given.quiet,
             )  # fmt: skip
     except Interrupted as stop:
         say("\n".join([str(stop), *_notes(stop)]))
@@ -121,10 +129,10 @@ def command(
         return stopped_by(stop)
     if resuming and _episodes(run.path) == episodes_before:
         say("Nothing was left to do. To train on, give more --episodes or --env-steps in all.")
-    if quiet:
+    if given.quiet:
         print_result(run.path)
     else:
-        _print_results(run, domain)
+        _print_results(run, given.domain)
     return None
 
 
@@ -148,12 +156,11 @@ def _run_to_resume(ctx: click.Context, given: str | None, out: Path | None) -> P
     return path
 
 
-def _task_of_run(path: Path, domain: str | None) -> Task:
+def _task_of_run(path: Path) -> Task:
     from serp.runs.config import read_config
     from serp.tasks.registry import load_task
 
-    task = asked_task(domain)
-    return task if task is not None else load_task(str(read_config(path)["config"].get("task")))
+    return load_task(str(read_config(path)["config"].get("task")))
 
 
 def _episodes(path: Path) -> int:

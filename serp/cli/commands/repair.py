@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from serp.cli.examples import ExampledCommand
+from serp._util.text import plural
 from serp.cli.failures import say
-from serp.cli.output import open_console, plural
+from serp.cli.output import ExampledCommand, open_console
 from serp.errors import SerpError
 
 if TYPE_CHECKING:

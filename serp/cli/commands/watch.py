@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import click
 
 from serp._util.number_format import readable
-from serp.cli.examples import ExampledCommand
+from serp._util.text import plural
+from serp.cli.asked import open_run
 from serp.cli.failures import say
-from serp.cli.output import open_console, plural
-from serp.cli.policies import open_run, policy_of_run
+from serp.cli.options import policy_of_run
+from serp.cli.output import ExampledCommand, open_console
 from serp.training.policies import Policy
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import serp
-from serp.cli.observing import observed, observed_choice
+from serp.cli.state import observed, observed_choice
 from tests.serp.sample_tasks import CORRIDOR, corridor
 
 MILD = CORRIDOR.replace("(unsafe) (terminal)", "(terminal)")

@@ -7,7 +7,8 @@ import json
 import pytest
 
 from serp._util.number_format import readable
-from serp.cli.output import open_console, plural, print_json, print_table
+from serp._util.text import plural
+from serp.cli.output import open_console, print_json, print_table
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.cli.values import parse_settings, parse_state
+from serp.cli.options import parse_settings
+from serp.cli.state import parse_state
 from serp.errors import SerpError
 from serp.settings import resolve
 from tests.generated.profile import examples

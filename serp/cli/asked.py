@@ -1,0 +1,126 @@
+"""The domain, task or run that a command is asked for, loaded."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from serp.cli.failures import say
+from serp.cli.options import own_task_name
+from serp.errors import SerpError
+
+if TYPE_CHECKING:
+    from serp.model.loading import Domain
+    from serp.tasks.task import Task
+    from serp.training.run import Run
+
+
+def asked_own_task() -> Task | None:
+    """Return the task that `--task` names, or None where it is not given.
+
+    Raises:
+        TaskError: There is no such task.
+    """
+    name = own_task_name()
+    if name is None:
+        return None
+    from serp.tasks.custom_tasks import custom_task
+
+    return custom_task(name)
+
+
+def asked_task(domain: str | None, max_ground_schemas: int | None = None) -> Task | None:
+    """Return the task that `--task` and `--domain` mean together; None where neither is given.
+
+    Beside `--task`, `--domain` is another domain file for it.
+
+    Args:
+        domain: Name of an installed task, or a domain file.
+        max_ground_schemas: How large the domain may be; None for the usual limit.
+
+    Raises:
+        SerpError: There is no such task or file, or the domain is wrong or too large.
+    """
+    from serp.tasks.registry import find_domain_file, find_task
+
+    task = asked_own_task()
+    if task is None:
+        task = find_task(domain, max_ground_schemas) if domain is not None else None
+    elif domain is not None:
+        file = find_domain_file(domain)
+        if file is None:
+            raise SerpError(f"--domain {domain}: beside --task it is a domain file")
+        task = dataclasses.replace(task, domain=file, problem=None)
+    if task is None or max_ground_schemas is None:
+        return task
+    return with_domain(task, domain_of(task, None, max_ground_schemas))
+
+
+def asked_domain(
+    name: str,
+    file: Path | None,
+    problem: Path | None,
+    max_ground_schemas: int | None,
+    own: Task | None,
+) -> tuple[Domain, Task | None]:
+    """Return a domain and the task that it belongs to, with that domain; None for no task.
+
+    Args:
+        name: Name of an installed task; it counts where there is neither a file nor `own`.
+        file: The domain file; None for the one of the task.
+        problem: The problem file; None for the one that belongs to the domain.
+        max_ground_schemas: How large the domain may be; None for the usual limit.
+        own: The task of `--task`.
+
+    Raises:
+        SerpError: There is no such task or file, or the domain is wrong or too large.
+    """
+    from serp.model.loading import load_domain
+    from serp.tasks.registry import load_task, task_of
+
+    if file is None:
+        task = load_task(name) if own is None else own
+        domain = domain_of(task, problem, max_ground_schemas)
+        return domain, with_domain(task, domain)
+    domain = load_domain(file, problem, max_ground_schemas=max_ground_schemas)
+    found = task_of(domain, file) if own is None else with_domain(own, domain)
+    return domain if found is None else found.load(), found
+
+
+def domain_of(task: Task, problem: Path | None, max_ground_schemas: int | None) -> Domain:
+    """Return the domain of a task.
+
+    Args:
+        task: The task.
+        problem: The problem file; None for the task's own.
+        max_ground_schemas: How large the domain may be; None for the usual limit.
+
+    Raises:
+        DomainError: A file is wrong, or the domain too large.
+    """
+    from serp.model.loading import Domain, load_domain
+
+    if problem is None and max_ground_schemas is None:
+        return task.load()
+    file, limit = task.domain, max_ground_schemas
+    if isinstance(file, Domain):
+        if problem is None and limit is not None:
+            return dataclasses.replace(file.observed(), max_ground_schemas=limit)
+        file = file.source.name
+    return load_domain(file, problem or task.problem, observed=True, max_ground_schemas=limit)
+
+
+def with_domain(task: Task, domain: Domain) -> Task:
+    """Return a task with a domain that is loaded, problem and all."""
+    return dataclasses.replace(task, domain=domain, problem=None)
+
+
+def open_run(folder: Path) -> Run:
+    """Open a run, and say what is to be known of its agent."""
+    from serp.training.run import load_run
+
+    run = load_run(folder, asked_own_task())
+    if run.notice is not None:
+        say(run.notice)
+    return run
