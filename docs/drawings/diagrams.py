@@ -122,7 +122,7 @@ def line() -> str:
             60,
             (
                 ("nested lists", "serp.pddl.sexpr"),
-                ("syntax", "serp.pddl.domain_parser"),
+                ("syntax", "pddl.domain_parser"),
                 ("ground model", "model.instantiate"),
                 ("syntax tree", "model.codegen"),
                 ("step function", "model.native"),

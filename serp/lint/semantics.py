@@ -1,14 +1,13 @@
-"""What a domain says that can hardly be meant: conditions that never hold, actions never safe."""
+"""Rules: conditions that never hold, and actions that are never safe."""
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterable, Iterator
 
 from serp.lint.exclusion import Pair, contradiction
+from serp.lint.subject import LintSubject
 from serp.model import ground as g
-from serp.model.loading import Domain
-from serp.pddl.source import DomainError, DomainWarning, Place
+from serp.pddl.source import DomainWarning, Place
 from serp.pddl.syntax import Kind
 
 _CANNOT = {
@@ -18,48 +17,51 @@ _CANNOT = {
 }
 
 
-def semantic_warnings(domain: Domain, wide: g.GroundModel) -> Iterator[DomainWarning]:
-    """Yield what can never happen in any instance, and which actions are unsafe in all of them.
+def _contradictory(subject: LintSubject) -> Iterator[DomainWarning]:
+    for name, schemas in subject.instances.items():
+        if pair := _contradiction_in_all(subject, schemas):
+            kind, place = schemas[0].kind, schemas[0].place
+            yield DomainWarning(
+                f"{kind.value} `{name}` {_CANNOT[kind]}: {_exclude(pair)}", _second(pair, place)
+            )
 
-    Args:
-        domain: A domain that was loaded, hence free of errors.
-        wide: The same for any states (`anywhere`).
-    """
-    reached = {s.schema for s in domain.model.ground.schemas}
-    theta = [parameter.value for parameter in wide.parameters]
-    instances: dict[str, list[g.GroundSchema]] = {}
-    for instance in wide.schemas:
-        instances.setdefault(instance.schema, []).append(instance)
-    excluded = functools.partial(contradiction, theta=theta)
-    for name, schemas in instances.items():
+
+def _not_reached(subject: LintSubject) -> Iterator[DomainWarning]:
+    reached = {schema.schema for schema in subject.domain.model.ground.schemas}
+    for name, schemas in subject.instances.items():
+        if name not in reached and not _contradiction_in_all(subject, schemas):
+            kind, place = schemas[0].kind, schemas[0].place
+            yield DomainWarning(
+                f"{kind.value} `{name}` {_CANNOT[kind]} from the problem's :init on", place
+            )
+
+
+def _always_unsafe(subject: LintSubject) -> Iterator[DomainWarning]:
+    for what, schemas in _possible(subject):
         kind, place = schemas[0].kind, schemas[0].place
-        what = f"{kind.value} `{name}`"
-        if pair := _in_all(excluded(schema.preconditions) for schema in schemas):
-            yield DomainWarning(f"{what} {_CANNOT[kind]}: {_exclude(pair)}", _second(pair, place))
-            continue
-        if name not in reached:
-            yield DomainWarning(f"{what} {_CANNOT[kind]} from the problem's :init on", place)
-            continue
-        if kind is Kind.ACTION and all(_always_unsafe(schema, theta) for schema in schemas):
+        if kind is Kind.ACTION and all(_unsafe(schema, subject.theta) for schema in schemas):
             yield DomainWarning(
                 f"{what} is unsafe wherever it can be applied: it is executed only where every "
                 "other action is unsafe too",
                 place,
             )
-        if kind is Kind.EVENT and any(_makes_all_unsafe(schema, theta) for schema in schemas):
+        if kind is Kind.EVENT and any(
+            _makes_all_unsafe(schema, subject.theta) for schema in schemas
+        ):
             yield DomainWarning(f"{what} makes every action unsafe: it always fires", place)
-        yield from _effects_without_use(what, schemas, theta)
 
 
-def anywhere(domain: Domain) -> g.GroundModel:
-    """Return the domain for states that need not be reached from the problem's `:init`.
+def _possible(subject: LintSubject) -> Iterator[tuple[str, list[g.GroundSchema]]]:
+    """Yield kind with name, and instances, of the schemas that can happen."""
+    reached = {schema.schema for schema in subject.domain.model.ground.schemas}
+    for name, schemas in subject.instances.items():
+        if name in reached and not _contradiction_in_all(subject, schemas):
+            yield f"{schemas[0].kind.value} `{name}`", schemas
 
-    Where that is too large, or needs numbers that nobody stated, it is what can be reached.
-    """
-    try:
-        return domain.observed().model.ground
-    except DomainError:
-        return domain.model.ground
+
+def _contradiction_in_all(subject: LintSubject, schemas: list[g.GroundSchema]) -> Pair | None:
+    """Return tests of the first instance that exclude each other if there are some in all."""
+    return _in_all(contradiction(schema.preconditions, subject.theta) for schema in schemas)
 
 
 def _in_all(pairs: Iterable[Pair | None]) -> Pair | None:
@@ -72,7 +74,7 @@ def _in_all(pairs: Iterable[Pair | None]) -> Pair | None:
     return first
 
 
-def _always_unsafe(schema: g.GroundSchema, theta: list[float]) -> bool:
+def _unsafe(schema: g.GroundSchema, theta: list[float]) -> bool:
     for effect in schema.effects:
         if isinstance(effect, g.SetBoolean) and effect.target == g.UNSAFE_TARGET and effect.value:
             # The condition follows from the precondition where its opposite contradicts it.
@@ -87,13 +89,18 @@ def _makes_all_unsafe(event: g.GroundSchema, theta: list[float]) -> bool:
     fires = all(
         contradiction((g.Not(condition, event.place),), theta) for condition in event.preconditions
     )
-    return fires and _always_unsafe(event, theta)
+    return fires and _unsafe(event, theta)
 
 
-def _effects_without_use(
+def _dead_effects(subject: LintSubject) -> Iterator[DomainWarning]:
+    """Find effects under a `when` that can hold in no instance."""
+    for what, schemas in _possible(subject):
+        yield from _never_in_any(what, schemas, subject.theta)
+
+
+def _never_in_any(
     what: str, schemas: list[g.GroundSchema], theta: list[float]
 ) -> Iterator[DomainWarning]:
-    """Find effects under a `when` that can hold in no instance."""
     possible: set[Place] = set()
     never: dict[Place, Pair] = {}
     for schema in schemas:
@@ -124,3 +131,11 @@ def _shown(test: g.Test) -> str:
 
 def _second(pair: Pair, otherwise: Place) -> Place:
     return otherwise if isinstance(pair[1], g.Constant) else pair[1].place
+
+
+RULES = {
+    "contradictory-condition": _contradictory,
+    "not-reached": _not_reached,
+    "always-unsafe": _always_unsafe,
+    "dead-effect": _dead_effects,
+}

@@ -105,8 +105,8 @@ def _report(
         SerpError: Something is wrong.
     """
     from serp.cli.output import learned_from
-    from serp.lint.omissions import warnings_of
     from serp.lint.portability import outside_portable_subset
+    from serp.lint.rules import warnings_of
 
     domain, task = _load(pair, own, max_ground_schemas)
     findings = warnings_of(domain)

@@ -185,6 +185,6 @@ def test_ctrl_c_finishes_the_episode(run: Run) -> None:
 
 def test_ctrl_c_before_the_run_leaves_nothing(run: Run) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.tasks.registry.find_task", lambda name: press_ctrl_c())
+        patch.setattr("serp.tasks.registry.find_task", lambda *_: press_ctrl_c())
         assert run(*TRAIN, "--out=r", expect=130).stderr.strip() == "Stopped."
     assert not Path("r").exists()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from serp.lint.omissions import warnings_of
+from serp.lint.rules import warnings_of
 from serp.model.loading import load_domain
 from tests.serp.cli.conftest import WALK, WALK_PROBLEM
 
