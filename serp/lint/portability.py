@@ -1,4 +1,4 @@
-"""Whether other PDDL tools read a file as well: the portable subset, and unified-planning's reader.
+"""Rules: what in a file not every PDDL tool reads.
 
 The rules are those that unified-planning, pddl, tarski, pddl-plus-parser and VAL have in common
 (processes and events apart). Breaking one is no error here: serp reads more than they do.
@@ -6,13 +6,8 @@ The rules are those that unified-planning, pddl, tarski, pddl-plus-parser and VA
 
 from __future__ import annotations
 
-import json
 import re
-import subprocess
-import sys
-import warnings
 from collections.abc import Iterator, Sequence
-from importlib.util import find_spec
 
 from serp.pddl.expressions import is_number
 from serp.pddl.sexpr import Group, Node, Word, read_group
@@ -22,12 +17,6 @@ _PLAIN_DECIMAL = re.compile(r"-?\d+(\.\d+)?\Z", re.ASCII)
 _SCHEMAS = (":action", ":process", ":event")
 _KEYS = (":parameters", ":precondition", ":effect")
 _OPERATORS = ("+", "-", "*", "/")
-_WHERE = re.compile(r"line:?\s*(\d+)\s*,\s*col(?:umn)?:?\s*(\d+)")
-_NOISE = re.compile(
-    r"\s*(\(at char \d+\)|,?\s*\(line:\s*\d+, col:\s*\d+\)"
-    r"|(found at|\.? ?from) line:.*)",
-    re.IGNORECASE,
-)
 
 
 def outside_portable_subset(source: Source) -> list[DomainWarning]:
@@ -110,130 +99,3 @@ def _typed_together(nodes: Sequence[Node]) -> Iterator[tuple[str, Place]]:
             text = "parameters that share a type; type each by itself, `?a - room ?b - room`"
             yield text, node.place
             return
-
-
-# unified-planning ------------------------------------------------------------------------------
-
-
-def ask_unified_planning(
-    domain: Source, problem: Source | None, seconds: float
-) -> tuple[str, DomainWarning | None]:
-    """Ask in a process of its own: its reader takes minutes for large files, and cannot be stopped.
-
-    Args:
-        domain: The domain file.
-        problem: The problem file, if there is one.
-        seconds: Most time to wait, > 0.
-
-    Returns:
-        `yes`, `no`, or why there is no answer; and what it has against the files.
-    """
-    if find_spec("unified_planning") is None:
-        return "not known (it is not installed: pip install 'serp[check]')", None
-    files = [(s.name, s.text) for s in (domain, problem) if s is not None]
-    try:
-        answer = subprocess.run(
-            [sys.executable, "-P", "-m", __name__],
-            input=json.dumps(files).encode(),
-            capture_output=True,
-            timeout=seconds,
-            check=True,
-        )
-    except subprocess.TimeoutExpired:
-        return f"not known after {seconds:g} seconds", None
-    except subprocess.CalledProcessError as error:
-        return f"not known (its process ended with status {error.returncode})", None
-    found = json.loads(answer.stdout)
-    if found is None:
-        return "yes", None
-    text, file, start, end = found
-    source = problem if file and problem is not None else domain
-    return "no", DomainWarning(text, None if start is None else source.place(start, end))
-
-
-def _answer() -> None:
-    """Read files as JSON from standard input, and write as JSON what is refused in them."""
-    domain, *problem = (Source(name, text) for name, text in json.load(sys.stdin))
-    found = refused_by_unified_planning(domain, problem[0] if problem else None)
-    place = found.place if found is not None else None
-    json.dump(
-        None
-        if found is None
-        else [
-            found.text,
-            place is not None and place.source is not domain,
-            place.start if place is not None else None,
-            place.end if place is not None else None,
-        ],
-        sys.stdout,
-    )
-
-
-def refused_by_unified_planning(domain: Source, problem: Source | None) -> DomainWarning | None:
-    """Return what unified-planning's `PDDLReader` has against the files, or None for nothing.
-
-    Args:
-        domain: The domain file.
-        problem: The problem file, if there is one.
-    """
-    error = _reading_error(domain.text, None)
-    source = domain
-    if error is None and problem is not None:
-        source, error = problem, _reading_error(domain.text, problem.text)
-    if error is None:
-        return None
-    unknown = _unknown_requirement(source)
-    if unknown is not None:
-        return DomainWarning(
-            f"unified-planning does not know the requirement `{unknown.text}`", unknown.place
-        )
-    text = str(error)
-    place = _place(source, text)
-    reason = " ".join(_NOISE.sub("", text).split()) or type(error).__name__
-    if isinstance(error, KeyError):
-        reason = f"{reason} is unknown to it"
-    whole = "" if place else f"{source.name}: "
-    return DomainWarning(f"{whole}unified-planning cannot read this: {reason}", place)
-
-
-def _reading_error(domain: str, problem: str | None) -> Exception | None:
-    from unified_planning.io import PDDLReader
-
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            PDDLReader().parse_problem_string(domain, problem)
-    except Exception as error:  # pyparsing's, its own, and failed assertions
-        return error
-    return None
-
-
-def _place(source: Source, message: str) -> Place | None:
-    """Return the place that a message names, to the end of its word."""
-    match = _WHERE.search(message)
-    if match is None:
-        return None
-    lines = source.text.split("\n")  # as it counts them
-    line, column = int(match[1]), int(match[2])
-    if not 1 <= line <= len(lines):
-        return None
-    before = sum(map(len, lines[: line - 1])) + line - 1
-    start = min(before + max(column - 1, 0), len(source.text))
-    word = re.match(r"[^\s()]+|.?", source.text[start:])
-    return source.place(start, start + (word.end() if word else 0))
-
-
-def _unknown_requirement(source: Source) -> Word | None:
-    """Return the first requirement of the file that unified-planning's reader does not know."""
-    for section in read_group(source).items[2:]:
-        if isinstance(section, Group) and section.head == ":requirements":
-            for word in section.items[1:]:
-                if isinstance(word, Word):
-                    minimal = f"(define (domain d) (:requirements {word.text}) (:predicates (p)))"
-                    if _reading_error(minimal, None) is not None:
-                        return word
-    return None
-
-
-if __name__ == "__main__":
-    _answer()

@@ -132,7 +132,7 @@ def _report(
 
 def _ask_unified_planning(console: Console, domain: Domain, seconds: float | None) -> int:
     """Print whether unified-planning reads the files; return the number of warnings."""
-    from serp.lint.portability import ask_unified_planning
+    from serp.lint.unified_planning import ask_unified_planning
 
     if seconds is None:
         console.print("  unified-planning reads it: not asked (--portable asks)")

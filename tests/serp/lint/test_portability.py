@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from serp.lint.portability import outside_portable_subset, refused_by_unified_planning
+from serp.lint.portability import outside_portable_subset
+from serp.lint.unified_planning import ask_unified_planning, refused_by_unified_planning
 from serp.pddl.source import Source
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -105,6 +108,15 @@ def test_what_unified_planning_cannot_read_is_said_with_its_place() -> None:
     found = refusal(PLAIN.replace(":parameters ()\n    ", ""))
     assert found.startswith("d.pddl:12:5: unified-planning cannot read this: Expected")
     assert "at char" not in found
+
+
+@pytest.mark.parametrize("output", [b"", b"Warning: no parser\nnull", b"[1]", b"\xff"])
+def test_an_answer_that_is_none_is_said(output: bytes, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(stdout=output))
+    source = Source("d.pddl", PLAIN)
+    assert ask_unified_planning(source, None, 1.0) == (
+        "not known (its process gave no answer)", None,
+    )  # fmt: skip
 
 
 def test_a_requirement_that_unified_planning_does_not_know_is_named() -> None:

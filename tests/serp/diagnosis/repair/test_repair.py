@@ -16,7 +16,8 @@ from serp.diagnosis.findings import (
     StochasticEffect,
 )
 from serp.diagnosis.repair.repair import Repaired, repair
-from serp.lint.portability import outside_portable_subset, refused_by_unified_planning
+from serp.lint.portability import outside_portable_subset
+from serp.lint.unified_planning import refused_by_unified_planning
 from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.regression_data import predictions
 from tests.serp.diagnosis.made_up import (
