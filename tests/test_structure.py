@@ -108,7 +108,7 @@ def decorators(node: ast.FunctionDef) -> str:
 
 
 def test_no_function_has_more_than_ten_parameters() -> None:
-    """Compiled kernels and commands of the command line excepted."""
+    """Compiled kernels excepted."""
     wrong = []
     for package in PACKAGES:
         for path in modules(package):
@@ -117,7 +117,7 @@ def test_no_function_has_more_than_ten_parameters() -> None:
                     continue
                 given = node.args
                 count = len(given.posonlyargs) + len(given.args) + len(given.kwonlyargs)
-                excepted = any(word in decorators(node) for word in ("compiled", "njit", "click"))
+                excepted = any(word in decorators(node) for word in ("compiled", "njit"))
                 if count > MOST_PARAMETERS and not excepted:
                     wrong.append(f"{path.relative_to(ROOT)} {node.name}")
     assert {*wrong} <= ABOVE
