@@ -1,7 +1,7 @@
 """The errors that a user of serp can meet.
 
-Everything that is the user's to mend derives from :class:`SerpError`; the command line prints its
-text without a traceback and exits with status 1. Any other exception that leaves serp is a bug.
+Errors that a user can fix derive from :class:`SerpError`; the command line prints their text
+without a traceback and exits with status 1. Any other exception that leaves serp is a bug.
 """
 
 from __future__ import annotations
@@ -51,4 +51,4 @@ class Interrupted(SerpError):
 
 
 class Notice(UserWarning):
-    """What the user should know and need not mend; the command prints it in one line."""
+    """Something that the user should know; the command prints it in one line."""

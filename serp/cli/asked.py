@@ -117,7 +117,7 @@ def with_domain(task: Task, domain: Domain) -> Task:
 
 
 def open_run(folder: Path) -> Run:
-    """Open a run, and say what is to be known of its agent."""
+    """Open a run, and print the notice of its agent, if it has one."""
     from serp.training.run import load_run
 
     run = load_run(folder, asked_own_task())

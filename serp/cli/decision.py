@@ -105,7 +105,7 @@ def remark(planner: MonitorReplanner, state: Vector, plan: Plan, action: int) ->
 def print_plan(
     console: Console, domain: str, origin: str, planner: MonitorReplanner, state: Vector, plan: Plan
 ) -> None:
-    """Print a decision: the state, what every action promises, and the best path."""
+    """Print a decision: the state, what each action is predicted to bring, and the best path."""
     console.print(f"{domain}, {origin}", style="bold")
     _print_state(console, planner.model, state)
     console.print("")
@@ -127,8 +127,8 @@ def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
     lines = [f"Chosen: {plan.name}, best return {readable(plan.reward)}."]
     if plan.indifferent:
         lines.append(
-            "All safe actions promise the same (the planner is indifferent): what matters "
-            "lies beyond its depth. The first in the file is taken."
+            "All safe actions have the same best return (the planner is indifferent): what "
+            "matters lies beyond its depth. The first in the file is taken."
         )
     if not plan.safe and plan.action is not None:
         lines.append(_why_unsafe_chosen(plan, plan.action))
@@ -162,7 +162,7 @@ def _how_far(planner: MonitorReplanner, plan: Plan) -> str:
         Bound.DEPTH: "",
         Bound.NODES: f" The next layer would exceed {_most(planner)}.",
         Bound.TIME: " The time budget ended the lookahead there.",
-        Bound.EXHAUSTED: " Nothing is left to expand after that.",
+        Bound.EXHAUSTED: " No state is left to expand.",
     }
     return (
         f"Looked ahead {plural(plan.depth, 'action')}{each}: {nodes}, "

@@ -21,7 +21,7 @@ MISTAKE = 1
 INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 PIPE_CLOSED = 141  # 128 + SIGPIPE
 
-_as_ever = warnings.formatwarning
+_default_format = warnings.formatwarning
 
 
 def stopped_by(signal: int | BaseException) -> int:
@@ -34,16 +34,16 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
     """Run a command and exit with its status.
 
     Args:
-        run: Returns the status, or None for 0; may raise. A `SerpError` or an `OSError` is the
-            user's to mend and becomes a message, followed by its notes; any other exception is a
-            bug and keeps its traceback.
+        run: Returns the status, or None for 0; may raise. A `SerpError` or an `OSError`, which the
+            user can fix, becomes a message, followed by its notes; any other exception is a bug
+            and keeps its traceback.
     """
-    _write_whatever_comes()
+    _replace_unencodable()
     warnings.formatwarning = _one_line  # type: ignore[assignment]
     try:
         status = run()
         if not status:
-            sys.stdout.flush()  # a reader that went away is noticed here, not when Python ends
+            sys.stdout.flush()  # a closed pipe is noticed here, not when Python ends
     except click.ClickException as error:
         with io.StringIO() as shown:
             error.show(shown)
@@ -55,8 +55,8 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
         say("Stopped.")
         status = stopped_by(stop)
     except (SerpError, OSError) as error:
-        if _nobody_reads(error):
-            _settle()
+        if _is_closed_output(error):
+            _discard_output()
             sys.exit(PIPE_CLOSED)
         if os.environ.get("SERP_DEBUG", "0") not in ("", "0"):
             raise
@@ -64,12 +64,12 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
         notes: list[str] = getattr(error, "__notes__", [])
         say("\n".join([message, *notes]), head="Error: ")
         status = MISTAKE
-    _settle()
+    _discard_output()
     sys.exit(status or DONE)
 
 
 def say(text: str, head: str = "") -> None:
-    """Write a line to standard error; no matter if nobody can read it.
+    """Write a line to standard error; do nothing if it is closed.
 
     Args:
         text: The line, whatever it holds.
@@ -82,10 +82,10 @@ def say(text: str, head: str = "") -> None:
 
 
 def _one_line(message: Warning | str, category: type[Warning], *rest: Any) -> str:
-    """Format a warning: a notice in one line, any other as ever."""
+    """Format a warning: a notice in one line, any other as Python does."""
     if issubclass(category, Notice):
         return f"Note: {visible(str(message))}\n"
-    return visible(_as_ever(message, category, *rest))
+    return visible(_default_format(message, category, *rest))
 
 
 def _described(error: OSError) -> str:
@@ -95,21 +95,21 @@ def _described(error: OSError) -> str:
     return f"{error.filename}: {reason}" if error.filename else reason
 
 
-def _write_whatever_comes() -> None:
+def _replace_unencodable() -> None:
     """Let output be replaced where the terminal's encoding has no such character."""
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")
 
 
-def _nobody_reads(error: Exception) -> bool:
+def _is_closed_output(error: Exception) -> bool:
     """Whether an error says that the pipe or the terminal that was written to is closed."""
     gone = isinstance(error, OSError) and error.errno == errno.EIO and error.filename is None
     return gone or isinstance(error, BrokenPipeError)
 
 
-def _settle() -> None:
-    """Send what nobody reads any more nowhere: Python ends quietly, and with our status."""
+def _discard_output() -> None:
+    """Discard output that cannot be written, so that Python ends quietly and with our status."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError, AttributeError):
             try:

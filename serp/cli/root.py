@@ -18,10 +18,10 @@ COMMANDS = {
     "plan": "Show one decision of the planner, as a table or a picture.",
     "evaluate": "Measure a trained policy.",
     "compare": "Compare algorithms on one task, under one protocol.",
-    "diagnose": "Say what a run found wrong or missing in its domain file.",
-    "repair": "Write the domain file as a run would have it.",
-    "watch": "See a trained policy act, in a window or on a film.",
-    "check": "Say whether domain files are right, and what to mend.",
+    "diagnose": "Report what is wrong or missing in a run's domain file.",
+    "repair": "Write a run's domain file, corrected by what it observed.",
+    "watch": "Show a trained policy in a window or as a film.",
+    "check": "Check domain files and say what to fix.",
     "list": "List the installed tasks and the presets.",
 }
 """Command → one line of help; `plan-and-learn` lives in the module `plan_and_learn`, and so on."""
@@ -116,9 +116,9 @@ class LazyGroup(click.Group):
         "serp plan --domain cartpole --svg decision.svg",
         "serp plan --help",
     ),
-    epilog="Exit status: 0 done; 1 something in files, names or the environment has to be mended, "
+    epilog="Exit status: 0 done; 1 a file, a name or the environment is wrong, "
     "and the message says what; 2 the command line is wrong; 128 + n stopped by signal n (130: "
-    "Ctrl-C). With SERP_DEBUG=1 an error shows where in the program it arose.",
+    "Ctrl-C). With SERP_DEBUG=1 an error shows its traceback.",
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(__version__, prog_name="serp", message="%(prog)s %(version)s")

@@ -130,8 +130,8 @@ def observed(task: Task, seed: int) -> tuple[Vector, str]:
 def observed_choice(task: Task, planner: MonitorReplanner, seed: int) -> tuple[Vector, str]:
     """Return the first observed state in which the planner has a choice.
 
-    Where all actions promise the same, the planner's is carried out and the next state looked at;
-    the next episode follows a finished one. Where no choice comes, the state after the reset is
+    Where the planner is indifferent, its action is executed and the next state is tried; after an
+    episode the next one begins. Where no such state is found, the state after the reset is
     returned.
 
     Args:

@@ -23,8 +23,8 @@ def _nothing_unsafe(subject: LintSubject) -> Iterator[DomainWarning]:
         for effect in schema.effects
     ):
         yield DomainWarning(
-            f"{subject.domain.source.name}: nothing is ever `(unsafe)`, so nothing will be refused "
-            "for safety's sake"
+            f"{subject.domain.source.name}: nothing is ever `(unsafe)`, so no action will "
+            "be refused"
         )
 
 
@@ -32,7 +32,7 @@ def _no_reward(subject: LintSubject) -> Iterator[DomainWarning]:
     if not subject.domain.model.rewarding:
         yield DomainWarning(
             f"{subject.domain.source.name}: nothing changes `(reward)`, so the planner has no "
-            "reason to prefer anything"
+            "reason to prefer an action"
         )
 
 

@@ -52,7 +52,7 @@ def pairs(names: Iterable[str]) -> list[DomainFiles]:
 
 
 class _Title(NamedTuple):
-    """`domain` or `problem` (empty where it cannot be told), and the name of the domain."""
+    """`domain` or `problem` (empty where it is unknown), and the name of the domain."""
 
     kind: str
     domain: str

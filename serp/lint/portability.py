@@ -1,7 +1,7 @@
 """Rules: what in a file not every PDDL tool reads.
 
 The rules are those that unified-planning, pddl, tarski, pddl-plus-parser and VAL have in common
-(processes and events apart). Breaking one is no error here: serp reads more than they do.
+(processes and events apart). Breaking one is not an error: serp reads more than they do.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def _everywhere(node: Node) -> Iterator[tuple[str, Place]]:
         if written != node.text:
             yield "capital letters; write everything in lower case", node.place
         if is_number(node) and not _PLAIN_DECIMAL.match(node.text):
-            yield "a number that is no plain decimal such as `0.5` or `-2`", node.place
+            yield "a number that is not a plain decimal such as `0.5` or `-2`", node.place
         return
     if node.head in _OPERATORS and len(node.items) != 3:
         if node.head == "-" and len(node.items) == 2:

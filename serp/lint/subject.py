@@ -29,7 +29,7 @@ class LintSubject:
     def anywhere(self) -> GroundModel:
         """The domain for states that need not be reached from the problem's `:init`.
 
-        Where that is too large, or needs numbers that nobody stated, it is what can be reached.
+        Where that is too large, or needs numbers that are not given, it is what can be reached.
         """
         try:
             return self.domain.observed().model.ground

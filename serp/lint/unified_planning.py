@@ -34,7 +34,7 @@ def ask_unified_planning(
         seconds: Most time to wait, > 0.
 
     Returns:
-        `yes`, `no`, or why there is no answer; and what it has against the files.
+        `yes`, `no`, or why there is no answer; and what it refuses.
     """
     if find_spec("unified_planning") is None:
         return "not known (it is not installed: pip install 'serp[check]')", None
@@ -85,7 +85,7 @@ def _answer() -> None:
 
 
 def refused_by_unified_planning(domain: Source, problem: Source | None) -> DomainWarning | None:
-    """Return what unified-planning's `PDDLReader` has against the files, or None for nothing.
+    """Return what unified-planning's `PDDLReader` refuses, or None for nothing.
 
     Args:
         domain: The domain file.

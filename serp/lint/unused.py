@@ -76,7 +76,7 @@ def _unused_types(subject: LintSubject) -> Iterator[DomainWarning]:
             if word.text in syntax.parents and word.text not in used:
                 used.add(word.text)
                 yield DomainWarning(
-                    f"type `{word.text}` is declared, but nothing is of it", word.place
+                    f"type `{word.text}` is declared, but no object or parameter has it", word.place
                 )
 
 

@@ -1,8 +1,8 @@
 """Refusing effects that can never happen together.
 
 Increases and decreases of one function commute, and so do scalings. An assignment beside either, or
-one beside the other, has no defined result (PDDL 2.1, definition 8): a schema that always asks for
-both could never be carried out, which nobody means to write.
+one beside the other, has no defined result (PDDL 2.1, definition 8), so a schema that always has
+both could never be applied.
 """
 
 from __future__ import annotations

@@ -249,7 +249,7 @@ def parse_declarations(
             raise DomainError(f"empty declaration of a {what}", item.place)
         word = expect_name(item.items[0], f"a {what}")
         if numeric and word.text == TOTAL_TIME and len(item.items) == 1:
-            item.place.warn("`(total-time)` is there without being declared")
+            item.place.warn("`(total-time)` needs no declaration")
             continue
         if word.text in RESERVED_WORDS:
             raise DomainError(f"`{word.text}` is a word of PDDL and cannot be a {what}", word.place)

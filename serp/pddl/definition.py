@@ -55,7 +55,7 @@ def read_definition(source: Source, what: str) -> tuple[str, Group, tuple[Group,
 def _name(title: Group, what: str) -> str:
     """Return the name in `(what name)`, with a warning where it is an unusual one.
 
-    A domain's name becomes the name of files; that of a problem is read by nobody.
+    A domain's name becomes part of file names; a problem's name is not used.
     """
     words = [node.text for node in title.items[1:] if isinstance(node, Word)]
     if what == "problem" and len(words) == len(title.items) - 1 and len(words) != 1:

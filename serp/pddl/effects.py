@@ -104,7 +104,7 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> Se
         raise DomainError(
             f"`({declaration.name})` can only be made true",
             place,
-            "it starts afresh, false, in every step",
+            "it is false at the start of every step",
         )
     atom = Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
     return SetPredicate(atom, value, place)

@@ -93,7 +93,7 @@ def _initial(
             target = expect_group(as_function(item.items[1], scope), "a function")
             function = parse_expression(target, readable)
             if isinstance(function, TotalTime) and parse_number(item.items[2]).value == 0.0:
-                item.place.warn("`(total-time)` starts at 0 without being told so")
+                item.place.warn("`(total-time)` always starts at 0; leave this out")
                 continue
             if not isinstance(function, FunctionTerm):
                 raise DomainError("expected a function of the domain", function.place)

@@ -33,7 +33,7 @@ INSTEAD = {
     "timed": "write a function as a clock, which a process increases, and an event",
     **dict.fromkeys((":method", ":task"), "write actions only; the planner chooses among them"),
 }
-"""What to write in the stead of PDDL that is not supported."""
+"""PDDL that is not supported → what to write instead."""
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,7 @@ def read_group(source: Source) -> Group:
         position = match.end()
         if comment := _FOREIGN_COMMENT.match(token):
             raise DomainError(
-                f"`{comment[0]}` begins no comment in PDDL",
+                f"`{comment[0]}` does not begin a comment in PDDL",
                 source.place(place.start, place.start + len(comment[0])),
                 "comments begin with `;`",
                 write=";",

@@ -1,4 +1,4 @@
-"""What is meant by forms that are no PDDL but are often written: messages with the form to write.
+"""Corrections of common mistakes: forms that are not PDDL, and what to write instead.
 
 Each function looks at a form that is about to be refused, and returns an error that says more than
 "unknown predicate", or None. Names that the file declares are never taken for a slip.
@@ -91,7 +91,7 @@ def in_condition(group: Group, declared: Declared) -> DomainError | None:
         why = "`when` stands in an effect; in a condition it is called `imply`"
         return _instead(group, why, "imply", declared)
     if head in _CONNECTIVES:
-        return _instead(group, f"`{head}` is no word of PDDL", _CONNECTIVES[head], declared)
+        return _instead(group, f"`{head}` is not PDDL", _CONNECTIVES[head], declared)
     return _missing_and(group, "conditions")
 
 
@@ -100,7 +100,7 @@ def _comparison(group: Group, declared: Declared) -> DomainError | None:
     operator = _COMPARISONS[group.head]
     left, right = group.items[1:]
     if operator != group.head:
-        return _instead(group, f"`{group.head}` is no word of PDDL", operator, declared)
+        return _instead(group, f"`{group.head}` is not PDDL", operator, declared)
     if operator == "=" and (atom := _with_truth(left, right, declared)):
         return DomainError("a predicate is a condition by itself", group.place, write=atom)
     if "abs" in declared:

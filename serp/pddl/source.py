@@ -27,7 +27,7 @@ class Source:
     Attributes:
         name: The file's path as the user wrote it; it opens every message.
         text: The whole content.
-        warnings: What the user should know of the file and is no error, as `Place.warn` added it;
+        warnings: Remarks on the file that are not errors, as `Place.warn` added it;
             `Domain.warnings` has each once.
     """
 
@@ -40,8 +40,8 @@ class Source:
         """Read a file.
 
         Raises:
-            DomainError: The file is missing, unreadable, no regular file (a pipe would be waited
-                for without end), or not UTF-8.
+            DomainError: The file is missing, unreadable, not a regular file (reading a pipe could
+                block), or not UTF-8.
         """
         if not isinstance(path, str | Path):
             raise DomainError(f"a file is given by its path, not by {path!r}")
@@ -49,13 +49,13 @@ class Source:
         try:
             found = path.stat()
             if not stat.S_ISREG(found.st_mode) and not stat.S_ISDIR(found.st_mode):
-                raise DomainError(f"{path}: cannot be read (it is no regular file)")
+                raise DomainError(f"{path}: cannot be read (it is not a regular file)")
             if found.st_size > _LARGEST:
                 raise DomainError(
                     f"{path}: cannot be read (it has {found.st_size:,} bytes, and a PDDL file at "
                     f"most {_LARGEST:,})"
                 )
-            # Some editors put a byte order mark first; it is no part of the text.
+            # Some editors put a byte order mark first; it is not part of the text.
             return cls(str(path), path.read_bytes().decode("utf-8").removeprefix("\ufeff"))
         except FileNotFoundError:
             raise DomainError(f"{path}: there is no such file") from None
@@ -130,7 +130,7 @@ class Place:
 
 @dataclass(frozen=True)
 class DomainWarning:
-    """Something to know about a file that is no error.
+    """A remark on a file that is not an error.
 
     Attributes:
         text: What, one sentence.
@@ -153,7 +153,7 @@ class DomainError(SerpError):
         place: Where, or None when no place in a file can be named.
         file, line, column: The place taken apart (None without one).
         source_line: The line of the place; of a long line what is around the place.
-        corrected_line: What may have been meant, written out; empty where nobody can tell.
+        corrected_line: The line as it may have been meant; empty where that is unknown.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class DomainError(SerpError):
             problem: One sentence.
             place: Where.
             advice: What to do about it.
-            write: What to write there instead, where that can be told.
+            write: What to write there instead, where that is known.
         """
         self.problem = printable(problem)
         self.advice = printable(advice)

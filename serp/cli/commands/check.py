@@ -30,7 +30,6 @@ _WARNINGS = 100  # warnings of one domain that are printed
 @click.command(
     "check",
     cls=ExampledCommand,
-    short_help="Say whether domain files are right, and what to mend.",
     examples=[
         "serp check domains/cartpole.pddl",
         "serp check cartpole",
@@ -172,10 +171,10 @@ def _fit(task: Task, *, asked: bool) -> tuple[str | None, list[DomainWarning]]:
 
     Args:
         task: The task.
-        asked: Whether it was asked for: that it does not fit is an error then, else a warning.
+        asked: Whether the user named it: a task that does not fit is then an error, else a warning.
 
     Raises:
-        SerpError: It was asked for, and does not fit.
+        SerpError: The user named it, and it does not fit.
     """
     from serp.lint.task_ranges import out_of_range
     from serp.pddl.source import DomainWarning
@@ -237,4 +236,4 @@ def _summary(domain: Domain) -> Iterator[str]:
     for symmetry in symmetries.described():
         yield f"symmetry: {symmetry}"
     if not symmetries.complete:
-        yield "symmetry: the search was given up, there may be more"
+        yield "symmetry: the search was stopped, there may be more"

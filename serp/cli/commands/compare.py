@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 @click.command(
     "compare",
     cls=ExampledCommand,
-    short_help="Compare algorithms on one task, under one protocol.",
     examples=[
         "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
         "serp compare --domain cartpole --model-variants all",

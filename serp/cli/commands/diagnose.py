@@ -28,7 +28,6 @@ _NAMED = 6  # fluents of a state that is shown
 @click.command(
     "diagnose",
     cls=ExampledCommand,
-    short_help="Say what a run found wrong or missing in its domain file.",
     examples=[
         "serp diagnose runs/seven",
         "serp diagnose runs/seven --all --svg diagnosis.svg",

@@ -17,7 +17,6 @@ from serp.training.policies import Policy
 @click.command(
     "evaluate",
     cls=ExampledCommand,
-    short_help="Measure a trained policy.",
     examples=[
         "serp evaluate runs/seven",
         "serp evaluate runs/seven --policy planner --episodes 500",

@@ -21,7 +21,6 @@ PRESETS = {
 @click.command(
     "list",
     cls=ExampledCommand,
-    short_help="List the installed tasks and the presets.",
     examples=["serp list"],
 )
 def command() -> None:

@@ -43,7 +43,6 @@ class PlanOptions:
 @click.command(
     "plan",
     cls=ExampledCommand,
-    short_help="Show one decision of the planner, as a table or a picture.",
     examples=[
         "serp plan --domain cartpole",
         "serp plan --domain cartpole --observe --seed 3 --state pole-angle=0.2",
@@ -59,8 +58,8 @@ class PlanOptions:
 @click.option("--state", "assignments", multiple=True, metavar="FLUENT=VALUE,...",
               help="Values of fluents; may be repeated.")  # fmt: skip
 @click.option("--observe", is_flag=True,
-              help="Take the state from the environment: the first one in which the actions differ "
-                   "in what they promise; with --state, the one after a reset.")  # fmt: skip
+              help="Take the state from the environment: the first one in which the actions have "
+                   "different best returns; with --state, the one after a reset.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the reset.")  # fmt: skip
 @click.option("--depth", type=click.IntRange(min=1), metavar="N",
@@ -82,8 +81,8 @@ def command(ctx: click.Context, given: PlanOptions) -> None:
 
     The state is what --state says, the rest of it from the problem file or (with --observe) from
     the task's environment. With neither, the problem's initial state is taken, or else one that is
-    observed. While all actions promise the same there, the planner's is carried out, and the next
-    state is looked at.
+    observed. While the planner is indifferent there, its action is executed, and the next state is
+    tried.
     """
     if given.svg is not None and given.svg.suffix.lower() != ".svg":
         raise click.BadParameter("the picture is an SVG; name a file that ends in .svg", ctx,

@@ -53,7 +53,6 @@ class TrainingOptions:
 @click.command(
     "plan-and-learn",
     cls=ExampledCommand,
-    short_help="Train: the planner acts first, the learner takes over.",
     examples=[
         "serp plan-and-learn --domain cartpole",
         "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",

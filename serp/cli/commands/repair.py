@@ -27,7 +27,6 @@ _STYLES = {"+": "green", "-": "red", "@": "cyan"}
 @click.command(
     "repair",
     cls=ExampledCommand,
-    short_help="Write the domain file as a run would have it.",
     examples=[
         "serp repair runs/seven",
         "serp repair runs/seven -o cartpole-repaired.pddl",

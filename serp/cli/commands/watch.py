@@ -1,4 +1,4 @@
-"""`serp watch`: see a trained policy act, in a window or on a film."""
+"""`serp watch`: a trained policy in a window or as a film."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ _FILM_FPS = {".gif": 50.0, ".mp4": 60.0}
 @click.command(
     "watch",
     cls=ExampledCommand,
-    short_help="See a trained policy act, in a window or on a film.",
     examples=[
         "serp watch runs/seven",
         "serp watch runs/seven --policy planner --episodes 10 --speed 2",

@@ -127,7 +127,7 @@ def test_what_is_no_file_to_read_is_said_and_other_files_go_on(run: Run, walk: P
     os.mkfifo("pipe.pddl")
     result = run("check", "self.pddl", "pipe.pddl", "walk.pddl", expect=1)
     assert "self.pddl: cannot be read (Too many levels of symbolic links)" in result.stderr
-    assert "pipe.pddl: cannot be read (it is no regular file)" in result.stderr
+    assert "pipe.pddl: cannot be read (it is not a regular file)" in result.stderr
     assert "walk.pddl: right" in result.stdout
 
 

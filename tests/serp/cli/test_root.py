@@ -28,12 +28,11 @@ def subcommand(name: str) -> Any:
     return command
 
 
-def test_help_lists_every_command_with_its_own_summary(run: Run) -> None:
+def test_help_lists_every_command_with_its_summary(run: Run) -> None:
     shown = run("--help").stdout
     for name, summary in COMMANDS.items():
         assert f"{name} " in shown
         assert summary in shown
-        assert subcommand(name).get_short_help_str(limit=100) == summary
 
 
 @pytest.mark.parametrize("name", ["", *COMMANDS])

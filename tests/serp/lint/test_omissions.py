@@ -90,7 +90,7 @@ def test_a_whole_domain_has_no_warning(tmp_path: Path) -> None:
         ("(mined ?b)", "(forall (?c - place) (mined ?b))",
          "11:33: parameter `?c` of `(forall` is not used"),
         ("(:types place)", "(:types place - area tree)",
-         "walk.pddl:4:24: type `tree` is declared, but nothing is of it"),
+         "walk.pddl:4:24: type `tree` is declared, but no object or parameter has it"),
     ],
 )  # fmt: skip
 def test_each_warning(old: str, new: str, warning: str | None, tmp_path: Path) -> None:

@@ -51,9 +51,13 @@ FORMS = {
     "a declared clock": (
         "(limit) (fuel ?x",
         "(limit) (total-time) (fuel ?x",
-        "there without being declared",
+        "needs no declaration",
     ),
-    "a clock at 0": ("(= (limit) 2)", "(= (limit) 2) (= (total-time) 0)", "(total-time)` starts"),
+    "a clock at 0": (
+        "(= (limit) 2)",
+        "(= (limit) 2) (= (total-time) 0)",
+        "(total-time)` always starts",
+    ),
     "a power": ("(* (limit) (limit))", "(^ (limit) 2)", "`(^ (limit) 2)` is read as a product"),
     "a bare declaration": (
         "(:functions (speed)",

@@ -53,8 +53,8 @@ SLIPS = [
     ("0.5)))", "0.5))))", "0.5)))", "12:32: this `)` is one too many: `(:action` in line 14"),
     (EFFECT, "increase (x) 1)", EFFECT, "11:7: a `(` is missing before `increase`"),
     # Comments of other languages
-    ("; move", "# move (it) )", "; move", "6:3: `#` begins no comment"),
-    ("; move", "//move", ";move", "6:3: `//` begins no comment"),
+    ("; move", "# move (it) )", "; move", "6:3: `#` does not begin a comment"),
+    ("; move", "//move", ";move", "6:3: `//` does not begin a comment"),
     # Effects
     (EFFECT, "(= (x) 1)", "(assign (x) 1)", "`=` is not supported in an effect"),
     (EFFECT, "(set (x) 1)", "(assign (x) 1)", "`set` is not supported in an effect"),
@@ -82,8 +82,8 @@ SLIPS = [
     (CONDITION, "((x) < 9,5)", CONDITION, "the operator comes first"),
     (CONDITION, "(< (abs (x)) 9.5)", "(and (< (x) 9.5) (> (x) -9.5))", "`abs` is not supported"),
     (CONDITION, "(< (speed) (abs (x)))", "(or (> (x) (speed)) (< (x) (- 0 (speed))))", "`abs`"),
-    (CONDITION, "(== (x) 9.5)", "(= (x) 9.5)", "`==` is no word of PDDL"),
-    (CONDITION, "(!= (x) 9.5)", "(not (= (x) 9.5))", "`!=` is no word of PDDL"),
+    (CONDITION, "(== (x) 9.5)", "(= (x) 9.5)", "`==` is not PDDL"),
+    (CONDITION, "(!= (x) 9.5)", "(not (= (x) 9.5))", "`!=` is not PDDL"),
     (CONDITION, "(= (held) true)", "(held)", "a predicate is a condition by itself"),
     (CONDITION, "(< 0 (x) 9.5)", "(and (< 0 (x)) (< (x) 9.5))", "`<` compares two things"),
     (CONDITION, "(when (near) (held))", "(imply (near) (held))", "it is called `imply`"),
