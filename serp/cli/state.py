@@ -161,22 +161,18 @@ def observed_choice(task: Task, planner: MonitorReplanner, seed: int) -> tuple[V
             state = bound.ground(raw)
 
 
-def parse_state(
-    assignments: Iterable[str], known: Mapping[str, bool], static: Iterable[str] = ()
-) -> dict[str, float]:
+def parse_state(assignments: Iterable[str], known: Mapping[str, bool]) -> dict[str, float]:
     """Return fluent → value of `fluent=value` texts, several in one text apart by commas.
 
     Args:
         assignments: What was typed; a predicate takes `true` or `false` as well as 1 or 0.
         known: Name of every fluent → whether it is numeric.
-        static: Names that the problem file fixes.
 
     Raises:
         UsageError: A text has another form.
         SerpError: A fluent is unknown or given twice, or a value is none that it can have.
     """
     state: dict[str, float] = {}
-    fixed = set(static)
     for text in (part for whole in assignments for part in whole.split(",") if part.strip()):
         target, equals, value = text.partition("=")
         if not equals or not target.strip():
@@ -184,8 +180,6 @@ def parse_state(
                 f"--state {text}: expected fluent=value, such as pole-angle=0.05"
             )
         name = " ".join(target.lower().strip().strip("()").split())
-        if name in fixed:
-            raise SerpError(f"--state: `{name}` is fixed by the problem file; change it there")
         if name not in known:
             raise SerpError(f"--state: unknown fluent `{name}`; {did_you_mean(name, known)}")
         if name in state:

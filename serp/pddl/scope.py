@@ -9,7 +9,6 @@ from serp._util.text import did_you_mean
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError
 from serp.pddl.syntax import (
-    OBJECT,
     REWARD,
     TERMINAL,
     UNSAFE,
@@ -17,6 +16,7 @@ from serp.pddl.syntax import (
     ObjectDeclaration,
     SchemaParameter,
     SchemaTerm,
+    is_subtype,
 )
 
 INSTEAD = {
@@ -66,13 +66,6 @@ class Scope:
             return self.parameters[term.name].types
         return (self.objects[term.name].type,)
 
-    def is_a(self, type_name: str, ancestor: str) -> bool:
-        """Whether a type is the ancestor or below it."""
-        current = type_name
-        while current not in (ancestor, OBJECT):
-            current = self.parents[current]
-        return current == ancestor
-
 
 def parse_term(node: Node, scope: Scope) -> SchemaTerm:
     """Parse an argument.
@@ -116,7 +109,7 @@ def parse_arguments(group: Group, declaration: Declaration, scope: Scope) -> tup
         )
     for term, parameter in zip(terms, declaration.parameters, strict=True):
         fits = all(
-            any(scope.is_a(own, wanted) for wanted in parameter.types)
+            any(is_subtype(own, wanted, scope.parents) for wanted in parameter.types)
             for own in scope.types_of(term)
         )
         if not fits:

@@ -6,6 +6,7 @@ point at it. Names follow PDDL 2.1 (Fox & Long, 2003) and PDDL+ (Fox & Long, 200
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -223,6 +224,19 @@ class ObjectDeclaration:
     place: Place
 
 
+def is_subtype(type_name: str, ancestor: str, parents: Mapping[str, str]) -> bool:
+    """Whether a type is the ancestor or below it.
+
+    Args:
+        type_name: A declared type, or `object`.
+        ancestor: Another, or the same.
+        parents: Type → parent; `object` is not a key.
+    """
+    while type_name != ancestor and type_name in parents:
+        type_name = parents[type_name]
+    return ancestor in (type_name, OBJECT)
+
+
 @dataclass(frozen=True)
 class DomainSyntax:
     """A parsed domain file."""
@@ -237,13 +251,8 @@ class DomainSyntax:
     place: Place
 
     def is_a(self, type_name: str, ancestor: str) -> bool:
-        """Whether `type_name` is `ancestor` or one of its descendants."""
-        current: str | None = type_name
-        while current is not None:
-            if current == ancestor:
-                return True
-            current = self.parents.get(current)
-        return ancestor == OBJECT
+        """Whether a type is the ancestor or below it."""
+        return is_subtype(type_name, ancestor, self.parents)
 
 
 @dataclass(frozen=True)

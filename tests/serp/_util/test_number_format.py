@@ -1,10 +1,10 @@
-"""Shares and times as people read them."""
+"""Numbers, shares and times as people read them."""
 
 from __future__ import annotations
 
 import pytest
 
-from serp._util.number_format import duration, percent
+from serp._util.number_format import duration, percent, readable
 
 
 @pytest.mark.parametrize(
@@ -37,3 +37,21 @@ def test_shares_are_shown_with_significant_digits(share: float, two: str, three:
 )
 def test_durations_are_written_for_people(seconds: float, text: str) -> None:
     assert duration(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        (float("nan"), "–"),
+        (0.0, "0"),
+        (-0.0, "0"),
+        (0.261799, "0.2618"),
+        (1234.5, "1,234"),
+        (1234567, "1,234,567"),
+        (1e300, "1e+300"),
+        (float("-inf"), "-inf"),
+    ],
+)
+def test_numbers_are_written_for_people(value: float | None, text: str) -> None:
+    assert readable(value) == text

@@ -102,11 +102,6 @@ def test_a_problem_is_checked_with_its_domain(run: Run, walk: Path) -> None:
     assert "walk-problem.pddl:4:14: unknown object `hom`" in message
 
 
-def test_a_domain_and_its_problem_are_one_check(run: Run, walk: Path) -> None:
-    shown = run("check", "walk.pddl", "walk-problem.pddl").stdout
-    assert shown.count(": right") == 1
-
-
 def test_a_domain_and_a_problem_of_any_name_are_one_check(run: Run, walk: Path) -> None:
     Path("p01.pddl").write_text(WALK_PROBLEM.replace("field", "meadow"))
     Path("p02-problem.pddl").write_text("; a comment\n(DEFINE (PROBLEM p2) (:domain walk))")

@@ -47,12 +47,3 @@ def test_what_is_no_run_is_refused(run: Run) -> None:
     assert "no such folder" in run("evaluate", "nosuch", expect=1).stderr
     Path("empty").mkdir()
     assert "is not a run" in run("evaluate", "empty", expect=1).stderr
-
-
-def test_a_run_of_a_task_that_is_not_installed_is_refused(run: Run, trained: Path) -> None:
-    Path("r").mkdir()
-    for file in trained.iterdir():
-        (Path("r") / file.name).write_bytes(file.read_bytes())
-    text = Path("r/config.json").read_text()
-    Path("r/config.json").write_text(text.replace('"task": "cartpole"', '"task": "juggling"'))
-    assert "there is no task `juggling`" in run("evaluate", "r", expect=1).stderr

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from serp.cli.commands.list import PRESETS
 from serp.settings import PRESETS as KNOWN
 from serp.tasks.registry import GROUP, load_task, task_entries
 from tests.serp.cli.conftest import Run
@@ -20,10 +19,6 @@ def test_every_task_and_preset_is_listed(run: Run) -> None:
         assert load_task(name).description in shown
     for preset in KNOWN:
         assert f"\n{preset} " in shown
-
-
-def test_every_preset_is_described() -> None:
-    assert set(PRESETS) == set(KNOWN)
 
 
 def test_a_domain_of_the_working_directory_is_named(run: Run) -> None:

@@ -1,4 +1,4 @@
-"""Numbers and tables as people read them."""
+"""Tables and JSON."""
 
 from __future__ import annotations
 
@@ -6,32 +6,7 @@ import json
 
 import pytest
 
-from serp._util.number_format import readable
-from serp._util.text import plural
 from serp.cli.output import open_console, print_json, print_table
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (None, "–"),
-        (float("nan"), "–"),
-        (0.0, "0"),
-        (-0.0, "0"),
-        (0.261799, "0.2618"),
-        (1234.5, "1,234"),
-        (1234567, "1,234,567"),
-        (1e300, "1e+300"),
-        (float("-inf"), "-inf"),
-    ],
-)
-def test_numbers(value: float | None, text: str) -> None:
-    assert readable(value) == text
-
-
-def test_plurals() -> None:
-    assert [plural(n, "step") for n in (0, 1, 1200)] == ["0 steps", "1 step", "1,200 steps"]
-    assert plural(2, "process", "processes") == "2 processes"
 
 
 def test_tables_in_a_pipe_are_neither_cut_nor_padded(capsys: pytest.CaptureFixture[str]) -> None:

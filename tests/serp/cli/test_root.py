@@ -65,10 +65,6 @@ def test_help_imports_nothing_heavy(name: str, tmp_path: Path) -> None:
     assert HEAVY.isdisjoint(json.loads(done.stdout.splitlines()[-1]))
 
 
-def test_the_version_is_that_of_the_package(run: Run) -> None:
-    assert run("--version").stdout == f"serp {serp.__version__}\n"
-
-
 def test_python_can_run_the_package(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "serp", "--version"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)

@@ -55,11 +55,6 @@ def test_without_a_screen_the_message_says_what_to_do(run: Run, trained: Path) -
     assert "--out FILE.gif" in line
 
 
-def test_what_is_no_run_is_refused(run: Run) -> None:
-    assert "no such folder" in run("watch", "nosuch", "--out=x.gif", expect=1).stderr
-    assert not Path("x.gif").exists()
-
-
 def test_a_folder_that_is_not_there(run: Run, trained: Path) -> None:
     done = run("watch", str(trained), "--out=nosuch/x.gif", expect=1)
     assert "cannot write nosuch/x.gif" in done.stderr

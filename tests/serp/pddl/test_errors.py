@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from serp._util.text import did_you_mean
 from serp.model.instantiate import instantiate
 from serp.model.loading import load_domain
 from serp.pddl.domain_parser import parse_domain
@@ -371,10 +370,3 @@ def test_words_that_are_no_numbers(word: str) -> None:
     text = f"(define (domain d) (:functions (f)) (:action a :effect (assign (f) {word})))"
     with pytest.raises(DomainError, match="expected a number"):
         parse_domain(Source("d.pddl", text))
-
-
-def test_advice_lists_a_few_known_names_when_none_is_close() -> None:
-    assert did_you_mean("sped", ["speed", "charge"]) == "did you mean `speed`?"
-    assert did_you_mean("xyz", ["speed", "charge"]) == "known here: `charge`, `speed`"
-    assert did_you_mean("xyz", [f"f{k}" for k in range(20)]).endswith("`f15` and 12 more")
-    assert did_you_mean("xyz", []) == ""
