@@ -171,7 +171,8 @@ def test_unified_planning_is_not_waited_for_longer_than_asked(run: Run, walk: Pa
     assert "unified-planning reads it: not known after 0.05 seconds" in shown
 
 
-def test_a_problem_without_a_domain_says_how_to_give_one(run: Run, folder: Path) -> None:
+def test_what_is_missing_says_how_to_give_it(run: Run, folder: Path) -> None:
+    assert "give files, names of installed tasks, or --task" in run("check", expect=2).stderr
     Path("p01.pddl").write_text(WALK_PROBLEM)
     assert "serp check domain.pddl p01.pddl" in run("check", "p01.pddl", expect=1).stderr
 
@@ -181,10 +182,6 @@ def test_what_other_tools_refuse_is_a_warning(run: Run, walk: Path) -> None:
     shown = run("check", "walk.pddl", "--portable").stdout
     assert "unified-planning reads it: no" in shown
     assert "warning: walk.pddl:15:18: unified-planning cannot read this" in shown
-
-
-def test_nothing_to_check_is_a_usage_error(run: Run) -> None:
-    run("check", expect=2)
 
 
 def test_the_option_that_the_message_names_raises_the_limit(run: Run, walk: Path) -> None:

@@ -37,12 +37,6 @@ def test_the_text_has_the_same_numbers(run: Run, trained: Path) -> None:
     assert "--policy training" not in text  # this run's ρ is 1
 
 
-def test_usage_errors(run: Run, trained: Path) -> None:
-    run("evaluate", str(trained), "--policy=best", expect=2)
-    run("evaluate", str(trained), "--episodes=0", expect=2)
-    run("evaluate", expect=2)
-
-
 def test_what_is_no_run_is_refused(run: Run) -> None:
     assert "no such folder" in run("evaluate", "nosuch", expect=1).stderr
     Path("empty").mkdir()
