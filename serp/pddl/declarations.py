@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from serp._util.text import did_you_mean
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError, Place
-from serp.pddl.syntax import OBJECT, Declaration, ObjectDeclaration, SchemaParameter
+from serp.pddl.syntax import (
+    OBJECT,
+    REWARD,
+    TERMINAL,
+    UNSAFE,
+    Declaration,
+    ObjectDeclaration,
+    SchemaParameter,
+)
 
 TOTAL_TIME = "total-time"
 _NAME = re.compile(r"[a-z][a-z0-9_\-]*\Z")
@@ -289,3 +297,36 @@ RESERVED_WORDS = frozenset(
         *("define", "domain", "problem", "number", "object", TOTAL_TIME),
     )
 )
+
+
+def all_declarations(
+    sections: Mapping[str, Group], parents: dict[str, str]
+) -> dict[str, Declaration]:
+    """Parse `:predicates` and `:functions`, and check the reserved names among them.
+
+    Args:
+        sections: The sections of a domain by their keyword.
+        parents: Type → parent.
+
+    Raises:
+        DomainError: A declaration is malformed, given twice, or misuses a reserved name.
+    """
+    declarations: dict[str, Declaration] = {}
+    for head in (h for h in sections if h in (":predicates", ":functions")):
+        numeric = head == ":functions"
+        for name, declaration in parse_declarations(
+            sections[head], parents, numeric=numeric
+        ).items():
+            if name in declarations:
+                raise DomainError(f"`{name}` is both a predicate and a function", declaration.place)
+            declarations[name] = declaration
+    for name, numeric in ((REWARD, True), (UNSAFE, False), (TERMINAL, False)):
+        reserved = declarations.get(name)
+        if reserved is None:
+            continue
+        if reserved.numeric != numeric:
+            kind = "function" if numeric else "predicate"
+            raise DomainError(f"`({name})` is reserved and must be a {kind}", reserved.place)
+        if reserved.parameters:
+            raise DomainError(f"`({name})` is reserved and takes no parameters", reserved.place)
+    return declarations

@@ -8,28 +8,24 @@ import re
 from collections.abc import Sequence
 
 from serp._util.text import did_you_mean
+from serp.pddl.conditions import parse_condition
 from serp.pddl.contradictions import refuse_contradictions
 from serp.pddl.declarations import (
+    all_declarations,
     expect_group,
     expect_name,
     is_name,
-    parse_declarations,
     parse_objects,
     parse_parameters,
     parse_types,
 )
-from serp.pddl.expressions import (
-    INSTEAD,
-    Scope,
-    as_function,
-    parse_condition,
-    parse_effects,
-    parse_expression,
-    parse_number,
-)
+from serp.pddl.effects import parse_effects
+from serp.pddl.expressions import as_function, parse_expression, parse_number
+from serp.pddl.scope import Scope
 from serp.pddl.sexpr import Group, Node, Word, read_group
 from serp.pddl.slips import several_under, written
 from serp.pddl.source import DomainError, Place, Source
+from serp.pddl.support import INSTEAD, check_requirements
 from serp.pddl.syntax import (
     REWARD,
     TERMINAL,
@@ -37,7 +33,6 @@ from serp.pddl.syntax import (
     Atom,
     Condition,
     Connective,
-    Declaration,
     DomainSyntax,
     FunctionTerm,
     Kind,
@@ -49,32 +44,6 @@ from serp.pddl.syntax import (
     TotalTime,
 )
 
-_SUPPORTED = frozenset(
-    (
-        *(":strips", ":typing", ":equality", ":adl", ":conditional-effects"),
-        *(":negative-preconditions", ":disjunctive-preconditions", ":quantified-preconditions"),
-        *(":existential-preconditions", ":universal-preconditions"),
-        *(":fluents", ":numeric-fluents", ":action-costs"),
-        *(":time", ":processes", ":events", ":continuous-effects", ":hybrid"),
-    )
-)
-_UNSUPPORTED = {
-    ":durative-actions": "durative actions",
-    ":duration-inequalities": "durative actions",
-    ":derived-predicates": "derived predicates",
-    ":timed-initial-literals": "timed initial literals",
-    ":timed-initial-fluents": "timed initial fluents",
-    ":preferences": "preferences",
-    ":constraints": "trajectory constraints",
-    ":object-fluents": "object fluents",
-    ":probabilistic-effects": "probabilistic effects",
-    ":rewards": "PPDDL rewards",
-    ":multi-agent": "multi-agent domains",
-    ":unfactored-privacy": "multi-agent domains",
-    ":factored-privacy": "multi-agent domains",
-    ":method-preconditions": "hierarchical domains",
-    ":hierarchy": "hierarchical domains",
-}
 _DOMAIN_ORDER = (":requirements", ":types", ":constants", ":predicates", ":functions")
 _FIELDS = (":parameters", ":precondition", ":effect")
 _KINDS = {":action": Kind.ACTION, ":process": Kind.PROCESS, ":event": Kind.EVENT}
@@ -117,20 +86,6 @@ def _name(title: Group, what: str) -> str:
     return expect_name(node, f"the {what}").text
 
 
-def _check_requirements(group: Group) -> None:
-    for node in group.items[1:]:
-        if not isinstance(node, Word):
-            raise DomainError("expected a requirement such as `:typing`", node.place)
-        if node.text in _UNSUPPORTED:
-            what = _UNSUPPORTED[node.text]
-            node.place.warn(
-                f"`{node.text}` is not needed: {what} are not supported, and none is used"
-            )
-        elif node.text not in _SUPPORTED:
-            advice = did_you_mean(node.text, [*_SUPPORTED, *_UNSUPPORTED])
-            node.place.warn(f"unknown requirement `{node.text}`; {advice}")
-
-
 def parse_domain(source: Source) -> DomainSyntax:
     """Parse a domain file.
 
@@ -154,10 +109,10 @@ def parse_domain(source: Source) -> DomainSyntax:
                 f"`{head or '()'}` is not supported in a domain", section.place, advice
             )
     if ":requirements" in single:
-        _check_requirements(single[":requirements"])
+        check_requirements(single[":requirements"])
     parents = parse_types(single[":types"]) if ":types" in single else {}
     constants = parse_objects(single[":constants"], parents) if ":constants" in single else {}
-    declarations = _all_declarations(single, parents)
+    declarations = all_declarations(single, parents)
     scope = Scope(parents, constants, declarations, {})
     schemas: dict[str, Schema] = {}
     for group in schema_groups:
@@ -170,26 +125,6 @@ def parse_domain(source: Source) -> DomainSyntax:
             )
         schemas[schema.name] = schema
     return DomainSyntax(name, parents, constants, declarations, tuple(schemas.values()), top.place)
-
-
-def _all_declarations(single: dict[str, Group], parents: dict[str, str]) -> dict[str, Declaration]:
-    declarations: dict[str, Declaration] = {}
-    for head in (h for h in single if h in (":predicates", ":functions")):
-        numeric = head == ":functions"
-        for name, declaration in parse_declarations(single[head], parents, numeric=numeric).items():
-            if name in declarations:
-                raise DomainError(f"`{name}` is both a predicate and a function", declaration.place)
-            declarations[name] = declaration
-    for name, numeric in ((REWARD, True), (UNSAFE, False), (TERMINAL, False)):
-        reserved = declarations.get(name)
-        if reserved is None:
-            continue
-        if reserved.numeric != numeric:
-            kind = "function" if numeric else "predicate"
-            raise DomainError(f"`({name})` is reserved and must be a {kind}", reserved.place)
-        if reserved.parameters:
-            raise DomainError(f"`({name})` is reserved and takes no parameters", reserved.place)
-    return declarations
 
 
 def _schema(group: Group, scope: Scope) -> Schema:
@@ -293,7 +228,7 @@ def parse_problem(source: Source, domain: DomainSyntax) -> ProblemSyntax:
     if ":domain" in single:
         _check_domain_name(single[":domain"], domain)
     if ":requirements" in single:
-        _check_requirements(single[":requirements"])
+        check_requirements(single[":requirements"])
     objects = dict(domain.constants)
     if ":objects" in single:
         for obj in parse_objects(single[":objects"], domain.parents).values():

@@ -1,0 +1,100 @@
+"""Parsing conditions, with names and types checked in place."""
+
+from __future__ import annotations
+
+from serp.pddl import slips
+from serp.pddl.declarations import expect_group, parse_parameters
+from serp.pddl.expressions import as_function, is_number, parse_expression
+from serp.pddl.scope import Scope, find_declaration, parse_arguments, parse_term
+from serp.pddl.sexpr import Group, Node
+from serp.pddl.source import DomainError
+from serp.pddl.support import INSTEAD
+from serp.pddl.syntax import (
+    Atom,
+    Condition,
+    Connective,
+    NumericComparison,
+    Quantified,
+    SameObject,
+    SchemaParameter,
+)
+
+_COMPARATORS = ("<", "<=", "=", ">=", ">")
+
+
+def parse_condition(node: Node, scope: Scope) -> Condition | None:
+    """Parse a condition; None for the empty `()`.
+
+    Raises:
+        DomainError: It is malformed or uses something unknown.
+    """
+    group = expect_group(node, "a condition")
+    if not group.items:
+        return None
+    head = group.head
+    if slip := slips.in_condition(group, scope.declarations):
+        raise slip
+    if head in ("and", "or", "not", "imply"):
+        return _connective(group, scope)
+    if head in ("forall", "exists"):
+        parameters, body = parse_quantifier(group, scope)
+        inner = scope.bind(parameters)
+        return Quantified(head, parameters, parse_required(body, inner), group.place)
+    if head in _COMPARATORS:
+        return _comparison(group, scope)
+    if head == "preference":
+        raise DomainError("preferences are not supported", group.place, INSTEAD["preference"])
+    if head in ("at", "over") and head not in scope.declarations:
+        raise DomainError(
+            "timed conditions (durative actions) are not supported", group.place, INSTEAD[head]
+        )
+    declaration = find_declaration(group, scope, numeric=False)
+    return Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
+
+
+def parse_required(node: Node, scope: Scope) -> Condition:
+    """Parse a condition; the empty `()` is one that always holds.
+
+    Raises:
+        DomainError: It is malformed or uses something unknown.
+    """
+    condition = parse_condition(node, scope)
+    return condition if condition is not None else Connective("and", (), node.place)
+
+
+def _connective(group: Group, scope: Scope) -> Connective:
+    operands = tuple(parse_required(item, scope) for item in group.items[1:])
+    wanted = {"not": 1, "imply": 2}.get(group.head)
+    if wanted is not None and len(operands) != wanted:
+        raise DomainError(
+            f"`{group.head}` takes {wanted} condition{'s' if wanted > 1 else ''}, "
+            f"found {len(operands)}",
+            group.place,
+        )
+    return Connective(group.head, operands, group.place)
+
+
+def parse_quantifier(group: Group, scope: Scope) -> tuple[tuple[SchemaParameter, ...], Node]:
+    """Return the variables of `forall` or `exists` and the body.
+
+    Raises:
+        DomainError: It is malformed.
+    """
+    if len(group.items) != 3:
+        problem = f"`{group.head}` takes a list of variables and one body"
+        if len(group.items) > 3 and isinstance(group.items[1], Group):
+            raise slips.several_after(group, 2, problem)
+        raise DomainError(problem, group.place, f"write `({group.head} (?x - type) ...)`")
+    variables = expect_group(group.items[1], "a list of variables")
+    return parse_parameters(variables.items, dict(scope.parents)), group.items[2]
+
+
+def _comparison(group: Group, scope: Scope) -> Condition:
+    if len(group.items) != 3:
+        raise DomainError(f"`{group.head}` compares two things", group.place)
+    left, right = (as_function(node, scope) for node in group.items[1:])
+    if group.head == "=" and not any(isinstance(n, Group) or is_number(n) for n in (left, right)):
+        return SameObject(parse_term(left, scope), parse_term(right, scope), group.place)
+    return NumericComparison(
+        group.head, parse_expression(left, scope), parse_expression(right, scope), group.place
+    )

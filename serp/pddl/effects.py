@@ -1,0 +1,150 @@
+"""Parsing effects, with names and types checked in place."""
+
+from __future__ import annotations
+
+from serp.pddl import slips
+from serp.pddl.conditions import parse_quantifier, parse_required
+from serp.pddl.declarations import expect_group
+from serp.pddl.expressions import as_function, parse_expression
+from serp.pddl.scope import Scope, find_declaration, parse_arguments
+from serp.pddl.sexpr import Group, Node, Word
+from serp.pddl.source import DomainError, Place
+from serp.pddl.syntax import (
+    REWARD,
+    TERMINAL,
+    UNSAFE,
+    Atom,
+    Change,
+    ChangeFunction,
+    Effect,
+    Expression,
+    ForallEffect,
+    FunctionTerm,
+    Number,
+    SetPredicate,
+    When,
+)
+
+_CHANGES = {change.value: change for change in Change}
+
+
+def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tuple[Effect, ...]:
+    """Parse an effect into its parts, with every `and` flattened.
+
+    Raises:
+        DomainError: It is malformed, nested `when`, or changes something that must not change.
+    """
+    group = expect_group(node, "an effect")
+    if not group.items:
+        return ()
+    head = group.head
+    if slip := slips.in_effect(group, scope.declarations):
+        raise slip
+    if head == "and":
+        return tuple(
+            effect
+            for item in group.items[1:]
+            for effect in parse_effects(item, scope, inside_when=inside_when)
+        )
+    if head == "forall":
+        parameters, body = parse_quantifier(group, scope)
+        inner = parse_effects(body, scope.bind(parameters), inside_when=inside_when)
+        return (ForallEffect(parameters, inner, group.place),)
+    if head == "when":
+        return (_when(group, scope, inside_when=inside_when),)
+    if head in _CHANGES:
+        return (_change(group, scope),)
+    if head == "not":
+        if len(group.items) != 2:
+            raise DomainError("`not` takes one predicate", group.place)
+        return (_set_predicate(group.items[1], scope, value=False, place=group.place),)
+    if head in ("or", "exists", "imply", "oneof", "probabilistic") and (
+        head not in scope.declarations
+    ):
+        raise DomainError(
+            f"`{head}` is not supported in an effect",
+            group.place,
+            "effects are deterministic: `and`, `forall`, `when`, predicates and numeric changes",
+        )
+    return (_set_predicate(group, scope, value=True, place=group.place),)
+
+
+def _when(group: Group, scope: Scope, *, inside_when: bool) -> When:
+    if inside_when:
+        raise DomainError(
+            "`when` inside `when` is not supported (other PDDL tools drop its outer condition)",
+            group.place,
+            "write one `when` with both conditions under `and`",
+        )
+    if scope.in_process:
+        raise DomainError(
+            "`when` is not supported in a process",
+            group.place,
+            "write the condition under :precondition, or write two processes",
+        )
+    if len(group.items) != 3:
+        raise slips.several_after(group, 2, "`when` takes one condition and one effect")
+    return When(
+        parse_required(group.items[1], scope),
+        parse_effects(group.items[2], scope, inside_when=True),
+        group.place,
+    )
+
+
+def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> SetPredicate:
+    group = expect_group(node, "a predicate")
+    if scope.in_process:
+        raise DomainError(
+            "a process only increases and decreases functions",
+            place,
+            "set predicates in an action or in an `(:event ...)`",
+        )
+    declaration = find_declaration(group, scope, numeric=False)
+    if declaration.name in (UNSAFE, TERMINAL) and not value:
+        raise DomainError(
+            f"`({declaration.name})` can only be made true",
+            place,
+            "it starts afresh, false, in every step",
+        )
+    atom = Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
+    return SetPredicate(atom, value, place)
+
+
+def _change(group: Group, scope: Scope) -> ChangeFunction:
+    if len(group.items) != 3:
+        raise DomainError(f"`{group.head}` takes a function and a value", group.place)
+    change = _CHANGES[group.head]
+    target = expect_group(as_function(group.items[1], scope), "a function")
+    declaration = find_declaration(target, scope, numeric=True)
+    function = FunctionTerm(
+        declaration.name, parse_arguments(target, declaration, scope), target.place
+    )
+    additive = change in (Change.INCREASE, Change.DECREASE)
+    if declaration.name == REWARD and not additive:
+        raise DomainError(
+            f"`(reward)` may only be increased or decreased, not `{group.head}`", group.place
+        )
+    if scope.in_process:
+        if not additive:
+            raise DomainError(
+                f"a process may only increase or decrease, not `{group.head}`", group.place
+            )
+        return ChangeFunction(change, function, _rate(group.items[2], scope), group.place)
+    return ChangeFunction(change, function, parse_expression(group.items[2], scope), group.place)
+
+
+def _rate(node: Node, scope: Scope) -> Expression:
+    """Return the factor beside `#t`."""
+    if isinstance(node, Word) and node.text == "#t":
+        return Number(1.0, node.place)
+    if isinstance(node, Group) and node.head == "*" and len(node.items) == 3:
+        left, right = node.items[1:]
+        if isinstance(left, Word) and left.text == "#t":
+            return parse_expression(right, scope)
+        if isinstance(right, Word) and right.text == "#t":
+            return parse_expression(left, scope)
+    raise DomainError(
+        "the change in a process must be a rate times `#t`",
+        node.place,
+        "write `(* #t rate)`",
+    )

@@ -1,0 +1,136 @@
+"""The names that an expression may use, and references to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from serp._util.text import did_you_mean
+from serp.pddl.sexpr import Group, Node, Word
+from serp.pddl.source import DomainError
+from serp.pddl.syntax import (
+    OBJECT,
+    REWARD,
+    TERMINAL,
+    UNSAFE,
+    Declaration,
+    ObjectDeclaration,
+    SchemaParameter,
+    SchemaTerm,
+)
+
+
+@dataclass(frozen=True)
+class Scope:
+    """The names that an expression may use.
+
+    Attributes:
+        parents: Type → parent.
+        objects: Objects and constants by name.
+        declarations: Predicates and functions by name.
+        parameters: Variables bound here.
+        in_process: Whether effects are rates (`(* #t rate)`).
+        in_metric: Whether `(total-time)` and `(reward)` may be read.
+    """
+
+    parents: Mapping[str, str]
+    objects: Mapping[str, ObjectDeclaration]
+    declarations: Mapping[str, Declaration]
+    parameters: Mapping[str, SchemaParameter]
+    in_process: bool = False
+    in_metric: bool = False
+
+    def bind(self, parameters: tuple[SchemaParameter, ...]) -> Scope:
+        """Return the scope inside a quantifier or schema (inner names hide outer ones)."""
+        return replace(self, parameters={**self.parameters, **{p.name: p for p in parameters}})
+
+    def types_of(self, term: SchemaTerm) -> tuple[str, ...]:
+        """Return the declared types of a term that is known to exist."""
+        if term.is_variable:
+            return self.parameters[term.name].types
+        return (self.objects[term.name].type,)
+
+    def is_a(self, type_name: str, ancestor: str) -> bool:
+        """Whether a type is the ancestor or below it."""
+        current = type_name
+        while current not in (ancestor, OBJECT):
+            current = self.parents[current]
+        return current == ancestor
+
+
+def parse_term(node: Node, scope: Scope) -> SchemaTerm:
+    """Parse an argument.
+
+    Raises:
+        DomainError: The variable is not bound, or the object does not exist.
+    """
+    if not isinstance(node, Word):
+        raise DomainError("expected a variable or an object, found a list", node.place)
+    term = SchemaTerm(node.text, node.place)
+    if term.is_variable:
+        if term.name not in scope.parameters:
+            raise DomainError(
+                f"unknown variable `{term.name}`",
+                node.place,
+                did_you_mean(term.name, scope.parameters) or "no variable is bound here",
+            )
+    elif term.name not in scope.objects:
+        raise DomainError(
+            f"unknown object `{term.name}`",
+            node.place,
+            did_you_mean(term.name, scope.objects) or "declare it under :constants or :objects",
+        )
+    return term
+
+
+def parse_arguments(group: Group, declaration: Declaration, scope: Scope) -> tuple[SchemaTerm, ...]:
+    """Parse the arguments of a declared predicate or function.
+
+    Raises:
+        DomainError: Their number or one of their types is wrong.
+    """
+    what = "function" if declaration.numeric else "predicate"
+    terms = tuple(parse_term(node, scope) for node in group.items[1:])
+    if len(terms) != len(declaration.parameters):
+        raise DomainError(
+            f"{what} `{declaration.name}` takes {len(declaration.parameters)} "
+            f"argument{'' if len(declaration.parameters) == 1 else 's'}, found {len(terms)}",
+            group.place,
+            f"it is declared as {declaration.place.text}",
+        )
+    for term, parameter in zip(terms, declaration.parameters, strict=True):
+        fits = all(
+            any(scope.is_a(own, wanted) for wanted in parameter.types)
+            for own in scope.types_of(term)
+        )
+        if not fits:
+            raise DomainError(
+                f"`{term.name}` is of type `{'/'.join(scope.types_of(term))}`, but "
+                f"{what} `{declaration.name}` takes `{'/'.join(parameter.types)}` there",
+                term.place,
+            )
+    return terms
+
+
+def find_declaration(group: Group, scope: Scope, *, numeric: bool) -> Declaration:
+    """Return the declaration of the predicate or function that a group names.
+
+    Raises:
+        DomainError: There is none, or it is of the other kind.
+    """
+    what = "function" if numeric else "predicate"
+    word = group.items[0] if group.items else None
+    if not isinstance(word, Word):
+        raise DomainError(f"expected a {what}", group.place)
+    declaration = scope.declarations.get(word.text)
+    if declaration is None:
+        names = [d.name for d in scope.declarations.values() if d.numeric == numeric]
+        section = ":functions" if numeric else ":predicates"
+        advice = did_you_mean(word.text, names)
+        if word.text in (REWARD, UNSAFE, TERMINAL):
+            advice = f"declare it: `({section} ... ({word.text}))`"
+        raise DomainError(f"unknown {what} `{word.text}`", word.place, advice)
+    if declaration.numeric != numeric:
+        is_what, wanted = ("function", "predicate") if not numeric else ("predicate", "function")
+        raise DomainError(f"`{word.text}` is a {is_what}, a {wanted} is needed here", word.place)
+    return declaration
