@@ -371,7 +371,10 @@ def test_the_reference_has_every_public_name() -> None:
 
 def test_every_public_name_is_documented() -> None:
     for name in {*serp.__all__} - {"__version__"}:
-        assert getattr(serp, name).__doc__, name
+        text = getattr(serp, name).__doc__
+        assert text, name
+        for dotted in re.findall(r"`(serp(?:\.\w+)+)`", text):
+            assert dotted in ENTRY_POINTS or dotted.split(".")[1] in serp.__all__, (name, dotted)
 
 
 def test_code_that_is_named_exists() -> None:

@@ -34,9 +34,9 @@ class ComparisonRequest(TypedDict, total=False):
     In a comparison that is continued, the default is what it consists of so far.
 
     Attributes:
-        algorithms: Names, see `serp.compare.algorithms`; the first is what the others are compared
-            with. `name:text` is one with other settings, see `changed`. By default `serp`, `mrp`
-            and `dqn`.
+        algorithms: Names, such as `serp`, `mrp`, `dqn` or `ppo`; the first is what the others are
+            compared with. `name:text` is one with other settings, see `changed`. By default
+            `serp`, `mrp` and `dqn`.
         seeds: How many seeds from 0 on, or the seeds themselves; 5 by default.
         env_steps: Budget of each trial; by default `training.env_steps` of the task.
         model_variants: Domain files for the same task, on each of which every algorithm that uses

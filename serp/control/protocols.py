@@ -24,10 +24,15 @@ Values = NDArray[np.floating[Any]]
 
 
 class Planner(Protocol):
-    """What plans; `serp.planning.lookahead.Lookahead` is one."""
+    """What forecasts the consequences of each ground action; `serp.Lookahead` is one.
+
+    A function that takes a `serp.TransitionModel` and `serp.PlannerSettings` and returns a planner
+    is found by name through the entry-point group `serp.planners`. A forecast depends on nothing
+    but the state and the model.
+    """
 
     def forecast(self, state: Vector) -> Forecast:
-        """Return the planner's view of a state `[F]`."""
+        """Return what is predicted of every ground action in a state `[F]`."""
 
 
 MakePlanner = Callable[[TransitionModel, PlannerSettings], Planner]
@@ -60,9 +65,10 @@ class Proposer(Protocol):
 
 
 class Learner(Protocol):
-    """What learns the values of E environment actions; `serp.learning.dqn.DQN` is one.
+    """What learns the values of E environment actions; `serp.DQN` is one.
 
-    Its arguments are those of `MakeLearner`. Values are in units of reward × `reward_scale`.
+    What makes a learner is found by name through the entry-point group `serp.learners`; it takes
+    the arguments of `serp.DQN`. Values are in units of reward × `reward_scale`.
 
     Attributes:
         input_size: Numbers in one input, F.

@@ -46,7 +46,7 @@ class EpisodeTotals:
 class StepRecord(NamedTuple):
     """One env step: what was seen, decided and received.
 
-    `serp.training.rollout.Rollout` makes it; training, evaluation, comparison and films read it.
+    Training, evaluation, comparison and films all read it; there is one for every env step.
 
     Attributes:
         number: Which step of its episode, from 1.

@@ -120,7 +120,7 @@ class VetoPolicy:
 
 
 class NoVeto:
-    """Refuses nothing. The guarantee of `serp.control.arbiter.Arbiter` does not hold.
+    """Refuses nothing. The guarantee of `serp.Arbiter` does not hold.
 
     For baselines, whose steps are forecast all the same, so that what is predicted unsafe is
     counted.

@@ -281,7 +281,7 @@ class DQN:
         return self.learning.update(batch, bounds, self.margin_weight, self.env_steps)
 
     def module(self) -> torch.nn.Module:
-        """Return a copy of the network for export; see `serp.learning.export`."""
+        """Return a copy of the network for export, with the symmetries as a part of it."""
         return module_of(self.learning.online, self.symmetry)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:

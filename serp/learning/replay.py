@@ -64,8 +64,7 @@ class ReplayBuffer:
         self._store = Samples.zeros(self._failing_start + self._failing_capacity, spec)
         self._fields = self._store.arrays()
         self._size = self._head = 0
-        self._early_size = 0
-        self._failing_size = self._failing_head = 0
+        self._early_size = self._failing_size = self._failing_head = 0
 
         self._pending = PendingSteps(settings.n_step, settings.discount)
         self._next_forbidden: type_Bool = np.zeros(spec.action_count, np.bool_)

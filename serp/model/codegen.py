@@ -32,9 +32,9 @@ compiles for pointers.
 from __future__ import annotations
 
 import ast
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from serp.model import ground as g
 from serp.model.emit import Site, assign, constant, entry, joined, negated, store, variable
@@ -240,3 +240,19 @@ def _need_sweeps(events: Sequence[g.GroundSchema]) -> bool:
         for test in event.preconditions:
             read_before.update(g.fluents_of(test))
     return False
+
+
+def load_function(generated: Generated, filename: str = "") -> Callable[..., int]:
+    """Turn a generated tree into a Python function.
+
+    The tree is compiled as it is; no program text is involved.
+
+    Args:
+        generated: What to load.
+        filename: Shown in tracebacks; compiled code is kept under it.
+    """
+    # numba finds the environment of a cached function through the module's name.
+    namespace: dict[str, Any] = {"__builtins__": {}, "__name__": __name__}
+    exec(compile(generated.tree, filename or f"<serp {generated.name}>", "exec"), namespace)
+    function: Callable[..., int] = namespace[generated.name]
+    return function

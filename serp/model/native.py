@@ -18,8 +18,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from serp._util.compilation import cached_cfunc, cached_njit
-from serp.model.codegen import Generated
-from serp.model.program import load_function
+from serp.model.codegen import Generated, load_function
 
 _POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 STEP_SIGNATURE = types.int64(_POINTER, types.int64, _POINTER, types.float64, _POINTER)

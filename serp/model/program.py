@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from serp.model.codegen import Generated, Part, generate_code
+from serp.model.codegen import Part, generate_code, load_function
 from serp.model.emit import Site
 from serp.model.flags import APPLICABLE
 from serp.model.ground import GroundModel, SetNumber, Test, Value, fluents_of
@@ -211,19 +211,3 @@ class Program:
             expressions[id(ground.metric.value)] = ground.metric.value
         reads = [sum(1 for _ in fluents_of(expression)) for expression in expressions.values()]
         return math.inf if max(reads, default=0) > MAX_NATIVE_TEST else writes + sum(reads)
-
-
-def load_function(generated: Generated, filename: str = "") -> _Function:
-    """Turn a generated tree into a Python function.
-
-    The tree is compiled as it is; no program text is involved.
-
-    Args:
-        generated: What to load.
-        filename: Shown in tracebacks; compiled code is kept under it.
-    """
-    # numba finds the environment of a cached function through the module's name.
-    namespace: dict[str, Any] = {"__builtins__": {}, "__name__": __name__}
-    exec(compile(generated.tree, filename or f"<serp {generated.name}>", "exec"), namespace)
-    function: _Function = namespace[generated.name]
-    return function

@@ -152,7 +152,7 @@ class TransitionModel(StateSpace):
 
         Returns:
             F + 1 floats (the next state and the reward; meaningless where not applicable) and
-            the flags; see `serp.model.flags`.
+            the flags, as in `serp.Forecast`.
         """
         out = [*state, 0.0]
         return out, self._program.step(state, action, self._theta_list, self.dt, out)

@@ -34,7 +34,8 @@ class Forecast(NamedTuple):
             edge of the planner's setting `repeat` has several), or before such a state; SAFE where
             there is none, -1 where not applicable.
         reward: `[A]` predicted reward of one control period.
-        flags: `[A]` predicted for one control period; see `serp.model.flags`.
+        flags: `[A]` predicted for one control period; a sum of APPLICABLE = 1, UNSAFE = 2,
+            TERMINAL = 4, UNDEFINED = 8 and RISKY = 16, and above bit 8 the risk in units of 2⁻²⁴.
         depth: Layers that were expanded.
         bound: What ended the expansion.
     """

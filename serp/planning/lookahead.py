@@ -19,7 +19,7 @@ _BOUNDS = tuple(Bound)
 class Lookahead:
     """Monitor-replanning without the graph: what training calls in every step.
 
-    Memory is bounded by the budgets of `serp.planning.limits` and allocated once. Not thread-safe:
+    Memory is bounded by the budgets of nodes and edges and allocated once. Not thread-safe:
     give each thread its own.
 
     Args:

@@ -14,7 +14,8 @@ from serp._util.json_files import json_text, read_json
 from serp.errors import RunError
 from serp.runs.lock import LOCK
 
-FORMAT = 1
+FORMAT = 2
+"""Raised where a run of before cannot be read any more."""
 CONFIG = "config.json"
 
 _KINDS = {
@@ -72,8 +73,8 @@ def read_config(folder: Path) -> dict[str, Any]:
     """Read the ``config.json`` of a run: the keys that `config_text` writes.
 
     Raises:
-        RunError: The folder is missing or not a run, or its ``config.json`` is damaged or of a
-            newer serp.
+        RunError: The folder is missing or not a run, or its ``config.json`` is damaged or of
+            another version of serp.
     """
     if not os.path.isdir(folder):
         raise RunError(f"there is no run {folder}: no such folder.")
@@ -93,6 +94,11 @@ def read_config(folder: Path) -> dict[str, Any]:
         raise RunError(
             f"{file} has format {version}; this serp knows formats up to {FORMAT}. Install a "
             "newer serp to read this run."
+        )
+    if isinstance(version, int) and version < FORMAT:
+        raise RunError(
+            f"{file} was written by an earlier version of serp, with other names of settings: this "
+            "run cannot be read or continued. Train again, or install that version."
         )
     for key, kind in _KINDS.items():
         if not isinstance(about.get(key), kind):

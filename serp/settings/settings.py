@@ -25,7 +25,14 @@ Changes = Mapping[str, Mapping[str, Any]]
 
 
 class Settings(BaseModel):
-    """Everything that can be set, by section."""
+    """Everything that can be set, by section; frozen.
+
+    `serp.Settings()` has the defaults; `serp.Settings(planner=serp.PlannerSettings(depth=3))`
+    differs in one of them.
+
+    Raises:
+        SettingsError: A section is unknown or not of its class.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

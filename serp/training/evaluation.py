@@ -33,7 +33,7 @@ class EvaluationResult:
     """Returns of a policy over some episodes.
 
     Attributes:
-        policy: Which; see `serp.training.policies.Policy`.
+        policy: Which, as in `serp.Run.evaluate`.
         meaning: The same in words, as the strategy of the agent has it.
         returns: The environment's return of each episode.
         lengths: Steps of each episode.

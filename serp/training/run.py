@@ -115,8 +115,6 @@ class Run:
     def decide(self, observation: Any) -> Decision:
         """Decide as the trained agent does, for one observation as the environment gives it.
 
-        This is `serp` of `serp.training.policies.Policy`.
-
         Raises:
             RunError: There is no whole checkpoint, or the run's files were changed since.
             EnvironmentFailure: The observation is none of the environment's space, or holds NaN.
@@ -132,10 +130,13 @@ class Run:
         seed: int = 0,
         quiet: bool = False,
     ) -> EvaluationResult:
-        """Evaluate a policy of the run; see `serp.training.evaluation.evaluate`.
+        """Evaluate a policy of the run in an environment of its own.
 
         Args:
-            policy: Which; see `serp.training.policies.Policy`.
+            policy: `serp`: the trained agent within the vetoes, as `serp.Run.decide`; `planner`:
+                the planner without the learner; `learner`: the learner's greedy choice without
+                vetoes; `training`: who would act if training went on, within the vetoes. None of
+                them explores.
             episodes: How many, at least 1.
             seed: Seed of the environment.
             quiet: Show no bar on a terminal.

@@ -147,8 +147,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         observation, info = self.scenario.observe(), self._info()
         self.clock.end(TICK * self.scenario.world.tick + ruling.dead_time)
         self._actions = None
-        ended = not ruling.truncated
-        return observation, reward + ruling.reward, ended, ruling.truncated, info
+        return observation, reward + ruling.reward, not ruling.truncated, ruling.truncated, info
 
     def _checked(self, action: SupportsInt) -> int:
         if self._actions is None:
@@ -209,15 +208,12 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
             Plain JSON values: names of scenario and field, the game clock, the state of the
             generator, the actions of the running episode or None between two.
         """
-        if self._actions is None:
-            generator: Any = self.np_random.bit_generator.state
-        else:
-            generator = self._generator
+        between = self._actions is None
         return {
             "scenario": type(self.scenario).__name__,
             "field": self.scenario.field.name,
             "clock": self.clock.state_dict(),
-            "np_random": generator,
+            "np_random": self.np_random.bit_generator.state if between else self._generator,
             "actions": None if self._actions is None else list(self._actions),
         }
 
@@ -311,15 +307,12 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         if self._pacer is not None:
             self._pacer.restart() if restart else self._pacer.wait(TICK)
 
-    def _view(self) -> Viewer:
+    def _draw(self) -> Viewer:
         if self._viewer is None:
             from serp_envs.soccer.rendering import Viewer  # needs pygame
 
             self._viewer = Viewer(self.scenario.field, window=self.render_mode == "human")
-        return self._viewer
-
-    def _draw(self) -> Viewer:
-        viewer, scenario = self._view(), self.scenario
+        viewer, scenario = self._viewer, self.scenario
         viewer.draw(
             scenario.world,
             scenario.teams,

@@ -42,7 +42,10 @@ class Situation(NamedTuple):
 
 
 class Strategy:
-    """Who proposes. This base class always asks the learner.
+    """How planner and learner share the decisions. This base class always asks the learner.
+
+    A strategy proposes; `serp.Arbiter` decides, so that the vetoes hold under every strategy. A
+    subclass is found by name through the entry-point group `serp.strategies`.
 
     Args:
         settings: All settings.

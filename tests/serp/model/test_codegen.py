@@ -10,9 +10,8 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from serp.model.codegen import Generated, Part, generate_code
+from serp.model.codegen import Generated, Part, generate_code, load_function
 from serp.model.ground import GroundModel
-from serp.model.program import load_function
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts
 
 OWN_NAMES = re.compile(

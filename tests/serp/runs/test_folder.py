@@ -39,7 +39,7 @@ def create(path, **more):
 def about(**other):
     """A ``config.json`` in which one thing is another."""
     whole = {
-        "format": 1, "created": "2026-11-21T04:05:06+00:00", "command": ["serp"], "seed": 1,
+        "format": 2, "created": "2026-11-21T04:05:06+00:00", "command": ["serp"], "seed": 1,
         "domain_files": {"domain.pddl": "d.pddl"}, "config": {}, "versions": {}, "machine": {},
     }  # fmt: skip
     return json.dumps(whole | other)
@@ -207,7 +207,8 @@ def test_a_reader_cannot_write(tmp_path):
         ("{", "is damaged"),
         ("[]", "not a JSON object"),
         ("{}", "was not written by serp"),
-        ('{"format": 1, "config": {}}', "was not written by serp"),
+        ('{"format": 1, "config": {}}', "an earlier version of serp, with other names"),
+        ('{"format": 2, "config": {}}', "was not written by serp"),
         ('{"format": 99, "config": {}, "domain_files": {}}', "has format 99; .* newer serp"),
         (about(created=None), "created is missing or not a str"),
         (about(machine=[]), "machine is missing or not a dict"),
