@@ -110,7 +110,7 @@ def _observed(
         )
     task = with_domain(asked.task, asked.domain)
     domain = asked.domain
-    if domain.problem_syntax is not None:  # what of its :init is observed, the grounding tells
+    if domain.problem_syntax is not None:  # the grounding tells what of :init is observed
         with task.bind() as bound:
             domain = bound.domain
     if planner_of is None:
@@ -162,7 +162,7 @@ def observed_choice(task: Task, planner: MonitorReplanner, seed: int) -> tuple[V
 
 
 def parse_state(assignments: Iterable[str], known: Mapping[str, bool]) -> dict[str, float]:
-    """Return fluent → value of `fluent=value` texts, several in one text apart by commas.
+    """Return fluent → value of `fluent=value` texts, several in one text separated by commas.
 
     Args:
         assignments: What was typed; a predicate takes `true` or `false` as well as 1 or 0.

@@ -1,4 +1,4 @@
-"""Rules: what in a file not every PDDL tool reads.
+"""Rules: forms that serp reads and some other PDDL tools do not.
 
 The rules are those that unified-planning, pddl, tarski, pddl-plus-parser and VAL have in common
 (processes and events apart). Breaking one is not an error: serp reads more than they do.
@@ -20,7 +20,7 @@ _OPERATORS = ("+", "-", "*", "/")
 
 
 def outside_portable_subset(source: Source) -> list[DomainWarning]:
-    """Return what in a domain or problem file not every PDDL tool reads, one finding a rule.
+    """Return the forms in a file that some PDDL tools do not read, one finding per rule.
 
     Args:
         source: A file that serp itself reads.
