@@ -119,6 +119,15 @@ def test_an_answer_that_is_none_is_said(output: bytes, monkeypatch: pytest.Monke
     )  # fmt: skip
 
 
+def test_where_it_is_missing_the_line_that_installs_it_is_said(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("serp.lint.unified_planning.find_spec", lambda _: None)
+    answer, finding = ask_unified_planning(Source("d.pddl", PLAIN), None, 1.0)
+    assert answer == "not known (it is not installed: pip install 'serp[check]')"
+    assert finding is None
+
+
 def test_a_requirement_that_unified_planning_does_not_know_is_named() -> None:
     found = refusal(PLAIN.replace(":time", ":time :processes"))
     assert found == "d.pddl:3:57: unified-planning does not know the requirement `:processes`"
