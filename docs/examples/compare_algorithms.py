@@ -13,5 +13,7 @@ comparison = serp.compare(
     jobs=1,
     quiet=True,
 )
-print(comparison.overview())
+head, rows = comparison.overview()
+for row in (head, *rows):
+    print(" | ".join(row))
 print("report:", comparison.path / "report.html")

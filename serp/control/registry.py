@@ -10,14 +10,12 @@ from __future__ import annotations
 
 from typing import Any, Final, cast
 
-import numpy as np
-
 from serp._util import plugins
 from serp.control.protocols import MakeLearner, MakePlanner, Planner
 from serp.control.strategies.strategy import Strategy
 from serp.errors import SettingsError
 from serp.model.transition_model import TransitionModel
-from serp.settings import PlannerSettings, Settings
+from serp.settings import PlannerSettings
 
 PLANNERS: Final = "serp.planners"
 LEARNERS: Final = "serp.learners"
@@ -39,22 +37,6 @@ def find_strategy(name: str) -> type[Strategy]:
     if not (isinstance(found, type) and issubclass(found, Strategy)):
         raise SettingsError(f"guide.strategy: `{name}` is {found!r}, no subclass of {Strategy!r}")
     return found
-
-
-def make_strategy(
-    settings: Settings, seed: int | np.random.SeedSequence, *, adapts: bool = True
-) -> Strategy:
-    """Return the strategy that `guide.strategy` names.
-
-    Args:
-        settings: All settings.
-        seed: Seed of its draws.
-        adapts: Whether the model adapts.
-
-    Raises:
-        SettingsError: There is none, or it cannot be loaded.
-    """
-    return find_strategy(settings.guide.strategy)(settings, seed, adapts=adapts)
 
 
 def make_planner(model: TransitionModel, settings: PlannerSettings) -> Planner:

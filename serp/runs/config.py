@@ -96,9 +96,12 @@ def read_config(folder: Path) -> dict[str, Any]:
             "newer serp to read this run."
         )
     if isinstance(version, int) and version < FORMAT:
+        versions = about.get("versions")
+        wrote = versions.get("serp") if isinstance(versions, dict) else None
         raise RunError(
-            f"{file} was written by an earlier version of serp, with other names of settings: this "
-            "run cannot be read or continued. Train again, or install that version."
+            f"{file} was written by an earlier version of serp ({wrote or 'unknown'}), with other "
+            "names of settings: this run cannot be read or continued. Train again, or install that "
+            "version."
         )
     for key, kind in _KINDS.items():
         if not isinstance(about.get(key), kind):

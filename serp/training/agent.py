@@ -17,7 +17,7 @@ from serp.control.decision import Decision
 from serp.control.leaf_value_bootstrap import LeafValueBootstrap
 from serp.control.proposers import LearnerProposer
 from serp.control.protocols import Mask, Proposer
-from serp.control.registry import find_learner, make_planner, make_strategy
+from serp.control.registry import find_learner, find_strategy, make_planner
 from serp.control.step_record import StepRecord
 from serp.control.strategies.strategy import Strategy
 from serp.control.veto import NoVeto, VetoPolicy
@@ -84,6 +84,9 @@ class Agent:
     ) -> None:
         self.task = task
         self.settings = settings
+        # Wrong names are refused before anything is compiled.
+        make_strategy = Strategy if baseline else find_strategy(settings.guide.strategy)
+        make_learner = find_learner(settings.learner.name)
         self._learns_from = reward_source(task.rewarded_by, settings)
         seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(5)
         strategy_seed, learner_seed, random_seed, adaptation_seed, leaf_value_seed = seeds
@@ -92,8 +95,7 @@ class Agent:
         adapts = model is not task.model
         actions = task.actions.over(model)
         planner = make_planner(model, settings.planner)
-        make = Strategy if baseline else make_strategy
-        strategy = make(settings, strategy_seed, adapts=adapts)
+        strategy = make_strategy(settings, strategy_seed, adapts=adapts)
         horizon = settings.planner.depth * settings.planner.repeat
         self.guarded = Arbiter(
             planner,
@@ -120,7 +122,7 @@ class Agent:
             group = symmetry_group(task, self.symmetries, settings.training.inputs)
         if self.adaptation.notice is not None:
             self.notices = (*self.notices, self.adaptation.notice)
-        self.learner = find_learner(settings.learner.name)(
+        self.learner = make_learner(
             self._input_size(),
             task.actions.size,
             settings.learner,

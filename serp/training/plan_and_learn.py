@@ -20,8 +20,9 @@ from serp.errors import Interrupted, RunError, SettingsError, TaskError
 from serp.model.loading import Domain
 from serp.model.transition_model import StateError
 from serp.runs.checkpoint import NEWEST, PREVIOUS
+from serp.runs.config import CONFIG
 from serp.runs.folder import METRICS, RunFolder
-from serp.runs.placement import default_path
+from serp.runs.placement import default_path, occupied
 from serp.runs.reading import read_metrics
 from serp.runs.tensorboard import EventWriter, require_tensorboard
 from serp.settings import Settings, resolve
@@ -98,6 +99,8 @@ def plan_and_learn(
         require_tensorboard()
     with task.bind() as bound:
         path = Path(out) if out is not None else default_path(bound.name, begun)
+        if os.path.lexists(path / CONFIG):  # said before anything is compiled
+            raise occupied(path)
         config = {
             "task": bound.name,
             "domain": bound.domain.name,

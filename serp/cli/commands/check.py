@@ -13,7 +13,7 @@ from serp.cli.asked import asked_domain, asked_own_task
 from serp.cli.failures import DONE, MISTAKE, say
 from serp.cli.options import max_ground_schemas_option, own_task_name, own_task_option
 from serp.cli.output import ExampledCommand, open_console
-from serp.errors import SerpError, TaskError
+from serp.errors import MissingExtra, SerpError, TaskError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -81,7 +81,8 @@ def command(
             )
         except SerpError as error:
             wrong += 1
-            console.print(f"{check.name}: wrong", style="bold red")
+            found = "not checked" if isinstance(error, MissingExtra) else "wrong"
+            console.print(f"{check.name}: {found}", style="bold red")
             say(str(error))
     if len(checks) > 1:
         console.print(

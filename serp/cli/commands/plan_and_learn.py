@@ -50,6 +50,11 @@ class TrainingOptions:
     quiet: bool
 
 
+def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> None:
+    if value is not None:
+        raise click.UsageError(f"{option.opts[0]} is now called --adapt", ctx)
+
+
 @click.command(
     "plan-and-learn",
     cls=ExampledCommand,
@@ -78,6 +83,7 @@ class TrainingOptions:
               help="Continue a run: this one, or that in --out.")  # fmt: skip
 @click.option("--adapt", metavar="off|parameters|residual|full",
               help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
+@click.option("--correct", hidden=True, expose_value=False, callback=_renamed)
 @max_ground_schemas_option
 @click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
               help="Change a setting; may be repeated.")  # fmt: skip
@@ -212,7 +218,9 @@ def _print_results(run: Run, domain: str | None) -> None:
             (
                 "return",
                 f"{readable(returns['first_10'])} in the first {plural(first, 'episode')}, "
-                f"{readable(returns['last_20'])} in the last {last}",
+                f"{readable(returns['last_20'])} in the last {last}"
+                if first < summary["episodes"]
+                else readable(returns["first_10"]),
             ),
             (
                 "terminated",

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from serp.control.arbiter import Arbiter
 from serp.control.decision import Actor, Decision, Reason
 from serp.control.protocols import Mask, Values
-from serp.control.registry import make_strategy, strategy_names
+from serp.control.registry import find_strategy, strategy_names
 from serp.control.strategies.mixture import Mixture
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE
@@ -189,7 +189,7 @@ def cases_of(
     planner = Lookahead(model, PlannerSettings(depth=depth, repeat=repeat))
     settings = settings_of(random)
     made = Settings(arbiter=settings).replace({"guide": {"strategy": strategy}})
-    arbiter = Arbiter(planner, actions, settings, make_strategy(made, seed))
+    arbiter = Arbiter(planner, actions, settings, find_strategy(strategy)(made, seed))
     proposer = Proposer(seed, actions.size)
     for state in states_of(model, random, STATES):
         proposer.asked = False

@@ -14,7 +14,7 @@ from serp.control.arbiter import Arbiter
 from serp.control.decision import Actor
 from serp.control.proposers import LearnerProposer
 from serp.control.protocols import Mask, Values
-from serp.control.registry import make_strategy, strategy_names
+from serp.control.registry import find_strategy, strategy_names
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.planning.action_map import ActionMap
@@ -93,7 +93,7 @@ def test_no_value_of_a_learner_brings_about_what_is_refused(
     )  # fmt: skip
     arbiter = Arbiter(
         Planner(np.array(value), np.array(unsafe)), ActionMap(MODEL, ACTIONS),
-        asked.arbiter, make_strategy(asked, 0),
+        asked.arbiter, find_strategy(strategy)(asked, 0),
     )  # fmt: skip
     with np.errstate(over="ignore", invalid="ignore"):
         learner = LearnerProposer(Wild(np.array(q, np.float32)), np.zeros(1))  # type: ignore[arg-type]

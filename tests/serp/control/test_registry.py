@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from serp.control.planners import GraphPlanner
-from serp.control.registry import find_learner, make_planner, make_strategy, strategy_names
+from serp.control.registry import find_learner, find_strategy, make_planner, strategy_names
 from serp.control.strategies.strategy import Strategy
 from serp.errors import SettingsError
 from serp.learning.dqn import DQN
@@ -47,7 +47,8 @@ def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def named(strategy: str) -> Strategy:
-    return make_strategy(resolve("default", None, {"guide": {"strategy": strategy}}), 0)
+    settings = resolve("default", None, {"guide": {"strategy": strategy}})
+    return find_strategy(strategy)(settings, 0)
 
 
 def test_a_strategy_of_another_package_is_made_by_its_name(installed: None) -> None:
@@ -99,7 +100,7 @@ def test_the_settings_reach_the_strategy() -> None:
     settings = resolve("default", None, {
         "guide": {"strategy": "dqfd", "imitation_steps": 2, "margin": 0.3},
     })  # fmt: skip
-    strategy = make_strategy(settings, 0)
+    strategy = find_strategy("dqfd")(settings, 0)
     assert strategy.guided is not None
     assert strategy.guided.margin == 0.3
     assert strategy.rho == 0.0

@@ -207,7 +207,11 @@ def test_a_reader_cannot_write(tmp_path):
         ("{", "is damaged"),
         ("[]", "not a JSON object"),
         ("{}", "was not written by serp"),
-        ('{"format": 1, "config": {}}', "an earlier version of serp, with other names"),
+        (
+            '{"format": 1, "config": {}}',
+            r"an earlier version of serp \(unknown\), with other names",
+        ),
+        (about(format=1, versions={"serp": "0.1.0"}), r"an earlier version of serp \(0\.1\.0\)"),
         ('{"format": 2, "config": {}}', "was not written by serp"),
         ('{"format": 99, "config": {}, "domain_files": {}}', "has format 99; .* newer serp"),
         (about(created=None), "created is missing or not a str"),
