@@ -295,6 +295,7 @@ def test_one_at_a_time(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ({"seeds": True}, "seeds must be"),
         ({"seeds": 1.5}, "seeds must be"),
         ({"jobs": 0}, "jobs must be a whole number"),
+        ({"env_steps": "many"}, "env_steps must be a whole number"),
         ({"threshold": float("nan")}, "threshold must be a number"),
     ],
 )
