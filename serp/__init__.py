@@ -36,6 +36,7 @@ _HOMES = {
     "Planner": "serp.control.protocols",
     "PlannerSettings": "serp.settings",
     "PlanningGraph": "serp.planning.graph",
+    "Proposal": "serp.learning.dqn",
     "Repaired": "serp.diagnosis.repair.repair",
     "Run": "serp.training.run",
     "RunError": "serp.errors",
@@ -85,6 +86,7 @@ if TYPE_CHECKING:
     from serp.errors import SettingsError as SettingsError
     from serp.errors import TaskError as TaskError
     from serp.learning.dqn import DQN as DQN
+    from serp.learning.dqn import Proposal as Proposal
     from serp.model.loading import Domain as Domain
     from serp.model.loading import load_domain as load_domain
     from serp.model.transition_model import Outcome as Outcome

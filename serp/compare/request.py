@@ -199,7 +199,8 @@ def _protocol(
         return before.protocol
     if "env_steps" not in given:
         given["env_steps"] = resolve("default", bound.task.settings).training.env_steps
-    return ComparisonProtocol(**{"evaluate_every": max(1, given["env_steps"] // 10), **given})
+    steps = whole(given["env_steps"], 1) or 1  # the protocol refuses any other
+    return ComparisonProtocol(**{"evaluate_every": max(1, steps // 10), **given})
 
 
 def _algorithms(

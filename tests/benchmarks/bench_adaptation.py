@@ -46,7 +46,7 @@ Step = tuple[Vector, int, Vector, bool]
 
 
 def settings_of(task: str, mode: str) -> Settings:
-    """The preset `default` with such a correction."""
+    """The preset `default` with such an adaptation."""
     tries = 0 if mode == "off" else 3
     changes: dict[str, dict[str, Any]] = {"adaptation": {"mode": mode, "min_visits": tries}}
     return resolve("default", load_task(task).settings, changes)
@@ -72,11 +72,11 @@ def new(model: TransitionModel, mode: Any, seed: int = 0) -> ModelAdaptation:
 
 def observed(model: TransitionModel, steps: list[Step], mode: str) -> Iterator[float]:
     """µs a step of `ModelAdaptation.observe` in each phase of a training."""
-    correction = new(model, mode)
+    adaptation = new(model, mode)
     for first, last in PHASES:
         start = process_time()
         for step in steps[first:last]:
-            correction.observe(*step)
+            adaptation.observe(*step)
         yield (process_time() - start) / max(1, len(steps[first:last])) * 1e6
 
 
@@ -115,9 +115,9 @@ def print_lookaheads(task: str, rounds: int) -> None:
         ("after 50 steps", "residual", 50),
         ("after 3,000 steps", "residual", 3_000),
     ):
-        learned[name] = correction = new(model, mode)
+        learned[name] = adaptation = new(model, mode)
         for step in steps[:count]:
-            correction.observe(*step)
+            adaptation.observe(*step)
     planners = {"as written": Lookahead(model, planner)}
     planners |= {name: Lookahead(of.model, planner) for name, of in learned.items()}
     times: dict[str, list[float]] = {name: [] for name in planners}
@@ -140,8 +140,8 @@ def trained(task: str, mode: str, env_steps: int, seed: int) -> tuple[float, flo
     """Env steps a second of a training, and the share of its time that `observe` takes."""
     with load_task(task).bind() as bound:
         trainer = Trainer(bound, settings_of(task, mode), seed)
-        correction, spent = trainer.agent.adaptation, 0.0
-        observe = correction.observe
+        adaptation, spent = trainer.agent.adaptation, 0.0
+        observe = adaptation.observe
 
         def timed(*step: Any) -> None:
             nonlocal spent
@@ -149,7 +149,7 @@ def trained(task: str, mode: str, env_steps: int, seed: int) -> tuple[float, flo
             observe(*step)
             spent += process_time() - began
 
-        correction.observe = timed  # type: ignore[method-assign]
+        adaptation.observe = timed  # type: ignore[method-assign]
         start = process_time()
         while trainer.env_steps < env_steps:
             trainer.run_episode()

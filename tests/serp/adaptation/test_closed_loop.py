@@ -38,6 +38,6 @@ def test_from_a_file_with_the_pushes_reversed_it_stands_by_the_second(seed: int)
     assert returns("reversed", seed, 2, tries=4)[1] == 500
 
 
-def test_without_correction_neither_works() -> None:
+def test_without_adaptation_neither_works() -> None:
     for variant in ("empty", "reversed"):
         assert max(returns(variant, SEEDS[0], 2, tries=3, mode="off")) < 100

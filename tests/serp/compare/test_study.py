@@ -339,6 +339,7 @@ def test_another_task_or_one_with_other_settings_is_refused(copy: Path) -> None:
         ({"settings": {"lerner": {}}}, SettingsError, "did you mean `learner`"),
         ({"settings": {"guide": {"strategy": "jump"}}}, SettingsError, "there is no strategy"),
         ({"env_steps": 0}, SettingsError, "env_steps must be"),
+        ({"env_steps": "many"}, SettingsError, "env_steps must be"),
         ({"model_variants": ["a/other.pddl", "b/other.pddl"]}, SettingsError,
          "two model variants are called `other`"),
         ({"model_variants": ["nosuch.pddl"]}, TaskError, "nosuch.pddl"),

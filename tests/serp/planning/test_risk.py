@@ -15,7 +15,7 @@ from serp.model.flags import RISKY, UNSAFE, joined, risk_of, with_risk
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 from tests.generated.profile import examples
-from tests.serp.adaptation import worlds as corrections
+from tests.serp.adaptation import worlds
 from tests.serp.planning.reference import Reference, as_state
 from tests.serp.planning.test_lookahead import (
     PLANNERS,
@@ -38,8 +38,8 @@ def risky_world(seed: int) -> AdaptedModel:
     """A world whose model has counted outcomes, and in half of the cases residuals as well."""
     model, rng = AdaptedModel(world(seed)), np.random.default_rng(seed)
     if seed % 2:
-        corrections.publish(model, rng, corrections.MILD)
-    corrections.count(model, rng)
+        worlds.publish(model, rng, worlds.MILD)
+    worlds.count(model, rng)
     return model
 
 

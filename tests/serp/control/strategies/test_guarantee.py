@@ -17,7 +17,7 @@ from serp.model.transition_model import TransitionModel
 from serp.settings import Settings, resolve
 from serp.training.agent import Agent
 from serp.training.trainer import Trainer
-from tests.serp.adaptation import worlds as corrections
+from tests.serp.adaptation import worlds
 from tests.serp.control.strategies.imagined import imagined
 from tests.serp.planning.worlds import WORLDS
 
@@ -127,8 +127,8 @@ def learn_anything(agent: Agent, seed: int) -> None:
     model, rng = agent.adaptation.model, np.random.default_rng(seed)
     assert isinstance(model, AdaptedModel)
     if seed % 2:
-        corrections.publish(model, rng, corrections.WILD)
-    corrections.count(model, rng)
+        worlds.publish(model, rng, worlds.WILD)
+    worlds.count(model, rng)
     agent.adaptation._learners = agent.adaptation._estimation = None
 
 
