@@ -228,7 +228,8 @@ def test_what_needs_an_extra_says_which_one(tmp_path: Path) -> None:
         "check": "check cartpole --portable",
         "report": "compare --domain cartpole --algorithms mrp --env-steps 30",
     }
-    shown = without_extras(tmp_path, *needs.values())
+    shown = without_extras(tmp_path, *needs.values(), "check soccer")
+    assert "soccer: not checked" in shown
     for extra in needs:
         assert f"pip install 'serp[{extra}]'" in shown
     assert not any(tmp_path.glob("**/metrics.csv"))
