@@ -203,9 +203,9 @@ def meaning_of(agent: Agent, policy: Policy) -> str:
         return f"{strategy.baseline} alone, no veto"
     instead = "the planner's"
     if agent.settings.arbiter.after_veto == "learner":
-        instead = "the learner's best that is not"
+        instead = "the learner's best admissible one"
     chosen = strategy.choice if policy == "serp" else f"as in training: {strategy.turns}"
-    return f"{chosen}, within the vetoes: a refused choice gives way to {instead}"
+    return f"{chosen}, within the vetoes: a vetoed choice is replaced by {instead}"
 
 
 def other_in_training(agent: Agent) -> str | None:

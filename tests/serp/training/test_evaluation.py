@@ -181,9 +181,9 @@ def test_what_is_evaluated_is_named_in_words(tmp_path: Path) -> None:
     assert meaning_of(half, "planner") == "the planner alone"
     assert meaning_of(half, "learner") == "the learner's choice alone, no veto"
     assert meaning_of(half, "serp") == (
-        "the learner's choice, within the vetoes: a refused choice gives way to the planner's"
+        "the learner's choice, within the vetoes: a vetoed choice is replaced by the planner's"
     )
-    assert "the learner's best that is not" in meaning_of(whole, "serp")
+    assert "the learner's best admissible one" in meaning_of(whole, "serp")
     assert "with probability 0.50 the planner's" in meaning_of(half, "training")
     assert other_in_training(whole) is None
     assert evaluate(half, half.task, episodes=1).as_dict()["meaning"] == meaning_of(half, "serp")
