@@ -103,8 +103,8 @@ class MeanQ:
         """
         inputs = x[np.newaxis].astype(np.float32, copy=False)
         if self._symmetry is None:
-            alone: type_F32 = network.forward(inputs, self._single)[:, 0].copy()
-            return alone
+            q: type_F32 = network.forward(inputs, self._single)[:, 0].copy()
+            return q
         group = self._symmetry
         images = self._images(group, inputs, self._single)
         q = network.forward(images, self._single)

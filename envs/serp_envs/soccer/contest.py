@@ -92,7 +92,7 @@ class Contest(Scenario):
 
     def judge(self) -> Ruling | None:
         """Return the first that applies of goal, out, secured, exit and timeout."""
-        seen = self.referee.look()
+        seen = self.referee.check()
         if seen is not None:
             return _SEEN[seen]
         world = self.world

@@ -139,7 +139,7 @@ class CornerKick(Scenario):
 
     def judge(self) -> Ruling | None:
         """Return the first that applies of goal, out, secured, cleared and timeout."""
-        seen = self.referee.look()
+        seen = self.referee.check()
         if seen is not None:
             return _SEEN[seen]
         world = self.world

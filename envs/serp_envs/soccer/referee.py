@@ -37,7 +37,7 @@ class Referee:
         """For how long the ball has been as good as secured, s; 1 s secures it."""
         return TICK * self._secure
 
-    def look(self) -> str | None:
+    def check(self) -> str | None:
         """Look at the world after a tick.
 
         Returns:

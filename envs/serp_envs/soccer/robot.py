@@ -43,7 +43,7 @@ TURN_GAIN: Final = 1.0 / TICK
 
 
 class Robot:
-    """One robot in a `World`; its pose is as of the last `World.look`.
+    """One robot in a `World`; its pose is as of the last `World.update`.
 
     The controller only sets the velocity of a control body; joints of limited force drag the robot
     after it, so that a robot that runs into something slips instead of passing through.

@@ -29,7 +29,7 @@ class World:
 
     A situation starts with a new world, never with an old one put in order: a pymunk space carries
     contacts and joint impulses from step to step, and what came before would show. Positions and
-    velocities are plain floats that `look` brings up to date, once a tick.
+    velocities are plain floats that `update` brings up to date, once a tick.
     """
 
     __slots__ = (
@@ -80,15 +80,15 @@ class World:
         """The robots in the order of their poses."""
         self.kicked_by: Robot | None = None
         """Who kicked the ball last."""
-        self.look()
+        self.update()
 
     def advance(self) -> None:
         """Let one tick of physics pass and look."""
         self._engine.advance()
         self.tick += 1
-        self.look()
+        self.update()
 
-    def look(self) -> None:
+    def update(self) -> None:
         """Read positions, headings and the ball's velocity off the physics."""
         self.ball_x, self.ball_y, self.ball_vx, self.ball_vy = self._engine.ball()
         self._engine.place(self.robots)
