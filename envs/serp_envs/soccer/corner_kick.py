@@ -1,4 +1,4 @@
-"""The rules of a corner kick: what the defender can do, when it ends, what it sees."""
+"""The rules of a corner kick: actions, end, reward and observation of the defender."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class CornerKick(Scenario):
     def __init__(self, field: Field) -> None:
         super().__init__(field)
         self.attack: CornerAttack
-        """The player of the other two robots, from `start` on."""
+        """The policy of the other two robots, from `start` on."""
         self.referee: Referee
         """The referee, from `start` on."""
 

@@ -30,7 +30,7 @@ class Referee:
         self._last_x, self._last_y = world.ball_x, world.ball_y
         self._secure = 0
         self.d_rb = self.d_ob = 0.0
-        """Distance of the defender, of the attacker from the ball at the last look, m."""
+        """Distance of the defender, of the attacker from the ball at the last check, m."""
 
     @property
     def secure_timer(self) -> float:
@@ -38,7 +38,7 @@ class Referee:
         return TICK * self._secure
 
     def check(self) -> str | None:
-        """Look at the world after a tick.
+        """Check the world after a tick.
 
         Returns:
             "goal", "out", "secured", in this order of precedence, or None.

@@ -12,9 +12,9 @@ from serp_envs.soccer.robot import Robot
 from serp_envs.soccer.world import World
 
 TIME_STEP: Final = 0.2
-"""The way ahead is looked at in steps of this, s."""
+"""The path is sampled in steps of this, s."""
 STILL: Final = 1e-6
-"""A slower ball lies, m/s."""
+"""A ball slower than this is at rest, m/s."""
 
 Number = TypeVar("Number", float, NDArray[np.floating[Any]])
 

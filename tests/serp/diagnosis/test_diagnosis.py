@@ -275,7 +275,7 @@ def test_where_nothing_can_be_compared_nothing_is_said(model: TransitionModel) -
     assert not (diagnosis.matter or diagnosis.unexplained or diagnosis.fits)
     still, rest = from_text(STILL), np.zeros((60, 1))
     still_diagnosis = diagnosed(recorded(still.model, rest, np.zeros(60, int), rest, domain=still))
-    assert still_diagnosis.verdict.startswith("Nothing changed in these steps, as the file says")
+    assert still_diagnosis.verdict.startswith("Nothing changed in these steps, as predicted")
 
 
 def test_the_table_has_a_row_for_each_action_and_quantity(model: TransitionModel) -> None:

@@ -396,7 +396,7 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(
         (lambda a, m: a.update({"replay.ring.action": a["replay.ring.action"][:-1]}),
          r"ring\.action has shape"),
         (lambda a, m: a["replay.ring.action"].fill(A), r"ring\.action has entries"),
-        (lambda a, m: a["replay.ring.forbidden"].fill(True), "forbids everything"),
+        (lambda a, m: a["replay.ring.forbidden"].fill(True), "forbids all actions"),
         (lambda a, m: a["replay.ring.guide_action"].fill(A), r"ring\.guide_action has entries"),
         (lambda a, m: a["replay.ring.guide_next_action"].fill(-2), "guide_next_action has entries"),
         (lambda a, m: a.pop("replay.ring.guide_value"), r"ring\.guide_value is missing"),

@@ -112,5 +112,5 @@ def test_control_periods_that_make_no_sense_are_refused(small: TransitionModel, 
 def test_judging_an_action_that_does_not_exist_is_refused(
     small: TransitionModel, action: int
 ) -> None:
-    with pytest.raises(StateError, match=f"action {action} "):
+    with pytest.raises(StateError, match=f"no action {action};"):
         small.judge(np.zeros(2), action, np.zeros(2))
