@@ -53,7 +53,7 @@ def checked(guidance: Guidance | None, actions: int) -> Guidance:
         raise ValueError("a learner with a guide needs guidance for every step")
     for action in (guidance.action, guidance.next_action):
         if not -1 <= action < actions:
-            raise ValueError(f"a guide's action must be one of {actions}, not {action}")
+            raise ValueError(f"a guide's action must be in 0 ... {actions - 1}, not {action}")
     values = guidance.next_values
     if values.shape != (actions,):
         raise ValueError(f"a guide's values must have shape ({actions},), not {values.shape}")

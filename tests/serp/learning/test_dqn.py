@@ -273,7 +273,7 @@ def test_a_guide_whose_weight_is_taken_away_changes_no_parameter() -> None:
 
 def test_guidance_is_needed_where_something_is_learned_from_it() -> None:
     learner(guided=GuidedLearning()).remember(HERE, 0, 0.0, HERE, False, False)
-    with pytest.raises(ValueError, match="needs its guidance"):
+    with pytest.raises(ValueError, match="needs guidance for every step"):
         learner(guided=GUIDES["bootstrap"]).remember(HERE, 0, 0.0, HERE, False, False)
     with pytest.raises(ValueError, match="margin_weight must be 0"):
         GuidedLearning(residual=True, margin_weight=0.5)
@@ -282,8 +282,8 @@ def test_guidance_is_needed_where_something_is_learned_from_it() -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"action": A}, "cannot choose 3"),
-        ({"next_action": -2}, "cannot choose -2"),
+        ({"action": A}, "must be in 0 ... 2, not 3"),
+        ({"next_action": -2}, "must be in 0 ... 2, not -2"),
         ({"value": float("nan")}, "finite"),
         ({"next_values": np.array([0.0, np.inf, 0.0])}, "finite"),
         ({"next_values": np.zeros(A + 1)}, "shape"),
