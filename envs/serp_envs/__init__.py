@@ -59,7 +59,7 @@ _ENVIRONMENTS: Final[dict[str, dict[str, Any]]] = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import the soccer environments when they are asked for: they alone need pymunk."""
+    """Import the soccer environments on first access: only they need pymunk."""
     if name not in ("CornerKickDefender", "SoccerDefender"):
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from serp_envs import soccer
@@ -70,7 +70,7 @@ def __getattr__(name: str) -> Any:
 def register() -> None:
     """Register the environments of this package that are missing in Gymnasium's registry.
 
-    Importing the package does this. Call it again after the registry was emptied.
+    Importing the package does this. Call it again after the registry was cleared.
     """
     for name, specification in _ENVIRONMENTS.items():
         if name not in gymnasium.registry:

@@ -82,7 +82,7 @@ class CartPole(CartPoleEnv):
     ## Snapshots
 
     `state_dict` and `load_state_dict` save and continue an episode in the middle, exactly.
-    They know nothing of wrappers: the steps that `TimeLimit` has counted are not among them.
+    They do not include wrappers: the steps counted by `TimeLimit` are not saved.
 
     ## Version history
 
@@ -126,7 +126,7 @@ class CartPole(CartPoleEnv):
         """Start an episode.
 
         Args:
-            seed: Starts the environment's generator afresh; without one it goes on where it is.
+            seed: Seeds the environment's generator; None: the generator is unchanged.
             options: `low` and `high`, other bounds of the initial state.
 
         Returns:
@@ -168,11 +168,11 @@ class CartPole(CartPoleEnv):
         """Continue where `state_dict` was called, on this object or on another.
 
         Args:
-            snapshot: What `state_dict` returned, also after a way through JSON.
+            snapshot: What `state_dict` returned, also after conversion to JSON and back.
 
         Raises:
-            ValueError: It is no snapshot of this environment, or one with other limits. The
-                environment is then as it was.
+            ValueError: It is not a snapshot of this environment, or one with other limits. The
+                environment is then unchanged.
         """
         if set(snapshot) != set(_SNAPSHOT):
             raise ValueError(f"a snapshot of CartPole has {_SNAPSHOT}, not {tuple(snapshot)}")
@@ -192,7 +192,7 @@ class CartPole(CartPoleEnv):
         try:
             generator.state = snapshot["np_random"]
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise ValueError(f"np_random is no state of {type(generator).__name__}") from error
+            raise ValueError(f"np_random is not a state of {type(generator).__name__}") from error
         self.state = state
         self.steps_beyond_terminated = beyond
 

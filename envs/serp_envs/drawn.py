@@ -59,8 +59,8 @@ class DrawnEnv(gym.Env[Observation, int]):
         """Start an episode.
 
         Args:
-            seed: Starts the environment's generator afresh; without one it goes on where it is.
-            options: None are known.
+            seed: Seeds the environment's generator; None: the generator is unchanged.
+            options: Not used.
 
         Returns:
             The observation, float32 of the shape of the observation space, and the info.
@@ -76,15 +76,15 @@ class DrawnEnv(gym.Env[Observation, int]):
 
     @abstractmethod
     def _observation(self) -> Observation:
-        """Return what is observed of the situation."""
+        """Return the observation of the current state."""
 
     @abstractmethod
     def _info(self) -> dict[str, Any]:
-        """Return the info of the situation."""
+        """Return the info of the current state."""
 
     @abstractmethod
     def _draw(self, pygame: Any, surface: Any) -> None:
-        """Draw the situation on a surface of WIDTH × HEIGHT that is blank."""
+        """Draw the current state on a blank surface of WIDTH × HEIGHT."""
 
     def _show(self) -> None:
         """Update the window, if there is one."""
@@ -95,7 +95,7 @@ class DrawnEnv(gym.Env[Observation, int]):
         """Return a picture in the mode `rgb_array`; a window needs no calls.
 
         Raises:
-            DependencyNotInstalled: pygame is not there.
+            DependencyNotInstalled: pygame is not installed.
         """
         if self.render_mode is None:
             gym.logger.warn("render() without a render_mode draws nothing")

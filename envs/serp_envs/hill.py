@@ -13,13 +13,13 @@ from serp_envs.drawn import BODY, FORCE, GROUND, HEIGHT, INK, WIDTH, DrawnEnv, O
 GRAVITY: Final = 9.81
 """m/s²; the car has 1 kg."""
 FORCES: Final = (-2.5, 0.0, 2.5)
-"""Of each action, horizontally, N. Holding the car where the hill is steepest takes 9.81."""
+"""Horizontal force of each action, N. Holding the car where the hill is steepest takes 9.81."""
 TOP: Final = 1.0
-"""Where the way ends, m."""
+"""Position of the top, m."""
 CONTROL_PERIOD: Final = 0.1
 """Seconds from one decision to the next."""
 START: Final = (-0.6, -0.4)
-"""Where a car starts, at rest, m: about the bottom, which is at −0.5."""
+"""Bounds of the initial position, m, around the bottom at −0.5; the car starts at rest."""
 SOLVED: Final = -50.0
 """A mean return from which the task counts as solved."""
 
@@ -27,11 +27,11 @@ _SUBSTEPS: Final = 4
 
 
 class Motion(NamedTuple):
-    """Where a car is.
+    """The state of the car.
 
     Attributes:
         position: Along the ground, positive to the right, m.
-        velocity: Of the position, that is horizontally, m/s.
+        velocity: Horizontal velocity, m/s.
     """
 
     position: float
@@ -60,8 +60,8 @@ def advance(motion: Motion, force: float) -> Motion:
     """Return the motion a control period later: four steps of Runge and Kutta's fourth order.
 
     Args:
-        motion: Where the car is.
-        force: What the engine does all the while, N, positive to the right.
+        motion: The state.
+        force: Constant force of the engine, N, positive to the right.
     """
     x, v = motion
     step = CONTROL_PERIOD / _SUBSTEPS
@@ -89,8 +89,9 @@ class Hill(DrawnEnv):
     Introduction" (example 10.1). Road and equation of motion are those of the car on the hill in
     Ernst, Geurts and Wehenkel, "Tree-Based Batch Mode Reinforcement Learning" (Journal of Machine
     Learning Research 6, 2005): 1 kg, gravity 9.81 m/s², and a road that rises like a parabola to
-    the left and levels off to the right. Other than theirs the engine has 2.5 N instead of 4, so
-    that one run-up is not enough, the road goes on to the left, and no speed is too high.
+    the left and levels off to the right. In contrast to theirs, the engine has 2.5 N
+    instead of 4, so that one run-up is not enough; the road has no end on the left, and speed is
+    not limited.
 
     ## Action space
 

@@ -11,17 +11,17 @@ from gymnasium import spaces
 from serp_envs.drawn import BODY, FORCE, GROUND, HEIGHT, INK, WIDTH, DrawnEnv, Observation
 
 GRAVITY: Final = 1.35
-"""Of Titan, m/s²."""
+"""Gravity of Titan, m/s²."""
 DRAG: Final = 0.05
-"""Of the air: so many m/s² against the motion at 1 m/s, with the square of the speed, 1/m."""
+"""Drag of the air, 1/m: deceleration divided by the square of the speed."""
 THRUSTS: Final = ((0.0, 0.0), (-1.0, 0.0), (1.0, 0.0), (0.0, 3.0))
-"""Of each action, to the right and up, m/s²."""
+"""Thrust of each action, to the right and up, m/s²."""
 PAD: Final = 2.0
 """Half the width of the pad, m; its middle is at 0."""
 SOFT: Final = 1.0
-"""The landing gear bears so many m/s downwards, and half as many sideways."""
+"""Largest speed of a landing downwards, m/s; sideways it is half of it."""
 REACH: Final = (10.0, 20.0)
-"""How far to the side and how high the lander may be, m."""
+"""Largest distance to the side and largest height of the lander, m."""
 CONTROL_PERIOD: Final = 0.1
 """Seconds from one decision to the next."""
 START: Final = ((-4.0, 4.0), (10.0, 14.0), (-0.5, 0.5), (-1.0, 0.0))
@@ -33,13 +33,13 @@ _SUBSTEPS: Final = 2
 
 
 class Motion(NamedTuple):
-    """Where a lander is.
+    """The state of the lander.
 
     Attributes:
-        offset: From the middle of the pad, positive to the right, m.
-        height: Of its feet above the ground, m.
-        sideways: Of the offset, m/s.
-        upwards: Of the height, m/s.
+        offset: Distance from the middle of the pad, positive to the right, m.
+        height: Height of its feet above the ground, m.
+        sideways: Horizontal velocity, m/s.
+        upwards: Vertical velocity, m/s.
     """
 
     offset: float
@@ -54,8 +54,8 @@ def advance(motion: Motion, thrust: tuple[float, float]) -> Motion:
     Semi-implicit Euler over 0.05 s.
 
     Args:
-        motion: Where the lander is.
-        thrust: What the engines do all the while, to the right and up, m/s².
+        motion: The state.
+        thrust: Constant acceleration by the engines, to the right and up, m/s².
     """
     offset, height, sideways, upwards = motion
     step = CONTROL_PERIOD / _SUBSTEPS

@@ -13,15 +13,15 @@ from serp_envs.drawn import BODY, FORCE, HEIGHT, INK, WIDTH, DrawnEnv, Observati
 GRAVITY: Final = 9.8
 """m/s²; the mass is 1 kg, and 1 m from the axis."""
 FRICTION: Final = 0.01
-"""Of the axis, N·m per rad/s."""
+"""Friction of the axis, N·m per rad/s."""
 TORQUES: Final = (-5.0, 0.0, 5.0)
-"""Of each action, N·m. Holding the pendulum level takes 9.8."""
+"""Torque of each action, N·m. Holding the pendulum level takes 9.8."""
 TOP_SPEED: Final = 4.0 * math.pi
-"""The axis turns no faster, rad/s: what is faster is braked to this."""
+"""Largest angular velocity, rad/s; larger ones are clipped."""
 CONTROL_PERIOD: Final = 0.05
 """Seconds from one decision to the next."""
 START_BOUND: Final = 0.2
-"""The start is hanging at most so many rad off, at most so many rad/s fast."""
+"""Largest initial angle from hanging, rad, and largest initial angular velocity, rad/s."""
 SOLVED: Final = 140.0
 """A mean return of the 200 steps of `serp/SwingUp-v0` from which the task counts as solved."""
 
@@ -29,11 +29,11 @@ _SUBSTEPS: Final = 5
 
 
 class Motion(NamedTuple):
-    """Where a pendulum is.
+    """The state of the pendulum.
 
     Attributes:
-        angle: From upright, positive to the right, rad; of any size.
-        speed: Of the angle, rad/s.
+        angle: Angle from upright, positive to the right, rad; not wrapped.
+        speed: Angular velocity, rad/s.
     """
 
     angle: float
@@ -46,8 +46,8 @@ def advance(motion: Motion, torque: float) -> Motion:
     The equation is Doya's, integrated by semi-implicit Euler over 0.01 s.
 
     Args:
-        motion: Where the pendulum is.
-        torque: What the motor does all the while, N·m, positive to the right.
+        motion: The state.
+        torque: Constant torque of the motor, N·m, positive to the right.
     """
     angle, speed = motion
     step = CONTROL_PERIOD / _SUBSTEPS
@@ -66,8 +66,8 @@ class SwingUp(DrawnEnv):
     The pendulum with limited torque of Doya, "Reinforcement Learning in Continuous Time and Space"
     (Neural Computation 12, 2000): a mass of 1 kg, 1 m from the axis, gravity 9.8 m/s², friction
     0.01 N·m per rad/s, a motor of 5 N·m. That is about half of what it takes to lift the pendulum,
-    so the motor has to swing it to and fro until it gets over the top. Here the motor knows three
-    torques, and decides every 0.05 s.
+    so the motor has to swing it to and fro until it gets over the top. Here the motor has three
+    torques, and there is a decision every 0.05 s.
 
     ## Action space
 
@@ -89,7 +89,7 @@ class SwingUp(DrawnEnv):
     | 1     | sine of the angle, right is +  | m     | −1     | 1     |
     | 2     | angular velocity, right is +   | rad/s | −4 π   | 4 π   |
 
-    The angle is 0 upright. No pendulum gets faster than 4 π: what would is braked to that.
+    The angle is 0 upright. Larger angular velocities than 4 π are clipped.
 
     ## Reward
 

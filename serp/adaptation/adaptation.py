@@ -1,4 +1,4 @@
-"""Model adaptation: what each env step teaches about the domain file."""
+"""Model adaptation: learning from every env step beside the domain file."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ if TYPE_CHECKING:
     from serp.adaptation.parameter_estimation import ParameterEstimation
 
 _GROWING: Final = 10
-"""Episodes during which a model that adapts is not judged by its predictions."""
+"""First episodes of an adapted model, in which its predictions are not judged."""
 _RELEARNED: Final = 500
-"""Newest transitions of each ground action that are learned again when parameters change."""
+"""Newest transitions per ground action that are learned again when parameters change."""
 
 
 class ModelAdaptation:
     """Records every env step, compares it with the model, and adapts the model.
 
     Args:
-        written: The model as the file has it.
+        written: The model as written.
         settings: See `AdaptationSettings`.
         seed: Seed of the random features.
 
@@ -44,10 +44,10 @@ class ModelAdaptation:
         model: The model to plan with: the adapted one, or `written` where nothing is adapted.
         experience: The newest transitions.
         monitor: Predictions compared with observations.
-        visits: `[A]` how often each ground action, or one of its schema with like objects, was
-            observed since the last `reset_visits`.
-        skill: How well the model in use has predicted of late.
-        notice: What is not adapted although the settings ask for it; None where nothing.
+        visits: `[A]` how often each ground action, or an equivalent one of its schema, was observed
+            since the last `reset_visits`.
+        forecast_skill: Recent accuracy of the model in use.
+        notice: A message on what is not adapted despite the settings; None if there is none.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class ModelAdaptation:
         self.experience = TransitionMemory.of(written)
         self.monitor = Monitor(written)
         self.visits = np.zeros(len(written.actions), dtype=np.int64)
-        self.skill = ForecastSkill(width)
+        self.forecast_skill = ForecastSkill(width)
         self.notice: str | None = None
         self._episodes = 0
         self._written = written
@@ -97,7 +97,7 @@ class ModelAdaptation:
                 `serp.sysid.transitions`.
             reward: Reward of the step, in the unit of the file's rewards.
         """
-        ending = int(ending)  # compiled code takes one type
+        ending = int(ending)  # one type for compiled code
         self._episodes += ending != GOES_ON
         if action < 0:
             self.experience.add(state, action, next_state, ending, reward)
@@ -114,7 +114,7 @@ class ModelAdaptation:
         """How reliable the model is; `OPEN` for one that is not adapted."""
         if self._adapted is None:
             return ModelConfidence.OPEN
-        if self.skill.reliable:
+        if self.forecast_skill.reliable:
             return ModelConfidence.RELIABLE
         return ModelConfidence.GROWING if self._episodes < _GROWING else ModelConfidence.OPEN
 
@@ -124,9 +124,9 @@ class ModelAdaptation:
 
     def _record(self, transition: tuple[Vector, int, Vector, int, float]) -> None:
         state, action = transition[:2]
-        row, skill, model = self.monitor.row_of(action), self.skill, self._written
+        row, skill, model = self.monitor.row_of(action), self.forecast_skill, self._written
         if self._address is None and model.compiled:
-            # A planner has compiled the model; for the monitor alone it would take too long.
+            # Used only if a planner has compiled the model: compilation takes too long otherwise.
             self._address = address_of(model.native_step())
         log = self._step, self.experience.ring, self.monitor.tables, skill.means
         head = self.experience.advance()
@@ -148,7 +148,7 @@ class ModelAdaptation:
         self, adapted: AdaptedModel, transition: tuple[Vector, int, Vector, int, float]
     ) -> None:
         state, action, next_state = transition[:3]
-        row, skill = self.monitor.row_of(action), self.skill
+        row, skill = self.monitor.row_of(action), self.forecast_skill
         log = self._step, self.experience.ring, self.monitor.tables, skill.means
         compared, followed, flows = record_adapted(
             adapted.data, adapted.dt, self._rows, self._alike, self.visits, log, transition,
@@ -161,7 +161,7 @@ class ModelAdaptation:
             adapted.buffer.active = self._learners.active or adapted.buffer.revised
 
     def _estimate_parameters(self) -> None:
-        """Estimate the parameters again; where they change, learn the residual from the start."""
+        """Estimate the parameters; if they change, learn the residual anew."""
         adapted, estimation = self._adapted, self._estimation
         assert adapted is not None and estimation is not None
         parameters = adapted.buffer.parameters
@@ -210,17 +210,17 @@ class ModelAdaptation:
             part.load_state_dict(*saved.part(name))
 
     def _parts(self) -> dict[str, TransitionMemory | Monitor | ForecastSkill | GroupLearners]:
-        """Return what is saved, by name."""
+        """Return the saved parts by name."""
         parts: dict[str, TransitionMemory | Monitor | ForecastSkill | GroupLearners] = {
             "experience": self.experience,
             "monitor": self.monitor,
-            "forecast_skill": self.skill,
+            "forecast_skill": self.forecast_skill,
         }
         return parts if self._learners is None else {**parts, "learners": self._learners}
 
 
 def _alike_actions(model: AdaptedModel) -> NDArray[np.int64]:
-    """Return `[A]` numbers, equal for ground actions that share what is learned of them."""
+    """Return `[A]` numbers, equal for ground actions that share all that is learned."""
     numbers: dict[tuple[str | Key, ...], int] = {}
     return np.array(
         [

@@ -1,4 +1,4 @@
-"""The adapted transition model: the file with what was learned beside it."""
+"""The adapted transition model: the model of the file with learned parts."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class AdaptedModel(TransitionModel):
 
     A step applies the file's effects and processes with the parameters in use, adds a residual,
     replaces counted fluents by their likeliest outcome, and applies the file's events. The reward
-    is its expectation over the counted outcomes. `UNSAFE` is flagged where the file as written
-    flags it, and nowhere else; everything else is a risk (`serp.model.flags.risk_of`): the
-    probability that the file's events flag an outcome.
+    is its expectation over the counted outcomes. `UNSAFE` is set only where the file as written
+    sets it; everything else is a risk (`serp.model.flags.risk_of`): the probability that the file's
+    events flag an outcome.
 
     Args:
         written: The model as written.
 
     Attributes:
         written: As above.
-        feature_groups: Of every ground action.
-        buffer: What the compiled step reads; writing to it changes the model.
+        feature_groups: Feature groups of every ground action.
+        buffer: The memory that the compiled step reads; writing to it changes the model.
     """
 
     def __init__(self, written: TransitionModel) -> None:
@@ -54,7 +54,7 @@ class AdaptedModel(TransitionModel):
 
     @property
     def data(self) -> Vector:
-        """What `native_step` reads beside the state: the buffer."""
+        """The data that `native_step` reads beside the state: the buffer."""
         return self.buffer.array
 
     def native_step(self) -> Any:
@@ -66,7 +66,7 @@ class AdaptedModel(TransitionModel):
     ) -> TransitionModel:
         """Return the model as written with other parameters or another control period.
 
-        What was learned belongs to the parameters and the period that it was learned with.
+        Learned parts are dropped: they are valid only for their own parameters and period.
         """
         return self.written.replace(theta=theta, dt=dt)
 
@@ -79,7 +79,7 @@ class AdaptedModel(TransitionModel):
         return out.tolist(), int(flags)
 
     def precompile(self, state: Vector) -> None:
-        """Compile what predicting and tracing a step call, by calling it once in a state `[F]`."""
+        """Compile the functions for predicting and tracing a step, by one call in a state `[F]`."""
         row, out = np.array(state), np.array([*state, 0.0])
         kernels.step_row(self.data, 0, row, self.dt, out)
         kernels.probabilities_row(self.data, 0, row, 0)
@@ -88,8 +88,8 @@ class AdaptedModel(TransitionModel):
     def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
         """Return which precondition failed, or which effects, rates and events took part.
 
-        Where the file as written flags the step unsafe it is the file's trace; where there is a
-        risk, that of the likeliest unsafe outcome.
+        If the file as written flags the step unsafe, the trace is the file's; if there is a risk,
+        it is that of the likeliest unsafe outcome.
         """
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
         flags = self.transition(values, action)[1] if self.buffer.active else UNSAFE

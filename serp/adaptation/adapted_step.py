@@ -70,7 +70,7 @@ def _differs(buffer, action, state):
 
 @cached_njit(nogil=True, forceinline=True)
 def apply_likeliest(buffer, action, state, out, away, kind, probabilities):
-    """Apply the likeliest counted outcome of each group, or of one group another one.
+    """Apply the likeliest counted outcome of each group; optionally another one for one group.
 
     Args:
         buffer: The buffer.
@@ -79,10 +79,10 @@ def apply_likeliest(buffer, action, state, out, away, kind, probabilities):
         out: `[F]` after effects, processes and residual; receives the outcomes.
         away: Position of the group whose outcome is `kind`; -1 for none.
         kind: See `away`.
-        probabilities: Room for `[KINDS]`; keeps those of the last group with counts.
+        probabilities: `[KINDS]`, receives those of the last group with counts.
 
     Returns:
-        How many groups have counts, and the outcome of the last of these.
+        The number of groups with counts, and the outcome of the last of these.
     """
     table = int(buffer[b.TABLE]) + 2 * action
     group = int(buffer[table + 1])
@@ -111,10 +111,10 @@ def weigh_outcomes(
     Groups are varied one at a time: their outcomes are assumed to be independent.
 
     `flowed` `[F + 1]` is the result of effects, processes and residual, `flow_flags` its flags,
-    `usual` the same with the likeliest outcomes; `out` is what events make of `usual`, `unsafe`
-    whether they flag it. Where only one group has counts, `first` is its likeliest outcome and
-    `probabilities` `[KINDS]` are its own; otherwise `first` is -1 and `probabilities` is room, as
-    `other` `[F + 1]` is. Only the reward of `out` is changed.
+    `usual` the same with the likeliest outcomes; `out` is the result of events on `usual`, `unsafe`
+    whether they flag it. If only one group has counts, `first` is its likeliest outcome and
+    `probabilities` `[KINDS]` are its own; otherwise `first` is -1 and `probabilities` is scratch
+    memory, as is `other` `[F + 1]`. Only the reward of `out` is changed.
 
     Returns:
         The probability, in [0, 1], that events flag the step unsafe.
@@ -166,8 +166,8 @@ def _adapted_step(state, action, buffer, dt, out):
     known = revised or buffer[b.FLAGGING] != 0.0
     flagged = 0
     if known:
-        # UNSAFE is what the file as written flags. With its own parameters effects and processes
-        # flag the same in both steps, but events may not.
+        # UNSAFE is set by the file as written. With its parameters, effects and processes set the
+        # same flags in both steps, but events may not.
         flagged = UNSAFE & call_step(
             int(buffer[b.STEP]), state, action, advanced(buffer, int(buffer[b.WRITTEN])), dt, out
         )
@@ -180,7 +180,7 @@ def _adapted_step(state, action, buffer, dt, out):
     if flags & APPLICABLE:
         add_residual(buffer, action, state, out)
         if not finite(out, width):
-            # A residual that leads to no finite numbers is ignored.
+            # A residual is ignored where the result is not finite.
             for i in range(width):
                 out[i] = state[i]
             out[width] = 0.0
@@ -205,7 +205,7 @@ def _room_for(width):
 
 @cached_njit(nogil=True)
 def _settle_many(buffer, action, state, flow_flags, dt, out):
-    """As `_settle_outcomes`, of states too long for the stack."""
+    """Call `_settle_outcomes` for states too long for the stack."""
     room = np.empty(_room_for(int(buffer[b.WIDTH])))
     return _settle_within(buffer, action, state, flow_flags, dt, out, room)
 
@@ -266,7 +266,7 @@ def adapted_step() -> Any:
 
 @cached_njit(nogil=True)
 def adapt_row(buffer, action, state, out, away, kind):
-    """Apply the residual and then outcomes as `apply_likeliest` does, on arrays."""
+    """Apply the residual and then outcomes by `apply_likeliest`, on arrays."""
     base, source, target = pointer_to(buffer, 0), pointer_to(state, 0), pointer_to(out, 0)
     before = out.copy()
     add_residual(base, action, source, target)
@@ -319,8 +319,8 @@ def predict_all(buffer, action, state, dt, rows):
         action: Ground action.
         state: `[F]`.
         dt: Control period.
-        rows: Flat `[4 · (F + 1)]`; receives the file's step, its effects and processes with the
-            parameters in use, the same after its events, and the adapted step.
+        rows: Flat `[4 · (F + 1)]`; receives the step of the file; effects and processes with the
+            parameters in use (the flow); the same after events; and the adapted step.
 
     Returns:
         Flags of the file's step, of the flow and of the adapted step.

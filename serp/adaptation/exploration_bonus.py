@@ -1,4 +1,4 @@
-"""Exploration by the planner: it prefers actions with few visits, where that is safe.
+"""Exploration by the planner: a preference for actions with few visits that are safe.
 
 In the spirit of R-Max (Brafman & Tennenholtz, Journal of Machine Learning Research 3, 2002), but
 only among actions that the model predicts to stay safe for the whole lookahead.
@@ -18,7 +18,7 @@ class ExplorationBonus:
 
     Args:
         visits: `[A]` how often each ground action was observed; updated by its owner.
-        min_visits: Visits from which on an action counts as known; 0 prefers nothing.
+        min_visits: Visits from which on an action counts as known; 0: no preference.
     """
 
     def __init__(self, visits: NDArray[np.int64], min_visits: int) -> None:
@@ -33,7 +33,7 @@ class ExplorationBonus:
         lasting = candidates & (forecast.safe_steps == SAFE)
         if lasting.any():
             candidates = lasting
-        # Where all known actions lead to harm, an unknown one is the better choice.
+        # If all known actions become unsafe, an unknown one is the better choice.
         candidates &= self._visits < self._min_visits
         if not candidates.any():
             return forecast

@@ -1,4 +1,4 @@
-"""Feature groups: fluents by the roles of their objects, so that like objects share a model."""
+"""Feature groups: fluents by the roles of their objects, so that similar objects share a model."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from serp.model.ground import Fluent, GroundModel, GroundSchema
 Key = tuple[str, ...]
 
 MAX_BITS = 6
-"""A group with more predicates than that has no modes."""
+"""Most predicates of a group with modes."""
 
 
 @dataclass(frozen=True)
 class FeatureGroup:
-    """What one ground action may do to the fluents of its own objects, or of other objects.
+    """Inputs and targets of a model of one ground action's effect on some objects.
 
-    Groups with equal keys are instances of the same relation between other objects of the same
+    Groups with equal keys are instances of the same relation between different objects of the same
     types; they share one model.
 
     Attributes:
@@ -43,9 +43,9 @@ class FeatureGroup:
 def feature_groups_of(model: GroundModel, action: GroundSchema) -> tuple[FeatureGroup, ...]:
     """Return the feature groups of a ground action.
 
-    The first one is of the action's own objects; then there is one for each other tuple of objects
-    that has numeric fluents. Its inputs are all fluents of these objects and the action's own.
-    Roles tell the objects apart: the place among the action's arguments, or in the tuple.
+    The first one is that of the action's own objects; there is another for each other tuple of
+    objects with numeric fluents. Its inputs are all fluents of these objects and of the action's.
+    Roles distinguish the objects: the position among the action's arguments, or in the tuple.
     """
     own = set(action.arguments)
     tuples: dict[tuple[str, ...], list[Fluent]] = {(): []}

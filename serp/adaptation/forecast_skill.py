@@ -1,4 +1,4 @@
-"""How well the model in use has predicted of late."""
+"""Forecast skill: the recent accuracy of the model in use."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from serp._util.saved_state import Arrays, Saved
 from serp.adaptation.moving_average import rate_of
 
 _MEMORY: Final = 0.99
-"""Weight of the past in the moving averages, a step."""
+"""Weight of the past in the moving averages, per step."""
 _MIN_STEPS: Final = 20
 _RELIABLE: Final = 0.9
-"""Share of the squared change of each fluent that a reliable model predicts, after these steps."""
+"""Fraction of each fluent's squared change that a reliable model predicts, after these steps."""
 _NEGLIGIBLE: Final = 1e-3
-"""Share of the usual squared change at which an error counts as none."""
+"""Fraction of the usual squared change below which an error is ignored."""
 
 
 @cached_njit(nogil=True)
 def update_means(state, predicted, observed, steps, means):  # type: ignore[no-untyped-def]
-    """Add a step to the means; return 1, or 0 where it is left out: NaN, or squares overflow.
+    """Add a step to the means; return 1, or 0 if it is skipped: NaN, or squares overflow.
 
     Args:
         state: `[F]` before the step.
         predicted: `[F]`.
         observed: `[F]`.
-        steps: How many there were before.
+        steps: Number of earlier steps.
         means: See `ForecastSkill`.
     """
     for i in range(state.shape[0]):
@@ -47,9 +47,9 @@ def update_means(state, predicted, observed, steps, means):  # type: ignore[no-u
 
 
 class ForecastSkill:
-    """The skill of the model's predictions against persistence, by fluent.
+    """The forecast skill of the model relative to persistence, by fluent.
 
-    That is 1 less the mean squared error over the mean squared change (Murphy, Monthly Weather
+    It is 1 minus the mean squared error over the mean squared change (Murphy, Monthly Weather
     Review 116, 1988): 1 for perfect predictions, 0 if "nothing changes" is as good.
 
     Args:
@@ -58,7 +58,7 @@ class ForecastSkill:
     Attributes:
         means: `[3, F]` moving averages of squared errors and changes, mean squared change of all
             steps; see `update_means`.
-        steps: Env steps that they are of.
+        steps: Number of env steps in them.
     """
 
     def __init__(self, fluents: int) -> None:
@@ -69,8 +69,8 @@ class ForecastSkill:
     def reliable(self) -> bool:
         """Whether the model predicts nine tenths of what changes, of every fluent.
 
-        Small errors of a fluent that rests at present do not matter, nor do fluents that neither
-        change nor are predicted to.
+        Small errors of a fluent that currently does not change are ignored, as are fluents that
+        neither change nor are predicted to.
         """
         if self.steps < _MIN_STEPS:
             return False

@@ -1,4 +1,4 @@
-"""What is learned beside the file: a residual and outcome counts for each kind of feature group."""
+"""Learning beside the file: a residual and outcome counts for each kind of feature group."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from serp.adaptation.residual.outliers import update_whole
 from serp.model.transition_model import Vector
 
 _MAX_STATISTICS: Final = 600_000
-"""Entries of the statistics of one residual, which is updated and solved in every step."""
+"""Most entries of the statistics of one residual, which is updated and solved in every step."""
 
 Meta = dict[str, Any]
 
 
 class GroupLearners:
-    """Learns from env steps what the file lacks, and publishes it in the model.
+    """Learns residuals and outcome counts from env steps, and publishes them in the model.
 
-    Everything is used or nothing: a plan compares numbers with each other (who is first at the
-    ball?), and where one of them is adapted and the other one cannot be, the difference misleads
-    it, however small the one-step errors are. So where not even half of the change of some fluent
-    can be predicted, the file is used alone.
+    Residuals are used either for all fluents or for none. Plans compare fluents with each other
+    (who reaches the ball first?); if only one of two can be adapted, their difference is
+    misleading, however small the one-step errors are. So if less than half of the change of some
+    fluent can be predicted, the file is used without residuals and counts.
 
     Args:
         model: The model that is adapted.
@@ -75,7 +75,7 @@ class GroupLearners:
 
     @property
     def notice(self) -> str | None:
-        """What is too wide to be learned; None where nothing is."""
+        """A message on actions with too many inputs to learn; None if there is none."""
         wide = sorted({group.key[0] for group in self._groups.values() if not _learnable(group)})
         if not wide:
             return None
@@ -105,7 +105,7 @@ class GroupLearners:
         if not update_whole(state, next_state, self._numeric, self._whole):
             return
         self._share_wholeness()
-        # Where an event has changed a fluent, the effect of effects and processes is not observed.
+        # Where an event changes a fluent, the result of effects and processes is not observed.
         observed = flow == settled
         counted = self._buffer.stochastic
         for group in self._columns[action]:
@@ -134,7 +134,7 @@ class GroupLearners:
             self._update_stochastic()
 
     def _share_wholeness(self) -> None:
-        """A function is whole if it is whole for all objects: they share what is learned."""
+        """Treat a function as whole-numbered only if it is so for all objects."""
         wholes = int(np.count_nonzero(self._whole))
         if wholes != self._wholes:
             for columns in self._alike:

@@ -1,8 +1,8 @@
 """Counts of the outcomes of an action, for predicates and whole numbers.
 
 An outcome is a change of the state, or "as the file predicts". Outcomes are counted by action
-schema and context: over everything, where the same predicates hold, where the whole numbers of the
-feature group are the same too. While a context has few samples, the broader one decides
+schema and at three levels of context: in all states, in those with the same predicates, and in
+those with the same whole numbers too. While a context has few samples, the broader one dominates
 (hierarchical Dirichlet smoothing: MacKay & Peto, Natural Language Engineering 1, 1995).
 """
 
@@ -21,7 +21,7 @@ from serp.adaptation.moving_average import rate_of
 from serp.model.transition_model import Vector
 
 _MEMORY: Final = 0.995
-"""Weight of the past in the scores, a step."""
+"""Weight of the past in the scores, per step."""
 _MIN_SAMPLES: Final = 5
 _BETTER: Final = 0.95
 """Counts are used after so many samples where their Brier score (Monthly Weather Review 78, 1950)
@@ -29,8 +29,8 @@ is smaller than the file's by this factor."""
 _MAX_COUNT: Final = 2_000.0
 """Counts of a context are halved beyond this."""
 _MAX_STRAY, _STRAY_FROM = 0.2, 50
-"""Share of outcomes beyond those that are distinguished at which counting ends, and the samples
-from which on it is known."""
+"""Fraction of outcomes that are not distinguished at which counting ends, and the samples needed to
+determine it."""
 
 
 class OutcomeCounts:
@@ -40,7 +40,7 @@ class OutcomeCounts:
         group: Any feature group of the key.
 
     Attributes:
-        table: The counts, see `serp.adaptation.outcome_kernels`; None before the file was wrong.
+        table: The counts, see `serp.adaptation.outcome_kernels`; None before the first error.
     """
 
     def __init__(self, group: FeatureGroup) -> None:
@@ -57,7 +57,7 @@ class OutcomeCounts:
 
     @property
     def used(self) -> bool:
-        """Whether counts have predicted better than the file, before they had seen the sample."""
+        """Whether counts have predicted new samples better than the file."""
         return (
             self.table is not None
             and not self._given_up
@@ -95,7 +95,7 @@ class OutcomeCounts:
         columns = inputs[self._places]
         self._samples += 1
         if self.table is None:
-            # As long as the file is right there is nothing to count.
+            # While the file is right there is nothing to count.
             if (observed[columns] == written[columns]).all():
                 return True
             self._others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._context)
@@ -108,7 +108,7 @@ class OutcomeCounts:
         ):  # fmt: skip
             self._strays += 1
             if self._samples >= _STRAY_FROM and self._strays > _MAX_STRAY * self._samples:
-                # Without the numbers the predicates may still have few outcomes.
+                # Without the numbers, the predicates may have few outcomes.
                 self._given_up = not len(numbers)
                 self._begin(self._predicates)
                 return False
@@ -125,7 +125,7 @@ class OutcomeCounts:
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly.
 
-        Only the counts of the table: its layout and its hash table follow from these.
+        Only the counts are saved; the layout and the hash table follow from them.
         """
         arrays: dict[str, NDArray[Any]] = {
             "places": self._places.copy(),
@@ -167,7 +167,7 @@ class OutcomeCounts:
     def _table_of(
         self, saved: Saved, places: NDArray[np.int64], others: NDArray[np.int64]
     ) -> Vector:
-        """Return a table with the saved counts, laid out anew."""
+        """Return a new table with the saved counts."""
         table = new_table(places, self._context, others)
         codes = saved.array("codes", np.float64, (-1,), 0, MOST - 1)
         rows = 1 + len(codes)
@@ -182,7 +182,7 @@ class OutcomeCounts:
             low = None if name == "changes" else 0.0
             part[:] = saved.array(name, np.float64, shapes[name], low)
         totals = _parts(table)["totals"]
-        if not totals[0] > 0.0:  # probabilities are shares of it
+        if not totals[0] > 0.0:  # probabilities are counts divided by it
             raise saved.wrong("totals are of no sample")
         for row, code in enumerate(codes, start=1):
             c.enter(table, code, row)

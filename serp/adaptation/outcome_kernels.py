@@ -13,9 +13,9 @@ from serp._util.compilation import cached_njit
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 KINDS = 12
-"""Outcomes of an action that are distinguished, at most; outcome 0 is what the file predicts."""
+"""Most outcomes of an action that are distinguished; outcome 0 is the file's prediction."""
 ROWS = 1024
-"""Contexts that counts are kept for, at most; row 0 counts over all contexts."""
+"""Most rows of counts, one for each context; row 0 counts over all contexts."""
 SLOTS = 4096
 """Slots of the hash table of contexts; a power of two."""
 
@@ -25,12 +25,12 @@ SLOTS = 4096
     T_SLOTS, T_COUNTS, T_TOTALS, TABLE,
 ) = range(13)  # fmt: skip
 _BROAD, _NARROW = 3.0, 10.0
-"""Samples that the prior of a context counts for (MacKay & Peto, Natural Language Engineering 1,
-1995): where the same predicates hold, and where all whole numbers are the same too."""
+"""Weight of the prior of a context in samples (MacKay & Peto, Natural Language Engineering 1,
+1995): for contexts by predicates, and for those by whole numbers too."""
 _BASIS, _PRIME, _FOLD, _EXACT = (
     np.uint64(0xCBF29CE484222325), np.uint64(0x100000001B3), np.uint64(29), np.uint64(11),
 )  # fmt: skip
-"""Of the FNV-1a hash; the last one leaves a number below 2^53."""
+"""Constants of the FNV-1a hash; the last one keeps the result below 2^53."""
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -47,7 +47,7 @@ def _code(table, inputs, state, count):
 
 @cached_njit(nogil=True, forceinline=True)
 def _find(table, code):
-    """Return the slot of a context's code: its own, or the free one that it would take."""
+    """Return the slot of a context's code: its own, or the free slot for it."""
     codes, slots = int(table[T_CODES]), int(table[T_SLOTS])
     slot = int(code) & (SLOTS - 1)
     while table[slots + slot] != 0.0 and table[codes + slot] != code:
@@ -57,7 +57,7 @@ def _find(table, code):
 
 @cached_njit(nogil=True, forceinline=True)
 def _depth(table, narrow):
-    """Return how many values define a context; 0 where it equals the broader one."""
+    """Return the number of values that define a context; 0 where it equals the broader one."""
     predicates, every = int(table[T_PREDICATES]), int(table[T_COUNT])
     if not narrow:
         return predicates
@@ -66,7 +66,7 @@ def _depth(table, narrow):
 
 @cached_njit(nogil=True, forceinline=True)
 def row_of(table, inputs, state, narrow):
-    """Return the row of counts of a context; 0 where it was never seen, or is that of all."""
+    """Return the row of counts of a context; 0 for an unknown one, or for the one of all states."""
     depth = _depth(table, narrow)
     if depth == 0:
         return 0
@@ -76,7 +76,7 @@ def row_of(table, inputs, state, narrow):
 
 @cached_njit(nogil=True, forceinline=True)
 def fill_probabilities(table, broad, narrow, probabilities):
-    """Fill in the probability of each outcome, `[KINDS]`; there must be samples."""
+    """Compute the probability of each outcome, `[KINDS]`; there must be samples."""
     counts, totals = int(table[T_COUNTS]), int(table[T_TOTALS])
     total = table[totals]
     for kind in range(KINDS):
@@ -93,7 +93,7 @@ def fill_probabilities(table, broad, narrow, probabilities):
 
 @cached_njit(nogil=True, forceinline=True)
 def likeliest(table, inputs, state, probabilities):
-    """Return the likeliest outcome in a state, filling in `probabilities`."""
+    """Return the likeliest outcome in a state; write `probabilities`."""
     broad = row_of(table, inputs, state, False)
     narrow = row_of(table, inputs, state, True)
     fill_probabilities(table, broad, narrow, probabilities)
@@ -126,7 +126,7 @@ def restore_counted(table, inputs, before, out):
 
 @cached_njit(nogil=True)
 def count(table, inputs, state, written, observed, loss, rate, most):
-    """Count a sample, after its loss: that is of data not seen before.
+    """Update the losses with a new sample, and then count it.
 
     Args:
         table: A table, as an array.
@@ -136,10 +136,10 @@ def count(table, inputs, state, written, observed, loss, rate, most):
         observed: `[F]`.
         loss: `[2]` moving averages of the Brier scores of the file and of the counts.
         rate: Weight of this sample in them.
-        most: Counts of a context are halved beyond that, to follow a world that drifts.
+        most: Counts of a context are halved beyond that, to follow an environment that drifts.
 
     Returns:
-        Whether the outcome is one of those that are distinguished.
+        Whether the outcome is one of the distinguished ones.
     """
     columns, places = int(table[T_COLUMNS]), int(table[T_PLACES])
     changes, kinds = int(table[T_CHANGES]), int(table[T_KINDS])
@@ -189,7 +189,7 @@ def count(table, inputs, state, written, observed, loss, rate, most):
 
 @cached_njit(nogil=True)
 def enter(table, code, row):
-    """Give a context, by its code, a row of counts."""
+    """Assign a row of counts to the code of a context."""
     slot = _find(table, code)
     table[int(table[T_CODES]) + slot] = code
     table[int(table[T_SLOTS]) + slot] = row
@@ -197,7 +197,7 @@ def enter(table, code, row):
 
 @cached_njit(nogil=True)
 def _row(table, inputs, state, narrow):
-    """As `row_of`, but a context that was never seen gets a row while there is room."""
+    """Return `row_of` a context, after adding a row for an unknown one while there is room."""
     depth = _depth(table, narrow)
     if depth == 0:
         return 0

@@ -1,6 +1,6 @@
 """The memory that the compiled adapted step reads: parameters and weights in one array.
 
-Everything is a float64 in one array that never moves, so that whoever holds its address sees each
+Everything is a float64 in one array that never moves, so that every holder of its address sees each
 adaptation at once. Whole numbers (addresses, offsets) are floats too; they are exact below 2^53.
 """
 
@@ -18,9 +18,9 @@ from serp.errors import RunError
 from serp.model.transition_model import Vector
 
 MODES: Final = 16
-"""Modes (values of a group's predicates) that have a linear model of their own, at most."""
+"""Most modes (values of a group's predicates) with a separate linear model."""
 FOURIER: Final = 100
-"""Random Fourier features of a nonlinear model (Rahimi & Recht, 2007)."""
+"""Number of random Fourier features of a nonlinear model (Rahimi & Recht, 2007)."""
 
 # Header of the buffer.
 (
@@ -29,15 +29,15 @@ FOURIER: Final = 100
 ) = range(13)  # fmt: skip
 # A feature group of an action.
 G_INPUTS, G_TARGETS, G_DEPTH, G_COUNT, G_SHARED, GROUP = range(6)
-# What groups of one key share.
+# The part shared by groups of one key.
 (
     S_MODES, S_BITS, S_FOURIER, S_CODES, S_POSITIONS, S_KINDS, S_LINEAR, S_CENTRE, S_SHRINK,
     S_FREQUENCY, S_PHASE, S_AMPLITUDE, S_OUTCOMES, SHARED,
 ) = range(14)  # fmt: skip
 
 FILE, LINEAR, NONLINEAR, OWN = range(4)
-"""What predicts a fluent in a mode: the file alone, or with a linear model, a linear model with
-random features, or a linear model of the mode's own."""
+"""The predictor of a fluent in a mode: the file only, or the file with a linear model, a linear
+model with random features, or a separate linear model of the mode."""
 
 _T = TypeVar("_T", bound=int)
 
@@ -57,18 +57,18 @@ class _Entry(Generic[_T]):
 
 
 class GroupParameters:
-    """Views into the buffer of what feature groups of one key share.
+    """Views of the part of the buffer that feature groups of one key share.
 
     Attributes:
         codes: `[1 + MODES]` bit patterns of the modes; entry 0 stands for all others.
-        kinds: `[1 + MODES, T]` what predicts.
+        kinds: `[1 + MODES, T]` the predictor in use.
         linear: `[1 + MODES + 1, T, 1 + d]` weights of a constant and the inputs: of all modes, of
-            each mode, and those beside the random features.
+            each mode, and those used with the random features.
         centre, shrink: `[d]` the inputs of the random features are (x - centre) · shrink.
         frequency: `[FOURIER, d]`.
         phase: `[FOURIER]`.
         amplitude: `[T, FOURIER]`.
-        modes: Modes that have a model of their own.
+        modes: Number of modes with a separate model.
         fourier: Random features in use: 0 or `FOURIER`.
     """
 
@@ -111,7 +111,7 @@ class GroupParameters:
 
     @classmethod
     def size(cls, group: FeatureGroup) -> int:
-        """Return how many entries the shared parameters of a group take."""
+        """Return the number of entries of the shared parameters of a group."""
         return SHARED + sum(int(np.prod(shape)) for shape in cls._shapes(group).values())
 
     @property
@@ -121,18 +121,18 @@ class GroupParameters:
 
     @outcomes.setter
     def outcomes(self, table: Vector | None) -> None:
-        # The table lies elsewhere; its place is stored relative to the buffer's.
+        # The table is a separate array; its address is stored relative to the buffer's.
         offset = 0 if table is None else (table.ctypes.data - self._base) // table.itemsize
         self._outcomes = table
         self._header[S_OUTCOMES] = offset
 
     def clear(self) -> None:
-        """Let the file alone predict."""
+        """Use only the file for predictions."""
         self.clear_residual()
         self.outcomes = None
 
     def clear_residual(self) -> None:
-        """Remove what was learned of numeric fluents; outcome counts stay."""
+        """Remove the residual; outcome counts are kept."""
         self.kinds[:] = FILE
         self.codes[:] = 0.0
         self.linear[:] = 0.0
@@ -140,12 +140,12 @@ class GroupParameters:
         self.modes = self.fourier = 0
 
     def contents(self) -> Arrays:
-        """Return what is published, without outcome counts."""
+        """Return the published weights, without outcome counts."""
         sizes = np.array([self.modes, self.fourier])
         return {"sizes": sizes, **{name: getattr(self, name).copy() for name in self._SAVED}}
 
     def checked(self, arrays: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
-        """Return what `contents` returned, if it fits.
+        """Check what `contents` returned, and return it.
 
         Raises:
             RunError: It belongs to another group, or is damaged.
@@ -155,13 +155,13 @@ class GroupParameters:
         for name in self._SAVED:
             array = saved.array(name, np.float64, getattr(self, name).shape)
             if name == "kinds" and not np.isin(array, (FILE, LINEAR, NONLINEAR, OWN)).all():
-                raise saved.wrong("kinds are others than there are")
+                raise saved.wrong("kinds are out of range")
         if modes > MODES or fourier not in (0, FOURIER):
             raise saved.wrong(f"there are {modes} modes and {fourier} random features")
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Publish what `checked` returned; the owner of the outcome counts adds these."""
+        """Publish the result of `checked`; the owner of the outcome counts restores these."""
         for name in self._SAVED:
             getattr(self, name)[:] = arrays[name]
         self.modes, self.fourier = arrays["sizes"].tolist()
@@ -180,12 +180,12 @@ class ParameterBuffer:
         width: F.
         theta: Parameters as written.
         flagging: Whether events can make `unsafe` true.
-        addresses: Of the compiled `step`, `flow` and `settle`.
+        addresses: Addresses of the compiled `step`, `flow` and `settle`.
 
     Attributes:
-        array: All of it.
+        array: The whole array.
         parameters: `[P]` the parameters in use, read-only; see `adopt`.
-        shared: Key → what its groups share.
+        shared: Key → the part that its groups share.
         active: Whether anything is adapted.
         enabled: Whether residuals and outcome counts are used.
         stochastic: Whether outcome counts are used anywhere.
@@ -251,7 +251,7 @@ class ParameterBuffer:
         self.revised = bool((self._parameters != self._written).any())
 
     def contents(self) -> Arrays:
-        """Return what is published; no offsets, outcome counts or addresses."""
+        """Return the published values, without offsets, outcome counts and addresses."""
         arrays = {
             "written": self._written.copy(),
             "parameters": self._parameters.copy(),
@@ -262,11 +262,11 @@ class ParameterBuffer:
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Publish what `contents` returned; the owner of the outcome counts adds these.
+        """Publish what `contents` returned; the owner of the outcome counts restores these.
 
         Raises:
-            RunError: It belongs to a model of another shape, or with other numbers in its file, or
-                is damaged.
+            RunError: It belongs to a model of another shape or with other parameters, or is
+                damaged.
         """
         if not np.array_equal(arrays.get("written", ()), self._written):
             raise RunError(

@@ -17,34 +17,34 @@ from serp.sysid.transitions import TransitionMemory
 Actions = NDArray[np.int64]
 
 _FIRST, _NEWEST = 32, 4_000
-"""Env steps before the first estimate, which is repeated whenever there are twice as many; and
-the newest transitions that an estimate rests on."""
+"""Env steps before the first estimate, which is repeated whenever their number has doubled; and the
+most transitions, the newest, of an estimate."""
 _FITTED: Final = 0.7
-"""Share of these, the oldest, that the estimate is fitted to which the others then judge."""
+"""Fraction of these, the oldest, that a first estimate is fitted to; the others validate it."""
 _BETTER: Final = 0.9
 """An estimate replaces a written value where its squared error is smaller by this factor, and an
 earlier estimate where it is smaller."""
 _PREDICTED, _CERTAIN = 0.5, 0.02
-"""An estimate may have any value where it leaves less than this share of the squared change, or of
+"""An estimate may have any value if it leaves less than this fraction of the squared change, or of
 the squared error of the parameters in use; otherwise it is bounded, see `_LEAST`."""
 _LEAST: Final = 0.25
-"""Share of a written value that a bounded estimate keeps at least. An effect that happens only
-sometimes has a small mean, which never happens; a plan with the mean would ignore the effect."""
+"""Least fraction of a written value that a bounded estimate keeps. The mean of a rare effect is
+small and never observed itself; a plan with the mean would ignore the effect."""
 _SMALL_CHANGE: Final = 0.01
-"""Relative change of a parameter that is ignored, as is one within its standard error: what was
-learned beside the parameters would be lost for it."""
+"""Relative change of a parameter that is ignored, as is one within its standard error: a change
+resets everything that was learned beside the parameters."""
 _USUAL, _OUTLIER = 0.98, 25.0
-"""A step is left out whose least squared error is so many times this quantile of all."""
+"""A step is left out if its least squared error is this many times this quantile of all."""
 
 
 class ParameterEstimation:
     """Decides which parameters to use.
 
-    Parameters that change the fluents of one function are adopted together, and only where
-    estimates from earlier transitions have predicted later ones better than those in use.
+    Parameters that change the fluents of one function are adopted together, and only if estimates
+    from earlier transitions predict later ones better than the parameters in use.
 
     Args:
-        written: The model as written; if it is compiled already the compiled code is used.
+        written: The model as written; its compiled code is used if there is any.
     """
 
     def __init__(self, written: TransitionModel) -> None:
@@ -57,7 +57,7 @@ class ParameterEstimation:
 
     @staticmethod
     def due(seen: int) -> bool:
-        """Return whether it is time, after so many env steps: at 32, 64, 128 and so on."""
+        """Return whether an estimate is due after `seen` env steps: at 32, 64, 128 and so on."""
         return seen >= _FIRST and seen & (seen - 1) == 0
 
     def reconsider(self, experience: TransitionMemory, theta: Vector) -> Vector:
@@ -96,7 +96,7 @@ class ParameterEstimation:
         return adopted
 
     def _bounded(self, theta: Vector) -> Vector:
-        """Return parameters `[P]` that keep the written sign and a share of the written size.
+        """Return parameters `[P]` that keep the written sign and a fraction of the written size.
 
         A parameter that is written as 0 is not bounded.
         """
@@ -116,8 +116,8 @@ class ParameterEstimation:
     ) -> Vector:
         """Return sums of squared errors of C candidates and of "nothing changes", `[C + 1, F]`.
 
-        All are over the same steps. A step that the first candidate predicts and another one does
-        not is an infinite error of that one: it would be better the less it predicts.
+        All sums are over the same steps. A candidate without a prediction for a step that the first
+        candidate predicts has an infinite error; fewer predictions must not be an advantage.
         """
         off = np.array(
             [
@@ -127,7 +127,7 @@ class ParameterEstimation:
             + [next_states - states]
         )
         squared = off * off
-        # A step that all candidates predict badly does not distinguish them.
+        # Steps that all candidates predict badly do not distinguish them.
         best = np.where(np.isfinite(squared), squared, 0.0).min(axis=0)
         if len(best):
             squared[:, best > _OUTLIER * np.quantile(best, _USUAL, axis=0)] = 0.0

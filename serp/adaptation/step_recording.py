@@ -1,4 +1,4 @@
-"""Recording of an env step in one compiled call: each call from Python costs microseconds.
+"""Recording of an env step in one compiled call, because each call from Python costs microseconds.
 
 Arguments of all loops: `log` is (step, ring, tables, means), the comparison of
 `serp.sysid.monitor`, the ring of `serp.sysid.transitions`, the monitor's tables and the means of
@@ -25,7 +25,7 @@ def record(log, transition, head, row, steps):
     """Record a step whose predictions are in `log` already.
 
     Returns:
-        Whether it was added to the tables of the monitor, and to the means of the skill.
+        Whether it was added to the tables of the monitor, and to the means of the forecast skill.
     """
     step, ring, tables, means = log
     state, _, next_state, ending, reward = transition
@@ -40,7 +40,7 @@ def record(log, transition, head, row, steps):
 
 @cached_njit(nogil=True)
 def fill_in(step, which, state, out, flags):
-    """Write a prediction to a row of `step`: `out` `[F + 1]`, or that nothing happens."""
+    """Write a prediction to a row of `step`: `out` `[F + 1]`, or no change."""
     width = state.shape[0]
     if flags & APPLICABLE:
         step[which, : width + 1] = out
@@ -74,7 +74,7 @@ def record_adapted(buffer, dt, rows, alike, visits, log, transition, head, row, 
     `alike` `[A]` are numbers, equal for ground actions whose visits are counted together.
 
     Returns:
-        What `record` does, and whether effects and processes have a result.
+        The results of `record`, and whether effects and processes have a result.
     """
     step, state, action = log[0], transition[0], transition[1]
     width = state.shape[0]

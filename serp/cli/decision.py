@@ -9,7 +9,7 @@ from serp._util.text import plural
 from serp.cli.output import print_table
 from serp.model.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
-from serp.planning.forecast import SAFE, promise_at
+from serp.planning.forecast import SAFE, score_of
 from serp.planning.limits import Bound, edge_budget, node_budget
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ def _print_actions(console: Console, planner: MonitorReplanner, state: Vector, p
     # The best first where there are too many to show; else as in the file.
     order = list(range(len(model.actions)))
     if len(order) > _ACTIONS_SHOWN:
-        order.sort(key=lambda k: promise_at(forecast, k), reverse=True)
+        order.sort(key=lambda k: score_of(forecast, k), reverse=True)
     rows, styles = [], []
     for k in order[:_ACTIONS_SHOWN]:
         applicable = bool(forecast.applicable[k])

@@ -1,1 +1,1 @@
-"""Diagnosis: what a run says about its domain file, offline."""
+"""Diagnosis: a domain file compared offline with the transitions of a run."""

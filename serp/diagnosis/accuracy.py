@@ -1,7 +1,7 @@
-"""How well fluents, reward and end are predicted one step ahead, measured by how much they change.
+"""Accuracy of the one-step predictions of fluents, reward and end, relative to their changes.
 
 The unit of an error is the root mean square of the change in a step. The squared errors of a
-symbol, summed over its fluents, are then a share of its squared change.
+symbol, summed over its fluents, are then a fraction of its squared change.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from serp.sysid.regression_data import RegressionData
 from serp.sysid.transitions import TransitionMemory
 
 _ROUNDING: Final = 1e-9
-"""A change below this share of a value's size counts as rounding."""
+"""A change below this fraction of a value's size counts as rounding."""
 
 WELL: Final = 0.1
 """A quantity is predicted well if its error is at most this share of its change."""
@@ -53,23 +53,23 @@ class Steps(NamedTuple):
 
 @dataclass(frozen=True)
 class Quantity:
-    """How well the fluents of one symbol, the reward or the end are predicted.
+    """The accuracy of the predictions for the fluents of one symbol, the reward or the end.
 
     Attributes:
         name: The symbol; `reward`, or `terminal` for the end.
         shown: How it is written: `(battery)`.
         numeric: False for predicates and the end.
         written: Whether any effect of the file changes it.
-        steps: Transitions looked at.
-        change: Root mean square of the change in a step; of a predicate or an end the number of
-            changes. A reward and an end count as changes themselves.
+        steps: Transitions compared.
+        change: Root mean square of the change in a step; for a predicate or an end the number of
+            changes. A reward and an end count as changes.
         said: Number of predicted changes of a predicate, or of predicted ends.
-        right: Those of them that were observed.
+        right: Number of these that were observed.
         squared: Squared error of the file as written.
         squared_left: The same of the file patched with the findings worth mentioning.
-        squared_chance: The part of that which the stochastic effects found lead one to expect.
-        action: The ground action after which most of the error of the file is made.
-        most: The share of the error that is made after it.
+        squared_chance: The part of `squared_left` expected from the stochastic effects found.
+        action: The ground action after which the error of the file is largest.
+        most: The fraction of the error after that action.
     """
 
     name: str
@@ -88,7 +88,7 @@ class Quantity:
 
     @property
     def off(self) -> float:
-        """Error of the file as a share of the change; "nothing ever changes" has an error of 1.
+        """Error of the file relative to the change; "nothing ever changes" has an error of 1.
 
         A ratio of root mean squares, or of numbers of steps for predicates and ends.
         """
@@ -96,12 +96,12 @@ class Quantity:
 
     @property
     def off_left(self) -> float:
-        """The same of the file patched with the findings worth mentioning."""
+        """Error of the file patched with the findings worth mentioning."""
         return self._share(self.squared_left)
 
     @property
     def unexplained(self) -> float:
-        """The same without the expected error of the stochastic effects found."""
+        """Error of the patched file without the expected error of the stochastic effects found."""
         return self._share(max(0.0, self.squared_left - self.squared_chance))
 
     def _share(self, squared: float) -> float:
@@ -109,7 +109,7 @@ class Quantity:
 
 
 def units_of(model: TransitionModel, steps: Steps, predicted: Vector) -> Vector:
-    """Return the unit of each column `[F + 2]`: the root of its symbol's squared change a step.
+    """Return the unit of each column `[F + 2]`: the root mean square change of its symbol.
 
     A symbol that never changes is measured by its predicted change; one that is not predicted to
     change either has unit 1.
@@ -117,7 +117,7 @@ def units_of(model: TransitionModel, steps: Steps, predicted: Vector) -> Vector:
     Args:
         model: The model as written.
         steps: The observed steps.
-        predicted: `[N, F + 2]` what the model predicts; NaN where nothing.
+        predicted: `[N, F + 2]` predictions of the model; NaN where there is none.
     """
     names = _symbols(model)
     units = np.ones(len(names))
@@ -137,14 +137,16 @@ def units_of(model: TransitionModel, steps: Steps, predicted: Vector) -> Vector:
 def quantities_of(
     model: TransitionModel, steps: Steps, predicted: Vector, found: PatchedForecast, units: Vector
 ) -> tuple[Quantity, ...]:
-    """Return all that changes or is predicted to, in the order of the file; reward and end last.
+    """Return all quantities that change or are predicted to, in the order of the file.
+
+    Reward and end are last.
 
     Args:
         model: The model as written.
         steps: The observed steps.
-        predicted: `[N, F + 2]` what the model predicts.
+        predicted: `[N, F + 2]` predictions of the model.
         found: The same of the model patched with the findings worth mentioning.
-        units: `[F + 2]` see `units_of`.
+        units: `[F + 2]`, see `units_of`.
     """
     names = _symbols(model)
     predicates = {fluent.symbol for fluent in model.fluents if not fluent.numeric} | {END}

@@ -46,21 +46,21 @@ class FitRow(NamedTuple):
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the transitions of a run say about its domain file.
+    """The result of comparing the transitions of a run with its domain file.
 
     Attributes:
-        recorded: What the run recorded.
+        recorded: The data that the run recorded.
         sample: The transitions that the file is compared with.
         steps: The same with rewards and ends.
         predicted: `[N, F + 2]` the predictions of the file.
         expected: The same of the file patched with the findings worth mentioning.
         findings: All findings.
-        worthwhile: Those worth mentioning; `serp repair` writes them.
-        matter: Remarks on those, the most costly first.
+        worthwhile: Findings worth mentioning; `serp repair` writes them into the file.
+        matter: Remarks on these, the most costly first.
         others: Remarks on the other findings.
         quantities: The accuracy for each symbol, the reward and the end.
         fits: The accuracy for each ground action and fluent, reward and end, the most costly first.
-        observed: What the monitor counted over the whole run.
+        observed: The monitor's statistics of the whole run.
     """
 
     recorded: Recorded
@@ -89,19 +89,19 @@ class Diagnosis:
         return unexplained(self.quantities)
 
     def share(self, remark: Remark) -> float:
-        """Return the share of the squared error of its symbols that a remark explains, 0 to 1."""
+        """Return the fraction, 0 to 1, of its symbols' squared error that a remark explains."""
         error = sum(q.squared for q in self.quantities if q.name in remark.symbols)
         return min(1.0, max(0.0, remark.cost / error)) if error > 0 else 0.0
 
 
 def diagnose(run: str | Path) -> Diagnosis:
-    """Compare what a run observed with what its domain file says.
+    """Compare the transitions of a run with the predictions of its domain file.
 
     Args:
         run: The run's folder; its newest checkpoint is read.
 
     Raises:
-        SerpError: It is no run, or one that recorded nothing; see `read_recorded`.
+        SerpError: The folder is not a run, or the run recorded nothing; see `read_recorded`.
     """
     recorded = read_recorded(Path(run))
     return make_diagnosis(recorded, findings(recorded.model, recorded.experience))

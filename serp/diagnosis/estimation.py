@@ -19,8 +19,8 @@ from serp.sysid.parameter_fit import ParameterEstimator, whole_symbols
 from serp.sysid.regression_data import RegressionData, predicted_steps, predictions, regression_data
 from serp.sysid.transitions import TransitionMemory
 
-_MOST_ROWS = 4_000  # of a regression
-_MOST_PAIRS = 20_000  # of transitions and objects: each object gives a row to its type's regression
+_MOST_ROWS = 4_000  # rows of a regression
+_MOST_PAIRS = 20_000  # rows over all objects: each object adds a row per transition
 _FEWEST_ROWS = 500
 _MOST_COSTED = 2_000
 
@@ -28,7 +28,7 @@ _MOST_COSTED = 2_000
 def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
     """Return the findings about a file.
 
-    Parameters and missing effects are estimated together. A pure function of its arguments.
+    Parameters and missing effects are estimated jointly. A pure function of its arguments.
 
     Args:
         model: The model as written, with the control period of the transitions.

@@ -18,8 +18,8 @@ def estimate_probabilities(fits: NDArray[np.bool_]) -> tuple[Vector, Vector]:
     """Return the probabilities of outcomes and their standard errors.
 
     Args:
-        fits: `[n, K]`, whether an outcome fits the observation. Rows that no outcome fits count as
-            something else: the probabilities then add up to less than 1.
+        fits: `[n, K]`, whether an outcome fits the observation. Rows that fit no outcome count as
+            another outcome: the probabilities then add up to less than 1.
 
     Returns:
         Probabilities `[K]` and standard errors `[K]`.
@@ -35,7 +35,7 @@ def estimate_probabilities(fits: NDArray[np.bool_]) -> tuple[Vector, Vector]:
         before, shares = shares, parts.mean(0)
         if np.abs(shares - before).max() < 1e-9:
             break
-    # The observed information along the directions that keep the sum of the shares at one.
+    # The observed information along the directions that keep the sum of the probabilities.
     scores = known / (known @ shares)[:, None]
     alive = shares > 1e-6
     along = np.eye(count)[:, alive] - alive[:, None] / alive.sum()

@@ -1,4 +1,4 @@
-"""A diagnosis for programs: as JSON values, and as a table."""
+"""Export of a diagnosis: as JSON values, and as a table."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _KINDS: Final[Mapping[type, str]] = {
 
 
 def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return everything as JSON values; NaN where there is no number."""
+    """Return a diagnosis as JSON values; NaN where there is no number."""
     recorded = diagnosis.recorded
     return {
         "run": str(recorded.run),
@@ -114,7 +114,7 @@ def _monitor_row(row: MonitorRow, model: TransitionModel) -> dict[str, Any]:
 def table(diagnosis: Diagnosis) -> Iterator[tuple[str | float | int, ...]]:
     """Yield the head, then a row for each ground action and fluent, for a CSV file.
 
-    Columns that begin with `run` cover the whole run, the others the transitions kept.
+    Columns that begin with `run` cover the whole run, the others the recorded transitions.
     """
     yield (*FitRow._fields, "run_steps", *(
         f"run_{side}_{name}" for side in ("written", "adapted") for name in Side._fields
@@ -122,7 +122,7 @@ def table(diagnosis: Diagnosis) -> Iterator[tuple[str | float | int, ...]]:
     fits = {(row.action, row.fluent): row for row in diagnosis.fits}
     for seen in diagnosis.observed:
         fit = fits.pop((seen.action, seen.fluent), None)
-        # The last transitions of that action may have left the experience.
+        # The transitions of that action may have been overwritten.
         known = fit or (seen.action, seen.fluent, 0, seen.scale, "", "", "", "")
         yield (*known, seen.samples, *seen.written, *seen.adapted)
     for fit in fits.values():

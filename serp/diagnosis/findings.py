@@ -1,8 +1,8 @@
-"""What observed transitions say about a domain file: the records behind `diagnose` and `repair`.
+"""Findings about a domain file from observed transitions: records of `diagnose` and `repair`.
 
-`cost` is the share of the one-step prediction error that a finding accounts for: by how much it
-reduces the squared error of the quantity that it is about, divided by the squared change of that
-quantity. A file that says that nothing ever changes has an error of 1. Costs are comparable across
+`cost` is the fraction of the one-step prediction error that a finding accounts for: the reduction
+of the squared error of its quantity, divided by the squared change of that quantity. A file that
+predicts no change has an error of 1. Costs are comparable across
 kinds of findings and across fluents, rewards and ends of any scale.
 """
 
@@ -35,12 +35,12 @@ class ParameterFinding:
 
     Attributes:
         parameter: The parameter, with its place.
-        schema: Name of the action or process schema in which it stands.
+        schema: Name of the action or process schema that contains it.
         fluent: Symbol of the function that the effect changes.
         written: Its value in the file.
-        estimate: Its value according to the transitions.
+        estimate: Its value estimated from the transitions.
         error: Standard error of the estimate.
-        samples: Transitions behind the estimate.
+        samples: Transitions used for the estimate.
         cost: See the module.
     """
 
@@ -63,7 +63,7 @@ class MissingEffect:
         place: Where that schema is written; None where there is none.
         fluent: Name of the fluent that changes.
         terms: The summands of the change.
-        samples: Transitions behind the estimate.
+        samples: Transitions used for the estimate.
         cost: See the module.
     """
 
@@ -86,7 +86,7 @@ class ObservedOutcome:
 
     Attributes:
         changes: (symbol of the fluent, its change); `()` where nothing changes.
-        probability: Its share of the steps, 0 to 1.
+        probability: Its probability, 0 to 1.
         error: Standard error of the probability.
         written: Whether it is the effect in the file.
     """
@@ -99,13 +99,13 @@ class ObservedOutcome:
 
 @dataclass(frozen=True)
 class StochasticEffect:
-    """An action with several outcomes, or with another outcome than the file says.
+    """An action with several outcomes, or with another outcome than in the file.
 
     Attributes:
         schema: Name of the action schema.
         place: Where it is written.
         outcomes: Its outcomes, the most frequent first.
-        samples: Transitions behind the estimate.
+        samples: Transitions used for the estimate.
         cost: See the module.
     """
 
@@ -120,7 +120,7 @@ class StochasticEffect:
 class RuleFinding:
     """A line of the file on rewards or ends whose prediction differs from what was observed.
 
-    Rewards and ends state what people want, so nothing is estimated here.
+    Rewards and ends specify the task, so nothing is estimated here.
 
     Attributes:
         schema: Name of the action, process or event; `goal` or `metric`; empty for rewards or ends
@@ -128,13 +128,13 @@ class RuleFinding:
         place: Where it is written; None where there is no such place.
         fluent: `reward` or `terminal`.
         predicted: Steps in which the line was predicted to apply.
-        came: Those of them with the predicted reward or end.
-        unpredicted: Steps in which the line applies to the observed state and was not predicted
-            to; with no line, steps with an unpredicted reward or end.
-        promised: Mean predicted reward of the steps counted by `predicted`; 1 for ends.
-        observed: Mean observed reward of these steps, or share of ends; of the steps counted by
+        came: Number of these with the predicted reward or end.
+        unpredicted: Steps in which the line applies to the observed state but was not predicted to;
+            without a line, steps with an unpredicted reward or end.
+        expected: Mean predicted reward of the steps counted by `predicted`; 1 for ends.
+        observed: Mean observed reward of these steps, or fraction of ends; of the steps counted by
             `unpredicted` where `predicted` is 0.
-        samples: Transitions looked at.
+        samples: Transitions compared.
         cost: See the module.
     """
 
@@ -144,7 +144,7 @@ class RuleFinding:
     predicted: int
     came: int
     unpredicted: int
-    promised: float
+    expected: float
     observed: float
     samples: int
     cost: float
@@ -159,7 +159,7 @@ class Findings:
 
     Attributes:
         parameters, missing, stochastic, rules: The findings by kind.
-        samples: Transitions looked at.
+        samples: Transitions compared.
     """
 
     parameters: tuple[ParameterFinding, ...] = ()

@@ -16,14 +16,14 @@ from serp.sysid.regression_data import predicted_steps, predictions
 
 _MOST_ACTIONS: Final = 40
 _STATES: Final = 500
-"""Number of states from which the usual change of an action is read."""
+"""Number of states from which the usual change of an action is determined."""
 
 
 class PatchedForecast(NamedTuple):
     """The expected result of steps.
 
     Attributes:
-        mean: `[N, F + 2]`: the fluents, the reward, the end; NaN in rows that have no next state.
+        mean: `[N, F + 2]`: the fluents, the reward, the end; NaN in rows without a next state.
         variance: `[N, F + 2]` about the mean, due to the stochastic effects found.
     """
 
@@ -34,24 +34,24 @@ class PatchedForecast(NamedTuple):
 def forecast_with(
     model: TransitionModel, findings: Findings, states: Vector, actions: NDArray[np.int64]
 ) -> PatchedForecast:
-    """Return the predictions of the patched model: of a stochastic effect, the mean.
+    """Return the predictions of the patched model; for stochastic effects, mean and variance.
 
     Args:
         model: The model as written.
-        findings: What it is patched with.
+        findings: The findings to patch it with.
         states: `[N, F]`.
         actions: `[N]` positions of ground actions.
     """
-    lifting = LiftedModel(model.ground)
-    patched = _patched(model, findings, lifting)
+    lifted = LiftedModel(model.ground)
+    patched = _patched(model, findings, lifted)
     mean = predicted_steps(patched, states, actions)
     forecast = PatchedForecast(mean, np.zeros(mean.shape))
     if findings.stochastic:
-        _average(patched, lifting, findings, states, actions, forecast)
+        _average(patched, lifted, findings, states, actions, forecast)
     return forecast
 
 
-def _patched(model: TransitionModel, findings: Findings, lifting: LiftedModel) -> TransitionModel:
+def _patched(model: TransitionModel, findings: Findings, lifted: LiftedModel) -> TransitionModel:
     """Return the model with the estimated parameters and the missing effects."""
     theta = model.theta.copy()
     for finding in findings.parameters:
@@ -60,16 +60,16 @@ def _patched(model: TransitionModel, findings: Findings, lifting: LiftedModel) -
     coefficients: list[float] = []
     for missing in findings.missing:
         for term in missing.terms:
-            factors = tuple(lifted(name) for name in term.fluents)
-            additions.append(AddedEffect(missing.schema, lifted(missing.fluent), factors))
+            factors = tuple(lifted_fluent(name) for name in term.fluents)
+            additions.append(AddedEffect(missing.schema, lifted_fluent(missing.fluent), factors))
             coefficients.append(term.coefficient)
-    ground = with_effects(lifting, additions)
+    ground = with_effects(lifted, additions)
     return TransitionModel(ground, dt=model.dt, theta=np.concatenate((theta, coefficients)))
 
 
 def _average(
     model: TransitionModel,
-    lifting: LiftedModel,
+    lifted: LiftedModel,
     findings: Findings,
     states: Vector,
     actions: NDArray[np.int64],
@@ -79,10 +79,10 @@ def _average(
     likely = _usual_changes(model, states) if len(model.actions) <= _MOST_ACTIONS else {}
     width = states.shape[1]
     for finding in findings.stochastic:
-        for action, binding in lifting.schema(finding.schema).bindings.items():
+        for action, binding in lifted.schema(finding.schema).bindings.items():
             rows = np.flatnonzero(actions == action)
             outcomes = [
-                (outcome.probability, _columns(lifting, outcome, binding))
+                (outcome.probability, _columns(lifted, outcome, binding))
                 for outcome in finding.outcomes
             ]
             changed = sorted({column for _, changes in outcomes for column in changes})
@@ -130,23 +130,23 @@ def _usual_changes(
 
 
 def _columns(
-    lifting: LiftedModel, outcome: ObservedOutcome, binding: Mapping[str, str]
+    lifted: LiftedModel, outcome: ObservedOutcome, binding: Mapping[str, str]
 ) -> dict[int, float]:
     """Return the changes of an outcome: column → change."""
-    changes = ((_column(lifting, fluent, binding), change) for fluent, change in outcome.changes)
+    changes = ((_column(lifted, fluent, binding), change) for fluent, change in outcome.changes)
     return {column: change for column, change in changes if column is not None}
 
 
-def _column(lifting: LiftedModel, fluent: str, binding: Mapping[str, str]) -> int | None:
-    """Return the column that a name means; None where it is ambiguous."""
+def _column(lifted: LiftedModel, fluent: str, binding: Mapping[str, str]) -> int | None:
+    """Return the column of a fluent by name; None where the name is ambiguous."""
     try:
-        return lifting.column(lifted(fluent), binding)
+        return lifted.column(lifted_fluent(fluent), binding)
     except KeyError:
-        named = [f.index for f in lifting.ground.fluents if f.symbol == fluent]
+        named = [f.index for f in lifted.ground.fluents if f.symbol == fluent]
         return named[0] if len(named) == 1 else None
 
 
-def lifted(name: str) -> LiftedFluent:
-    """Return the fluent that a printed name means: `battery ?robot`."""
+def lifted_fluent(name: str) -> LiftedFluent:
+    """Parse the printed name of a fluent: `battery ?robot`."""
     symbol, *terms = name.strip("() ").split(" ")
     return LiftedFluent(symbol, tuple(terms))

@@ -26,14 +26,14 @@ _WRITTEN: Final = "#D55E00"
 _FOUND: Final = PLANNER
 _POINTS: Final = 600
 _VALUES: Final = 6
-"""A fluent with at most so many different changes is shown as a table of them."""
+"""Most distinct changes of a fluent that is shown as a table."""
 
 _COLUMNS: Final = 4
 _NAME: Final = 30  # characters of a title
 
 
 def picture(diagnosis: Diagnosis, kind: Literal["png", "svg"]) -> bytes:
-    """Return the bytes of a picture file: the same for equal diagnoses."""
+    """Return the bytes of a picture file, equal for equal diagnoses."""
     return render(draw_diagnosis(diagnosis), kind)
 
 
@@ -128,7 +128,7 @@ def _draw_points(axes: Axes, observed: Vector, written: Vector, found: Vector) -
 def _draw_table(
     axes: Axes, observed: Vector, written: Vector, values: Vector, numeric: bool
 ) -> None:
-    """Draw the shares of the observed changes under each predicted change."""
+    """Draw the frequencies of the observed changes for each predicted change."""
     said = [value for value in values if (_rounded(written) == value).any()]
     shares = np.zeros((len(values), len(said)))
     for k, value in enumerate(said):
@@ -160,7 +160,7 @@ def _legend(kinds: Collection[str]) -> list[Line2D]:
             Line2D([], [], color=INK, linewidth=0.8, label="where both are equal"),
         ]
     if "table" in kinds:
-        handles.append(mark("s", _WRITTEN, "share of the steps that went otherwise"))
+        handles.append(mark("s", _WRITTEN, "fraction of the steps with another change"))
     return handles
 
 
@@ -173,7 +173,7 @@ def _distinct(values: Vector) -> Vector:
 
 
 def _counts(values: Vector) -> bool:
-    """Return whether changes look like those of a counter or a place on a grid."""
+    """Return whether changes resemble those of a counter or of a position on a grid."""
     return bool(np.all(values == np.round(values))) and len(values) > 1
 
 

@@ -1,4 +1,4 @@
-"""What a run recorded of its transitions, read from its folder without the environment."""
+"""The recorded transitions of a run, read from its folder without the environment."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from serp.training.run_metadata import read_run_metadata, refuse_changes
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a run recorded, as of its newest checkpoint.
+    """The recorded data of a run, as of its newest checkpoint.
 
     Attributes:
         run: The run's folder.
-        domain: The domain as the run has it.
-        files: Name of the copy in the folder → name of the file that it is a copy of.
+        domain: The run's copy of the domain.
+        files: Name of the copy in the folder → name of the original file.
         model: The domain's transition model as written, with the task's control period.
         experience: The newest transitions.
-        monitor: Predictions beside observations, over the whole run.
+        monitor: Predictions compared with observations, over the whole run.
         env_steps: Env steps of the run.
-        learned_from: Whose reward its learner learned from: `domain`, `environment` or `sum`.
+        learned_from: The reward that its learner used: `domain`, `environment` or `sum`.
         notice: A sentence if the newest checkpoint is damaged; else None.
     """
 
@@ -44,13 +44,14 @@ class Recorded:
 
 
 def read_recorded(run: Path) -> Recorded:
-    """Read what a run recorded.
+    """Read the recorded data of a run.
 
     Args:
         run: The run's folder.
 
     Raises:
-        RunError: It is no run, it has no whole checkpoint, or its domain was changed since.
+        RunError: The folder is not a run, it has no intact checkpoint, or its copy of the domain
+            was changed.
         DomainError: Its copy of the domain is damaged.
     """
     folder = RunFolder.open(run)
@@ -73,7 +74,7 @@ def read_recorded(run: Path) -> Recorded:
     monitor.load_state_dict(*saved.part("monitor"))
     if not len(experience):
         raise RunError(
-            f"{run} has made no env step up to its last checkpoint; let it train for a while: "
+            f"{run} has no env step in its last checkpoint; train it for a while: "
             f"serp plan-and-learn --resume {run}"
         )
     damage = checkpoint.fallback
@@ -86,5 +87,5 @@ def read_recorded(run: Path) -> Recorded:
         monitor=monitor,
         env_steps=whole.whole("env_steps"),
         learned_from=str(folder.metadata["config"].get("learned_from", "")),
-        notice=None if damage is None else f"{damage} What is said here is as of the one before.",
+        notice=None if damage is None else f"{damage} This diagnosis uses the one before.",
     )

@@ -1,4 +1,4 @@
-"""Which findings are worth mentioning: one rule for what is shown and what is written."""
+"""The rule for findings that are worth mentioning; shared by `diagnose` and `repair`."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ from serp.sysid.effect_search import LASTING
 from serp.sysid.lifted_features import WORLD
 
 CERTAIN: Final = 4.0
-"""Standard errors. A file has many parameters; hardly any may be called wrong by chance."""
+"""Standard errors. A file has many parameters, so false findings must be rare."""
 _CHANGE: Final = 1e-4
 """Least cost: an error of 1 % of the change."""
 _LEFT: Final = 0.002
-"""Least cost as a share of the squared error that is left with all findings taken into account."""
+"""Least cost as a fraction of the squared error that is left with all findings."""
 
 
 def worthwhile(findings: Findings, explained: Sequence[Quantity], processes: set[str]) -> Findings:
     """Return the findings that are worth mentioning.
 
-    * Parameters and missing effects: certain (4 standard errors), and more costly than 1 % of the
-      change, or 0.3 % in a process (it adds up, while effects of actions cancel out), and than
-      0.2 % of the squared error that is left.
-    * Stochastic effects: all of them; only frequent ones are found.
-    * Lines on reward or end: where the other findings leave an error of more than 10 %, and the
-      line costs as much.
+    * Parameters and missing effects: certain (4 standard errors), with a cost above that of an
+      error of 1 % of the change (0.3 % in a process: its errors add up, while those of actions
+      cancel out), and above 0.2 % of the squared error that is left.
+    * Stochastic effects: all; only frequent ones are found.
+    * Lines on reward or end: if the other findings leave an error of more than 10 %, and the cost
+      of the line exceeds that too.
 
     Args:
         findings: All findings.
-        explained: The accuracy with all of them taken into account.
+        explained: The accuracy with all findings.
         processes: Names of the processes of the file.
     """
     left = {quantity.name: quantity.squared_left for quantity in explained}
@@ -55,7 +55,7 @@ def worthwhile(findings: Findings, explained: Sequence[Quantity], processes: set
 
 
 def without(findings: Findings, some: Findings) -> Findings:
-    """Return the findings that are not among some others."""
+    """Return the findings that are not in `some`."""
     parameters = {finding.parameter.index for finding in some.parameters}
     missing = {(finding.schema, finding.fluent) for finding in some.missing}
     return dataclasses.replace(
@@ -68,7 +68,7 @@ def without(findings: Findings, some: Findings) -> Findings:
 
 
 def differs(finding: ParameterFinding, errors: float) -> bool:
-    """Return whether a parameter is so many standard errors from its estimate."""
+    """Return whether a parameter is that many standard errors from its estimate."""
     gap = abs(finding.estimate - finding.written)
     rounding = 1e-9 * max(abs(finding.estimate), abs(finding.written))
     return gap > max(errors * finding.error, rounding)

@@ -23,14 +23,14 @@ from serp.pddl.source import Place
 from serp.sysid.monitor import END
 
 _DIFFERS = 2.0
-"""A parameter differs from its estimate if so many standard errors lie between them."""
+"""Standard errors by which a parameter differs from its estimate at least."""
 
 
 class Remark(NamedTuple):
     """One sentence about the file.
 
     Attributes:
-        cost: Of all its findings; see `serp.diagnosis.findings`.
+        cost: Sum over its findings; see `serp.diagnosis.findings`.
         schema: Name of the action or process schema; empty for a change under every action.
         line: Line of the file; None where there is none.
         text: The sentence, without a full stop.
@@ -99,7 +99,7 @@ class _RemarkWriter:
             wrong = [finding for finding in found if differs(finding, _DIFFERS)]
             if wrong or missing:
                 yield self._parameters_in(effect, found, wrong, missing)
-                missing = []  # told with the first effect on the same fluent
+                missing = []  # reported with the first effect on the same fluent
         for effect_missing in missing:
             yield self._missing(effect_missing)
 
@@ -111,10 +111,10 @@ class _RemarkWriter:
         missing: list[MissingEffect],
     ) -> Remark:
         place = found[0].parameter.place
-        alone = self._parameters_of(effect, place) == 1
+        single = self._parameters_of(effect, place) == 1
         parts = [
             f"observed {measured(f.estimate, f.error)}"
-            + ("" if alone else f" for {f.parameter.place.text}")
+            + ("" if single else f" for {f.parameter.place.text}")
             + f" in {f.samples:,} steps"
             for f in sorted(wrong, key=lambda finding: -finding.cost)
         ]
@@ -155,7 +155,7 @@ class _RemarkWriter:
             share = percent_measured(sum(o.probability for o in written), written[0].error)
             what = f"does what the file says ({self._changed(written[0])}) in {share} {steps}"
         else:
-            what = f"never does what the file says, in none {steps}"
+            what = f"never does what the file says, in {steps[3:]}"
         if others:
             what += "; instead " + ", ".join(
                 f"{self._changed(o)} in {percent_measured(o.probability, o.error)}" for o in others
@@ -166,23 +166,23 @@ class _RemarkWriter:
     def rule(self, finding: RuleFinding) -> Remark:
         """Return the remark on a line on rewards or ends."""
         ends, steps = finding.fluent == END, _steps(finding.predicted)
-        surprises, place = _steps(finding.unpredicted), finding.place
+        unpredicted, place = _steps(finding.unpredicted), finding.place
         if not finding.schema and ends:
-            text = f"the task ended in {surprises} of which no line says so"
+            text = f"the task ended in {unpredicted}, and no line of the file says so"
         elif not finding.schema:
-            text = f"{surprises} for which the file promises no reward were worth "
+            text = f"{unpredicted} without a predicted reward had a reward of "
             text += f"{number(finding.observed)} on average"
         elif not finding.predicted:
-            text = f", never predicted; it applies to {surprises} all the same"
-            text += "" if ends else f", worth {number(finding.observed)} on average"
+            text = f", never predicted; it applied in {unpredicted}"
+            text += "" if ends else f", with reward {number(finding.observed)} on average"
         else:
             text = f", predicted in {steps}"
             if ends:
                 text += f"; the task ended in {finding.came:,} of them"
             else:
-                text += f", reward {number(finding.promised)} on average; it was "
+                text += f", reward {number(finding.expected)} on average; it was "
                 text += f"{number(finding.observed)}, and {finding.came:,} steps were as predicted"
-            text += f"; it applies to {surprises} more" if finding.unpredicted else ""
+            text += f"; it also applied in {unpredicted} unpredicted" if finding.unpredicted else ""
         if finding.schema:
             where = "" if place is None else f", {_line(place)}: `{place.text}`"
             text = f"`{finding.schema}`{where}{text}"
@@ -199,10 +199,10 @@ class _RemarkWriter:
         return f"{_bracketed(fluent)} {'+' if change > 0 else '−'}{plain(abs(change))}"
 
     def _effect_around(self, parameter: Parameter) -> str:
-        """Return the text of the innermost effect in which a parameter stands."""
+        """Return the text of the innermost effect that contains a parameter."""
         place = parameter.place
         around = [effect.place for effect in self._effects if _inside(place, effect.place)]
-        if not around:  # a static value of the problem, or such
+        if not around:  # a static value of the problem, for example
             return place.source_line.strip() or place.text
         return min(around, key=lambda outer: outer.end - outer.start).text
 
@@ -215,9 +215,9 @@ class _RemarkWriter:
 
 
 def terms(summands: Iterable[EffectTerm]) -> str:
-    """Return a sum as people read it: `0.31 × pole-angle − 0.02`.
+    """Format a sum: `0.31 × pole-angle − 0.02`.
 
-    Each coefficient has the digits that its standard error leaves.
+    Each coefficient has as many digits as its standard error allows.
     """
     text = ""
     for term in summands:

@@ -1,8 +1,8 @@
-"""Predicted and observed rewards and ends, by the line of the file that states them.
+"""Predicted and observed rewards and ends, by the line of the file that defines them.
 
-A step with another reward or end than predicted is attributed to the lines that apply either to the
-predicted next state or to the observed one: the file was wrong about the fluents there. If the same
-lines apply to both, it is attributed to these lines; if none applies, to no line.
+A step whose reward or end differs from the prediction is attributed to the lines that apply to only
+one of the predicted and the observed next state: the file predicted the fluents wrongly. If the
+same lines apply to both, it is attributed to these lines; if none applies, to no line.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from serp.sysid.monitor import END, REWARD
 from serp.sysid.regression_data import RegressionData
 
 _EQUAL = 0.1
-"""A reward is as predicted if it differs by at most this share of the usual reward."""
+"""A reward is as predicted if it differs by at most this fraction of the usual reward."""
 
 
 class _Line(NamedTuple):
@@ -39,9 +39,9 @@ class _Count:
     predicted: int = 0
     came: int = 0
     unpredicted: int = 0
-    promised: float = 0.0
+    expected: float = 0.0
     observed: float = 0.0
-    surprises: float = 0.0
+    unpredicted_sum: float = 0.0
     squares: float = 0.0
 
 
@@ -54,8 +54,8 @@ def find_rules(
         model: The model as written.
         sample: The transitions.
         steps: The same with rewards and ends.
-        predicted: `[N, F + 2]` what the model predicts.
-        units: `[F + 2]` see `serp.diagnosis.accuracy.units_of`.
+        predicted: `[N, F + 2]` predictions of the model.
+        units: `[F + 2]`, see `serp.diagnosis.accuracy.units_of`.
     """
     width = len(model.fluents)
     rules = _Rules(model)
@@ -66,9 +66,9 @@ def find_rules(
         said = rules.predicted(state, action, pairs[row, 0])
         seen = rules.judged(state, action, after)
         for k, (fluent, own) in enumerate(counts.items()):
-            promised, came = pairs[row, :, k].tolist()
+            expected, came = pairs[row, :, k].tolist()
             equal = _EQUAL * float(units[width + k])
-            _count(own, said[fluent], seen[fluent], promised, came, equal)
+            _count(own, said[fluent], seen[fluent], expected, came, equal)
     found = [
         RuleFinding(
             schema=line.schema,
@@ -77,10 +77,10 @@ def find_rules(
             predicted=count.predicted,
             came=count.came,
             unpredicted=count.unpredicted,
-            promised=count.promised / max(1, count.predicted),
+            expected=count.expected / max(1, count.predicted),
             observed=count.observed / count.predicted
             if count.predicted
-            else count.surprises / max(1, count.unpredicted),
+            else count.unpredicted_sum / max(1, count.unpredicted),
             samples=len(sample),
             cost=count.squares / float(units[width + k]) ** 2 / len(sample),
         )
@@ -97,7 +97,7 @@ def _count(
     lines: dict[_Line, _Count],
     said: set[_Line],
     seen: set[_Line],
-    promised: float,
+    expected: float,
     came: float,
     equal: float,
 ) -> None:
@@ -107,20 +107,20 @@ def _count(
         lines: The counts so far.
         said: The lines that were predicted to apply.
         seen: The lines that apply to the observed state.
-        promised: The predicted reward or end.
+        expected: The predicted reward or end.
         came: The observed reward or end.
         equal: Largest difference that counts as none.
     """
-    right, off = abs(came - promised) <= equal, (came - promised) ** 2
+    right, off = abs(came - expected) <= equal, (came - expected) ** 2
     for line in said:
         count = lines.setdefault(line, _Count())
         count.predicted += 1
         count.came += right
-        count.promised += promised
+        count.expected += expected
         count.observed += came
     if not off:
         return
-    if came == 0.0:  # a line that applies to the observed state is not to blame
+    if came == 0.0:  # a line that applies to the observed state cannot be the cause
         seen = seen & said
     blamed = said ^ seen or said or {_NO_LINE}
     for line in blamed:
@@ -128,7 +128,7 @@ def _count(
         count.squares += off / len(blamed)
         if line not in said and not right:
             count.unpredicted += 1
-            count.surprises += came
+            count.unpredicted_sum += came
 
 
 class _Rules:

@@ -1,9 +1,9 @@
 """Stochastic effects of actions on discrete fluents: their outcomes and probabilities.
 
-An outcome is described by an action of the file where possible: an action that slips usually has
-the effect of another action, with its conditions. Each transition is therefore compared with the
-effect of every action in its state. Several outcomes may fit one transition, at a wall for example;
-expectation-maximisation estimates the probabilities then.
+An outcome is described by an action of the file where possible: a robot that slips usually has the
+effect of another action, with its conditions. Each transition is therefore compared with the effect
+of every action in its state. Several outcomes may fit one transition, at a wall for example, so
+expectation-maximisation estimates the probabilities.
 """
 
 from __future__ import annotations
@@ -39,21 +39,21 @@ Mask = NDArray[np.bool_]
 def find_stochastic_effects(
     model: TransitionModel, sample: RegressionData, whole: Iterable[str], units: Vector
 ) -> tuple[StochasticEffect, ...]:
-    """Return the action schemas that have other outcomes than the file says.
+    """Return the action schemas that have other outcomes than in the file.
 
     Args:
         model: The model as written.
         sample: The transitions.
         whole: Functions whose values are a few whole numbers.
-        units: `[F + 2]` see `serp.diagnosis.accuracy.units_of`.
+        units: `[F + 2]`, see `serp.diagnosis.accuracy.units_of`.
     """
     sample = sample.part(_MOST_ROWS)
     columns = _discrete(model.ground, set(whole))
     if not len(columns) or not len(sample):
         return ()
-    lifting = LiftedModel(model.ground)
+    lifted = LiftedModel(model.ground)
     names = dict.fromkeys(action.schema for action in model.actions)
-    schemas = [_Schema(model, lifting, sample, columns, units[columns], name) for name in names]
+    schemas = [_Schema(model, lifted, sample, columns, units[columns], name) for name in names]
     surprising = [schema for schema in schemas if schema.surprising]
     # An environment may show the state after the last step of an episode, or the next start.
     strange = any(schema.ends_strangely for schema in surprising)
@@ -62,7 +62,7 @@ def find_stochastic_effects(
 
 
 def _discrete(ground: g.GroundModel, whole: set[str]) -> NDArray[np.int64]:
-    """Return the columns of whole numbers, and of predicates that the file has an effect on."""
+    """Return the columns of whole numbers, and of predicates that effects of the file change."""
     schemas = (*ground.actions, *ground.processes, *ground.events)
     written = {target for schema in schemas for target in g.writes(schema)}
     return np.array(
@@ -80,11 +80,11 @@ class _Candidate:
     """One candidate outcome.
 
     Attributes:
-        changes: The changes that it makes where it makes any.
+        changes: Its changes, where it has any.
         fits: `[n]`, whether it fits the observed next state.
         after: `[n, D]` the next states that it predicts.
-        ends: `[n]`, whether it ends the episode. What is observed after an end is uncertain.
-        written: Whether the file says it of the action.
+        ends: `[n]`, whether it ends the episode. The observation after an end is unreliable.
+        written: Whether it is the action's effect in the file.
     """
 
     changes: Changes
@@ -100,7 +100,7 @@ class _Schema:
     def __init__(
         self,
         model: TransitionModel,
-        lifting: LiftedModel,
+        lifted: LiftedModel,
         sample: RegressionData,
         columns: NDArray[np.int64],
         units: Vector,
@@ -110,7 +110,7 @@ class _Schema:
         self.columns = columns
         self.schema = schema
         self.total = len(sample)
-        self.bindings = lifting.schema(schema).bindings
+        self.bindings = lifted.schema(schema).bindings
         rows = np.isin(sample.actions, list(self.bindings))
         self.actions = sample.actions[rows]
         self.states = sample.states[rows]
@@ -120,14 +120,14 @@ class _Schema:
 
     @functools.cached_property
     def surprising(self) -> bool:
-        """Whether other outcomes than the written one are frequent."""
+        """Whether outcomes other than the written one are frequent."""
         if len(self.actions) < _FEW:
             return False
         return bool((self._written[0] == self.observed).all(1).mean() < 1.0 - _RARE)
 
     @functools.cached_property
     def ends_strangely(self) -> bool:
-        """Whether the states after ends of the episode are not as predicted."""
+        """Whether states after ends of episodes differ from the prediction."""
         strange = self._ends & ~_any_fits(self._usual_candidates)
         return bool(strange.sum() > _RARE * self._ends.sum())
 
@@ -136,7 +136,7 @@ class _Schema:
 
         Args:
             without_ends: Leave out all states from which the action may end the episode. The
-                selection depends on the states alone, not on the outcomes, so it causes no bias.
+                selection depends only on the states, not on the outcomes, so it causes no bias.
         """
         written, candidates = self._written[0], self._candidates
         fits = _fits_of(candidates)
@@ -195,7 +195,7 @@ class _Schema:
 
     @functools.cached_property
     def _candidates(self) -> list[_Candidate]:
-        """The candidates, the written outcome first."""
+        """Return the candidates, the written outcome first."""
         written, ends = self._written
         own = self._usual(written)
         candidates = {own: _Candidate(own, (written == self.observed).all(1), written, ends, True)}
@@ -217,8 +217,7 @@ class _Schema:
     def _with_nothing(self, candidates: list[_Candidate]) -> list[_Candidate]:
         """Return the candidates, with "nothing changes" where it explains what others do not.
 
-        A lamp that is not switched on looks like one that is switched off; the cases differ where
-        the lamp was on before.
+        "Not switched on" and "switched off" differ only in states in which the lamp is on.
         """
         stays = np.zeros(len(self.before), dtype=np.bool_)
         nothing = _Candidate((), (self.observed == self.before).all(1), self.before, stays, False)
@@ -229,13 +228,13 @@ class _Schema:
     def _add(
         self, candidates: dict[Changes, _Candidate], changes: Changes, after: Vector, ends: Mask
     ) -> None:
-        """Add a candidate; NaN in `after` where it predicts nothing."""
+        """Add a candidate; `after` is NaN where it has no prediction."""
         if not changes and not np.isfinite(after).any():
             return
         fits = (after == self.observed).all(1)
         known = candidates.get(changes)
         if known is None:
-            # Where it predicts nothing the state stays, for the mean.
+            # Without a prediction the state is unchanged, for the mean.
             known = candidates[changes] = _Candidate(changes, fits, self.before.copy(), ends, False)
         elif known.written:
             known.fits |= fits
@@ -246,7 +245,7 @@ class _Schema:
         known.after[said] = after[said]
 
     def _usual(self, after: Vector) -> Changes:
-        """Return the most frequent change of those that change anything."""
+        """Return the most frequent change other than none."""
         said: Mask = np.all(np.isfinite(after), axis=1)
         return next(iter(self._counted(after, said)), ())
 

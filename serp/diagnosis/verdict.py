@@ -1,4 +1,4 @@
-"""Sentences on how well a file predicts, and on what the findings leave unexplained."""
+"""Sentences on the accuracy of a file, and on what the findings do not explain."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ def verdict(quantities: Sequence[Quantity], found: bool) -> str:
     """Return a sentence on the accuracy of a file one step ahead.
 
     Args:
-        quantities: All that changes or is predicted to; a file predicts well if the error of each
-            is at most 10 % of its change.
+        quantities: All quantities that change or are predicted to. A file predicts well if the
+            error of each is at most 10 % of its change.
         found: Whether any finding is worth mentioning.
     """
     if not quantities:
-        return "Nothing changed in these steps, as the file says: nothing more can be said of it."
+        return "Nothing changed in these steps, as predicted; they show nothing more of the file."
     well = [q for q in quantities if q.off <= WELL]
     worst = max(quantities, key=lambda q: q.off)
     if len(well) == len(quantities):
@@ -28,14 +28,14 @@ def verdict(quantities: Sequence[Quantity], found: bool) -> str:
         if worst.off > _EXACT:
             error = f"one step ahead every error is at most {percent(worst.off, 2)} of the change"
             error += f", that of {worst.shown}"
-        rest = "What is listed here would make it better." if found else "Nothing more was found."
+        rest = "The findings below would improve it." if found else "Nothing more was found."
         return f"The file predicts well: {error}. {rest}"
     counted = f"{len(well)} of {len(quantities)}"
-    listed = "nothing was found to mend it"
+    listed = "no improvement was found"
     if found:
-        chance = ", but for chance," if any(q.squared_chance for q in quantities) else ""
+        chance = ", apart from chance," if any(q.squared_chance for q in quantities) else ""
         better = sum(q.unexplained <= WELL for q in quantities)
-        listed = f"with what is listed here{chance} {better} of {len(quantities)}"
+        listed = f"with the findings below{chance} {better} of {len(quantities)}"
     return (
         f"One step ahead the file as written predicts {counted} ({_names(quantities)}) to within "
         f"{percent(WELL, 2)} of the change; {listed}. The largest error is "
@@ -55,7 +55,7 @@ def unexplained(quantities: Sequence[Quantity]) -> list[str]:
 
 def _sentence(q: Quantity) -> str:
     differs = abs(q.squared_left - q.squared) > 0.01 * q.squared
-    listed = f"; with what is listed {percent(q.off_left, 2)}" if differs else ""
+    listed = f"; with the findings {percent(q.off_left, 2)}" if differs else ""
     mostly = f"; most of it after `{q.action}`" if q.most > 0.5 and q.squared else ""
     if q.name == END:
         return _end(q) + listed
@@ -64,7 +64,7 @@ def _sentence(q: Quantity) -> str:
         changes = f"{q.shown} changes {q.change:,.0f} times in {q.steps:,} steps"
         if not q.written:
             return f"{changes}, and nothing in the file says so{listed}{mostly}"
-        wrong = f"{q.said:,} changes were predicted, of these {q.right:,} came"
+        wrong = f"{q.said:,} changes were predicted, {q.right:,} of them correctly"
         wrong += f" (wrong {percent(q.off, 2)} as often as it changes)"
         return f"{changes}; {wrong}{listed}{mostly}"
     if q.name == REWARD:
@@ -86,8 +86,8 @@ def _end(q: Quantity) -> str:
         return f"{ended}, and nothing in the file says so"
     missed = int(q.change) - q.right
     return (
-        f"{ended}; {q.said:,} ends were predicted, of these {q.right:,} came, and {missed:,} came "
-        "unpredicted"
+        f"{ended}; {q.said:,} ends were predicted, {q.right:,} of them correctly, and {missed:,} "
+        "ends were not predicted"
     )
 
 

@@ -1,4 +1,4 @@
-"""The learner of the paper (section 3.3): a DQN, with what has been found to help since.
+"""The learner of the paper (section 3.3): a DQN, with later improvements.
 
 One env step of a training loop::
 
@@ -36,13 +36,12 @@ from serp.settings import LearnerSettings
 
 
 class Proposal(NamedTuple):
-    """What the learner would do.
+    """The action that the learner proposes.
 
     Attributes:
         action: Index of the action.
         exploratory: Whether it was drawn at random.
-        q: Q-values ``[A]`` behind a greedy choice, `base` included; None where it was drawn at
-            random.
+        q: Q-values ``[A]`` of a greedy choice, `base` included; None if it was drawn at random.
     """
 
     action: int
@@ -53,26 +52,25 @@ class Proposal(NamedTuple):
 class DQN:
     """Deep Q-network (Mnih et al. 2015) on one CPU core.
 
-    Under residual learning every method that asks for Q takes `base`, the guide's values ``[A]`` or
-    ``[B, A]`` in units of Q, which are added to the network's; None adds none.
+    For residual learning every method that computes Q takes `base`, the guide's values ``[A]`` or
+    ``[B, A]`` in units of Q, which are added to the network's outputs; None: nothing is added.
 
     Args:
         input_size: Numbers in one input, F ≥ 1.
         action_count: Actions, A ≥ 1.
-        settings: All choices.
-        seed: Equal seeds give equal bits. A `SeedSequence` is read and left as it was.
-        symmetry: Symmetries of inputs and actions, used where `settings.symmetry` says so.
-        guided: How it learns from a guide; None, or nothing of it in use: not at all.
+        settings: The learner's settings.
+        seed: Equal seeds give bitwise equal results. A `SeedSequence` is not changed.
+        symmetry: Symmetries of inputs and actions, used if `settings.symmetry` is set.
+        guided: How it learns from a guide; None: it does not.
 
     Attributes:
-        symmetry: Those in use; None where there are none.
-        guided: As given, where something of it is in use; else None. Then `remember` needs no
-            guidance.
-        learning: What gradient updates change.
-        replay: What it remembers.
-        env_steps: Env steps remembered.
-        margin_weight: Weight of imitation, ≥ 0, from now on. It starts as `guided` says, must stay
-            0 for a learner that keeps no guidance or learns a residual, and is not saved.
+        symmetry: The symmetries in use; None if there are none.
+        guided: As given if it is in use, else None; then `remember` needs no guidance.
+        learning: The networks and their gradient updates.
+        replay: The replay memory.
+        env_steps: Number of env steps remembered.
+        margin_weight: Current weight of imitation, ≥ 0. Its initial value is that of `guided`. It
+            must be 0 for a learner without guidance or with a residual, and is not saved.
     """
 
     def __init__(
@@ -102,7 +100,7 @@ class DQN:
 
     @property
     def updates(self) -> int:
-        """Gradient updates done, those of `pretrain` included."""
+        """Number of gradient updates, including those of `pretrain`."""
         return self.learning.updates
 
     @property
@@ -120,7 +118,7 @@ class DQN:
             base: The guide's values ``[A]`` or ``[B, A]``, added; None: none.
 
         Returns:
-            ``[A]`` or ``[B, A]``, float32, in units of reward × `reward_scale`, the caller's own.
+            ``[A]`` or ``[B, A]``, float32, in units of reward × `reward_scale`; a new array.
 
         Raises:
             ValueError: The input or `base` has another shape.
@@ -138,10 +136,10 @@ class DQN:
         return self._mean_q.of_members(self.learning.online, x)
 
     def newest_values(self, count: int) -> tuple[type_F32, npt.NDArray[np.float64]]:
-        """Return what the newest states are worth in which the episode went on.
+        """Return the values of the newest states in which the episode went on.
 
         Args:
-            count: Samples that are considered, at most.
+            count: Most samples that are considered.
 
         Returns:
             Inputs ``[N, F]``, and the Q ``[N]`` of the best action allowed there, in units of
@@ -161,10 +159,10 @@ class DQN:
         explorable: npt.NDArray[np.bool_] | None = None,
         base: npt.NDArray[np.floating] | None = None,
     ) -> Proposal:
-        """Choose ε-greedily.
+        """Choose an action ε-greedily.
 
-        With probability `epsilon` one of the explorable actions, uniformly; else the action with
-        the largest Q (the lowest index among equals), explorable or not.
+        With probability `epsilon` it is drawn uniformly from the explorable actions; else it is the
+        action with the largest Q (the lowest index in a tie), explorable or not.
 
         Args:
             x: One input ``[F]``.
@@ -207,10 +205,10 @@ class DQN:
         failing: bool = False,
         guidance: Guidance | None = None,
     ) -> None:
-        """Take one env step with the *executed* action; see `ReplayBuffer.add`.
+        """Store one env step with the *executed* action; see `ReplayBuffer.add`.
 
         Raises:
-            LearningFailure: Returns of such rewards are too large for float32.
+            LearningFailure: The return of such rewards may exceed float32.
         """
         scaled = float(reward) * self.settings.reward_scale
         largest = abs(scaled) / (1.0 - self.settings.discount)
@@ -238,27 +236,27 @@ class DQN:
         """Do the gradient updates due for one env step.
 
         Returns:
-            Mean loss over these updates, or None where none was due: before `learning_starts`,
-            or with less than one update a step.
+            Mean loss over these updates, or None if none was due: before `learning_starts`, or with
+            less than one update per step.
 
         Raises:
             LearningFailure: The loss is not finite.
         """
         if self.env_steps < self.settings.learning_starts or not self.replay.size:
             return None
-        # From whole counts, so that a share such as 0.1 never drifts.
+        # Computed from whole counts, so that a ratio such as 0.1 never drifts.
         done = int(self._learn_calls * self.settings.updates_per_step)
         self._learn_calls += 1
         return self._train(int(self._learn_calls * self.settings.updates_per_step) - done)
 
     def pretrain(self, updates: int | None = None) -> float | None:
-        """Do gradient updates on what was remembered so far (Algorithm 1, line 1).
+        """Do gradient updates on the samples so far (Algorithm 1, line 1).
 
         Args:
-            updates: How many; None: `settings.pretrain_updates`.
+            updates: Their number; None: `settings.pretrain_updates`.
 
         Returns:
-            Mean loss, or None where nothing was done.
+            Mean loss, or None without any update.
 
         Raises:
             LearningFailure: The loss is not finite.
@@ -270,7 +268,7 @@ class DQN:
     def _train(self, updates: int) -> float | None:
         if updates <= 0:
             return None
-        with np.errstate(over="ignore", invalid="ignore"):  # the loss shows it
+        with np.errstate(over="ignore", invalid="ignore"):  # visible in the loss
             return sum(self._update() for _ in range(updates)) / updates
 
     def _update(self) -> float:
@@ -285,10 +283,10 @@ class DQN:
         return module_of(self.learning.online, self.symmetry)
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
-        """Return everything the future depends on: arrays and plain JSON values.
+        """Return the complete state: arrays and plain JSON values.
 
         Raises:
-            LearningFailure: A parameter is not finite; there is no future.
+            LearningFailure: A parameter is not finite.
         """
         if self.learning.not_finite() is not None:
             raise self.learning.failure(
@@ -343,8 +341,8 @@ class DQN:
 
 
 def _generators(seed: np.random.SeedSequence | int) -> list[np.random.Generator]:
-    """Return independent generators for the network's start, sampling and exploration."""
+    """Return independent generators for initial weights, sampling and exploration."""
     sequence = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-    # spawn() would count in the caller's sequence, and another call would give other children.
+    # spawn() would change the caller's sequence, and another call would give other children.
     own = np.random.SeedSequence([int(word) for word in sequence.generate_state(4)])
     return [np.random.default_rng(child) for child in own.spawn(3)]

@@ -1,4 +1,4 @@
-"""ε-greedy exploration: when the learner draws its action at random, and which one."""
+"""ε-greedy exploration."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ class EpsilonGreedy:
     """Decides between a random action and the greedy one.
 
     Args:
-        settings: Of the learner.
+        settings: The learner's settings.
         action_count: A.
-        rng: Draws; from now on its own.
+        rng: Random generator, used exclusively by this object.
 
     Attributes:
-        rng: That generator.
+        rng: As above.
     """
 
     def __init__(
@@ -29,7 +29,7 @@ class EpsilonGreedy:
         self.rng = rng
 
     def epsilon(self, env_step: int) -> float:
-        """Return the probability of exploring: a straight line from start to end, then the end."""
+        """Return the probability of exploring: linear from start to end, then constant."""
         if env_step >= self._steps:
             return self._end
         return self._start + (self._end - self._start) * (env_step / self._steps)

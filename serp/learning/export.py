@@ -1,4 +1,4 @@
-"""Networks as ordinary torch modules, to be exported."""
+"""Export of networks as ordinary torch modules."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from serp.learning.symmetry_group import SymmetryGroup
 def module_of(network: QNetwork, symmetry: SymmetryGroup | None = None) -> torch.nn.Module:
     """Return an independent copy of a network, ``[batch, F]`` → ``[batch, A]``.
 
-    A `torch.nn.Sequential`; with several members, or symmetries, a module that takes the mean over
-    them.
+    It is a `torch.nn.Sequential`; with several members or symmetries, a module that returns the
+    mean over them.
     """
     modules = [_sequential(network, member) for member in range(network.members)]
     module = modules[0] if network.members == 1 else MeanOfMembers(modules)

@@ -1,13 +1,13 @@
-"""Learning from a guide: what it said about each env step, and what the learner makes of it.
+"""Learning from a guide: its advice on each env step, and how the learner uses it.
 
-A guide (the planner) can do more for the learner than act in its place. Three ways are known to
-work, and may be combined except where said:
+A guide (the planner) can do more for the learner than act in its place. There are three ways, which
+may be combined except where stated:
 
-* imitation: where the guide would act is worth a margin more than anything else (DQfD, Hester et
-  al. 2018, arXiv 1704.03732), unless the learner has reason to believe in something better (the
+* imitation: the Q-value of the guide's action should exceed all others by a margin (DQfD, Hester et
+  al. 2018, arXiv 1704.03732), unless the learner estimates another action to be better (the
   Q-filter of Nair et al. 2018, arXiv 1709.10089);
 * the guide's action as a candidate in the target (IBRL, Hu et al. 2024, arXiv 2311.02198);
-* the network learns only what the guide's value lacks (residual learning, Silver et al. 2018,
+* the network learns the difference to the guide's values (residual learning, Silver et al. 2018,
   arXiv 1812.06298; Johannink et al. 2019, arXiv 1812.03201).
 """
 
@@ -22,10 +22,10 @@ import numpy.typing as npt
 
 
 class Guidance(NamedTuple):
-    """What the guide says about one env step.
+    """The guide's advice on one env step.
 
     Attributes:
-        action: The guide's action in the state acted in, to be imitated; -1: imitate nothing here.
+        action: The guide's action in the current state, to be imitated; -1: no imitation here.
         value: The guide's value of the *executed* action in that state, in units of Q (reward ×
             `reward_scale`), finite.
         next_action: The guide's action in the next state; -1: it has none.
@@ -40,20 +40,20 @@ class Guidance(NamedTuple):
 
 
 NO_GUIDANCE = Guidance(-1, 0.0, -1, np.zeros(0))
-"""Stands for the guidance of a learner that does not learn from any."""
+"""In place of guidance for a learner that uses none."""
 
 
 def checked(guidance: Guidance | None, actions: int) -> Guidance:
-    """Return guidance that fits so many actions.
+    """Check guidance for a number of actions, and return it.
 
     Raises:
         ValueError: It is absent, of another shape or not finite.
     """
     if guidance is None:
-        raise ValueError("a learner that learns from a guide needs its guidance for every step")
+        raise ValueError("a learner with a guide needs guidance for every step")
     for action in (guidance.action, guidance.next_action):
         if not -1 <= action < actions:
-            raise ValueError(f"there are {actions} actions, a guide cannot choose {action}")
+            raise ValueError(f"a guide's action must be in 0 ... {actions - 1}, not {action}")
     values = guidance.next_values
     if values.shape != (actions,):
         raise ValueError(f"a guide's values must have shape ({actions},), not {values.shape}")
@@ -67,20 +67,19 @@ class GuidedLearning:
     """How a `serp.learning.dqn.DQN` learns from its guide. By default it does not.
 
     Attributes:
-        margin: By how much the guide's action should be worth more than any other, in units of Q,
+        margin: Margin by which Q of the guide's action should exceed all others, in units of Q,
             ≥ 0: the m of the loss max over a of (Q(s, a) + m·[a ≠ guide's]) − Q(s, guide's).
         margin_weight: Weight of that loss beside the TD loss, ≥ 0; 0: no imitation.
             `DQN.margin_weight` starts here.
         q_filter: Imitate only where the target network (without one: the network) values the
-            guide's action no lower than the learner's own greedy choice.
-        bootstrap_guide: Value the next state by the better, by the target network, of the
-            learner's greedy action and the guide's action, unless that is forbidden. It changes
-            double DQN only: without `double` the learner's action already is the best by that
-            network.
+            guide's action at least as high as the learner's greedy choice.
+        bootstrap_guide: Value the next state by the better, according to the target network, of the
+            learner's greedy action and the guide's action, unless that is forbidden. It has an
+            effect only with double DQN: otherwise the learner's action is already the best.
         residual: Q(s, a) is the guide's value plus the network's output, in the TD error, in every
-            choice and within the bounds of `clip_targets`. The network's last layer then starts at
-            zero, so that Q starts as the guide's value. Excludes imitation, which would need the
-            guide's values of every action in the state acted in.
+            choice and within the bounds of `clip_targets`. The network's last layer is initially
+            zero, so that Q is initially the guide's value. Excludes imitation, which would need
+            the guide's values of every action in the current state.
 
     Raises:
         ValueError: Imitation and residual learning are combined.
@@ -98,5 +97,5 @@ class GuidedLearning:
 
     @property
     def in_use(self) -> bool:
-        """Whether anything is learned from the guide, so that its advice has to be remembered."""
+        """Whether the learner uses the guide, so that guidance has to be stored."""
         return self.margin_weight > 0 or self.bootstrap_guide or self.residual

@@ -1,14 +1,14 @@
-"""The loops of a network's two passes that are not matrix products, compiled by numba.
+"""The loops of a network's two passes other than matrix products, compiled by numba.
 
-What stands between two matrix products of a small network (bias, LayerNorm, ReLU and their
-gradients) is one pass over a few kilobytes each. As single array operations it costs more in calls
-than in arithmetic; compiled and fused it takes 1 to 6 µs. Other loops of the learner (the loss,
-Adam, drawing samples) are compiled by the same decorator, beside the code that calls them.
+The operations between two matrix products of a small network (bias, LayerNorm, ReLU and their
+gradients) are passes over a few kilobytes. As separate array operations they cost more in calls
+than in arithmetic; compiled and fused they take 1 to 6 µs. Other loops of the learner (the loss,
+Adam, drawing samples) are compiled by the same decorator in the modules that call them.
 
-All arrays are C-contiguous float32 unless said otherwise. E is members, B batch, H a layer's
-outputs, P parameters of a member. A layer's vectors lie in the flat parameters
-``[E, P]`` (and in the gradient likewise) one after the other from column `at` on: bias ``[H]`` and,
-under LayerNorm, gain ``[H]`` and shift ``[H]``.
+All arrays are C-contiguous float32 unless stated otherwise. E is members, B batch, H a layer's
+outputs, P parameters of a member. A layer's vectors are stored in the flat parameters ``[E, P]``
+(and in the gradient likewise) from column `at` on: bias ``[H]`` and, with LayerNorm, gain ``[H]``
+and shift ``[H]``.
 
 Sums may be reordered for vector instructions, the same way in every run on one kind of machine;
 NaN and infinities keep their meaning.
@@ -139,8 +139,8 @@ def normalize_backward(
         shift_gradient[:] = _ZERO
         for i in range(batch):
             row, out, normal = d[e, i], h[e, i], z[e, i]
-            # Loops that touch few arrays: the compiler takes only those apart into vectors, for it
-            # has to see that no array overlaps another.
+            # Loops over few arrays: the compiler vectorises only those, because it has to prove
+            # that no array overlaps another.
             for j in range(outputs):
                 value = row[j] if out[j] > _ZERO else _ZERO
                 row[j] = value

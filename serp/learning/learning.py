@@ -16,21 +16,21 @@ from serp.settings import LearnerSettings
 
 
 class QLearning:
-    """The network of a learner, its target network, and how both change.
+    """The network of a learner, its target network, and their gradient updates.
 
     Args:
         input_size: Numbers in one input, F ≥ 1.
         action_count: Actions, A ≥ 1.
-        settings: Of the learner.
-        rng: Draws the start.
-        guided: How it learns from a guide; None: not at all. Where it learns a residual, every
-            Q-value is zero at the start, by the last layer.
+        settings: The learner's settings.
+        rng: Draws the initial weights.
+        guided: How it learns from a guide; None: it does not. For residual learning every Q-value
+            is initially zero, by the last layer.
 
     Attributes:
         online: The network that learns.
-        target: Values the next states; without a target network the same object.
-        optimizer: Changes `online`.
-        updates: Gradient updates done.
+        target: The target network; without one the same object as `online`.
+        optimizer: The optimiser of `online`.
+        updates: Number of gradient updates.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class QLearning:
             self.target.move_towards(self.online, self._polyak)
 
     def arrays(self) -> dict[str, type_F32]:
-        """Return all that a gradient update changes, but for the two counts: name → view."""
+        """Return all arrays that a gradient update changes: name → view."""
         arrays: dict[str, type_F32] = {
             "parameters": self.online.parameters.numpy(),
             "adam_first": self.optimizer.first,
@@ -115,7 +115,7 @@ class QLearning:
         return arrays
 
     def not_finite(self) -> str | None:
-        """Describe the first of all numbers that is not finite; None where all are."""
+        """Describe the first number that is not finite; None if all are finite."""
         for name, array in self.arrays().items():
             if not np.isfinite(array).all():
                 member, column = np.argwhere(~np.isfinite(array))[0]
@@ -132,17 +132,17 @@ class QLearning:
         """Return the error that names what is not finite: parameters before other values.
 
         Args:
-            what: What failed.
+            what: The failure.
             env_step: Env steps done.
-            batch: What the network was given; None: nothing.
+            batch: The network's inputs; None: none.
         """
         first = self.not_finite()
         if first is None and batch is not None:
             first = _largest_of(batch)
         return LearningFailure(
             f"learner: {what} in gradient update {self.updates + 1}, env step {env_step}. "
-            f"Not finite is {first}. Smaller inputs or rewards, or a smaller learner.learning_rate "
-            "or learner.gradient_clip, keep the numbers small"
+            f"The first number that is not finite is {first}. Smaller inputs or rewards, or a "
+            "smaller learner.learning_rate or learner.gradient_clip, keep the numbers small"
         )
 
 

@@ -23,9 +23,9 @@ class TDGradient:
 
     Args:
         online: The network.
-        target: Values the next states; the same network where there is no target network.
-        settings: Of the learner.
-        guided: How it learns from a guide; None: not at all.
+        target: The target network; the same network if there is none.
+        settings: The learner's settings.
+        guided: How it learns from a guide; None: it does not.
     """
 
     def __init__(
@@ -89,7 +89,7 @@ class TDGradient:
 
 @compiled
 def _within(value: Any, lower: Any, upper: Any) -> Any:
-    """Return a value, or the bound that it exceeds; NaN stays NaN."""
+    """Clip a value to bounds; NaN stays NaN."""
     if value < lower:
         return lower
     return upper if value > upper else value
@@ -102,21 +102,21 @@ def td_gradient(
     """Compute the loss and its gradient.
 
     The target of a sample is reward + discount × next_q[best], with best the action of largest
-    choice_q among those not forbidden (the lowest index among equals), and next_q[best] kept
-    between the bounds. With a guide the loss of a sample is this TD loss + weight × (max over a of
-    (q[a] + margin·[a ≠ g]) − q[g]) with g the guide's action, the second part only where there is
-    one and the filter lets it pass.
+    choice_q among those not forbidden (the lowest index in a tie), and next_q[best] clipped to
+    the bounds. With a guide the loss of a sample is this TD loss + weight × (max over a of
+    (q[a] + margin·[a ≠ g]) − q[g]) with g the guide's action; the second part only if there is such
+    an action and the filter accepts it.
 
     Args:
-        values: ``[E, B, A]`` each. q of the states acted in; next_q, which values the next states;
-            choice_q, which chooses there, the same array unless double DQN; filter_q of the states
-            acted in, which judges the guide's action, the same array as q where nothing else does.
+        values: ``[E, B, A]`` each: q of the current states; next_q, the values of the next states;
+            choice_q, which selects the next action, the same array unless double DQN; filter_q of
+            the current states for the filter, the same array as q without a target network.
         batch: Action int64 ``[E, B]``; reward ``[E, B]``; discount ``[E, B]``, 0 after a terminal
             step; forbidden bool ``[E, B, A]``, never all of a row.
         bounds: Smallest and largest possible value.
-        huber: Huber's loss with its corner at 1 instead of the squared error.
+        huber: The Huber loss with threshold 1 instead of the squared error.
         guide: The fields of `GuideSamples`; None without a guide. The loop is then compiled
-            without what is only for one.
+            without the parts for a guide.
         how: Whether the next state may be valued by the guide's action, where next_q prefers it;
             whether the guide's values are added to q, next_q and choice_q (residual); whether to
             imitate only where filter_q of the guide's action is no smaller than that of the action
@@ -174,8 +174,7 @@ def td_gradient(
                 said = guide_action[e, i]
                 if weight <= _ZERO or said < 0:
                     continue
-                # The guide's action first among equals: at the corner of the loss its gradient
-                # is 0.
+                # In a tie the guide's action is first: there the gradient of the loss is 0.
                 rival, above, greedy = said, q[e, i, said], 0
                 for k in range(actions):
                     if q[e, i, k] > q[e, i, greedy]:

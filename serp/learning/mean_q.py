@@ -1,4 +1,4 @@
-"""Q of an input: the mean over the members and over the mirror images of it."""
+"""Q of an input: the mean over the members and over its mirror images."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from serp.learning.symmetry_group import SymmetryGroup
 
 
 class MeanQ:
-    """Asks networks of one shape for their Q-values.
+    """Computes Q-values of networks of one shape.
 
     Args:
-        network: One of that shape.
-        symmetry: What Q is averaged over; None: over no images.
+        network: A network of that shape.
+        symmetry: The group over which Q is averaged; None: no averaging.
     """
 
     def __init__(self, network: QNetwork, symmetry: SymmetryGroup | None) -> None:
@@ -28,7 +28,7 @@ class MeanQ:
         self._many = Workspace(network, 0)
 
     def _rows(self, inputs: int) -> int:
-        """Return how many inputs of the network so many inputs stand for."""
+        """Return the number of network inputs for a number of inputs."""
         return inputs if self._symmetry is None else inputs * self._symmetry.averaged
 
     def of(
@@ -40,12 +40,12 @@ class MeanQ:
         """Return Q of every action.
 
         Args:
-            network: Which is asked.
+            network: The network.
             x: One input ``[F]`` or a batch ``[B, F]``.
             base: ``[A]`` or ``[B, A]``, added; None: nothing.
 
         Returns:
-            ``[A]`` or ``[B, A]``, float32, the caller's own.
+            ``[A]`` or ``[B, A]``, float32; a new array.
 
         Raises:
             ValueError: The input or `base` has another shape.
@@ -95,16 +95,16 @@ class MeanQ:
         """Return Q of every action by each member, the mean over mirror images.
 
         Args:
-            network: Which is asked.
+            network: The network.
             x: One input ``[F]``.
 
         Returns:
-            ``[members, A]``, float32, the caller's own.
+            ``[members, A]``, float32; a new array.
         """
         inputs = x[np.newaxis].astype(np.float32, copy=False)
         if self._symmetry is None:
-            alone: type_F32 = network.forward(inputs, self._single)[:, 0].copy()
-            return alone
+            q: type_F32 = network.forward(inputs, self._single)[:, 0].copy()
+            return q
         group = self._symmetry
         images = self._images(group, inputs, self._single)
         q = network.forward(images, self._single)

@@ -1,4 +1,4 @@
-"""n-step returns (Sutton and Barto, chapter 7): steps whose n rewards are not complete."""
+"""n-step returns (Sutton and Barto, chapter 7): steps with fewer than n rewards so far."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from serp.learning.samples import SampleSpec, type_F32
 
 @dataclass(slots=True)
 class PendingStep:
-    """A step that waits for the rewards of later ones.
+    """A step that waits for the rewards of later steps.
 
     Attributes:
-        observation: float32 ``[F]`` before the action, its own.
+        observation: float32 ``[F]`` before the action; a copy.
         action: The executed action.
-        guide_action, guide_value: What the guide said of it; see `Guidance`.
+        guide_action, guide_value: The guide's advice; see `Guidance`.
         reward: Discounted sum of the rewards so far.
         failing: Whether a failure followed.
     """
@@ -33,7 +33,7 @@ class PendingStep:
 
 
 class PendingSteps:
-    """The steps that wait, at most n, the oldest first.
+    """The pending steps, at most n, the oldest first.
 
     Args:
         n_step: Rewards summed, ≥ 1.
@@ -55,11 +55,11 @@ class PendingSteps:
 
     @property
     def discount(self) -> float:
-        """Weight of what follows the rewards of the oldest step."""
+        """Weight of the value after the rewards of the oldest step."""
         return self._powers[len(self._steps)]
 
     def push(self, step: PendingStep, reward: float) -> None:
-        """Take a step and its reward, which counts for the steps before as well."""
+        """Add a step; its reward counts for the earlier pending steps as well."""
         self._steps.append(step)
         for age, waiting in enumerate(reversed(self._steps)):
             waiting.reward += self._powers[age] * reward
@@ -69,7 +69,7 @@ class PendingSteps:
         return self._steps.popleft()
 
     def mark_failing(self, last: int) -> None:
-        """Mark so many of the last steps as failing."""
+        """Mark the last steps, `last` in number, as failing."""
         for age, waiting in enumerate(reversed(self._steps)):
             if age < last:
                 waiting.failing = True
@@ -94,13 +94,13 @@ class PendingSteps:
         """Return the steps of a state, for `restore`.
 
         Raises:
-            RunError: They do not fit.
+            RunError: They do not fit this learner.
         """
         most = spec.action_count - 1
         observations = saved.array("pending.observation", np.float32, (-1, spec.input_size))
         count = len(observations)
         if count >= self._n_step:  # the n-th step completes the first one
-            raise saved.wrong(f"{count} steps wait for {self._n_step} rewards")
+            raise saved.wrong(f"{count} steps are pending, but at most {self._n_step - 1} can be")
         columns = (
             [row.copy() for row in observations],
             saved.wholes("pending_action", count, 0, most),

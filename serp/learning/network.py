@@ -1,20 +1,20 @@
 """The Q-network: a small dense network, its forward pass and its hand-written backward pass.
 
-All parameters lie in one flat float32 tensor of torch's, so that the optimiser, the copy to a
+All parameters are stored in one flat float32 torch tensor, so that the optimiser, the copy to a
 target network and a checkpoint are single operations. The arithmetic runs on NumPy views of that
-memory: NumPy's matrix products and the compiled loops of `serp.learning.kernels`, every result
-into a buffer allocated beforehand. On networks of this size that is several times faster than
-torch's autograd, for which calls cost more than arithmetic. `serp.learning.export` gives an
-ordinary `torch.nn.Module` with equal outputs.
+memory: NumPy's matrix products and the compiled loops of `serp.learning.kernels`, with all results
+in preallocated buffers. For networks of this size that is several times faster than torch's
+autograd, in which calls cost more than arithmetic. `serp.learning.export` returns an ordinary
+`torch.nn.Module` with equal outputs.
 
-Threads: up to 64 × 64 × 64 OpenBLAS multiplies on one thread by itself; larger layers or batches
-gain from several where the cores are idle and lose where they are not. NumPy's threads are the
-business of whoever trains (OPENBLAS_NUM_THREADS in the environment), as are torch's
-(``torch.set_num_threads(1)``; torch itself only copies here).
+Threads: OpenBLAS uses one thread up to 64 × 64 × 64; larger layers or batches are faster with
+several threads on idle cores, and slower on busy ones. The caller sets the number of NumPy's
+threads (OPENBLAS_NUM_THREADS in the environment) and torch's (``torch.set_num_threads(1)``; torch
+only copies here).
 
-Determinism: equal parameters, inputs of equal shape and equally many BLAS threads give equal bits
-on one kind of machine. A row on its own and the same row in a batch agree to float32 accuracy only,
-for BLAS adds up in another order.
+Determinism: equal parameters, inputs of equal shape and an equal number of BLAS threads give equal
+bits on one kind of machine. A single row and the same row in a batch agree only to float32
+accuracy, because BLAS adds in another order.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _RELU_FLOOR = np.float32(0.0)
 
 
 class _DenseLayer:
-    """Where one layer lies in the flat parameters.
+    """The location of one layer in the flat parameters.
 
     Attributes:
         weight: View ``[inputs, outputs]``, or ``[members, inputs, outputs]`` with several members.
@@ -62,11 +62,11 @@ class _DenseLayer:
 
 
 class _Buffers:
-    """One layer's arrays for one size of batch; each also without the axis of a single member."""
+    """One layer's arrays for one batch size; without the member axis for a single member."""
 
     def __init__(self, members: int, batch: int, outputs: int, normalized: bool) -> None:
         def zeros(*shape: int) -> type_F32:
-            # torch aligns memory to 64 bytes: results cannot depend on where an array lies.
+            # torch aligns memory to 64 bytes, so that results do not depend on addresses.
             array: type_F32 = torch.zeros(members, batch, *shape).numpy()
             return array
 
@@ -82,7 +82,7 @@ class Workspace:
     """Preallocated buffers for forward and backward passes over batches of one size.
 
     Attributes:
-        batch: That size.
+        batch: The batch size.
         q: ``[members, batch, A]``, the result of the last forward pass.
         q_gradient: ``[members, batch, A]``; the caller writes dloss/dq here before
             `QNetwork.backward`, which may overwrite it.
@@ -105,18 +105,18 @@ class QNetwork:
     Args:
         input_size: Numbers in one input, F ≥ 1.
         action_count: Q-values of one input, A ≥ 1.
-        hidden: Neurons of each hidden layer; ReLU follows each.
+        hidden: Neurons of each hidden layer, each followed by ReLU.
         layer_norm: LayerNorm before each ReLU.
         members: Networks side by side, E ≥ 1.
-        rng: Draws the start, uniform in ±1/√inputs for weights and biases as in
-            `torch.nn.Linear`; None leaves all parameters 0 (a target network).
+        rng: Draws the initial weights and biases, uniform in ±1/√inputs as in `torch.nn.Linear`;
+            None: all parameters are 0 (a target network).
 
     Attributes:
         sizes: (F, *hidden, A).
         parameters: float32 tensor ``[E, P]``: member by member, layer by layer the weights
             ``[inputs, outputs]``, the bias and, under LayerNorm, gain and shift.
         gradient: float32 tensor ``[E, P]``, written by `backward`.
-        layers: Where each layer lies.
+        layers: The location of each layer.
     """
 
     def __init__(
@@ -166,7 +166,7 @@ class QNetwork:
                 self._flat[:, gain:shift] = 1.0
 
     def zero_output(self) -> None:
-        """Make every Q-value zero, by the last layer; the hidden layers stay."""
+        """Make every Q-value zero by the last layer; the hidden layers are unchanged."""
         self._flat[:, self.layers[-1].start :] = 0.0
 
     def forward(self, inputs: type_F32, work: Workspace) -> type_F32:
@@ -175,7 +175,7 @@ class QNetwork:
         Args:
             inputs: ``[batch, F]`` for all members alike, or ``[members, batch, F]``; `backward`
                 reads it again.
-            work: buffers for that size of batch.
+            work: Buffers for that batch size.
 
         Returns:
             `work.q`, ``[members, batch, A]``: valid until the next call.
@@ -198,7 +198,7 @@ class QNetwork:
         """Write the gradient of a loss into `gradient`.
 
         Args:
-            work: as the last `forward` left it, with dloss/dq in `work.q_gradient`.
+            work: The workspace of the last `forward`, with dloss/dq in `work.q_gradient`.
         """
         flat = self._flat_gradient
         kernels.add_bias_backward(work.q_gradient, flat, self.layers[-1].bias)
@@ -217,12 +217,12 @@ class QNetwork:
         np.matmul(transposed_input, work._layers[0].flat_d, out=self.layers[0].weight_gradient)
 
     def copy_from(self, other: QNetwork) -> None:
-        """Take over the parameters of a network of the same shape."""
+        """Copy the parameters of a network of the same shape."""
         self.parameters.copy_(other.parameters)
 
-    def move_towards(self, other: QNetwork, share: float) -> None:
-        """Do a step of Polyak averaging: parameters += share × (other's − own)."""
-        self.parameters.lerp_(other.parameters, share)
+    def move_towards(self, other: QNetwork, rate: float) -> None:
+        """Do a step of Polyak averaging: parameters += rate × (other's − own)."""
+        self.parameters.lerp_(other.parameters, rate)
 
     def place_of(self, column: int) -> str:
         """Describe which part of a member a column of `parameters` belongs to."""
@@ -234,5 +234,5 @@ class QNetwork:
 
 
 def _squeezed(array: type_F32) -> type_F32:
-    """Return it without the axis of a single member: one plain matrix product is the cheapest."""
+    """Remove the axis of a single member: a plain matrix product is the fastest."""
     return array[0] if len(array) == 1 else array

@@ -1,8 +1,7 @@
 """Adam (Kingma and Ba, arXiv 1412.6980) on one flat parameter.
 
-`torch.optim.Adam(fused=True)` costs about 75 µs of Python a step however small the parameter is,
-more than the gradient of a 64-64 network itself. One compiled loop takes 5 µs. A test holds both
-to the same result.
+`torch.optim.Adam(fused=True)` costs about 75 µs of Python per step even for small parameters, more
+than the gradient of a 64-64 network. One compiled loop takes 5 µs. A test compares both results.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ _EPSILON = 1e-8
 
 
 class Adam:
-    """One optimiser step at a time, in place.
+    """The Adam optimiser, in place.
 
-    The moments are kept without their factors (1 − β₁) and (1 − β₂), which go into the step size
-    instead: less arithmetic, the same mathematics.
+    The moments are stored without their factors (1 − β₁) and (1 − β₂), which are part of the step
+    size instead: less arithmetic with the same result.
 
     Args:
         parameters: Contiguous float32 tensor ``[members, P]``, changed by `step`.
@@ -36,7 +35,7 @@ class Adam:
     Attributes:
         first: Σ β₁ᵗ⁻ⁱ gᵢ, float32 ``[members, P]``.
         second: Σ β₂ᵗ⁻ⁱ gᵢ², float32 ``[members, P]``.
-        steps: Steps done.
+        steps: Number of steps.
     """
 
     def __init__(

@@ -1,9 +1,9 @@
-"""The replay memory: what was experienced, ready to be drawn in batches.
+"""The replay memory: samples of env steps, drawn in batches.
 
-Rewards are summed over n steps on the way in (n-step returns, Sutton and Barto, chapter 7). Beside
+Rewards are summed over n steps before storage (n-step returns, Sutton and Barto, chapter 7). Beside
 the ring of the newest samples there is a protected memory of copies that the ring never overwrites:
-the first samples, and those that led to a failure. A learner whose guide rarely fails otherwise
-forgets what a failure is.
+the first samples, and those that led to a failure. Otherwise a learner whose guide rarely fails
+would lose all samples of failures.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from serp.settings import LearnerSettings
 
 
 class ReplayBuffer:
-    """A ring of samples, with n-step returns and a protected memory. Allocated once.
+    """A ring of samples, with n-step returns and a protected memory; allocated once.
 
-    A *failure* is a step that terminates with a negative reward, or that the caller says is one. It
-    makes the samples of the last `failing_window` env steps failing ones. `protected_share` of a
-    batch comes from the protected memory: half of it (rounded up) from failing samples and half
-    from early ones, all from one where the other is empty.
+    A *failure* is a step that terminates with a negative reward, or that the caller marks. The
+    samples of the last `failing_window` env steps are then failing ones. A fraction
+    `protected_share` of a batch is drawn from the protected memory: half of it (rounded up) from
+    failing samples and half from early ones, or all from one if the other is empty.
 
     Args:
-        spec: What the samples are like.
-        settings: Of the learner.
-        rng: Draws the samples; from now on the buffer's own.
+        spec: The shape of the samples.
+        settings: The learner's settings.
+        rng: Draws the samples; used exclusively by the buffer.
         symmetry: Every sample drawn is replaced by its image under an element of it, drawn
             uniformly; None: samples stay as they are.
     """
@@ -98,24 +98,24 @@ class ReplayBuffer:
         failing: bool = False,
         guidance: Guidance | None = None,
     ) -> None:
-        """Take one env step into the memory.
+        """Add one env step.
 
         Args:
             observation: ``[F]`` before the action.
             action: The executed action.
-            reward: Of this step.
-            next_observation: ``[F]`` after it; at the end of an episode the last one, not the
-                first of the next episode.
-            terminated: The episode ended in a terminal state: nothing follows.
-            truncated: The episode was cut off: what would follow is estimated.
+            reward: Reward of this step.
+            next_observation: ``[F]`` after it; at the end of an episode its last observation, not
+                the first of the next episode.
+            terminated: The episode ended in a terminal state, whose value is 0.
+            truncated: The episode was cut off; the value of its last state is estimated.
             next_allowed: ``[A]``, which actions may be chosen next; None, or none True: all.
             failing: This step is a failure.
-            guidance: What the guide said about the step; needed by a guided buffer, which keeps
-                what it said about the first state of a sample and about the last. Others ignore it.
+            guidance: The guide's advice on the step; required by a guided buffer, which stores the
+                advice on the first and the last state of a sample; otherwise ignored.
 
         Raises:
-            ValueError: An observation has another shape, there is no such action, or guidance is
-                needed and absent, of another shape or not finite.
+            ValueError: An observation has another shape, there is no such action, or required
+                guidance is absent, of another shape or not finite.
         """
         shape, actions = (self._spec.input_size,), self._spec.action_count
         if observation.shape != shape or next_observation.shape != shape:
@@ -124,7 +124,7 @@ class ReplayBuffer:
                 f"{next_observation.shape}"
             )
         if not 0 <= action < actions:
-            raise ValueError(f"there are {actions} actions, none is {action}")
+            raise ValueError(f"an action must be in 0 ... {actions - 1}, not {action}")
         guidance = checked(guidance, actions) if self._spec.guided else NO_GUIDANCE
         step = PendingStep(
             np.array(observation, np.float32), action, guidance.action, guidance.value
@@ -151,7 +151,7 @@ class ReplayBuffer:
     def _emit(
         self, next_observation: npt.NDArray[np.floating], terminated: bool, guidance: Guidance
     ) -> None:
-        """Make a sample of the oldest pending step."""
+        """Turn the oldest pending step into a sample."""
         row, store = self._head, self._store
         number = self._episode_steps - len(self._pending)
         discount = 0.0 if terminated else self._pending.discount
@@ -179,7 +179,7 @@ class ReplayBuffer:
             self._dirty = True
 
     def _protect_last_steps(self) -> None:
-        """Keep the samples of the last steps, now or, while they are pending, when complete."""
+        """Protect the samples of the last steps; pending ones as soon as they are complete."""
         oldest = self._episode_steps - self._window
         for entry in self._recent:
             step, row, copied = entry
@@ -215,7 +215,7 @@ class ReplayBuffer:
         return self._sampler.draw()
 
     def _ranges(self) -> tuple[tuple[int, int, int], ...]:
-        """Which rows the columns of a batch are drawn from, see `Sampler.divide`."""
+        """Return the rows from which the columns of a batch are drawn, see `Sampler.divide`."""
         protected = self._protected_rows if self._failing_size or self._early_size else 0
         failing = protected if not self._early_size else (protected + 1) // 2
         if not self._failing_size:
@@ -227,7 +227,7 @@ class ReplayBuffer:
         )
 
     def _memories(self) -> tuple[tuple[str, int, int], ...]:
-        """Name, first row and rows in use of each memory."""
+        """Return name, first row and number of rows in use of each memory."""
         return (
             ("ring", 0, self._size),
             ("early", self._early_start, self._early_size),
@@ -235,7 +235,7 @@ class ReplayBuffer:
         )
 
     def _shapes(self) -> dict[str, int]:
-        """What must be equal for a state to fit."""
+        """Return the sizes that must be equal for a state to fit."""
         return {
             "observation_size": self._spec.input_size,
             "action_count": self._spec.action_count,
@@ -247,7 +247,7 @@ class ReplayBuffer:
         }
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
-        """Return everything the future depends on: arrays (rows in use only) and JSON values."""
+        """Return the complete state: arrays (rows in use only) and JSON values."""
         arrays: dict[str, npt.NDArray[Any]] = {
             f"{memory}.{name}": array[start : start + size].copy()
             for memory, start, size in self._memories()
@@ -308,7 +308,7 @@ class ReplayBuffer:
         self._dirty = True
 
     def _saved_sizes(self, saved: Saved) -> list[int]:
-        """Return how many samples each memory held, all of whose arrays fit."""
+        """Check the sizes in a saved state; return the number of samples in each memory."""
         shapes = Saved("replay memory", {}, saved.part("shapes")[1])
         for name, here in self._shapes().items():
             shapes.equal(name, here, "continue with the task and the settings it was saved with")
@@ -322,29 +322,29 @@ class ReplayBuffer:
         most = (self._capacity, self._early_capacity, self._failing_capacity)
         sizes = saved.wholes("sizes", len(most), 0, max(most))
         if any(held > room for held, room in zip(sizes, most, strict=True)):
-            raise saved.wrong(f"sizes are {sizes}, and there is room for {list(most)}")
+            raise saved.wrong(f"sizes are {sizes}, but at most {list(most)}")
         for (memory, _, _), held in zip(self._memories(), sizes, strict=True):
             for name, array in self._fields.items():
                 low, high = self._range_of(name)
                 shape = (held, *array.shape[1:])
                 found = saved.array(f"{memory}.{name}", array.dtype, shape, low, high)
                 if name == "forbidden" and found.all(axis=1).any():
-                    raise saved.wrong(f"{memory}.forbidden forbids everything")
+                    raise saved.wrong(f"{memory}.forbidden forbids all actions")
         return sizes
 
     def _range_of(self, field: str) -> tuple[float, float]:
-        """Between which values a field of samples lies."""
+        """Return the valid range of a field of samples."""
         if field in _LEAST_ACTION:
             return _LEAST_ACTION[field], self._spec.action_count - 1
         return (0.0, 1.0) if field == "discount" else (-LARGEST, LARGEST)
 
 
 _LEAST_ACTION = {"action": 0, "guide_action": -1, "guide_next_action": -1}
-"""Fields that hold actions → the least that they may hold."""
+"""Fields that hold actions → the least valid value."""
 
 
 def _head(saved: Saved, name: str, size: int, capacity: int) -> int:
-    """Return where the next row of a ring goes: behind the last, until the ring is full."""
+    """Return the position of the next row of a ring: after the last, until the ring is full."""
     if size < capacity:
         return saved.whole(name, size, size)
     return saved.whole(name, 0, max(capacity - 1, 0))

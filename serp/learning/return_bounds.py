@@ -1,4 +1,4 @@
-"""Between which values a discounted return can lie, from the rewards seen so far.
+"""Bounds on the discounted return, from the rewards observed so far.
 
 A return is γ⁰c₀ + γ¹c₁ + … + γᵐt: m ≥ 0 rewards of steps after which the episode goes on, and the
 reward t of the step that terminates it (none where it never terminates). With rewards
@@ -6,12 +6,12 @@ c ≤ c̄ and t ≤ t̄ that is at most
 
     (1 − γᵐ) · c̄ / (1 − γ) + γᵐ · t̄,
 
-a weighted mean of c̄ / (1 − γ) and t̄. The largest return is therefore the larger of the two, the
-smallest likewise. Telling both kinds of reward apart keeps the bounds tight: with 0 to 1 a step
-and −1 for a fall, γ = 0.9, they are −1 and 10, where the range of all rewards would give −10.
+a weighted mean of c̄ / (1 − γ) and t̄. The largest return is therefore the larger of the two, and
+likewise the smallest. Separating both kinds of reward keeps the bounds tight: with 0 to 1 per step
+and −1 for a fall, γ = 0.9, they are −1 and 10; the range of all rewards would give −10.
 
 Only the *estimated* part of a TD target, the value of the next state, has to be clipped to these
-bounds. The observed rewards stay as they are: a terminal target consists of them alone, and a
+bounds. The observed rewards are not clipped: a terminal target consists only of them, and a
 non-terminal target then lies between R + γᵏ·lower and R + γᵏ·upper, which is tighter than the
 bounds.
 """
@@ -36,7 +36,7 @@ class ReturnBounds:
         self._update()
 
     def observe(self, reward: float, terminated: bool) -> None:
-        """Take the reward of one step into account."""
+        """Update the bounds with the reward of one step."""
         seen = self._terminal if terminated else self._going_on
         if seen[0] <= reward <= seen[1]:
             return

@@ -1,4 +1,4 @@
-"""Samples: what the learner remembers of env steps, side by side in arrays."""
+"""Samples of env steps that the learner stores, as arrays."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ type_Bool = npt.NDArray[np.bool_]
 
 
 class SampleSpec(NamedTuple):
-    """What the samples of a learner are like.
+    """The shape of a learner's samples.
 
     Attributes:
         input_size: Numbers in an input, F ≥ 1.
         action_count: Actions, A ≥ 1.
-        guided: Whether samples hold what a guide said.
+        guided: Whether samples contain guidance.
     """
 
     input_size: int
@@ -28,11 +28,11 @@ class SampleSpec(NamedTuple):
 
 
 class GuideSamples(NamedTuple):
-    """What the guide said about samples; see `serp.learning.guidance.Guidance`.
+    """Guidance of samples; see `serp.learning.guidance.Guidance`.
 
     Attributes:
-        action: int64 ``[*N]``, to be imitated in the state acted in; -1: nothing.
-        value: float32 ``[*N]``, of the executed action in the state acted in.
+        action: int64 ``[*N]``, to be imitated in the current state; -1: none.
+        value: float32 ``[*N]``, of the executed action in the current state.
         next_action: int64 ``[*N]``, in the state after the last reward; -1: none.
         next_values: float32 ``[*N, A]``, of the actions in that state.
     """
@@ -44,7 +44,7 @@ class GuideSamples(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Samples side by side, one array a field; the leading axes N are the same in all.
+    """Samples, one array per field; the leading axes N are the same in all.
 
     Attributes:
         observation: float32 ``[*N, F]`` before the action.
@@ -53,7 +53,7 @@ class Samples(NamedTuple):
         next_observation: float32 ``[*N, F]`` after the last of them.
         discount: float32 ``[*N]``, γᵏ for k rewards; 0 where the episode terminated.
         forbidden: bool ``[*N, A]``, actions that may not be chosen next; never all.
-        guide: What the guide said; None for a learner that does not learn from one.
+        guide: Guidance; None for a learner without a guide.
     """
 
     observation: type_F32
@@ -66,7 +66,7 @@ class Samples(NamedTuple):
 
     @staticmethod
     def zeros(count: int, spec: SampleSpec) -> Samples:
-        """Return room for `count` samples."""
+        """Allocate `count` samples."""
         inputs, actions = (count, spec.input_size), (count, spec.action_count)
         guide = GuideSamples(
             action=np.zeros(count, np.int64),
@@ -99,6 +99,6 @@ class Samples(NamedTuple):
         """Return views with the one leading axis split into several."""
         return self._each(lambda array: array.reshape(*lead, *array.shape[1:]))
 
-    def _each(self, view: Callable[[Any], Any]) -> Samples:
-        guide = None if self.guide is None else GuideSamples(*map(view, self.guide))
-        return Samples._make([*map(view, self[:-1]), guide])
+    def _each(self, function: Callable[[Any], Any]) -> Samples:
+        guide = None if self.guide is None else GuideSamples(*map(function, self.guide))
+        return Samples._make([*map(function, self[:-1]), guide])

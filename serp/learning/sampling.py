@@ -1,4 +1,4 @@
-"""Drawing batches: rows of the replay memory, at random, each as an image under the symmetries."""
+"""Drawing batches: random rows of the replay memory, each mapped by a random symmetry."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from serp.learning.symmetry_group import SymmetryGroup
 
 
 class Sampler:
-    """Draws batches, a column from some range of rows each. Allocates once.
+    """Draws batches; each column is drawn from a range of rows. Memory is allocated once.
 
     Args:
         store: The rows.
-        spec: What they are like.
-        shape: Batches a draw, E ≥ 1, and columns of a batch, B ≥ 1.
-        rng: Draws the samples; from now on the sampler's own.
+        spec: Their shape.
+        shape: Batches per draw, E ≥ 1, and columns of a batch, B ≥ 1.
+        rng: Draws the samples; used exclusively by the sampler.
         symmetry: Every sample drawn is replaced by its image under an element of it, drawn
             uniformly; None: samples stay as they are.
 
     Attributes:
-        rng: That generator.
+        rng: As above.
     """
 
     def __init__(
@@ -54,11 +54,11 @@ class Sampler:
             self._guides = (tuple(store.guide), tuple(flat.guide))
 
     def divide(self, ranges: Iterable[tuple[int, int, int]]) -> None:
-        """Set which rows the columns of a batch are drawn from.
+        """Set the rows from which the columns of a batch are drawn.
 
         Args:
-            ranges: Columns, first row and rows of each range; as many columns in all as a batch
-                has.
+            ranges: Number of columns, first row and number of rows of each range; the columns add
+                up to those of a batch.
         """
         column = 0
         for columns, start, rows in ranges:
@@ -91,7 +91,7 @@ def _choose_rows(uniform: Any, starts: Any, counts: Any, rows: Any) -> None:
     Args:
         uniform: float64 ``[E, B]``, in [0, 1).
         starts: int64 ``[B]``, the first row that a column of a batch is drawn from.
-        counts: float64 ``[B]``, how many rows.
+        counts: float64 ``[B]``, number of rows.
         rows: int64 ``[E · B]``, written.
     """
     members, batch = uniform.shape
@@ -106,7 +106,7 @@ def _take_images(rows: Any, elements: Any, group: Any, store: Any, out: Any) -> 
 
     Args:
         rows: int64 ``[N]``, which samples.
-        elements: int64 ``[N]``, under which element each.
+        elements: int64 ``[N]``, the element for each.
         group: Columns, signs and actions of a `SymmetryGroup`.
         store: The memory, the first six fields of `Samples`.
         out: Likewise, N samples, written.
@@ -134,11 +134,11 @@ def _take_images(rows: Any, elements: Any, group: Any, store: Any, out: Any) -> 
 
 @compiled
 def _take_guide_images(rows: Any, elements: Any, images: Any, store: Any, out: Any) -> None:
-    """Copy what a guide said, each sample as its image under an element of a symmetry group.
+    """Copy guidance, each sample as its image under an element of a symmetry group.
 
     Args:
         rows: int64 ``[N]``, which samples.
-        elements: int64 ``[N]``, under which element each.
+        elements: int64 ``[N]``, the element for each.
         images: int64 ``[G, A]``, the image of every action.
         store: The memory, the fields of `GuideSamples`.
         out: Likewise, N samples, written.

@@ -1,9 +1,9 @@
-"""Symmetries of what a learner sees and does, as a group of signed permutations.
+"""Symmetries of a learner's inputs and actions, as a group of signed permutations.
 
 An element g of the group maps an input x to g·x and an action a to g·a, and a Q-function of a
-symmetric task has Q(g·x, g·a) = Q(x, a). Two uses are made of it: a sample in the replay memory
-stands for all its images, and the mean of Q over the group has that property exactly (van der Pol
-et al. 2020, arXiv 2006.16908, go further and build it into the network).
+symmetric task has Q(g·x, g·a) = Q(x, a). It has two uses: a sample in the replay memory represents
+all its images, and the mean of Q over the group has that property exactly (van der Pol et al. 2020,
+arXiv 2006.16908, build it into the network instead).
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 MOST_ELEMENTS = 48
-"""Elements of a group at most: all ways to exchange four things, and that mirrored."""
+"""Most elements of a group: all permutations of four objects, and their mirror images."""
 MOST_AVERAGED = 8
-"""Elements that Q is averaged over at most."""
+"""Most elements over which Q is averaged."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class Element:
         return Element(tuple(range(inputs)), (1.0,) * inputs, tuple(range(actions)))
 
     def after(self, first: Element) -> Element:
-        """Return the element that does what `first` does and then what this one does."""
+        """Return the composition: first `first`, then this element."""
         return Element(
             tuple(first.columns[i] for i in self.columns),
             tuple(s * first.signs[i] for s, i in zip(self.signs, self.columns, strict=True)),
@@ -64,14 +64,14 @@ class Element:
         return image
 
     def of_actions(self, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """Return values of every action ``[..., A]``, moved to the images of the actions."""
+        """Permute values of actions ``[..., A]`` to the images of the actions."""
         image = np.empty_like(values)
         image[..., list(self.actions)] = values
         return image
 
 
 class SymmetryGroup:
-    """Everything that some signed permutations generate, up to a limit.
+    """The group that signed permutations generate, up to a limit.
 
     A generator with which the group would be larger than `MOST_ELEMENTS` is left out. Q is
     averaged over a subgroup of at most `MOST_AVERAGED` elements, which come first.
@@ -86,7 +86,7 @@ class SymmetryGroup:
 
     Attributes:
         elements: The elements, the identity first.
-        averaged: How many of them Q is averaged over.
+        averaged: Number of elements over which Q is averaged.
         complete: Whether no generator was left out.
         columns: int64 ``[G, F]``.
         signs: float32 ``[G, F]``.
@@ -132,9 +132,9 @@ def _closure(
 
 
 def _generated(identity: Element, generators: list[Element], most: int) -> list[Element] | None:
-    """Return the group of some generators, breadth first; None where it is larger."""
+    """Return the group of some generators, breadth first; None if it exceeds `most`."""
     group, found = [identity], {identity}
-    for element in group:  # which grows meanwhile
+    for element in group:  # grows during the loop
         for generator in generators:
             product = generator.after(element)
             if product not in found:

@@ -1,1 +1,1 @@
-"""What a domain file means: instantiated, compiled, and applied to states."""
+"""The transition model of a domain file: instantiation, code generation, prediction."""

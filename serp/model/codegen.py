@@ -4,29 +4,31 @@ The generated functions are straight-line code over flat sequences of floats. Th
 
     step(s, a, theta, dt, out) -> flags
 
-CPython runs it in three parts, so that a domain of thousands of actions costs what is used of it:
+CPython runs it in three parts, so that a domain of thousands of actions compiles only those that
+are executed:
 
     action(s, theta, dt, out) -> flags               the effects of one action
     drift(s, flags, theta, dt, out) -> flags         processes
     settle(s, flags, theta, dt, out) -> flags        events, goal, metric
 
-`flow(s, a, theta, dt, out)` is the effects of all actions and the processes, for an adapted model,
-which changes what the file predicts before its events see it.
+`flow(s, a, theta, dt, out)` contains the effects of all actions and the processes. An adapted model
+uses it to change the prediction before the events are evaluated.
 
 `s` is the state, `a` the position of the action, `theta` the parameters, `dt` the control period.
-`out` comes as a copy of `s` with one more slot, 0, and leaves as the next state and, in the last
-slot, the reward. Flags are a sum of APPLICABLE, UNSAFE and TERMINAL. Without APPLICABLE there is no
-next state: the precondition fails (0), or the result is UNDEFINED (and UNSAFE where that is certain
-all the same). Two more read the rewards and flags off an observed transition:
+The caller passes `out` as a copy of `s` with one more entry, 0. On return it holds the next state
+and, in the last entry, the reward. Flags are a sum of APPLICABLE, UNSAFE and TERMINAL. Without
+APPLICABLE there is no next state: the precondition fails (0), or the result is UNDEFINED (with
+UNSAFE where that is certain). Two more functions compute reward and flags of an observed
+transition:
 
     judged_action(s, theta, dt, out) -> flags
     judged_aftermath(s, n, flags, theta, dt, out) -> flags
 
-`n` is the observed next state and `out` comes as a copy of it.
+`n` is the observed next state; the caller passes `out` as a copy of it.
 
-Every identifier is made here and every number is read from `theta`, so no text of a domain file
-becomes program text. Two domains that differ in numbers alone share one `step`, which numba
-compiles for pointers.
+Every identifier is generated here and every number is read from `theta`, so no text of a domain
+file becomes program text. Two domains that differ only in numbers share one compiled `step`. numba
+compiles it with pointer arguments.
 """
 
 from __future__ import annotations
@@ -59,9 +61,9 @@ class Generated:
     """A generated function.
 
     Attributes:
-        name: One of those above.
+        name: One of the names above.
         tree: A module that defines it.
-        sites: What the positions reported to `trace.append` mean; empty unless traced.
+        sites: The site of each position that is appended to `trace`; empty unless traced.
     """
 
     name: str
@@ -140,14 +142,14 @@ class _Generator(EffectEmitter):
         ]
 
     def _resume(self) -> None:
-        """Emit: continue where a function that ended with `_end` stopped."""
+        """Emit the start of a function that continues one that ended with `_end`."""
         self.body.append(assign("reward", entry("out", self.reward_slot)))
         for name, bit in _BITS:
             masked = ast.BinOp(variable("flags"), ast.BitAnd(), constant(bit))
             self.body.append(assign(name, ast.Compare(masked, [ast.NotEq()], [constant(0)])))
 
     def _end(self) -> None:
-        """Emit: leave the reward in its slot, and return the flags."""
+        """Emit: store the reward in its entry, and return the flags."""
         flags: ast.expr = constant(APPLICABLE)
         for name, bit in _BITS:
             chosen = ast.IfExp(variable(name), constant(bit), constant(0))
@@ -155,7 +157,7 @@ class _Generator(EffectEmitter):
         self.body += [store(self.reward_slot, variable("reward")), ast.Return(flags)]
 
     def _goal_and_metric(self, result: str) -> None:
-        """Emit metric and goal, which look at the next state, named `result`."""
+        """Emit metric and goal, which read the next state from the array named `result`."""
         metric = self.model.metric
         if metric is not None:
             after = self.value(metric.value, result, elapsed=variable("dt"))
@@ -219,7 +221,7 @@ class _Generator(EffectEmitter):
         self.body.append(ast.While(variable("again"), sweep, []))
 
     def _event(self, event: g.GroundSchema, fired: str | None) -> None:
-        """Emit an event; with `fired`, a variable, it happens once."""
+        """Emit an event; with `fired`, the name of a variable, it fires at most once."""
         once = variable(fired) if fired is not None else None
         test = conjunction(event)
         tests = [negated(once)] if once is not None else []

@@ -2,7 +2,7 @@
 
 Conditions are three-valued (Kleene's strong logic). A comparison with a side that is not a number
 (a division by zero, a difference of two overflows) is undefined, and so is every condition whose
-truth depends on it. `Emitter.truth` refuses the step there: a partial file must not pass for safe
+truth depends on it. The step then has no result (`Emitter.truth`): an action must not count as safe
 because NaN compares as false.
 """
 
@@ -38,12 +38,12 @@ _REFUTATIONS: dict[str, tuple[ast.cmpop, ...]] = {
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A place in the generated code that a traced run reports when it gets there.
+    """A place in the generated code that a traced run reports when it is reached.
 
     Attributes:
         what: `failed` (a precondition that does not hold), `effect` (of an action or event that
             was applied), `rate` (of a process that was applied), `conflict` (effects that
-            contradict each other) or `undefined` (a result that is no finite number, or a
+            contradict each other) or `undefined` (a result that is not a finite number, or a
             condition that is neither true nor false).
         schema: The ground action, process or event; None for the goal and the reward as a whole.
         item: The condition or effect; None where the schema as a whole is meant.
@@ -86,7 +86,7 @@ def negated(test: ast.expr) -> ast.expr:
 
 
 def joined(operator: ast.boolop, tests: Sequence[ast.expr]) -> ast.expr:
-    """Return `test and test ...` or `test or test ...`; one test stands for itself."""
+    """Return `test and test ...` or `test or test ...`; a single test is returned as it is."""
     return tests[0] if len(tests) == 1 else ast.BoolOp(operator, list(tests))
 
 
@@ -107,7 +107,7 @@ class Emitter:
     # Statements --------------------------------------------------------------------------------
 
     def temporary(self, value: ast.expr) -> ast.Name:
-        """Keep a value in a fresh variable."""
+        """Assign a value to a new variable and return it."""
         identifier = f"t{self._temporaries}"
         self._temporaries += 1
         self.body.append(assign(identifier, value))
@@ -115,14 +115,14 @@ class Emitter:
 
     @contextmanager
     def collected(self) -> Iterator[list[ast.stmt]]:
-        """Collect the statements that are emitted inside in a list of their own."""
+        """Collect the statements emitted within the context in a separate list."""
         outer, self.body = self.body, []
         yield self.body
         self.body = outer
 
     @contextmanager
     def under(self, condition: ast.expr | None) -> Iterator[None]:
-        """Put the statements that are emitted inside under a condition; None: always true."""
+        """Put the statements emitted within the context under a condition; None: always true."""
         with self.collected() as statements:
             yield
         if condition is None:
@@ -141,8 +141,8 @@ class Emitter:
     def refuse(self, test: ast.expr, site: Site) -> None:
         """Emit: where `test` is true, the step has no result.
 
-        A failed precondition leaves no flag. Everything else leaves UNDEFINED, and UNSAFE where
-        that is certain by then: what cannot be predicted must not pass for safe.
+        A failed precondition sets no flag. Everything else sets UNDEFINED, and UNSAFE where that is
+        certain by then: a step that cannot be predicted must not count as safe.
         """
         result: ast.expr = ast.Constant(0)
         if site.what != "failed":
@@ -165,7 +165,7 @@ class Emitter:
         schema: g.GroundSchema | None,
         unless: ast.expr | None = None,
     ) -> ast.expr:
-        """Emit what refuses the step where a condition is undefined; return its truth.
+        """Emit code that ends the step where a condition is undefined; return its truth value.
 
         Args:
             test: The condition.
@@ -199,7 +199,7 @@ class Emitter:
         return certain, joined(ast.And(), doubts)
 
     def _certain(self, test: g.Test, source: str) -> ast.expr:
-        """Return whether a condition is true (not: false or undefined)."""
+        """Return whether a condition is certainly true: neither false nor undefined."""
         match test:
             case g.Constant(value):
                 return constant(value)
@@ -218,7 +218,7 @@ class Emitter:
                 return joined(ast.Or(), [self._certain(o, source) for o in operands])
 
     def _possible(self, test: g.Test, source: str) -> ast.expr:
-        """Return whether a condition is true or undefined (not: false)."""
+        """Return whether a condition is possibly true: true or undefined."""
         match test:
             case g.Compare(operator) if id(test) in self._sides:
                 left, right = self._sides[id(test)]
@@ -242,7 +242,7 @@ class Emitter:
     # Numbers -----------------------------------------------------------------------------------
 
     def value(self, value: g.Value, source: str, elapsed: ast.expr | None = None) -> ast.expr:
-        """Return a number over the array `source`; NaN where it divides by zero."""
+        """Return a numeric expression over the array `source`; NaN where it divides by zero."""
         match value:
             case g.Read(fluent):
                 return entry(source, fluent)
@@ -274,10 +274,10 @@ def _may_be_undefined(test: g.Test) -> bool:
 
 
 def _may_be_nan(value: g.Value) -> bool:
-    """Whether a number can be NaN over finite ones.
+    """Whether an expression over finite numbers can be NaN.
 
-    One sum or product of finite numbers can overflow, but only an operation on what has overflowed
-    can be NaN, and a division by zero is.
+    One sum or product of finite numbers can overflow. NaN arises only from an operation on an
+    overflowed value, or from a division by zero.
     """
     match value:
         case g.Operation(operator, left, right):

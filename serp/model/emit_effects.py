@@ -1,4 +1,4 @@
-"""Building the syntax trees of effects: of actions and events at once, of processes over time."""
+"""Building the syntax trees of effects: instantaneous ones, and rates of processes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _OPERATIONS: dict[Change, ast.operator] = {
 
 
 class EffectEmitter(Emitter):
-    """Writes effects as statements that change `out`, `reward`, `unsafe` and `terminal`."""
+    """Emits effects as statements that change `out`, `reward`, `unsafe` and `terminal`."""
 
     def effects(
         self, schema: g.GroundSchema, effects: Sequence[g.GroundEffect], source: str
@@ -76,7 +76,7 @@ class EffectEmitter(Emitter):
         Args:
             processes: The processes.
             source: The array that they read.
-            rewards: Whether to leave out all but the changes of the reward.
+            rewards: Whether to emit only the changes of the reward.
         """
         prepared = []
         for process in processes:
@@ -106,7 +106,7 @@ class EffectEmitter(Emitter):
     ) -> dict[int, ast.expr | None]:
         """Emit the conditions of effects, each once; return them by id, None where always true.
 
-        Where one of them is undefined, those of `(unsafe)` that hold still count.
+        Where one of them is undefined, the effects on `(unsafe)` whose conditions hold still count.
         """
         uses = Counter(id(effect.condition) for effect in effects)
         found: dict[int, ast.expr | None] = {}
@@ -141,7 +141,7 @@ class EffectEmitter(Emitter):
     def _refuse_conflict(
         self, schema: g.GroundSchema, effect: g.SetNumber, value: ast.expr
     ) -> ast.expr:
-        """Emit: the step has no result where another effect contradicts this one."""
+        """Emit code that ends the step where another effect contradicts this one."""
         kind, group = f"kind{effect.target}", _GROUP.get(effect.change, _SCALED)
 
         def changed_by(group: int) -> ast.expr:
@@ -180,8 +180,8 @@ def conjunction(schema: g.GroundSchema) -> g.Test | None:
 def _contested(effects: Sequence[g.SetNumber]) -> set[int]:
     """Return the targets whose effects can contradict each other.
 
-    Increases and decreases commute, and so do scalings. An assignment beside anything else, or a
-    mixture of the two, has no defined result (PDDL 2.1, definition 8).
+    Increases and decreases commute, and so do scalings. An assignment together with another
+    effect, or a mixture of both kinds, has no defined result (PDDL 2.1, definition 8).
     """
     groups: dict[int, list[int]] = {}
     for effect in effects:

@@ -14,8 +14,8 @@ from serp.model.transition_model import TransitionModel, Vector
 def why_not_applicable(model: TransitionModel, state: Vector, action: int) -> str:
     """Return why a ground action is not applicable.
 
-    That is the failed precondition with the values that it reads, the effects that contradict
-    each other or give no number, or the condition that divides by zero.
+    The reason is a failed precondition, with the values that it reads; effects that contradict each
+    other or have no finite result; or a condition that divides by zero.
     """
     passed, _ = model.trace(state, action)
     name = model.actions[action].name
@@ -37,7 +37,7 @@ def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
     """Return which effect makes `(unsafe)` true one step ahead, and its probability.
 
     No probability is given where the file as written flags the action. Where several outcomes are
-    unsafe, the effect is that of the likeliest of them.
+    unsafe, the effect of the likeliest one is named.
     """
     name = model.actions[action].name
     _, flags = model.transition(np.asarray(state, dtype=np.float64).tolist(), action)
@@ -51,10 +51,10 @@ def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
 
 
 def unsafe_ahead(safe_steps: int) -> str:
-    """Return that something unsafe, or too risky, follows a first step that is safe.
+    """Say that something unsafe, or too risky, follows a first step that is safe.
 
     Args:
-        safe_steps: Control periods before that on the best path, at least 1.
+        safe_steps: Safe control periods on the best path, at least 1.
     """
     periods = f"{safe_steps} control period{'' if safe_steps == 1 else 's'}"
     return f"safe for {periods}, then nothing is left that is predicted safe"

@@ -1,4 +1,4 @@
-"""What the files state of the objects, and which ground predicates and functions may vary."""
+"""The facts that the files state, and which ground predicates and functions may vary."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ _RAISE = (
 
 
 class InstantiationBudget:
-    """Limits of the size of a domain; counts what instantiation makes.
+    """Limits on the size of a domain, and counters of what instantiation produces.
 
     Args:
         ground_schemas: Most ground actions, processes and events together.
 
     Attributes:
-        ground_schemas: The same.
-        fluents: Most fluents, four for each of these.
-        bindings: Most bindings that are tried, 20 for each of these.
+        ground_schemas: As above.
+        fluents: Most fluents, four times as many.
+        bindings: Most bindings that are tried, 20 times as many.
     """
 
     def __init__(self, ground_schemas: int = MAX_GROUND_SCHEMAS) -> None:
@@ -68,15 +68,14 @@ class InstantiationBudget:
                 bindings *= len(facts.objects_of(parameter.types))
             raise DomainError(
                 f"the domain instantiates to more than {self.ground_schemas} ground actions, "
-                f"processes and events; `{schema.name}` alone has up to {bindings} over these "
-                "objects",
+                f"processes and events; `{schema.name}` has up to {bindings} over these objects",
                 schema.place,
                 "use fewer objects, more specific types, or static predicates in the "
                 f"precondition; {_RAISE}",
             )
 
     def check_fluents(self, count: int, declaration: x.Declaration) -> None:
-        """Compare a number of fluents with the limit.
+        """Check a number of fluents against the limit.
 
         Raises:
             DomainError: There are too many.
@@ -90,12 +89,12 @@ class InstantiationBudget:
 
 
 class Facts:
-    """What is stated, and which of it may change.
+    """The facts that the files state, and which of them may change.
 
-    There are two kinds of worlds. In a *closed* one the states are those that the problem's
-    `:init` leads to: only what an applicable instance changes may vary
-    (`serp.model.reachability` computes it). In an *observed* one a state may be any: only what
-    `:init` states, no effect changes and no observation supplies is constant.
+    There are two kinds of worlds. In a *closed* one the states are those that can be reached from
+    the problem's `:init`: only what an applicable instance changes may vary
+    (`serp.model.reachability` computes it). In an *observed* one any state is possible: a fact is
+    constant if `:init` states it, no effect changes it and no observation supplies it.
 
     Args:
         domain: The parsed domain.
@@ -112,7 +111,7 @@ class Facts:
         values: The numbers at the start.
         closed: Whether the world is closed.
         varying: Names of which every instance may vary.
-        free: Further predicates and functions that may vary; it grows.
+        free: Ground predicates and functions found to vary so far.
         changed: Names that some effect changes.
     """
 
@@ -149,7 +148,7 @@ class Facts:
         return key[0] in self.varying or key in self.free
 
     def free_missing_numbers(self) -> None:
-        """Let functions vary that an effect changes and `:init` gives no value: they start at 0.
+        """Let functions vary that have effects but no value in `:init`; they start at 0.
 
         Raises:
             DomainError: There are too many.
@@ -162,7 +161,7 @@ class Facts:
                         self.budget.check_fluents(len(self.free), declaration)
 
     def objects_of(self, types: Sequence[str]) -> Collection[str]:
-        """Return the objects of one of the types, an ordered set in the order of the files."""
+        """Return the objects of any of the types, in the order of the files."""
         found = self._members.get(types)
         if found is None:
             is_a, objects = self.domain.is_a, self.objects.values()
@@ -215,7 +214,7 @@ def conjuncts(condition: x.Condition | None) -> Iterator[x.Condition]:
 
 
 def nested_effects(effects: tuple[x.Effect, ...]) -> Iterator[x.Effect]:
-    """Yield effects and those inside of them."""
+    """Yield effects and the effects nested in them."""
     for effect in effects:
         yield effect
         if isinstance(effect, x.When | x.ForallEffect):

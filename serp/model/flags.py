@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 APPLICABLE = 1
 """The precondition holds, and there is a next state."""
 UNSAFE = 2
-"""By the file as written, `(unsafe)` becomes true. Nothing learned sets or clears it."""
+"""The file as written makes `(unsafe)` true. Nothing learned sets or clears this flag."""
 TERMINAL = 4
 """`(terminal)` has become true, or the goal is reached."""
 UNDEFINED = 8
-"""The precondition does not fail, but the step has no result: something divides by zero, is not a
-finite number, or contradicts something else. UNSAFE is still certain where it is set."""
+"""The precondition does not fail, but the step has no result: a division by zero, a number that is
+not finite, or contradicting effects. UNSAFE is valid where it is set as well."""
 RISKY = 16
 """The risk of a step that is not UNSAFE exceeds the accepted risk; planners set it."""
 
@@ -50,5 +50,5 @@ def joined(flags: int, further: int) -> int:
 
 
 def risks_of(flags: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return `risk_of` each of some flags."""
+    """Return `risk_of` for each entry of an array of flags."""
     return np.where(flags & UNSAFE, 1.0, (flags >> RISK_SHIFT) * RISK_UNIT)

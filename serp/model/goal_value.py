@@ -1,9 +1,9 @@
-"""What reaching the goal is worth beside a metric.
+"""The reward for reaching the goal, in a problem with a metric.
 
-The reward of a step is what the metric gains in it. Reaching the goal is worth more than the metric
-can gain in 100 steps, which is the sum of a constant reward under a discount of 0.99 (the bound
-that R-max gives to unknown states; Brafman & Tennenholtz, 2002). The gain of the metric in one step
-is bounded from the numbers of the files.
+The reward of a step is the gain of the metric. Reaching the goal is worth more than the metric can
+gain in 100 steps, which is the sum of a constant reward under a discount of 0.99 (the bound that
+R-max uses for unknown states; Brafman & Tennenholtz, 2002). The gain of the metric in one step is
+bounded by the numbers of the files.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from serp.pddl.syntax import Change
 
 STEPS = 100
 UNBOUNDED = 1_000_000.0
-"""What the goal is worth where the gain of the metric is not bounded."""
+"""The reward for reaching the goal where the gain of the metric is not bounded."""
 
 _Interval = tuple[float, float]
 _ANY: _Interval = (-math.inf, math.inf)
@@ -27,13 +27,13 @@ _SIGNS = {Change.INCREASE: 1.0, Change.DECREASE: -1.0}
 
 @dataclass(frozen=True)
 class GoalValue:
-    """What reaching the goal is worth, as a function of the parameters.
+    """The reward for reaching the goal, as a function of the parameters.
 
     Attributes:
         parameter: The entry of θ that holds it.
         metric: The metric.
-        actions, processes, events: The effects of each on what the metric reads; those of actions
-            without duplicates.
+        actions, processes, events: The effects of each on the fluents that the metric reads;
+            duplicates among actions are left out.
     """
 
     parameter: int
@@ -43,11 +43,11 @@ class GoalValue:
     events: tuple[tuple[g.SetNumber, ...], ...]
 
     def bounded(self, theta: Sequence[float], dt: float) -> bool:
-        """Whether the numbers bound what the metric gains in a step."""
+        """Whether the gain of the metric in a step is bounded."""
         return math.isfinite(self._range(theta, dt))
 
     def value(self, theta: Sequence[float], dt: float) -> float:
-        """Return the worth for parameters and a control period."""
+        """Return the reward for given parameters and a control period."""
         worth = 1.0 + STEPS * self._range(theta, dt)
         return worth if math.isfinite(worth) else UNBOUNDED
 
@@ -75,7 +75,7 @@ def goal_value_of(
     processes: Iterable[g.GroundSchema],
     events: Iterable[g.GroundSchema],
 ) -> GoalValue:
-    """Return what reaching the goal is worth beside a metric.
+    """Return the reward for reaching the goal, in a problem with a metric.
 
     Args:
         parameter: The entry of θ that is to hold it.
@@ -105,7 +105,7 @@ def goal_value_of(
 def _change(
     effects: Iterable[g.SetNumber], weights: dict[int, float], theta: Sequence[float]
 ) -> _Interval:
-    """Bound what effects add to the metric where they happen, or do not."""
+    """Bound the change of the metric by effects that may or may not be applied."""
     low = high = 0.0
     for effect in effects:
         sign = _SIGNS.get(effect.change)
@@ -166,7 +166,7 @@ def _sum(
 
 
 def _bounds(value: g.Value, theta: Sequence[float]) -> _Interval:
-    """Return an interval that holds the value, whatever the fluents are."""
+    """Return an interval that contains the value for all values of the fluents."""
     match value:
         case g.ParameterRef(parameter):
             return theta[parameter], theta[parameter]

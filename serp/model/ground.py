@@ -53,8 +53,8 @@ class Parameter:
         index: Position in θ.
         value: What is written in the file.
         role: `effect`, `rate`, `condition`, `initial` (a static value of the problem), `metric`, or
-            `goal`: what reaching the goal is worth, which follows from the others.
-        place: Where it is written; that of the metric for the worth of the goal.
+            `goal`: the reward for reaching the goal, which follows from the others.
+        place: Where it is written; for `goal` the place of the metric.
     """
 
     index: int
@@ -227,10 +227,10 @@ class GroundModel:
         actions, processes, events: The ground schemas, in file order.
         goal: The problem's goal; None where there is none.
         goal_rewarded: Whether reaching the goal is a reward: the files declare no `(reward)`.
-        goal_worth: How large that reward is; None: it is 1.
+        goal_worth: The size of that reward; None: it is 1.
         metric: The problem's metric, where it is not `(reward)`.
-        initial: The value of every fluent, or None where the problem leaves a number open.
-        static: Printable name → value of what the problem states and nothing changes.
+        initial: The value of every fluent; None where the problem leaves a number out.
+        static: Printable name → value of everything that the problem states and no effect changes.
     """
 
     syntax: DomainSyntax = field(repr=False, compare=False)

@@ -1,7 +1,7 @@
 """Instantiation: schemas over objects → ground actions, processes and events.
 
-What cannot vary (see `serp.model.facts`) is a constant: it rules instances out and takes no column
-of the state. Every other ground predicate and function is a fluent.
+A ground predicate or function that cannot vary (see `serp.model.facts`) is a constant: it can rule
+instances out, and has no column of the state. All others are fluents.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ def instantiate(
     Args:
         domain: The parsed domain.
         problem: The parsed problem, if there is one.
-        supplied: None where states are those that the problem's `:init` leads to. Else states are
-            observed and may be any; what is here names fluents that are observed although `:init`
-            states them and no effect changes them.
-        max_ground_schemas: Most ground actions, processes and events together; fluents may be four
-            times, bindings that are tried 20 times as many.
+        supplied: None where all states can be reached from the problem's `:init`. Otherwise states
+            are observed and any state is possible; the names are those of fluents that are observed
+            although `:init` states them and no effect changes them.
+        max_ground_schemas: Most ground actions, processes and events together. The limit is four
+            times as high for fluents, and 20 times as high for bindings that are tried.
 
     Raises:
         DomainError: There are more instances or fluents than the limits allow, a number is read
@@ -140,7 +140,7 @@ class _Instantiation:
             shown = ", ".join(f"`{name}`" for name in names[:3])
             self.domain.declarations[symbol].place.warn(
                 f"{shown}{f' and {len(names) - 3} more' if len(names) > 3 else ''} "
-                f"{'starts' if len(names) == 1 else 'start'} at 0, for :init gives no value"
+                f"{'starts' if len(names) == 1 else 'start'} at 0, because :init gives no value"
             )
         return tuple(initial)
 
@@ -258,7 +258,7 @@ class _Instantiation:
                 case x.SetPredicate(atom, value, place):
                     key = key_of(atom.name, atom.arguments, binding)
                     target = _FLAGS.get(atom.name, self.index.get(key))
-                    if target is not None:  # else it is so already, and never otherwise
+                    if target is not None:  # a constant already has this value
                         yield g.SetBoolean(target, value, condition, place)
                 case x.ChangeFunction(change, function, value, place):
                     key = key_of(function.name, function.arguments, binding)
@@ -287,7 +287,7 @@ class _Instantiation:
     def _worth(
         self, metric: g.GroundMetric, ground: Mapping[x.Kind, list[g.GroundSchema]]
     ) -> GoalValue:
-        """Return what the goal is worth beside a metric, and add it to the parameters."""
+        """Return the reward for reaching the goal, and add it to the parameters."""
         worth = goal_value_of(len(self.parameters), metric, *(ground[kind] for kind in x.Kind))
         written = [parameter.value for parameter in self.parameters]
         if not worth.bounded(written, 1.0):
@@ -328,7 +328,7 @@ def _negate(test: g.Test, place: Place) -> g.Test:
 def _join(tests: Iterable[g.Test], place: Place, *, conjunction: bool) -> g.Test:
     """Join tests, flattening the same connective and resolving constants.
 
-    Tests after one that decides are not looked at: a distance needs no value where no road is.
+    Tests after a deciding one are skipped: a distance needs no value where there is no road.
     """
     flat: list[g.Test] = []
     same = g.All if conjunction else g.AnyOf

@@ -38,8 +38,9 @@ class Domain:
         syntax: The domain as written.
         problem_syntax: The problem as written, or None.
         max_ground_schemas: Most ground actions, processes and events together.
-        supplied: None where the states are those that the problem's `:init` leads to; else states
-            are observed (see `observed`), and this names what of `:init` is observed as well.
+        supplied: None where all states can be reached from the problem's `:init`. Otherwise states
+            are observed (see `observed`), and the names are those of facts of `:init` that are
+            observed as well.
     """
 
     source: Source
@@ -76,19 +77,19 @@ class Domain:
 
     @property
     def warnings(self) -> tuple[DomainWarning, ...]:
-        """What was noticed in the files that is not an error, such as forms other tools refuse."""
+        """Remarks on the files that are not errors, such as syntax that other tools refuse."""
         sources = [s for s in (self.source, self.problem_source) if s is not None]
         return tuple(dict.fromkeys(w for source in sources for w in source.warnings))
 
     def observed(self, supplied: Iterable[str] = ()) -> Domain:
-        """Return the same domain for states that an environment gives.
+        """Return the same domain for states that come from an environment.
 
-        The problem's `:init` need not lead to them, so the model leaves out nothing for being
-        unreachable.
+        They need not be reachable from the problem's `:init`, so the model keeps what is
+        unreachable from there.
 
         Args:
             supplied: Names of fluents that are observed. Where `:init` states one that no effect
-                changes, its value there is the initial one, and not fixed.
+                changes, its value there is only the initial one.
         """
         problem, names = self.problem_syntax, set(supplied)
         if self.supplied is None and problem is not None and problem.has_init:
@@ -132,7 +133,7 @@ class Domain:
         """
         problem = self.problem_syntax
         if problem is None:
-            raise DomainError(f"{self.source.name}: there is no problem file, hence no :init")
+            raise DomainError(f"{self.source.name}: there is no problem file and so no :init")
         atoms = {(a.name, *(t.name for t in a.arguments)): a for a in problem.true_atoms}
         numbers = {(f.name, *(t.name for t in f.arguments)): (f, n) for f, n in problem.values}
         for name, value in values.items():
@@ -193,8 +194,8 @@ def load_domain(
         domain_file: The PDDL domain.
         problem_file: The PDDL problem; without it, `<name>-problem.pddl` beside the domain file
             `<name>.pddl` is taken if it exists.
-        observed: Whether an environment gives the states; else they are those that the problem's
-            `:init` leads to, and the model holds what can be reached from there.
+        observed: Whether states come from an environment. Otherwise they start from the problem's
+            `:init`, and the model contains what can be reached from there.
         max_ground_schemas: Most ground actions, processes and events together; None: 50,000.
 
     Raises:

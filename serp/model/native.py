@@ -1,9 +1,9 @@
 """Running a generated transition function as machine code, by numba.
 
-The generated function is compiled alone, to a C callback. Loops over states (the lookahead,
-batches) are compiled once for all domains and call it through its address. An edit of a domain
-file therefore costs the compilation of one small function, or none where only numbers changed.
-Both are cached on disk, see `serp._util.code_cache`.
+The generated function is compiled separately, to a C callback. Loops over states (the lookahead,
+batches) are compiled once for all domains and call it through its address. After an edit of a
+domain file only one small function is compiled, or none where only numbers changed. Both are
+cached on disk, see `serp._util.code_cache`.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from serp.model.codegen import Generated, load_function
 
 _POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 STEP_SIGNATURE = types.int64(_POINTER, types.int64, _POINTER, types.float64, _POINTER)
-"""Of every compiled transition function: state, action, data, Δt, out → flags."""
+"""The signature of every compiled transition function: state, action, data, Δt, out → flags."""
 
 STACK: Final = 256
 """Most numbers that compiled code keeps on the stack, see `stack_room`: 2 KB."""
 
 
 def structure_digest(generated: Generated) -> str:
-    """Return a digest of a generated function; the numbers of the domain do not enter it."""
+    """Return a digest of a generated function; it does not depend on the domain's numbers."""
     return hashlib.sha256(ast.dump(generated.tree).encode()).hexdigest()[:24]
 
 
@@ -38,7 +38,7 @@ def compile_native(generated: Generated) -> Any:
 
     The callback must be kept alive as long as the address is in use.
     """
-    # There is no file; its name is the key of the cached code.
+    # The file does not exist; its name is the key of the cached code.
     function = load_function(generated, f"<model {structure_digest(generated)}>")
     # `error_model`: divisions are guarded in the generated code, so no check is compiled in.
     return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(function)
@@ -78,7 +78,7 @@ def _call_step(typing_context, address, state, action, theta, dt, out):  # type:
 
 
 def _advanced(typing_context, pointer, count):  # type: ignore[no-untyped-def]
-    """Return a pointer a number of entries further on, for compiled code."""
+    """Return a pointer advanced by a number of entries, for compiled code."""
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         return builder.gep(arguments[0], [arguments[1]])
@@ -87,9 +87,9 @@ def _advanced(typing_context, pointer, count):  # type: ignore[no-untyped-def]
 
 
 def _stack_room(typing_context):  # type: ignore[no-untyped-def]
-    """Return a pointer to room for `STACK` numbers on the stack, for compiled code.
+    """Return a pointer to an array of `STACK` numbers on the stack, for compiled code.
 
-    It is allocated once in a call of the compiled function, and gone when that returns.
+    It is allocated once per call of the compiled function, and invalid after the call.
     """
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]

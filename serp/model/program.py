@@ -1,4 +1,4 @@
-"""The generated functions of one ground model, each made when first used."""
+"""The generated functions of one ground model, each created on first use."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Amendment = Callable[[list[float], int, list[float]], None]
 
 
 class Program:
-    """What a ground model does, in CPython and as machine code.
+    """The transition function of a ground model, in CPython and as machine code.
 
     States and parameters are lists of floats. `out` is a copy of the state (for `judge`, of the
     next state) with one more entry, 0; it receives the next state and the reward.
@@ -68,7 +68,7 @@ class Program:
             action: Position of the ground action.
             theta: Parameters, `[P]`.
             dt: Control period, seconds.
-            out: A copy of the state and the reward 0; becomes the next state and the reward.
+            out: A copy of the state and the reward 0; receives the next state and the reward.
         """
         function = self._actions.get(action)
         if function is None:
@@ -89,7 +89,7 @@ class Program:
         dt: float,
         out: list[float],
     ) -> int:
-        """Read reward and flags off an observed transition; action -1: none of the model."""
+        """Return the flags of an observed transition; action -1 is not one of the model's."""
         flags = APPLICABLE
         if action >= 0:
             function = self._judged.get(action)
@@ -115,8 +115,8 @@ class Program:
             action: Position of the ground action.
             theta: Parameters, `[P]`.
             dt: Control period, seconds.
-            amend: Changes what effects and processes lead to, before the events see it; it takes
-                the state, the action and `out`.
+            amend: Changes the result of effects and processes before the events are evaluated; it
+                takes the state, the action and `out`.
         """
         out: list[float] = [*state, 0.0]
         sites: list[Site] = []
@@ -184,7 +184,7 @@ class Program:
 
     @property
     def compiled(self) -> bool:
-        """Whether `native` exists already."""
+        """Whether `native` is compiled already."""
         return "native" in vars(self)
 
     @property
@@ -194,7 +194,7 @@ class Program:
 
     @functools.cached_property
     def _size(self) -> float:
-        """How often fluents are read and written in all: what compile time grows with."""
+        """The number of reads and writes of fluents; compile time grows with it."""
         ground = self.ground
         expressions: dict[int, Test | Value] = {}
         writes = 0

@@ -1,4 +1,4 @@
-"""Which instances can ever apply, and what they can change: relaxed reachability.
+"""Relaxed reachability: which instances can ever apply, and what they can change.
 
 Every ground predicate and function is either constant or free to have any value. An instance can
 apply where the constants do not refute its precondition; what it changes is free from then on. The
@@ -7,9 +7,9 @@ joined, and a fact that becomes possible is joined with those known before it (s
 evaluation, as in Helmert, "Concise finite-domain representations for PDDL planning tasks",
 Artificial Intelligence 173, 2009, section 6). Constants that refute other conditions are watched.
 
-What is constant at the end is constant in every state in which all that is not free is as at the
-start, and no step leaves these states. On them the smaller model is exact. Comparisons of numbers
-refute nothing: the numbers of a file may be adapted.
+Consider the states that agree with the initial state on everything that is not free. No step leaves
+them, and on them the smaller model is exact. Comparisons of numbers refute nothing, because the
+numbers of a file may be adapted.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ def reachable(facts: Facts) -> dict[str, list[Binding]]:
 
 @dataclass(frozen=True, eq=False)
 class _Rule:
-    """A schema with its precondition taken apart.
+    """A schema with its precondition split by kind of condition.
 
     Attributes:
         schema: The schema.
-        atoms: Predicates that have to hold and do not vary freely: what is joined.
+        atoms: Predicates that have to hold and do not vary freely; they are joined.
         filters: Other conditions that never change, each with the parameters that it depends on.
         rest: Conditions that may become possible while others become free.
         seen: The arguments of all instances met.
@@ -175,7 +175,7 @@ class _Reachability:
             self._try(_Item(rule.rest, rule.schema.effects, binding, rule))
 
     def _candidates(self, atom: x.Atom, binding: Binding) -> Sequence[Key]:
-        """Return facts among which are all that the atom, bound so far, can be."""
+        """Return a superset of the facts that match the atom under the binding so far."""
         pattern = [binding.get(t.name) if t.is_variable else t.name for t in atom.arguments]
         return min(
             (
@@ -188,7 +188,7 @@ class _Reachability:
         )
 
     def _unified(self, rule: _Rule, atom: x.Atom, fact: Key, binding: Binding) -> Binding | None:
-        """Return the binding under which an atom is a fact; None where there is none."""
+        """Return the binding that unifies an atom with a fact; None where there is none."""
         extended = dict(binding)
         for term, name in zip(atom.arguments, fact[1:], strict=True):
             meant = extended.setdefault(term.name, name) if term.is_variable else term.name
@@ -204,7 +204,7 @@ class _Reachability:
     # Applying ----------------------------------------------------------------------------------
 
     def _try(self, item: _Item) -> None:
-        """Apply effects if nothing bars their conditions, or watch what does."""
+        """Apply effects if their conditions can hold; else watch the constants that bar them."""
         if item.applied:
             return
         for condition in item.conditions:
@@ -248,9 +248,9 @@ class _Reachability:
     def _barred(
         self, condition: x.Condition, binding: Binding, wanted: bool
     ) -> Sequence[Key] | None:
-        """Return what keeps a condition from being true (or false); None where it can be.
+        """Return the constants that keep a condition from being `wanted`; None where it can be.
 
-        It cannot be before one of the returned constants is free, so never where there are none.
+        The condition stays barred until one of them is free: for ever where there are none.
         """
         match condition:
             case x.Atom(name, arguments):
@@ -276,14 +276,14 @@ class _Reachability:
 
 
 def _places(key: Key) -> Iterator[tuple[str, int, str]]:
-    """Yield where a fact is looked up: by its name, and by its name and each of its objects."""
+    """Yield the index keys of a fact: its name, and its name with each of its objects."""
     yield key[0], -1, ""
     for index, name in enumerate(key[1:]):
         yield key[0], index, name
 
 
 def _first_constant(atom: x.Atom) -> tuple[str, int, str]:
-    """Return the place of `_places` at which every fact that the atom can be is looked up."""
+    """Return a key of `_places` under which every fact that matches the atom is found."""
     for index, term in enumerate(atom.arguments):
         if not term.is_variable:
             return atom.name, index, term.name
@@ -291,7 +291,7 @@ def _first_constant(atom: x.Atom) -> tuple[str, int, str]:
 
 
 def _joined(parts: Iterable[Sequence[Key] | None], *, every: bool) -> Sequence[Key] | None:
-    """Join what bars the parts of a condition of which every one is needed, or any one."""
+    """Join the constants that bar the parts of a conjunction (`every`) or a disjunction."""
     collected: list[Key] = []
     for part in parts:
         if every and part is not None:
@@ -329,9 +329,9 @@ def _parts(condition: x.Condition) -> Iterator[x.Condition]:
 
 
 def _calculates(schema: x.Schema) -> bool:
-    """Whether the condition of an effect calculates.
+    """Whether the condition of an effect contains arithmetic.
 
-    It may then have no result, so that the action is not applicable, whatever the effect does.
+    It may then have no result, so that the action is not applicable.
     """
     return any(
         isinstance(part, x.NumericComparison)

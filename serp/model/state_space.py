@@ -1,4 +1,4 @@
-"""States and actions of a model by name, checked when they come from outside."""
+"""States and actions of a model by name, with checks of values from outside."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class StateSpace:
             StateError: A fluent is missing, unknown, or its value is not a finite number.
         """
         if not isinstance(values, Mapping):
-            raise StateError(f"a state is given as fluent name → value, not as {values!r}")
+            raise StateError(f"a state must be a mapping fluent name → value, not {values!r}")
         if values.keys() != self._index.keys():
             self.check_names(values)
         state = np.empty(len(self.fluents))
@@ -67,7 +67,9 @@ class StateSpace:
                     raise TypeError
                 state[self._index[name]] = value
             except (TypeError, ValueError):
-                raise StateError(f"the value of fluent `{name}` is no number: {value!r}") from None
+                raise StateError(
+                    f"the value of fluent `{name}` is not a number: {value!r}"
+                ) from None
         return self.check_state(state)
 
     def values(self, state: Sequence[float] | Vector) -> dict[str, float | bool]:
@@ -89,7 +91,8 @@ class StateSpace:
         missing = listed(f.name for f in self.fluents if f.name not in names)
         if missing:
             raise StateError(
-                f"no value for fluent {missing}; given are {listed(map(str, names)) or 'none'}"
+                f"no value for fluent {missing}; values are given for "
+                f"{listed(map(str, names)) or 'none'}"
             )
 
     def _unknown_fluent(self, name: str) -> str:
@@ -112,26 +115,26 @@ class StateSpace:
             if value - value != 0.0:
                 raise StateError(f"the value of fluent `{fluent.name}` is {value}")
             if not fluent.numeric and value not in (0.0, 1.0):
-                raise StateError(f"predicate `{fluent.name}` is 0 or 1, not {value}")
+                raise StateError(f"predicate `{fluent.name}` must be 0 or 1, not {value}")
         return vector
 
     def check_shape(self, values: ArrayLike) -> Vector:
-        """Return numbers as float64 `[F]`, whatever their values are.
+        """Return numbers as float64 `[F]`, without a check of the values.
 
         Raises:
-            StateError: They are not numbers, or not one for every fluent; names those that have
-                none.
+            StateError: They are not numbers, or not one for every fluent; the message names fluents
+                without a value.
         """
         state = numbers(values, "a state")
         wanted = len(self.fluents)
         if state.shape == (wanted,):
             return state
-        size = f"a state of this domain is {wanted} number{'' if wanted == 1 else 's'}"
+        size = f"a state of this domain has {wanted} number{'' if wanted == 1 else 's'}"
         if state.ndim != 1:
             raise StateError(f"{size}, found shape {state.shape}")
         names = [f.name for f in self.fluents]
         if len(state) < wanted:
-            what = f"there is none for {listed(names[len(state) :])}"
+            what = f"none for {listed(names[len(state) :])}"
         else:
             what = f"{len(state) - wanted} more than the fluents {listed(names)}"
         raise StateError(f"{size} in the order of its fluents, found {len(state)}: {what}")
@@ -159,10 +162,11 @@ class StateSpace:
         """Return the position of an action.
 
         Raises:
-            StateError: It is less than the least, or there are not so many actions.
+            StateError: It is below `least`, or there is no such action.
         """
         if not least <= action < len(self.actions):
-            raise StateError(f"action {action} is not one of the {len(self.actions)} from 0 on")
+            last = len(self.actions) - 1
+            raise StateError(f"there is no action {action}; actions are 0 ... {last}")
         return action
 
     def check_batch(self, states: Vector, action: Any) -> NDArray[np.int64]:
@@ -178,14 +182,14 @@ class StateSpace:
         batch, width = states.shape
         if width != len(self.fluents):
             raise StateError(
-                f"a state of this domain is {len(self.fluents)} numbers, found {width} columns"
+                f"a state of this domain has {len(self.fluents)} numbers, found {width} columns"
             )
         given = np.asarray(self.action_index(action) if isinstance(action, str) else action)
         if given.shape not in ((), (batch,)) or (given.size and given.dtype.kind not in "iu"):
             raise StateError(f"actions must be {batch} positions, found {action!r}")
         actions = np.broadcast_to(given.astype(np.int64), (batch,))
         if batch and (actions.min() < 0 or actions.max() >= len(self.actions)):
-            raise StateError(f"actions must be among the {len(self.actions)} from 0 on")
+            raise StateError(f"actions must be in 0 ... {len(self.actions) - 1}")
         return actions
 
 
@@ -193,14 +197,14 @@ def numbers(values: ArrayLike, what: str) -> Vector:
     """Return numbers as float64.
 
     Raises:
-        StateError: They are not numbers; names `what` they should be.
+        StateError: They are not numbers; the message calls them `what`.
     """
     try:
         array = np.asarray(values)
     except ValueError:  # lists of different lengths
         array = np.asarray(None)
     if array.dtype.kind not in "biuf":
-        raise StateError(f"{what} is numbers, found {values!r}")
+        raise StateError(f"{what} must consist of numbers, found {values!r}")
     return array.astype(np.float64, copy=False)
 
 

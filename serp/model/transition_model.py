@@ -20,12 +20,12 @@ __all__ = ["Judgement", "Outcome", "StateError", "TransitionModel", "Vector"]
 
 
 class Outcome(NamedTuple):
-    """What the model predicts of one action, or of a batch of them.
+    """The prediction for one action, or for a batch of actions.
 
     Attributes:
         state: Next state `[F]` (or `[B, F]`); the state itself where not applicable.
         reward: Change of `(reward)` in the step; 0 where not applicable.
-        unsafe: Whether by the file as written `(unsafe)` became true in the step.
+        unsafe: Whether the file as written made `(unsafe)` true in the step.
         terminal: Whether `(terminal)` became true or the problem's goal is reached.
         applicable: Whether the precondition holds, every condition that matters is true or false
             and every result is a finite number.
@@ -42,7 +42,7 @@ class Outcome(NamedTuple):
 
 
 class Judgement(NamedTuple):
-    """What the domain says of an observed transition."""
+    """Reward and flags of an observed transition, by the domain file."""
 
     reward: float
     unsafe: bool
@@ -63,7 +63,7 @@ class TransitionModel(StateSpace):
 
     Attributes:
         ground: The model.
-        theta: θ, float64 `[P]`; what reaching the goal is worth follows from the others.
+        theta: θ, float64 `[P]`; the reward for reaching the goal follows from the other entries.
         dt: Control period.
         initial_state: `[F]` where the problem gives a value to every fluent, else None.
     """
@@ -99,7 +99,7 @@ class TransitionModel(StateSpace):
     ) -> TransitionModel:
         """Return the same model with other parameters or another control period.
 
-        Nothing is compiled again.
+        Nothing is recompiled.
 
         Raises:
             StateError: θ has the wrong length, or a value is not finite.
@@ -110,7 +110,7 @@ class TransitionModel(StateSpace):
 
     @property
     def rewarding(self) -> bool:
-        """Whether the domain gives reward: `(reward)` changes, or a metric, or a goal."""
+        """Whether the domain defines a reward: by effects on `(reward)`, a metric, or a goal."""
         ground = self.ground
         changed = any(e.target == REWARD_TARGET for s in ground.schemas for e in s.effects)
         return changed or ground.metric is not None or ground.goal_rewarded
@@ -130,7 +130,7 @@ class TransitionModel(StateSpace):
         """
         states = numbers(state, "a state")
         if not np.isfinite(states).all():
-            raise StateError("a state with NaN or infinity cannot be stepped")
+            raise StateError("a state must not contain NaN or infinity")
         if states.ndim == 2:
             return self._step_batch(states, self.check_batch(states, action))
         self.check_shape(states)
@@ -144,7 +144,7 @@ class TransitionModel(StateSpace):
         )  # fmt: skip
 
     def transition(self, state: list[float], action: int) -> tuple[list[float], int]:
-        """Predict one step on plain lists, for loops in Python that count microseconds.
+        """Predict one step on plain lists, for fast loops in Python.
 
         Args:
             state: F floats; unchanged.
@@ -186,7 +186,7 @@ class TransitionModel(StateSpace):
 
     @property
     def data(self) -> Vector:
-        """What `native_step` reads beside the state: here the parameters θ."""
+        """The data that `native_step` reads beside the state: here the parameters θ."""
         return self.theta
 
     @property
@@ -199,7 +199,7 @@ class TransitionModel(StateSpace):
 
     @property
     def compiled(self) -> bool:
-        """Whether `native_step` has been called already, so that it costs nothing to call again."""
+        """Whether `native_step` is compiled already."""
         return self._program.compiled
 
     def native_step(self) -> Any:
@@ -207,21 +207,21 @@ class TransitionModel(StateSpace):
         return self._program.native
 
     def native_flow(self) -> Any:
-        """Return the same for effects and processes alone, without events, goal and metric."""
+        """Return the same for effects and processes only, without events, goal and metric."""
         return self._program.native_flow
 
     # Observed transitions ----------------------------------------------------------------------
 
     def judge(self, state: Vector, action: int, next_state: Vector) -> Judgement:
-        """Read reward and flags off an observed transition, R(s') in the paper's words.
+        """Return reward and flags of an observed transition, the paper's R(s').
 
         The action's own rewards are evaluated in `state`; processes and events are evaluated in
         the observed `next_state` instead of the predicted one. Goal and metric are those of
-        `next_state` as it is, whatever events would make of it.
+        `next_state` itself, before any event.
 
         Args:
             state: `[F]` before the action.
-            action: Position of the ground action, or -1 where the model does not know it.
+            action: Position of the ground action; -1 where the model does not know it.
             next_state: `[F]` observed after it.
 
         Raises:
@@ -252,7 +252,7 @@ class TransitionModel(StateSpace):
         return self._program.trace(values, action, self._theta_list, self.dt)
 
     def trace_judged(self, state: Vector, action: int, next_state: Vector) -> list[Site]:
-        """Return which effects, rates and events take part where a transition is judged."""
+        """Return which effects, rates and events take part in the judgement of a transition."""
         before, after = state.tolist(), next_state.tolist()
         return self._program.trace_judged(before, action, after, self._theta_list, self.dt)
 

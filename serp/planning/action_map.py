@@ -1,4 +1,4 @@
-"""Which environment action carries out which ground action of the domain."""
+"""The map from ground actions of the domain to actions of the environment."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of, risks_of
 from serp.model.transition_model import StateError, TransitionModel
-from serp.planning.forecast import SAFE, Forecast, all_alike, promise_at
+from serp.planning.forecast import SAFE, Forecast, all_alike, score_of
 from serp.planning.preference import free_of_risk
 
 
 class ActionForecast(NamedTuple):
-    """The planner's `Forecast` in terms of the E environment actions.
+    """The planner's `Forecast` for the E environment actions.
 
     Attributes:
-        choice: The planner's action, best as in `Forecast`; -1 where it has none. Where several
-            ground actions share an environment action, by what counts for it (see `ActionMap`).
-        ground: `[E]` ground action that each environment action would carry out; -1 where the
-            model does not know it.
+        choice: The planner's action, best as in `Forecast`; -1 where no action is applicable.
+        ground: `[E]` ground action that each environment action would execute (see `ActionMap`); -1
+            where the model does not know it.
         value, path_risk, safe_steps, reward, flags: `[E]` as in `Forecast`. An action that the
             model does not know has value -inf, risk 0, safe steps SAFE, reward 0 and flags 0.
     """
@@ -64,9 +63,9 @@ class ActionMap:
     """The map from ground actions to the actions 0 ... E-1 of an environment.
 
     Several ground actions may share an environment action (`move a b` and `move b c` are both "go
-    east"): the one whose precondition holds counts. Where several hold, the worst counts: one that
-    the file flags first, then one with an undefined result, else the largest risks, the shortest
-    safe time, the least value and the least reward of them all.
+    east"): the one whose precondition holds counts. If several hold, the worst counts: one that the
+    file flags first, then one with an undefined result; else the largest risks, the shortest safe
+    time, the least value and the least reward among them.
 
     Args:
         model: The transition model.
@@ -106,7 +105,7 @@ class ActionMap:
             if count > size:
                 raise TaskError(
                     f"the domain has {count} ground actions, the environment {size}; give the "
-                    "task `actions={name: number}` to say which carries out which"
+                    "task `actions={name: number}` to map them"
                 )
             return list(range(count))
         if not isinstance(mapping, Mapping):
@@ -188,11 +187,11 @@ class ActionMap:
     def _best(self, of: ActionForecast) -> int:
         """Return the best environment action, -1 where none is applicable.
 
-        Of equals the one whose first ground action comes first in the file.
+        Ties are broken by the order of the ground actions in the file.
         """
         applicable = [a for a in range(self.size) if of.flags[a] & APPLICABLE]
         applicable.sort(key=lambda a: self._groups[a][0])
-        return max(applicable, key=lambda a: promise_at(of, a), default=-1)
+        return max(applicable, key=lambda a: score_of(of, a), default=-1)
 
     def _choose(self, forecast: Forecast) -> NDArray[np.int64]:
         """Return the ground action that counts for every environment action."""
@@ -216,7 +215,7 @@ class ActionMap:
 
 
 def _is_position(action: object, size: int) -> bool:
-    """Whether it is a whole number (Python's or NumPy's) from 0 to size - 1."""
+    """Whether a value is a whole number (Python's or NumPy's) from 0 to size - 1."""
     try:
         return not isinstance(action, bool) and 0 <= operator.index(action) < size  # type: ignore[arg-type]
     except TypeError:

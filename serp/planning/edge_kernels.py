@@ -30,9 +30,9 @@ def edge(model, rules, state, action, target, scratch, width):
         width: F.
 
     Returns:
-        Discounted reward, weight of what follows (γ to the number of periods), flags of the whole
-        edge, `rank_of` its first period, its periods (those before the first with a risk, where one
-        has), the risk of all of them that is not accepted, reward and flags of its first period.
+        Discounted reward; weight of later rewards (γ to the number of periods); flags of the whole
+        edge; `rank_of` its first period; number of periods (before the first with a risk, if any);
+        joint risk of the steps whose risk is not accepted; reward and flags of the first period.
     """
     address, dt, accepted = model.address, model.dt, rules.accepted_risk
     theta = pointer_to(model.data, 0)

@@ -1,4 +1,4 @@
-"""Following the edges out of states, some at a time: compiled, or in CPython for large domains."""
+"""Evaluation of the edges out of states, in batches: compiled, or in CPython for large domains."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ State = tuple[float, ...]
 
 _NATIVE_EDGES = 4096
 _INTERPRETED_EDGES = 256
-"""Edges that are tried between two readings of the clock: up to some tens of milliseconds."""
+"""Edges that are evaluated between two readings of the clock: some tens of milliseconds."""
 
 
 class Followed(NamedTuple):
-    """What the edges out of some nodes lead to.
+    """The result of following the edges out of some nodes.
 
     Attributes:
-        edges: Those that are applicable.
-        reached: The state that each leads to.
+        edges: The applicable edges.
+        reached: The state that each edge leads to.
         undefined: Nodes with an edge whose result is undefined.
     """
 
@@ -34,19 +34,19 @@ class Followed(NamedTuple):
 
 
 class Edges(NamedTuple):
-    """Edges that are applicable, column by column, in the order of their sources and actions.
+    """Applicable edges as columns, in the order of their sources and actions.
 
-    Columns instead of objects, because a decision makes thousands of edges.
+    Columns instead of objects, because a decision creates thousands of edges.
 
     Attributes:
         source: Node that the edge leaves.
         action: Position of its action.
         reward: Discounted sum of the rewards of its control periods.
-        weight: Weight of what follows it.
+        weight: Weight of the rewards after it.
         flags: Flags of the whole edge.
         rank: `serp.planning.preference.rank_of` its first control period.
-        periods: Its control periods, or those before the first with a risk where one has.
-        risk: Probability of something unsafe on it, steps whose risk is accepted left out.
+        periods: Its control periods; those before the first with a risk, if any has one.
+        risk: Probability that it is unsafe, without the steps whose risk is accepted.
         first_reward, first_flags: Reward and flags of its first period.
     """
 
@@ -67,7 +67,7 @@ class Edges(NamedTuple):
         return cls([], [], [], [], [], [], [], [], [], [])
 
     def extend(self, other: Edges) -> None:
-        """Append the edges of another."""
+        """Append other edges."""
         columns: tuple[list[Any], ...] = self
         others: tuple[list[Any], ...] = other
         for column, more in zip(columns, others, strict=True):
@@ -77,7 +77,7 @@ class Edges(NamedTuple):
 def follow(
     model: TransitionModel, settings: PlannerSettings, nodes: Sequence[int], states: list[State]
 ) -> Iterator[Followed]:
-    """Follow every edge out of some nodes, some at a time.
+    """Follow every edge out of some nodes, in batches.
 
     Args:
         model: The transition model.

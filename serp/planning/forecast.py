@@ -1,4 +1,4 @@
-"""What the planner knows of every action in one state, whichever form computed it."""
+"""The planner's prediction for every action in one state."""
 
 from __future__ import annotations
 
@@ -9,27 +9,25 @@ from numpy.typing import NDArray
 
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risks_of
 from serp.planning.limits import Bound
-from serp.planning.preference import Promise, of_best_rank, promise, rank_of
+from serp.planning.preference import PathScore, of_best_rank, path_score, rank_of
 
 SAFE = 1 << 30
-"""Safe control periods of a path on which every risk is accepted."""
+"""Stands for the safe control periods of a path on which every risk is accepted."""
 
 
 class Forecast(NamedTuple):
-    """The planner's view of one state.
+    """The planner's prediction for every action in one state.
 
     Attributes:
-        choice: The first action of the best path; -1 where no action is applicable. Best means, at
-            every node: not flagged by the file and of a risk that is accepted; else not flagged by
-            the file; among those the least `path_risk`, the largest `safe_steps`, the largest
-            `value`, and then what comes first in the file. What follows a step with a risk is again
-            the best that is left.
-        value: `[A]` discounted sum of rewards of the best path that begins with each action, and
-            of what its end is worth where that is known (`Lookahead.leaves`); -inf where not
+        choice: The first action of the best path; -1 where no action is applicable. At every node
+            actions are ordered as in `serp.planning.preference`: by rank, then by the least
+            `path_risk`, the largest `safe_steps`, the largest `value`, and the order of the file.
+        value: `[A]` discounted sum of rewards of the best path that begins with each action, plus
+            the value of its last state where `Lookahead.leaves` is set; -inf where not applicable.
+        path_risk: `[A]` probability, in [0, 1], of an unsafe step on that path; steps whose risk is
+            accepted count as 0. 1 if the path contains a step that the file flags, or a state in
+            which every action that might be applicable has an undefined result; 1 where not
             applicable.
-        path_risk: `[A]` probability, in [0, 1], that something unsafe happens on that path; steps
-            whose risk is accepted have none. 1 from a step on that the file flags, or a state where
-            every action that might be applicable has an undefined result; 1 where not applicable.
         safe_steps: `[A]` control periods on that path before the first step that has a risk (an
             edge of the planner's setting `repeat` has several), or before such a state; SAFE where
             there is none, -1 where not applicable.
@@ -80,8 +78,8 @@ class Forecast(NamedTuple):
         return all_alike(self)
 
 
-class Promises(Protocol):
-    """The columns of a forecast that actions are compared by; see `Forecast`."""
+class ScoreColumns(Protocol):
+    """The columns of a forecast by which actions are compared; see `Forecast`."""
 
     @property
     def value(self) -> NDArray[np.float64]:
@@ -89,27 +87,27 @@ class Promises(Protocol):
 
     @property
     def path_risk(self) -> NDArray[np.float64]:
-        """`[A]` its risk."""
+        """`[A]` risk of that path."""
 
     @property
     def safe_steps(self) -> NDArray[np.int64]:
-        """`[A]` its control periods before the first with a risk."""
+        """`[A]` control periods of that path before the first with a risk."""
 
     @property
     def flags(self) -> NDArray[np.int64]:
         """`[A]` flags of one control period."""
 
 
-def promise_at(of: Promises, action: int) -> Promise:
-    """Return what one action promises."""
+def score_of(of: ScoreColumns, action: int) -> PathScore:
+    """Return the score of the best path that begins with an action."""
     rank, steps = rank_of(int(of.flags[action])), int(of.safe_steps[action])
-    return promise(rank, float(of.path_risk[action]), steps, float(of.value[action]))
+    return path_score(rank, float(of.path_risk[action]), steps, float(of.value[action]))
 
 
-def all_alike(of: Promises) -> bool:
-    """Return whether there are two or more actions to choose from and all promise the same.
+def all_alike(of: ScoreColumns) -> bool:
+    """Return whether there are two or more actions to choose from and all have the same score.
 
-    Those to choose from are the actions of the best rank, see `serp.planning.preference`.
+    The actions to choose from are those of the best rank, see `serp.planning.preference`.
     """
     chosen = np.flatnonzero(of_best_rank(of.flags))
     if len(chosen) < 2:

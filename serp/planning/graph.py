@@ -14,11 +14,11 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.expansion import Edges, State, follow
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.limits import Bound, edge_budget, node_budget
-from serp.planning.preference import Promise, promise
+from serp.planning.preference import PathScore, path_score
 from serp.settings import PlannerSettings
 
-_END = promise(0, 0.0, SAFE, 0.0)
-_UNKNOWN = promise(0, 1.0, 0, 0.0)
+_END = path_score(0, 0.0, SAFE, 0.0)
+_UNKNOWN = path_score(0, 1.0, 0, 0.0)
 
 
 class Edge(NamedTuple):
@@ -40,10 +40,10 @@ class _GraphLayer(NamedTuple):
 
 
 class PlanningGraph:
-    """Expands the graph of one state layer by layer and values it by a backward pass.
+    """Expands the graph of one state layer by layer and evaluates it by a backward pass.
 
-    Equal states of one layer are one node. A node that an action reaches by ending the task is
-    not expanded and is kept apart from one with the same state that goes on.
+    Equal states of one layer are one node. A state in which the task has ended is not expanded, and
+    is a different node from the same state in which the task goes on.
 
     Args:
         model: The transition model.
@@ -60,18 +60,18 @@ class PlanningGraph:
         self._ended: set[int] = set()
         self._unpredictable: set[int] = set()
         self._layers: list[_GraphLayer] = []
-        self._promised: list[Promise] = []
+        self._scores: list[PathScore] = []
         self._best: list[int] = []
 
     @property
     def depth(self) -> int:
-        """Layers that are expanded."""
+        """Number of expanded layers."""
         return len(self._layers)
 
     def grow(self, deadline: float | None = None) -> None:
-        """Expand until the depth, a budget or the deadline (`time.perf_counter`) is met.
+        """Expand until the depth, a budget or the deadline (`time.perf_counter`) is reached.
 
-        A layer that is not complete then is dropped; the first one is always finished.
+        An incomplete layer is dropped; the first layer is always completed.
         """
         budget = node_budget(self.settings.max_nodes, len(self.model.actions))
         open_nodes = [0]
@@ -93,7 +93,7 @@ class PlanningGraph:
         """Add the layer of edges out of some nodes.
 
         Returns:
-            The nodes that go on, or the bound that was met underway; then nothing is added.
+            The nodes to expand next, or the bound that was reached; then nothing is added.
         """
         first, bounded = len(self.states), bool(self._layers)
         edges_left = edge_budget(len(self.model.fluents)) - sum(
@@ -123,42 +123,42 @@ class PlanningGraph:
                 del states[first:]
                 return met
         self._layers.append(layer)
-        # Where only actions with an undefined result are left, nothing is known to be safe.
+        # Where only actions with an undefined result are left, no action is known to be safe.
         self._unpredictable |= undefined.difference(layer.edges.source)
         self._layer_of += [self.depth] * (len(states) - first)
         self._ended.update(ended.values())
         return list(going_on.values())
 
     def evaluate(self) -> Forecast:
-        """Value every node from the last layer back to the root.
+        """Evaluate every node from the last layer back to the root.
 
-        `networkx.dag_longest_path` would not do: it is not rooted and drops prefixes with a
+        `networkx.dag_longest_path` is not applicable: it has no root and drops prefixes with a
         negative sum.
         """
         size = len(self.states)
-        self._promised = promised = [_END] * size
+        self._scores = scores = [_END] * size
         self._best = best = [-1] * size  # position of an edge in its layer
         for node in self._unpredictable:
-            promised[node] = _UNKNOWN
+            scores[node] = _UNKNOWN
         for layer in reversed(self._layers):
             for k, (source, found) in enumerate(
                 zip(layer.edges.source, self._through(layer), strict=True)
             ):
-                if best[source] < 0 or found > promised[source]:
-                    promised[source], best[source] = found, k
+                if best[source] < 0 or found > scores[source]:
+                    scores[source], best[source] = found, k
         return self._forecast()
 
-    def _through(self, layer: _GraphLayer) -> Iterator[Promise]:
-        """Yield what the best path promises that begins with each edge."""
-        edges, promised = layer.edges, self._promised
+    def _through(self, layer: _GraphLayer) -> Iterator[PathScore]:
+        """Yield the score of the best path that begins with each edge."""
+        edges, scores = layer.edges, self._scores
         for target, rank, reward, weight, risk, safe in zip(
             layer.target, edges.rank, edges.reward, edges.weight, edges.risk, edges.periods,
             strict=True,
         ):  # fmt: skip
-            _, spared, following, value = promised[target]
+            _, spared, following, value = scores[target]
             if risk == 0.0:
                 safe = SAFE if following == SAFE else following + safe
-            yield promise(rank, risk - (1.0 - risk) * spared, safe, reward + weight * value)
+            yield path_score(rank, risk - (1.0 - risk) * spared, safe, reward + weight * value)
 
     def _forecast(self) -> Forecast:
         root, count = self._layers[0], len(self.model.actions)
@@ -216,7 +216,7 @@ class PlanningGraph:
                 },
             )
             for node, (state, layer, (_, spared, steps, value)) in enumerate(
-                zip(self.states, self._layer_of, self._promised, strict=True)
+                zip(self.states, self._layer_of, self._scores, strict=True)
             )
         )
         for layer in self._layers:

@@ -1,8 +1,8 @@
-"""What the states at the end of a lookahead are worth: an estimate that compiled loops evaluate.
+"""The value of the states at the end of a lookahead: an estimate for compiled loops.
 
-Ridge regression on random Fourier features (Rahimi & Recht 2007). Values that a learner estimates
-from observations become a function of the state alone, which a lookahead can evaluate in states
-that were never visited.
+Ridge regression on random Fourier features (Rahimi & Recht 2007). It turns the values that a
+learner estimates from observations into a function of the state only, which a lookahead can
+evaluate in states that were never visited.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FEATURES: Final = 64
 _BANDWIDTH: Final = 0.7
 """Standard deviation of the frequencies, for fluents of unit deviation."""
 _NORMAL: Final = 3.29
-"""Distance of the quantiles of a normal distribution, in standard deviations."""
+"""Distance between the quantiles of a normal distribution, in standard deviations."""
 _RIDGE: Final = 1e-4
 
 _WAVES, _LOW, _HIGH, _CONSTANT, _HEADER = 0, 1, 2, 3, 4
@@ -55,7 +55,7 @@ def value_at(packed, states, at, width):  # type: ignore[no-untyped-def]
 
 
 class LeafValue:
-    """A value for every state `[F]`, fitted to values of some.
+    """A value function of states `[F]`, fitted to the values of some states.
 
     The value is clipped to the range of the values that it was fitted to.
 
@@ -76,14 +76,14 @@ class LeafValue:
 
     @property
     def fitted(self) -> bool:
-        """Whether there was a fit."""
+        """Whether `fit` has succeeded."""
         return self.packed.size > 0
 
     def restore(self, packed: Vector) -> None:
-        """Take over what `packed` was.
+        """Restore a saved `packed`.
 
         Raises:
-            ValueError: It does not belong to states of this width.
+            ValueError: It belongs to states of another width.
         """
         size = _HEADER + 2 * self._fluents + FEATURES * (2 + self._fluents)
         if packed.size and (packed.shape != (size,) or packed[_WAVES] != FEATURES):
@@ -95,10 +95,10 @@ class LeafValue:
         return float(value_at(self.packed, state, 0, self._fluents))
 
     def fit(self, states: Vector, values: Vector) -> None:
-        """Replace the estimate.
+        """Fit the estimate anew.
 
-        Where a number is not finite, as the values of a learner that diverges, or the regression
-        has no solution, the previous estimate stays.
+        Where a number is not finite (the learner may diverge), or the regression has no solution,
+        the previous estimate is kept.
 
         Args:
             states: `[N, F]`, N ≥ 1.
@@ -106,7 +106,7 @@ class LeafValue:
         """
         if not (np.isfinite(states).all() and np.isfinite(values).all()):
             return
-        # By quantiles: a single outlier would make all other states look alike.
+        # By quantiles: a single outlier would make all other inputs nearly equal.
         low, centre, high = np.quantile(states, (0.05, 0.5, 0.95), axis=0)
         spread = np.where(high > low, (high - low) / _NORMAL, states.std(axis=0))
         rests = spread <= 1e-9 * np.maximum(1.0, np.abs(centre))

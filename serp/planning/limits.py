@@ -1,4 +1,4 @@
-"""What ends the expansion of a planning graph, and how large it may become."""
+"""Bounds on the expansion of a planning graph."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 MAX_EDGES: Final = 4_000_000
 """Most edges that are tried."""
 MAX_NUMBERS: Final = 10_000_000
-"""Most numbers in the states that the edges of a graph lead to."""
+"""Most numbers in all states that the edges of a graph lead to."""
 
 
 class Bound(IntEnum):
@@ -21,13 +21,13 @@ class Bound(IntEnum):
 
 
 def node_budget(max_nodes: int, actions: int) -> int:
-    """Return the most nodes to expand where `actions` edges are tried at each."""
+    """Return the most nodes to expand, with `actions` edges at each."""
     return max(1, min(max_nodes, MAX_EDGES // max(1, actions)))
 
 
 def edge_budget(fluents: int) -> int:
-    """Return the most edges that a graph holds where a state has `fluents` numbers.
+    """Return the most edges of a graph whose states have `fluents` numbers.
 
-    It bounds the memory: a layer that would exceed it is dropped, as by `max_nodes`.
+    This bounds the memory: a layer that would exceed it is dropped, as by `max_nodes`.
     """
     return MAX_NUMBERS // (fluents + 1)

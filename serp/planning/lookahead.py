@@ -1,4 +1,4 @@
-"""The planner in array form: the decisions of the planning graph, without objects."""
+"""The planner on arrays: the decisions of the planning graph, without objects."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BOUNDS = tuple(Bound)
 
 
 class Lookahead:
-    """Monitor-replanning without the graph: what training calls in every step.
+    """Monitor-replanning on arrays, for use in every step of a training.
 
     Memory is bounded by the budgets of nodes and edges and allocated once. Not thread-safe:
     give each thread its own.
@@ -27,9 +27,9 @@ class Lookahead:
         settings: Depth, discount and bounds.
 
     Attributes:
-        leaves: What the states are worth that the last layer leads to (`LeafValue.packed`), where
-            the settings' `leaf_value` asks for it; empty: nothing, so that all decisions are those
-            of the planning graph.
+        leaves: The value function of the states that the last layer leads to (`LeafValue.packed`),
+            used as the setting `leaf_value` says; empty: their values are 0, and all decisions are
+            those of the planning graph.
     """
 
     def __init__(self, model: TransitionModel, settings: PlannerSettings | None = None) -> None:
@@ -72,16 +72,16 @@ class Lookahead:
         return tree
 
     def forecast(self, state: NDArray[np.float64]) -> Forecast:
-        """Return the planner's view of one state `[F]`.
+        """Return the forecast for one state `[F]`.
 
-        The values are not looked at; see `TransitionModel.check_state`.
+        The values are not checked; see `TransitionModel.check_state`.
 
         Raises:
             StateError: The shape is wrong.
         """
         state = np.ascontiguousarray(state, dtype=np.float64)
         if state.shape != (self._width,):
-            raise StateError(f"a state is {self._width} numbers, found shape {state.shape}")
+            raise StateError(f"a state has {self._width} numbers, found shape {state.shape}")
         found = room_for_actions(self._actions)
         choice, depth, bound = search(
             (self._address, self.model.data, self.model.dt), self._rules,

@@ -1,10 +1,10 @@
-"""Which of two actions is better: the order that every part of planning and deciding goes by.
+"""The order of actions, used in all parts of planning and deciding.
 
 An action that the file does not flag and whose risk is accepted comes first, then one that the file
 does not flag, then one that it flags. Among equals the path with the least risk comes first, then
-the one that stays free of risk for longer, then the one that is worth most.
+the one that is free of risk for longest, then the one with the largest value.
 
-The first four functions run in CPython and are compiled by numba; none calls another.
+The first four functions run in CPython and are also compiled by numba; none calls another.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from serp.model.flags import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, UNSAFE
 
-Promise = tuple[int, float, int, float]
-"""What a path promises: (-rank, -risk, steps, value), larger where the path is better."""
+PathScore = tuple[int, float, int, float]
+"""The score of a path: (-rank, -risk, steps, value); a better path has a larger one."""
 
 
 def hazard(flags: int, accepted: float) -> float:
@@ -27,7 +27,7 @@ def hazard(flags: int, accepted: float) -> float:
 
 
 def marked(flags: int, risk: float) -> int:
-    """Return the flags of a step with RISKY where it has a risk by `hazard`."""
+    """Return the flags of a step, with RISKY where its risk by `hazard` is above 0."""
     return flags | RISKY if risk > 0.0 and not flags & UNSAFE else flags
 
 
@@ -38,12 +38,12 @@ def rank_of(flags: int) -> int:
     return 1 if flags & RISKY else 0
 
 
-def promise(rank: int, risk: float, steps: int, value: float) -> Promise:
-    """Return what a path promises.
+def path_score(rank: int, risk: float, steps: int, value: float) -> PathScore:
+    """Return the score of a path; a better path has a larger one.
 
     Args:
         rank: `rank_of` its first control period; the smaller is better.
-        risk: Probability that something unsafe happens on it; the smaller is better.
+        risk: Probability of an unsafe step on it; the smaller is better.
         steps: Control periods before the first one with a risk; the larger is better.
         value: Discounted sum of rewards; the larger is better.
     """
@@ -51,9 +51,9 @@ def promise(rank: int, risk: float, steps: int, value: float) -> Promise:
 
 
 def free_of_risk(flags: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return whether steps are applicable, not flagged by the file, and of a risk that is accepted.
+    """Return whether steps are applicable, not flagged by the file, and of an accepted risk.
 
-    They are what is meant by a safe action.
+    An action with such a step is called safe.
     """
     free: NDArray[np.bool_] = (flags & (APPLICABLE | UNSAFE | RISKY)) == APPLICABLE
     return free

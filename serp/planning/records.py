@@ -1,7 +1,7 @@
-"""What the compiled loops of planning read and write, as records.
+"""Records that the compiled loops of planning read and write.
 
-Between Python and a loop they go as plain tuples of their values: numba reads named ones several
-times slower. The loops give the values their names again.
+They are passed to the loops as plain tuples, which numba reads several times faster than named
+tuples. The loops convert them back to records.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _Wholes = NDArray[np.int64]
 
 
 class CompiledModel(NamedTuple):
-    """What compiled loops need of a transition model.
+    """A transition model, for compiled loops.
 
     Attributes:
         address: Address of its compiled transition function, see `serp.model.native`.
@@ -30,14 +30,14 @@ class CompiledModel(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """How far a search goes, and what it makes of rewards and risks; see `PlannerSettings`.
+    """Limits of a search, and its treatment of rewards and risks; see `PlannerSettings`.
 
     Attributes:
         actions: Number of actions A.
         depth, repeat, discount, accepted_risk: As in the settings.
         max_nodes: Most nodes that are expanded.
         max_edges: Most applicable edges.
-        always: Whether leaf values count everywhere, not only where all actions promise the same.
+        always: Whether leaf values always count, and not only where all scores are equal.
     """
 
     actions: int
@@ -75,7 +75,7 @@ class Scratch(NamedTuple):
 
     @classmethod
     def allocate(cls, nodes: int, actions: int, width: int) -> Scratch:
-        """Return memory for searches that expand so many nodes at most."""
+        """Allocate memory for searches that expand at most `nodes` nodes."""
         edges, size = nodes * actions, 2
         while size < 2 * nodes:
             size *= 2
@@ -95,7 +95,7 @@ class Scratch(NamedTuple):
 
 
 class FirstActions(NamedTuple):
-    """What a search finds of every first action, `[A]`; see `serp.planning.forecast.Forecast`."""
+    """Results of a search for every first action, `[A]`; see `serp.planning.forecast.Forecast`."""
 
     value: NDArray[np.float64]
     path_risk: NDArray[np.float64]
@@ -105,7 +105,7 @@ class FirstActions(NamedTuple):
 
 
 def room_for_actions(count: int) -> tuple[_Reals, _Reals, _Wholes, _Reals, _Wholes]:
-    """Return values of `FirstActions` for so many actions, to be written."""
+    """Allocate the values of `FirstActions` for `count` actions."""
     return (
         np.empty(count), np.empty(count), np.empty(count, dtype=np.int64), np.empty(count),
         np.empty(count, dtype=np.int64),

@@ -43,11 +43,11 @@ class Plan:
         path: The chosen path.
         reward: Discounted sum of rewards along it.
         safe: Whether every risk on it is accepted.
-        indifferent: Whether all safe actions promise the same: what is good lies beyond
-            the lookahead, and the first action in the file was taken.
+        indifferent: Whether all safe actions have the same score: no difference is visible within
+            the lookahead, and the first action in the file was chosen.
         depth: Layers that were expanded.
         bound: What ended the expansion: depth, nodes, time, or nothing left to expand.
-        forecast: What every first action promises.
+        forecast: The prediction for every first action.
     """
 
     action: int | None
@@ -63,7 +63,7 @@ class Plan:
 
     @property
     def nodes(self) -> int:
-        """How many states the planning graph holds."""
+        """Number of states in the planning graph."""
         return len(self._graph.states)
 
     @functools.cached_property
@@ -73,14 +73,14 @@ class Plan:
 
 
 class MonitorReplanner:
-    """The planner of the paper, with the graph that it decides on.
+    """The planner of the paper, with its planning graph.
 
     A decision is a pure function of state and model, except under `time_budget`.
 
     Args:
         model: The transition model.
         depth, discount, repeat, max_nodes, accepted_risk: See `PlannerSettings`.
-        time_budget: Seconds a decision may take; the deepest layer complete by then decides.
+        time_budget: Seconds a decision may take; the deepest layer completed by then counts.
             None for no bound.
 
     Raises:
@@ -100,7 +100,7 @@ class MonitorReplanner:
     ) -> None:
         if not isinstance(model, TransitionModel):
             raise SettingsError(
-                f"planner: plans with a TransitionModel such as `domain.model`, not with {model!r}"
+                f"planner: model must be a TransitionModel such as `domain.model`, not {model!r}"
             )
         self.model = model
         self.settings = PlannerSettings(
@@ -114,7 +114,7 @@ class MonitorReplanner:
             model.native_step()  # compiled now, so that no decision waits for it
 
     def plan(self, state: ArrayLike) -> Plan:
-        """Plan from a state `[F]` that was monitored.
+        """Plan from an observed state `[F]`.
 
         Raises:
             StateError: The state does not fit the model.

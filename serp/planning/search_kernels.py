@@ -16,7 +16,7 @@ from serp.planning.edge_kernels import edge
 from serp.planning.forecast import SAFE
 from serp.planning.leaf_value import value_at
 from serp.planning.limits import Bound
-from serp.planning.preference import promise, rank_of
+from serp.planning.preference import path_score, rank_of
 from serp.planning.records import CompiledModel, FirstActions, Rules, Scratch
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -25,11 +25,11 @@ _DEPTH = int(Bound.DEPTH)
 _NODES = int(Bound.NODES)
 _EXHAUSTED = int(Bound.EXHAUSTED)
 _LEFT_OUT, _WANTED = -2, -1
-"""In place of the steps of a node: it is left out; the backward pass has yet to value it."""
+"""In place of the steps of a node: it is left out; the backward pass has not evaluated it yet."""
 _BITS, _RANK = 0x1F, 6
-"""What is stored of the flags of an edge: their bits, above them the rank of its first period."""
+"""Stored flags of an edge: their bits, and above these the rank of its first period."""
 
-_promise = cached_njit(nogil=True, forceinline=True)(promise)
+_path_score = cached_njit(nogil=True, forceinline=True)(path_score)
 _rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
 
 
@@ -61,10 +61,10 @@ def _same_slot(states, row, width, table, mask, candidate):
 
 @cached_njit(nogil=True, forceinline=True)
 def _want_children(edges, actions, flags, periods, risk, child, best_steps):
-    """Note which children of a node matter: not those behind an edge that is never its best.
+    """Mark the children of a node that matter: those of edges that may be its best.
 
-    That is an edge of a worse rank than another, and one that ends in damage for certain, where
-    another one is without a risk for longer, whatever follows on either.
+    An edge cannot be the best if it has a worse rank than another edge, or if it is certainly
+    unsafe while another edge is free of risk for longer, whatever follows on either.
     """
     first, safest = np.int64(3), 0
     for e in range(edges, edges + actions):
@@ -84,13 +84,13 @@ def _want_children(edges, actions, flags, periods, risk, child, best_steps):
 def search(model, rules, leaves, state, scratch, found):
     """Expand the planning graph of one state and find the best path of every first action.
 
-    Records are given as plain tuples: numba reads named ones several times slower.
+    Records are passed as plain tuples, see `serp.planning.records`.
 
     Args:
         model: Values of `serp.planning.records.CompiledModel`.
         rules: Values of `serp.planning.records.Rules`.
-        leaves: What the states are worth that the last layer leads to, see
-            `serp.planning.leaf_value`; empty: nothing.
+        leaves: Value function of the states that the last layer leads to, see
+            `serp.planning.leaf_value`; empty: their values are 0.
         state: `[F]`.
         scratch: Values of `serp.planning.records.Scratch`.
         found: Values of `serp.planning.records.FirstActions`, written.
@@ -109,7 +109,7 @@ def search(model, rules, leaves, state, scratch, found):
 
 @cached_njit(nogil=True)
 def _all_alike(found):
-    """As `serp.planning.forecast.all_alike`."""
+    """Compute `serp.planning.forecast.all_alike`."""
     value, path_risk, steps, _, flags = found
     lowest = 3
     for action in range(value.shape[0]):
@@ -133,7 +133,7 @@ def _all_alike(found):
 
 @cached_njit(nogil=True)
 def _search_all(model, rules, leaves, state, scratch, found):
-    """As `_search`, without the nodes that cannot matter where the budgets have room for all."""
+    """Search without the nodes that cannot matter, if the budgets have room for all nodes."""
     nodes, layer = 0, 1
     for _ in range(rules.depth):
         nodes += layer
@@ -143,16 +143,16 @@ def _search_all(model, rules, leaves, state, scratch, found):
     roomy = nodes <= rules.max_nodes and nodes * rules.actions <= rules.max_edges
     result = _search(model, rules, leaves, state, scratch, found, roomy)
     if roomy and result[2] == _EXHAUSTED:
-        # Only the whole graph tells how deep it is.
+        # Only the whole graph shows its depth.
         result = _search(model, rules, leaves, state, scratch, found, False)
     return result
 
 
 @cached_njit(nogil=True)
 def _search(model, rules, leaves, state, scratch, found, choosy):
-    """Expand and value the nodes; `choosy`: leave out nodes that cannot matter.
+    """Expand and evaluate the nodes; `choosy`: leave out nodes that cannot matter.
 
-    Where a budget ends the expansion, `leaves` are worth nothing.
+    Where a budget ends the expansion, the values of the leaves are 0.
     """
     (
         states, reward, weight, flags, periods, risk, child, best_value, best_risk, best_steps,
@@ -236,7 +236,7 @@ def _search(model, rules, leaves, state, scratch, found, choosy):
             continue
         chosen = -1
         top_risk, top_steps, top_value = 0.0, SAFE, 0.0
-        best = _promise(0, top_risk, top_steps, top_value)
+        best = _path_score(0, top_risk, top_steps, top_value)
         undefined = 0
         for action in range(actions):
             e = node * actions + action
@@ -261,12 +261,12 @@ def _search(model, rules, leaves, state, scratch, found, choosy):
                 value[action] = total
                 path_risk[action] = danger
                 steps[action] = safe
-            promised = _promise(np.int64(flags[e] >> _RANK), danger, safe, total)
-            if chosen < 0 or promised > best:
-                chosen, best = action, promised
+            score = _path_score(np.int64(flags[e] >> _RANK), danger, safe, total)
+            if chosen < 0 or score > best:
+                chosen, best = action, score
                 top_risk, top_steps, top_value = danger, safe, total
         if chosen < 0 and undefined:
-            # What happens there cannot be predicted, so nothing is known to be safe.
+            # No result can be predicted there, so no action is known to be safe.
             top_risk, top_steps = 1.0, 0
         best_value[node] = top_value
         best_risk[node] = top_risk

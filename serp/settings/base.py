@@ -1,4 +1,4 @@
-"""What all sections of the settings have in common: frozen, with a range for every value."""
+"""The base class of the settings' sections: immutable, with a range for every value."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from serp._util.text import did_you_mean
 from serp.errors import SettingsError
 
 _INFINITIES = {math.inf: "inf", -math.inf: "-inf"}
-"""JSON has no infinity."""
+"""JSON has no infinity: infinities are written as these strings."""
 
 
 _WANTED = {
@@ -22,16 +22,16 @@ _WANTED = {
     "float_type": "must be a number",
     "finite_number": "must be a finite number",
     "bool_type": "must be true or false",
-    "string_type": "must be a text",
+    "string_type": "must be a string",
     "tuple_type": "must be a list",
 }
-"""Kind of problem, as pydantic names it → what is wanted, in plain words."""
+"""Pydantic's error type → the message."""
 
 
 class Section(BaseModel):
-    """A section of the settings: frozen, and checked when it is made.
+    """A section of the settings: immutable, and validated on creation.
 
-    NumPy's numbers are taken over as Python's. A truth value is no number, and NaN is none either.
+    NumPy numbers are converted to Python numbers. Booleans and NaN are not accepted as numbers.
 
     Raises:
         SettingsError: A value is outside its range, of another type, or unknown.
@@ -56,7 +56,7 @@ class Section(BaseModel):
 
     @classmethod
     def section(cls) -> str:
-        """Return what the section is called: `PlannerSettings` is `planner`."""
+        """Return the section's name: `PlannerSettings` is `planner`."""
         return cls.__name__.removesuffix("Settings").lower()
 
     def replace(self, **changes: Any) -> Self:
@@ -83,7 +83,7 @@ def _to_json(value: Any) -> Any:
 
 
 def from_json(value: Any) -> Any:
-    """Return what `Section.as_dict` wrote as such a value."""
+    """Return the value that `Section.as_dict` wrote as a JSON value."""
     if isinstance(value, str):
         return {word: number for number, word in _INFINITIES.items()}.get(value, value)
     return value

@@ -10,8 +10,8 @@ from serp.errors import SettingsError
 from serp.settings.settings import Changes, Settings, entries
 
 PRESETS: Final[Mapping[str, Changes]] = {
-    # Algorithm 1 and section 4 to the letter. What the paper leaves open is left plain: one step
-    # of veto, no filter, no target network.
+    # Algorithm 1 and section 4 of the paper. Where the paper leaves a choice open, the simplest
+    # one: vetoes by the next step, no filter, no target network.
     "paper": {
         "planner": {"discount": 0.9},
         "arbiter": {
@@ -37,17 +37,17 @@ PRESETS: Final[Mapping[str, Changes]] = {
             "protected_share": 0.0,
             "gradient_clip": None,
             "mask_targets": False,
-            # D aggregates every sample: as many as 1,000 episodes of 500 steps have.
+            # D keeps every sample: up to 1,000 episodes of 500 steps.
             "buffer_size": 500_000,
             "pretrain_updates": 500,
         },
         "training": {"random_steps": 500},
     },
-    # What gives the best result today; docs/results/cartpole.md measures each choice.
+    # The best known choices; docs/results/cartpole.md measures each of them.
     "default": {
-        # Two control periods an edge see twice as far at the same cost.
+        # With two control periods per edge the lookahead is twice as long at the same cost.
         "planner": {"depth": 5, "repeat": 2, "discount": 0.99, "leaf_value": "indifferent"},
-        # The file says what the expert knows; the rest is learned.
+        # The parameters come from the expert; only the rest is learned.
         "adaptation": {"mode": "full", "min_visits": 4},
         "arbiter": {
             "rho": 0.3,
@@ -80,7 +80,7 @@ def resolve(
     task_settings: Mapping[str, Changes] | None = None,
     changes: Changes | None = None,
 ) -> Settings:
-    """Return the settings of a preset, as changed by the task and then by the caller.
+    """Return the settings of a preset, changed by the task and then by the caller.
 
     Raises:
         SettingsError: The preset or a setting does not exist, or a value is out of range.

@@ -1,4 +1,4 @@
-"""Names that settings had before, refused with the name that they have now."""
+"""Former names of settings, refused with a message that gives the new name."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _VALUES: Final = {("adaptation", "mode", "literals"): "parameters"}
 
 
 def refuse_old_names(section: Any, setting: Any = None, value: Any = None) -> None:
-    """Refuse a name of before.
+    """Refuse a former name.
 
     Raises:
-        SettingsError: The section, the setting or its value has another name now.
+        SettingsError: The section, the setting or its value was renamed.
     """
     if setting is None:
         if isinstance(section, str) and section in _SECTIONS:

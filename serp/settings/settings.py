@@ -1,4 +1,4 @@
-"""All settings of a training in one place."""
+"""All settings of a training."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Changes = Mapping[str, Mapping[str, Any]]
 
 
 class Settings(BaseModel):
-    """Everything that can be set, by section; frozen.
+    """All settings, by section; immutable.
 
     `serp.Settings()` has the defaults; `serp.Settings(planner=serp.PlannerSettings(depth=3))`
     differs in one of them.
@@ -67,8 +67,8 @@ class Settings(BaseModel):
         """Return the settings with changes.
 
         Raises:
-            SettingsError: It is no such mapping, a section or setting does not exist, or a value
-                is out of range.
+            SettingsError: `changes` is not such a mapping, a section or setting does not exist,
+                or a value is out of range.
         """
         sections: dict[str, Section] = {}
         for name, values in entries(changes, "settings", '{"planner": {"depth": 5}}'):
@@ -94,7 +94,7 @@ class Settings(BaseModel):
         """Return the settings that `as_dict` wrote.
 
         Raises:
-            SettingsError: Something in it is unknown or out of range.
+            SettingsError: A name is unknown, or a value is out of range.
         """
         return cls().replace(
             {
@@ -110,7 +110,7 @@ def entries(value: Any, what: str, example: str) -> ItemsView[Any, Any]:
     """Return the items of a mapping.
 
     Raises:
-        SettingsError: It is none.
+        SettingsError: It is not a mapping.
     """
     if not isinstance(value, Mapping):
         raise SettingsError(f"{what} must be a mapping such as {example}, not {value!r}")

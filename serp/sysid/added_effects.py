@@ -1,4 +1,4 @@
-"""A ground model with effects added that its file does not have."""
+"""A ground model with added effects that its file does not contain."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ _ALWAYS = g.Constant(True)
 
 @dataclass(frozen=True, order=True)
 class AddedEffect:
-    """One added term: a fluent changes by a coefficient times a product.
+    """One added term: the change of a fluent by a coefficient times a product.
 
     Attributes:
         schema: The action schema, or `WORLD` for a process.
         target: The fluent that changes.
-        factors: Fluents whose product the coefficient multiplies; none for a constant.
+        factors: Fluents whose product is multiplied by the coefficient; `()` for a constant.
     """
 
     schema: str
@@ -41,7 +41,8 @@ def with_effects(lifted: LiftedModel, added: Sequence[AddedEffect]) -> g.GroundM
     """Return the ground model with further effects, one new parameter each, whose value is 0.
 
     The new parameters follow those of the file, in the order of the effects. An effect is added to
-    every instance of its schema; one of the world as a process for every fluent of the symbol.
+    every instance of its schema; an effect of the world becomes a process for every fluent of its
+    symbol.
     """
     ground = lifted.ground
     parameters = list(ground.parameters)
@@ -83,7 +84,7 @@ def effect_columns(
     after: Vector,
     actions: NDArray[np.int64],
 ) -> dict[int, Vector]:
-    """Return what an added effect of coefficient 1 changes, without Δt: fluent → `[N]`.
+    """Return the changes by an added effect with coefficient 1, without Δt: fluent → `[N]`.
 
     Args:
         lifted: The lifted model.
@@ -109,7 +110,7 @@ def effect_columns(
 
 
 def _into_assignment(action: g.GroundSchema, target: int, value: g.Value) -> g.GroundSchema | None:
-    """Return the action with the value added to what it assigns; None where it assigns nothing."""
+    """Return the action with a value added to its assignment; None where it has none."""
     effects = list(action.effects)
     for k, effect in enumerate(effects):
         if (

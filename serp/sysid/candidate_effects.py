@@ -1,7 +1,7 @@
-"""Candidates for effects that a file lacks, with what each of them would change.
+"""Candidates for effects that a file lacks, with the changes that each of them would cause.
 
-A constant, every numeric fluent in scope, and products of two of those that correlate most with
-the residuals: of the world, and of each action schema.
+Candidates are a constant, every numeric fluent in scope, and products of two of the fluents that
+correlate most with the residuals; for the world, and for each action schema.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from serp.sysid.parameter_fit import Rows
 from serp.sysid.regression_data import RegressionData
 
 _MAX_FACTORS = 12
-"""Fluents whose products are candidates."""
+"""Number of fluents whose products are candidates."""
 
 MIN_ROWS = 12
-"""Transitions that an effect must touch to be estimated."""
+"""Fewest transitions in which an estimated effect applies."""
 
 
 def candidate_effects(
@@ -36,7 +36,7 @@ def candidate_effects(
     dt: float,
     known: Sequence[AddedEffect],
 ) -> tuple[list[AddedEffect], Vector]:
-    """Return candidates with their columns `[n, M]`: the changes that coefficient 1 would make.
+    """Return candidates with their columns `[n, M]`: the changes with coefficient 1.
 
     Args:
         lifted: The lifted model.
@@ -45,7 +45,7 @@ def candidate_effects(
         rows: The residuals of one function.
         symbol: The function.
         dt: Control period.
-        known: Effects that are left out.
+        known: Effects to leave out.
     """
     schemas = sorted({lifted.ground.actions[a].schema for a in np.unique(rows.groups).tolist()})
     effects: list[AddedEffect] = []
@@ -57,7 +57,7 @@ def candidate_effects(
         unit = dt if scope.schema == WORLD else 1.0
         linear: list[tuple[float, LiftedFluent]] = []
         singles: dict[LiftedFluent, Vector] = {}
-        for factors in _linear(scope, lifted, alone=len(schemas) == 1):
+        for factors in _linear(scope, lifted, single_schema=len(schemas) == 1):
             values = lifted.products(scope, factors, states, keys)
             if factors:
                 spread = float(np.std(values[values != 0.0])) if values.any() else 0.0
@@ -91,10 +91,10 @@ def candidate_effects(
 
 
 def _linear(
-    scope: LiftedScope, lifted: LiftedModel, *, alone: bool
+    scope: LiftedScope, lifted: LiftedModel, *, single_schema: bool
 ) -> Iterator[tuple[LiftedFluent, ...]]:
     """Yield no factor and one factor; with a single schema, a constant belongs to the action."""
-    if not (alone and scope.schema == WORLD):
+    if not (single_schema and scope.schema == WORLD):
         yield ()
     for fluent in scope.fluents:
         if lifted.numeric(fluent):
@@ -104,8 +104,8 @@ def _linear(
 def may_change(lifted: LiftedModel, scope: LiftedScope, target: LiftedFluent) -> bool:
     """Return whether an effect can be added to what an action schema does to a fluent.
 
-    It cannot where the schema scales the fluent, or assigns it under a condition or under another
-    name: an increase would contradict that.
+    It cannot if the schema scales the fluent, or assigns it under a condition or another name: an
+    increase would contradict that.
     """
     schema = next(
         s for s in lifted.syntax.schemas if s.kind is Kind.ACTION and s.name == scope.schema

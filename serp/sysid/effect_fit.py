@@ -1,4 +1,4 @@
-"""A model with certain added effects, fitted to transitions."""
+"""A model with given added effects, fitted to transitions."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from serp.sysid.regression_data import Flow, RegressionData, predictions
 _AGREE = 2.0
 """Standard errors within which two estimates agree."""
 _SIGN_TEST = 2.0
-"""Standard deviations of the sign test that tells which errors are usually smaller."""
+"""Standard deviations of the sign test that decides which errors are usually smaller."""
 _CLEARLY = 0.9
-"""Ratio of median errors that counts as clearly smaller."""
+"""Largest ratio of median errors that counts as clearly smaller."""
 _REMAINDER = 0.25
-"""Share of an effect of the file that an added effect must leave."""
+"""Least fraction of an effect of the file that remains beside an added effect."""
 _AS_GOOD = 0.02
-"""Relative increase of the squared error that counts as none."""
+"""Relative increase of the squared error that is ignored."""
 _TRIMMED = 0.02
-"""Share of the rows, those with the largest errors, that a comparison ignores."""
+"""Fraction of the rows, those with the largest errors, that a comparison ignores."""
 
 
 class _Estimator(ParameterEstimator):
-    """Estimates parameters and coefficients; derivatives by the latter need no prediction."""
+    """Estimates parameters and coefficients; derivatives by coefficients need no prediction."""
 
     def __init__(self, lifted: LiftedModel, added: Sequence[AddedEffect], dt: float) -> None:
         super().__init__(with_effects(lifted, added), dt)
@@ -68,19 +68,19 @@ class _Estimator(ParameterEstimator):
 
 
 class EffectFit:
-    """A model with certain added effects, fitted.
+    """A fitted model with given added effects.
 
     Args:
         model: The model as written.
         lifted: The lifted model.
         data: At least one transition.
-        added: The effects that it has beside the file's.
-        before: The fit whose estimates this one starts from; None for the file's parameters.
+        added: The added effects.
+        before: The fit whose estimates are the initial values; None: the file's parameters.
 
     Attributes:
         lifted, added: As above.
-        ground: The model with the effects.
-        fit: All parameters; the coefficients of the effects follow those of the file.
+        ground: The model with the added effects.
+        fit: All parameters; the coefficients of the added effects follow those of the file.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class EffectFit:
         theta = written.copy()
         if before is None:
             self._kept = self._estimator.flow.undisturbed(data, written)
-        else:  # an added effect changes nothing as long as its coefficient is 0
+        else:  # an added effect with coefficient 0 changes nothing
             self._kept = before._kept
             theta[: self._written] = before.fit.theta[: self._written]
             found = before.coefficients
@@ -125,7 +125,7 @@ class EffectFit:
         return set(self._estimator.symbols)
 
     def reads(self, symbol: str) -> set[str]:
-        """Return the functions that actions change and processes that change the symbol read."""
+        """Return the functions that are changed by actions and read by processes of a symbol."""
         fluents = self.ground.fluents
         moved = {t for action in self.ground.actions for t in g.writes(action)}
         return {
@@ -137,7 +137,7 @@ class EffectFit:
         }
 
     def search(self, symbols: set[str], refused: Sequence[AddedEffect]) -> list[AddedEffect]:
-        """Return further effects that pay, for some functions."""
+        """Return further effects that improve the fit, for some functions."""
         after = self._estimator.after_actions(self._data, self.fit.theta)
         whole = whole_symbols(self._estimator, self._data)
         found: list[AddedEffect] = []
@@ -150,7 +150,7 @@ class EffectFit:
         return found
 
     def worst(self) -> AddedEffect | None:
-        """Return the added effect that pays least, if one does not pay; None where all do."""
+        """Return the least useful added effect if it does not pay; None where all do."""
         worst: tuple[float, AddedEffect] | None = None
         for rows in self.fit.rows.values():
             change = self._change(rows)
@@ -166,9 +166,9 @@ class EffectFit:
     def usually_better(self, without: EffectFit, symbol: str) -> bool:
         """Return whether the added effects of a function make most of its errors smaller.
 
-        Where only a few large errors become smaller, the function has another form and the effects
-        are wrong nearly everywhere. Where the file has effects on the function, the median error
-        has to be clearly smaller as well.
+        If only a few large errors become smaller, the function has another form and the effects are
+        wrong nearly everywhere. If the file has effects on the function, the median error must be
+        clearly smaller as well.
 
         Args:
             without: The fit without these effects.
@@ -188,8 +188,8 @@ class EffectFit:
     def explains_away(self, without: EffectFit, symbol: str) -> bool:
         """Return whether the added effects of a function cancel or reverse an effect of the file.
 
-        Unless the transitions alone say so, that is a coincidence: it may predict the next step,
-        but tells a planner nothing about what an action is good for.
+        Unless the transitions imply it without the added effects, that is a coincidence: it may
+        improve one-step predictions, but it misrepresents the effect of an action to a planner.
 
         Args:
             without: The fit without these effects.
@@ -197,14 +197,16 @@ class EffectFit:
         """
         owned = [k for k in self.fit.rows[symbol].owned if k < self._written]
         sign = np.sign([self.ground.parameters[k].value for k in owned])
-        size, alone = sign * self.fit.theta[owned], sign * without.fit.theta[owned]
-        error, before = self.fit.errors[owned], without.fit.errors[owned]
-        less = (size < _REMAINDER * alone) & (alone - size > _AGREE * np.hypot(error, before))
-        reversed_ = (size < -CERTAIN * error) & (alone > -_AGREE * before)
-        return bool((less & (alone > 0.0) | reversed_).any())
+        size, size_before = sign * self.fit.theta[owned], sign * without.fit.theta[owned]
+        error, error_before = self.fit.errors[owned], without.fit.errors[owned]
+        less = (size < _REMAINDER * size_before) & (
+            size_before - size > _AGREE * np.hypot(error, error_before)
+        )
+        reversed_ = (size < -CERTAIN * error) & (size_before > -_AGREE * error_before)
+        return bool((less & (size_before > 0.0) | reversed_).any())
 
     def as_good_as(self, other: EffectFit) -> bool:
-        """Return whether it explains every function as well, up to what needs no effect."""
+        """Return whether it explains every function as well, up to errors that need no effect."""
         for symbol, rows in self.fit.rows.items():
             spared = LASTING * float((self._change(rows) ** 2).sum())
             most = (1.0 + _AS_GOOD) * _trimmed_squares(other.fit.rows[symbol]) + spared
@@ -223,13 +225,13 @@ class EffectFit:
 
 
 def _trimmed_squares(rows: Rows) -> float:
-    """Return the sum of squared errors without the largest."""
+    """Return the sum of squared errors without the largest ones."""
     squares = np.sort(rows.residuals**2)
     return float(squares[: len(squares) - int(_TRIMMED * len(squares))].sum())
 
 
 def _worth(fit: ParameterFit, rows: Rows, change: Vector, k: int, effect: AddedEffect) -> float:
-    """Return how far an added effect exceeds what it has to explain: from 1 on it pays."""
+    """Return what an added effect explains, relative to the threshold: from 1 on it pays."""
     index = rows.owned[k]
     if not np.isfinite(fit.errors[index]):
         return 0.0

@@ -1,9 +1,9 @@
-"""The search for effects that happen and that a file lacks.
+"""The search for effects that a file lacks.
 
 Forward selection by orthogonal projection (orthogonal least squares: Chen, Billings & Luo,
 International Journal of Control 50, 1989). An effect of one action schema competes with the same
-effect of the world, which also costs one number, so that what happens whatever the action is found
-as such. A selected effect has to improve the fit of transitions that it was not fitted to.
+effect of the world, which also has one coefficient, so that a change under every action is found as
+such. A selected effect must improve the fit of transitions that it was not fitted to.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ from serp.sysid.regression import independent, regress
 from serp.sysid.regression_data import RegressionData
 
 _MAX_EFFECTS = 12
-"""Effects of one function."""
+"""Most added effects of one function."""
 _MAX_CHOICES = 30
-"""Choices that are examined in one round, the best first."""
+"""Most choices that are examined in one round, the best first."""
 CERTAIN = 4.0
 """Standard errors by which the coefficient of an added effect must differ from 0."""
 _COLLINEAR = 1e-6
-"""Squared share of a column that other columns leave; below it they are collinear."""
+"""Fraction of a column's squares not explained by other columns; below it they are collinear."""
 _WORLD_FACTOR = 1.05
 _FACTORS = (1.1, 1.0, 0.8)
-"""Preference for the world and for fewer factors between choices that explain about the same."""
+"""Preference for the world and for fewer factors among choices that explain about the same."""
 _PERFECT = 1e-6
-"""Share of the squared error that counts as none."""
+"""Fraction of the squared error that is ignored."""
 _HELD_OUT = 0.1
-"""Share of its gain that an effect must have in transitions that it was not fitted to."""
+"""Least fraction of its gain that an effect has in transitions that it was not fitted to."""
 
 
 @dataclass(frozen=True)
 class Improvement:
-    """What an effect has to explain to be added.
+    """Thresholds that an effect must exceed to be added.
 
     Attributes:
-        change: Share of the mean squared change of the fluent, where the effect applies.
-        error: Share of the squared error that is left there.
+        change: Fraction of the mean squared change of the fluent, where the effect applies.
+        error: Fraction of the squared error that is left there.
     """
 
     change: float
@@ -53,18 +53,19 @@ class Improvement:
 
 
 LASTING = 1e-5
-"""Share of the squared change for an effect that lasts whatever the action, as gravity does: it
-adds up over many steps, while the actions' own changes cancel."""
+"""Fraction of the squared change for an effect under every action, such as gravity: it adds up over
+many steps, while the changes by actions cancel."""
 _OWN = 1e-3
 """The same for an effect of one action schema, or with two factors."""
 _SIMPLE, _INVOLVED = 0.1, 0.25
-"""Shares of the squared error for a simple effect and for any other."""
+"""Fractions of the squared error for a simple effect and for any other."""
 
 
 def improvement_of(effect: AddedEffect) -> Improvement:
-    """Return what an effect has to explain.
+    """Return the thresholds for an effect.
 
-    Less where it lasts whatever the action, or is simple: a constant, or proportional to a fluent.
+    They are lower for effects of the world, and for simple ones: a constant, or proportional to a
+    fluent.
     """
     lasting = effect.schema == WORLD and len(effect.factors) < 2
     simple = lasting or not effect.factors
@@ -86,7 +87,7 @@ def search(
         lifted: The lifted model.
         data: The transitions.
         after: `[N, F]` states after the action's effects, which processes read.
-        rows: The function's residuals, and what its parameters can explain of them.
+        rows: The function's residuals, with the derivatives by its parameters.
         symbol: The function.
         dt: Control period.
         known: Effects that were found before, or refused.
@@ -112,7 +113,7 @@ def search(
     chosen: list[AddedEffect] = []
     while len(chosen) + len(known) < _MAX_EFFECTS and (best := selection.next()):
         chosen += [candidates[k] for k in best]
-    # An effect of the world goes where every schema has an exception to it.
+    # An effect of the world is dropped where every schema has an exception to it.
     schemas = {effect.schema for effect in candidates if effect.schema != WORLD}
     return [
         effect
@@ -125,9 +126,9 @@ def search(
 class _ForwardSelection:
     """Forward selection by orthogonal projections of weighted columns.
 
-    The same effect of several schemas, each with a coefficient of its own, is a choice, too.
-    Choices are compared by how far they lower the logarithm of the squared error for each
-    coefficient; so one that explains everything wins over a cheaper one that explains a part.
+    A choice may also be the same effect of several schemas, each with its own coefficient. Choices
+    are compared by the reduction of the logarithm of the squared error per coefficient, so one that
+    explains everything is preferred to a simpler one that explains a part.
     """
 
     def __init__(
@@ -154,7 +155,7 @@ class _ForwardSelection:
         for k, effect in enumerate(candidates):
             if effect.schema != WORLD:
                 alike.setdefault(effect.symbols, []).append(k)
-        # What the world does is not added to each schema once more.
+        # An effect of the world is not added to each schema again.
         general = {effect.symbols for effect in known if effect.schema == WORLD}
         self._choices += [
             tuple(ks) for symbols, ks in alike.items() if len(ks) > 1 and symbols not in general
@@ -163,7 +164,7 @@ class _ForwardSelection:
             self._project(column)
 
     def next(self) -> tuple[int, ...]:
-        """Choose columns and project them out; none where none pays."""
+        """Choose columns and project them out; return none where none pays."""
         total = float((self._error**2).sum())
         if total == 0.0:
             return ()
@@ -205,7 +206,7 @@ class _ForwardSelection:
         if norm == 0.0:
             return
         direction = column / norm
-        # Twice: rounding errors of the first time would look like something to explain.
+        # Twice: rounding errors of the first projection would appear as errors to explain.
         for _ in range(2):
             self._left -= np.outer(direction, direction @ self._left)
             self._error = self._error - direction * (direction @ self._error)

@@ -1,4 +1,4 @@
-"""The file's parameters and the effects that it lacks, estimated together."""
+"""Joint estimation of the file's parameters and of the effects that it lacks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from serp.sysid.regression_data import RegressionData
 
 _MAX_SWEEPS = 6
 _EQUAL = 0.1
-"""Coefficients that differ by less than this share of the larger one may be one coefficient."""
+"""Coefficients that differ by less than this fraction of the larger one may be equal."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class JointFit:
 
 
 def fit_jointly(model: TransitionModel, data: RegressionData) -> JointFit:
-    """Estimate parameters and missing effects together.
+    """Estimate parameters and missing effects jointly.
 
     Args:
         model: The model as written.
@@ -47,7 +47,7 @@ def fit_jointly(model: TransitionModel, data: RegressionData) -> JointFit:
         fit, more = _sweep(fit, refused)
         if more and turn < _MAX_SWEEPS - 1:
             continue
-        # Not before: an effect may pay only together with others.
+        # Only now: an effect may pay only together with others.
         pruned = _pruned(fit, refused)
         if pruned is fit:
             break
@@ -61,7 +61,7 @@ def _sweep(fit: EffectFit, refused: Sequence[AddedEffect]) -> tuple[EffectFit, b
     before = fit.added
     pending = fit.symbols
     while pending:
-        # What a process reads must be right before the search for what the process lacks.
+        # The functions that a process reads must be right before effects are added to it.
         ready = {s for s in pending if not fit.reads(s) & pending - {s}} or set(pending)
         pending -= ready
         found = fit.search(ready, refused)
@@ -71,7 +71,7 @@ def _sweep(fit: EffectFit, refused: Sequence[AddedEffect]) -> tuple[EffectFit, b
 
 
 def _pruned(fit: EffectFit, refused: list[AddedEffect]) -> EffectFit:
-    """Remove effects that do not pay after all, the worst first; add them to `refused`."""
+    """Remove effects that do not pay, the worst first; add them to `refused`."""
     while (worst := fit.worst()) is not None:
         refused.append(worst)
         fit = fit.with_effects([effect for effect in fit.added if effect != worst])
@@ -85,7 +85,7 @@ def _pruned(fit: EffectFit, refused: list[AddedEffect]) -> EffectFit:
 
 
 def _simplified(fit: EffectFit) -> EffectFit:
-    """Replace equal effects of several actions by one of the world, where that fits as well."""
+    """Replace equal effects of several actions by one of the world, if that fits as well."""
     for several, one in shared_effects(fit.lifted, fit.coefficients):
         kept = [effect for effect in (*fit.added, one) if effect not in several]
         simpler = fit.with_effects(kept)
@@ -97,9 +97,9 @@ def _simplified(fit: EffectFit) -> EffectFit:
 def shared_effects(
     lifted: LiftedModel, coefficients: Mapping[AddedEffect, float]
 ) -> Iterator[tuple[list[AddedEffect], AddedEffect]]:
-    """Yield about equal effects of different schemas, and the world's effect for all of them.
+    """Yield nearly equal effects of different schemas, and the world's effect for all of them.
 
-    The world's effect applies after all other actions as well, so it need not fit.
+    The world's effect also applies after all other actions, so it need not fit.
 
     Args:
         lifted: The lifted model.
@@ -124,7 +124,7 @@ def shared_effects(
 
 
 def _of_the_world(lifted: LiftedModel, effect: AddedEffect) -> AddedEffect | None:
-    """Return the same effect of the world; None where its factors have no name there."""
+    """Return the same effect of the world; None where its factors cannot be named there."""
     scope = lifted.world(effect.target.symbol)
     (target,) = scope.targets
     names = dict(zip(effect.target.terms, target.terms, strict=True))

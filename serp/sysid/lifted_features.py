@@ -1,7 +1,7 @@
-"""Fluents in the terms of a schema: `battery ?robot` instead of `battery r2`.
+"""Lifted fluents, over the variables of a schema: `battery ?robot` instead of `battery r2`.
 
-What is estimated for one instance of a schema applies to all of them, so effects are searched,
-fitted and written with the schema's variables and the constants of the domain.
+An estimate for one instance of a schema applies to all of them, so effects are searched, fitted and
+written with the schema's variables and the constants of the domain.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from serp.model.transition_model import Vector
 from serp.pddl.syntax import Kind
 
 _MAX_FLUENTS = 60
-"""Lifted fluents of one scope; the search for effects is quadratic in them."""
+"""Most lifted fluents of one scope; the search for effects is quadratic in them."""
 
 WORLD = ""
-"""Stands for an action schema's name in what happens whatever the action, as processes do."""
+"""In place of an action schema's name: an effect under every action, as of a process."""
 
 
 @dataclass(frozen=True, order=True)
@@ -44,7 +44,7 @@ class LiftedFluent:
 
 @dataclass(frozen=True)
 class LiftedScope:
-    """The fluents that one schema, or the world, can name.
+    """The fluents that can be named in one schema, or in the world.
 
     Attributes:
         schema: Name of the action schema, or `WORLD`.
@@ -61,7 +61,7 @@ class LiftedScope:
 
 
 class LiftedModel:
-    """Names the fluents of a ground model as its domain file does.
+    """Maps between the fluents of a ground model and the lifted fluents of its domain file.
 
     Args:
         ground: A model with at least one action.
@@ -145,7 +145,7 @@ class LiftedModel:
     def _fluents(
         self, variables: Sequence[str], bindings: Sequence[Mapping[str, str]]
     ) -> tuple[LiftedFluent, ...]:
-        """Return the fluents that exist under every binding, those with fewest terms first."""
+        """Return the fluents that exist under every binding, those with the fewest terms first."""
         found: list[LiftedFluent] = []
         arity = {f.symbol: len(f.arguments) for f in self.ground.fluents}
         for symbol, number in sorted(arity.items(), key=lambda item: item[1]):

@@ -14,13 +14,13 @@ from serp._util.saved_state import MOST, Saved
 from serp.model.transition_model import TransitionModel, Vector
 
 CASES: Final = 5
-"""Worst cases kept for each ground action and fluent."""
+"""Number of worst cases kept for each ground action and fluent."""
 
 _LARGEST: Final = 1e150
-"""Errors from here on have no finite square; such a step is skipped."""
+"""Errors of at least this size have no finite square; such a step is skipped."""
 
 _MAX_STATES: Final = 2_000_000
-"""Numbers that the states of the worst cases may take (16 MB); beyond, they are not kept."""
+"""Most numbers in the states of the worst cases (16 MB); above it no states are kept."""
 
 # Columns of the table [rows, F + 2, columns]. Counts are exact in float64 up to 2⁵³.
 _ERROR, _SQUARE = 0, 2  # each as written, adapted
@@ -43,7 +43,7 @@ Tables = tuple[Vector, Vector, Vector]
 
 @cached_njit(error_model="numpy")
 def accumulate(state: Any, step: Any, row: int, tables: Any) -> bool:
-    """Add a step to a row of the tables; return False, and add nothing, where it has no numbers.
+    """Add a step to a row of the tables; return False if it is skipped for its values.
 
     Args:
         state: `[F]` before the action.
@@ -98,15 +98,15 @@ def accumulate(state: Any, step: Any, row: int, tables: Any) -> bool:
 
 
 class Side(NamedTuple):
-    """How well one model predicts one fluent, the reward or the end after one action.
+    """The accuracy of one model for one fluent, the reward or the end after one action.
 
     Attributes:
         bias: Mean of observed − predicted.
         rmse: Root mean squared error.
-        predicted: Steps in which it predicted that the predicate changes, or that the task ends; 0
-            for numbers, and so the next two.
-        happened: Steps of these in which that happened.
-        unpredicted: Steps in which it happened but was not predicted.
+        predicted: Steps with a predicted change of the predicate, or a predicted end of the task; 0
+            for numbers, as the next two are.
+        happened: Number of these in which the change or end was observed.
+        unpredicted: Steps with a change or end that was not predicted.
     """
 
     bias: float
@@ -117,13 +117,13 @@ class Side(NamedTuple):
 
 
 class Case(NamedTuple):
-    """One of the steps that were predicted worst.
+    """One of the steps with the largest errors.
 
     Attributes:
         error: |observed − predicted| of the file as written.
         written: Predicted by the file as written.
         adapted: Predicted by the adapted model; the same where there is none.
-        observed: What was observed.
+        observed: Observed value.
         state: `[F]` before the action; None where the domain is too large to keep it.
     """
 
@@ -135,17 +135,17 @@ class Case(NamedTuple):
 
 
 class MonitorRow(NamedTuple):
-    """How well one fluent, the reward or the end is predicted after one action.
+    """The accuracy for one fluent, the reward or the end after one action.
 
     Attributes:
         action: Name of the ground action.
         fluent: Name of the fluent; `reward`, or `terminal` for the end.
         numeric: False for a predicate and for the end.
         samples: Steps.
-        scale: Largest − smallest value observed, after whatever action.
+        scale: Largest − smallest value observed, after any action.
         written: The file as written.
         adapted: The adapted model; equals `written` where there is none.
-        worst: Its worst cases, the worst first; only steps with any error.
+        worst: Its worst cases, the worst first; only steps with an error.
     """
 
     action: str
@@ -161,8 +161,8 @@ class MonitorRow(NamedTuple):
 class Monitor:
     """Compares predicted with observed fluents, rewards and ends, by executed ground action.
 
-    Rows are made when an action is first executed, so that a domain of thousands of ground
-    actions takes the memory of those in use.
+    A row is added when an action is first executed, so that a domain of thousands of ground actions
+    needs memory only for those in use.
 
     Args:
         model: The model whose fluents and actions are compared.
@@ -186,7 +186,7 @@ class Monitor:
         self._ranges: Vector = np.empty((3, width + 2))
         self._ranges[_LOW], self._ranges[_HIGH] = math.inf, -math.inf
         self._ranges[_PREDICATE] = [not numeric for numeric in self._numeric]
-        # For all actions, so that it does not depend on which come first.
+        # For all actions, so that it does not depend on their order.
         self._keeps_states = len(self._actions) * (width + 2) * CASES * width <= _MAX_STATES
         self._table: Vector = np.zeros((0, width + 2, _COLUMNS))
         self._states: Vector = np.zeros((0, width + 2, CASES, width))
@@ -218,7 +218,7 @@ class Monitor:
 
     @property
     def tables(self) -> Tables:
-        """What `accumulate` changes."""
+        """The arrays that `accumulate` changes."""
         return self._table, self._states, self._ranges
 
     def note(self, row: int, compared: bool) -> None:
@@ -275,7 +275,7 @@ class Monitor:
     # State -------------------------------------------------------------------------------------
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Return arrays (only what is not zero) and JSON values that restore it exactly."""
+        """Return arrays (only nonzero entries) and JSON values that restore it exactly."""
         rows = len(self._executed)
         arrays: dict[str, NDArray[Any]] = {
             **_packed("table", self._table[:rows]),
@@ -336,7 +336,7 @@ def _side(cells: list[float], side: int, count: int) -> Side:
 
 
 def _packed(name: str, array: Vector) -> dict[str, NDArray[Any]]:
-    """Return what of an array is not zero: most predicates are predicted without any error."""
+    """Return the nonzero entries of an array: most predicates are predicted without error."""
     flat = np.ascontiguousarray(array).reshape(-1)
     places = np.flatnonzero(flat.view(np.int64))  # −0 is not 0
     return {f"{name}.places": places.astype(np.int64), f"{name}.values": flat[places]}

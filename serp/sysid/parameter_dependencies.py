@@ -9,20 +9,20 @@ from serp.model import ground as g
 from serp.pddl.syntax import Kind
 
 _ROLES = ("effect", "rate")
-"""Not the static values of a problem, which conditions may read too."""
+"""Roles of the parameters; static values of a problem are left out: conditions may read them."""
 
 
 @dataclass(frozen=True)
 class ParameterDependency:
-    """What depends directly on one parameter.
+    """The direct dependencies on one parameter.
 
     Attributes:
         parameter: The parameter.
-        schema: Name of the action or process schema in which it stands.
+        schema: Name of the action or process schema that contains it.
         symbol: Symbol of the function that its effect changes.
         fluents: Columns of the state that it changes directly.
-        actions: Positions of the ground actions whose effects it stands in; None where it stands
-            in a process, which acts whatever the action.
+        actions: Positions of the ground actions whose effects contain it; None for a process, which
+            acts under every action.
     """
 
     parameter: g.Parameter
@@ -35,7 +35,7 @@ class ParameterDependency:
 def parameter_dependencies(ground: g.GroundModel) -> tuple[ParameterDependency, ...]:
     """Return the dependencies on parameters of effects and rates, in the order of θ.
 
-    Parameters of rewards, flags, conditions and events have none: these are for the expert to set.
+    Parameters of rewards, flags, conditions and events have none: the expert sets them.
     """
     fluents: dict[int, set[int]] = {}
     actions: dict[int, set[int]] = {}

@@ -1,7 +1,7 @@
 """Estimation of the parameters of a file from observed transitions.
 
-A parameter is fitted to the fluent whose change it describes, and not to what follows from that
-change later: a wrong model of the pole does not distort the parameters of the cart.
+A parameter is fitted to the fluent whose change it describes, and not to later consequences of that
+change: a wrong model of the pole does not distort the parameters of the cart.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from serp.sysid.regression import Regression, independent, regress
 from serp.sysid.regression_data import Flow, RegressionData, regression_data
 
 _MAX_ITERATIONS = 4
-"""Gauss-Newton iterations."""
+"""Most Gauss-Newton iterations."""
 _LINEAR = 1e-6
 """Deviation from linearity, in ranges of the fluent, at which the iterations end."""
 _LINEAR_QUANTILE = 0.9
-"""Quantile of the rows that it is measured at: a row that crosses a threshold jumps."""
+"""Quantile of the rows at which it is measured; a row that crosses a threshold may jump."""
 _DIFFERENCE = 2.0**-10
 """Step of the finite differences, relative to the parameter."""
 _PRIOR_WIDTH = 10.0
 """Standard deviation of the prior, relative to the written value."""
 _MAX_WHOLE_VALUES = 64
-"""Distinct values of a function of whole numbers."""
+"""Most distinct values of a function that counts as one of whole numbers."""
 _WHOLE_TOLERANCE, _WHOLE_SHARE = 1e-6, 0.9
-"""Such a function follows a rule, not chance, where it is explained this exactly in this share."""
+"""Such a function is deterministic if this fraction of rows is explained this exactly."""
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ class ParameterFit:
     """Estimated parameters.
 
     Attributes:
-        theta: `[P]`, as written where the transitions tell nothing.
+        theta: `[P]`; the written value where the transitions hold no information.
         errors: `[P]` standard errors, infinite there.
-        samples: `[P]` transitions that each estimate rests on.
+        samples: `[P]` transitions used for each estimate.
         rows: Function symbol → the residuals.
     """
 
@@ -85,9 +85,9 @@ class ParameterEstimator:
         compiled: See `Flow`.
 
     Attributes:
-        ground, dt: The same.
+        ground, dt: As above.
         flow: The model without its events.
-        dependencies: What depends on the parameters that can be estimated.
+        dependencies: Dependencies on the parameters that can be estimated.
         symbols: Function symbol → columns of its fluents.
     """
 
@@ -117,14 +117,14 @@ class ParameterEstimator:
             data: The transitions.
             theta: `[P]` initial values.
             written: `[P]` the mean of the prior.
-            kept: `[N, F]` the entries that are compared; None for those that no event of the
-                model as written changes.
+            kept: `[N, F]` the entries that are compared; None: those that no event of the model as
+                written changes.
         """
         theta = theta.copy()
         errors = np.full(len(theta), np.inf)
         counts = np.zeros(len(theta), dtype=np.int64)
         if kept is None:
-            # By the written values: estimates would choose the rows of the next estimate.
+            # By the written values, so that an estimate does not select the rows of the next one.
             kept = self.flow.undisturbed(data, written)
         whole = whole_symbols(self, data)
         left: dict[str, Rows] = {}
@@ -230,14 +230,14 @@ def estimate_parameters(
     Args:
         model: The transition model; its θ are the initial values.
         states: `[N, F]` before the actions, in order of time.
-        actions: `[N]` positions of the executed ground actions, −1 for one that is none of them.
+        actions: `[N]` positions of the executed ground actions, −1 where the model knows none.
         next_states: `[N, F]` after them.
         estimator: Of the same ground model, to estimate it repeatedly.
 
     Returns:
         `[P]` parameters and their `[P]` standard errors; the written value and infinity where the
-        transitions tell nothing: for parameters of rewards, conditions and events, of actions
-        never executed, of fluents that jump between whole numbers by chance.
+        transitions hold no information: for parameters of rewards, conditions and events, of
+        actions never executed, and of fluents with random whole numbers.
     """
     data = regression_data(model, states, actions, next_states)
     written = np.array([p.value for p in model.parameters])
@@ -251,14 +251,14 @@ def estimate_parameters(
 def _gap(rows: Rows, expected: Vector) -> float:
     """Return how far residuals are from those of a linear model, in ranges of the fluent."""
     if len(rows.residuals) != len(expected):
-        return np.inf  # a row has no prediction any more
+        return np.inf  # a row no longer has a prediction
     if not len(expected):
         return 0.0
     return float(np.quantile(np.abs(rows.residuals - expected), _LINEAR_QUANTILE)) / rows.unit
 
 
 def whole_symbols(estimator: ParameterEstimator, data: RegressionData) -> set[str]:
-    """Return the functions that only took a few whole numbers."""
+    """Return the functions whose observed values are a few whole numbers."""
     found = set()
     for symbol, fluents in estimator.symbols.items():
         values = np.unique(np.concatenate((data.states[:, fluents], data.next_states[:, fluents])))
@@ -270,7 +270,7 @@ def whole_symbols(estimator: ParameterEstimator, data: RegressionData) -> set[st
 def _widths(rows: Rows, written: Vector, theta: Vector) -> Vector:
     """Return the standard deviation of the prior for each owned parameter.
 
-    Ten times the written value, or what moves the fluent across its range.
+    Ten times the written value, or the value that moves the fluent across its range.
     """
     owned = list(rows.owned)
     known = np.maximum(np.abs(written[owned]), np.abs(theta[owned]))

@@ -2,8 +2,8 @@
 
 Huber weights at first, then rejection of outliers (Huber & Ronchetti, Robust Statistics, 2009,
 chapters 4 and 7). Standard errors by the sandwich estimator over blocks of neighbouring rows
-(Liang & Zeger, Biometrika 73, 1986), which holds for errors that are unequal and depend on each
-other, as those of a wrong model do.
+(Liang & Zeger, Biometrika 73, 1986), which is valid for heteroscedastic and correlated errors, such
+as those of a wrong model.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 from serp.model.transition_model import Vector
 
 _HUBER, _REJECTED = 2.0, 6.0
-"""Robust scales beyond which a row is weighted down, and rejected."""
+"""Robust scales beyond which a row is down-weighted, and beyond which it is rejected."""
 _TRIMMED = 0.02
-"""Share of the rows, those with the largest errors, that do not enter the robust scale."""
+"""Fraction of the rows, those with the largest errors, that do not enter the robust scale."""
 _MIN_ROWS = 10
-"""Rows of a group that are needed to tell outliers among them."""
+"""Fewest rows of a group in which outliers can be identified."""
 _MAX_ITERATIONS = 10
 _COLLINEAR = 1e-3
-"""Share of a column that other columns leave; below it they are collinear."""
+"""Fraction of a column not explained by other columns; below it they are collinear."""
 _ROUNDING = 1e-10
 """Size of rounding errors in ranges of the target."""
 
@@ -35,7 +35,7 @@ class Regression:
 
     Attributes:
         coefficients: `[K]`.
-        errors: `[K]` standard errors; the width of the prior where the rows tell nothing.
+        errors: `[K]` standard errors; the width of the prior where the rows hold no information.
         residuals: `[n]`.
         weights: `[n]`, 0 (rejected) to 1.
     """
@@ -64,10 +64,10 @@ def regress(
         target: `[n]`.
         centre: `[K]` mean of the prior.
         width: `[K]` its standard deviation.
-        groups: `[n]` equal for rows whose errors are of one size.
-        blocks: `[n]` equal for rows whose errors depend on each other.
+        groups: `[n]` equal for rows whose errors have the same scale.
+        blocks: `[n]` equal for rows whose errors are correlated.
         unit: Range of the target's quantity.
-        reject: Whether outliers are rejected, and not only weighted down.
+        reject: Whether outliers are rejected, and not only down-weighted.
     """
     number = len(columns)
     weights = np.ones(number)
@@ -122,8 +122,8 @@ def independent(columns: Vector, width: Vector) -> list[int]:
 def robust_scales(residuals: Vector, members: Sequence[NDArray[np.int64]], least: float) -> Vector:
     """Return a robust scale of the errors of each row's group, `[n]`.
 
-    The larger of the scaled median and of the root mean square of all but the largest 2 %: an
-    effect that is rare is no outlier. `members` are the rows of each group.
+    The larger of the scaled median and of the root mean square of all but the largest 2 %: a rare
+    effect is not an outlier. `members` are the rows of each group.
     """
     scales = np.empty(len(residuals))
     for rows in members:
@@ -149,7 +149,7 @@ def _solve(
 ) -> Vector:
     """Return the coefficients of weighted least squares with the prior, from those before.
 
-    By the normal equations; the next iteration regains the digits that they lose.
+    Uses the normal equations; the next iteration restores the digits that they lose.
     """
     scaled = columns * (width / scale)
     weighted = scaled * weights[:, None]
@@ -178,7 +178,7 @@ def _errors(
     scores = scaled * (weights * residuals / scale)[:, None]
     _, which = np.unique(blocks, return_inverse=True)
     number = int(which.max()) + 1
-    if number < 3 * count + 5:  # too few blocks: every row by itself
+    if number < 3 * count + 5:  # too few blocks: use single rows
         number, which = len(scores), np.arange(len(scores))
     sums = np.zeros((number, count))
     np.add.at(sums, which, scores)

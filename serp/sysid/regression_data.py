@@ -1,7 +1,7 @@
 """Observed transitions prepared for regression, and predictions of them without events.
 
-Events clamp, assign and reset what parameters of effects and rates have changed. So predictions
-for a regression are those of effects and processes alone, and entries that an event changes are
+Events clamp, assign and reset fluents after effects and rates have changed them. Predictions for a
+regression are therefore those of effects and processes only, and entries that an event changes are
 left out.
 """
 
@@ -21,20 +21,20 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import Change
 
 BLOCK = 20
-"""Consecutive transitions whose errors are assumed to depend on each other."""
+"""Number of consecutive transitions whose errors are assumed to be correlated."""
 
 _TAIL, _FAR = 0.005, 5.0
-"""A value is a fault if it is this many ranges off the median; the range is that between the two
+"""A value is a fault if it is this many ranges from the median; the range is that between the two
 tails."""
 _MIN_ROWS = 12
-"""Entries of an action and fluent that must be left, or those that events change are kept."""
+"""Fewest entries left per action and fluent; with fewer, those that events change are kept."""
 _AT_ASSIGNED = 1e-9
 """Distance in ranges of a fluent at which it equals the value that an event assigns."""
 
 
 @dataclasses.dataclass(frozen=True)
 class RegressionData:
-    """Transitions that a model can be compared with.
+    """Transitions with which a model can be compared.
 
     Attributes:
         states: `[N, F]`.
@@ -58,14 +58,14 @@ class RegressionData:
 
     @property
     def skipped(self) -> int:
-        """Transitions left out."""
+        """Number of transitions left out."""
         return sum(self.left_out.values())
 
     def __len__(self) -> int:
         return len(self.actions)
 
     def part(self, most: int) -> RegressionData:
-        """Return at most about `most` rows: whole blocks, evenly spread."""
+        """Return about `most` rows at most: whole blocks, evenly spread."""
         if len(self) <= most:
             return self
         number = int(self.blocks[-1]) + 1
@@ -79,7 +79,7 @@ class RegressionData:
 def regression_data(
     model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
 ) -> RegressionData:
-    """Return the transitions that the model can be compared with.
+    """Return the transitions with which the model can be compared.
 
     Args:
         model: The transition model.
@@ -94,7 +94,7 @@ def regression_data(
         flow = Flow(model.ground, model.dt)
         plausible = rows
         rows = rows[np.isfinite(flow.predict(states[rows], actions[rows], model.theta)).all(1)]
-        left_out["an action that the file calls not applicable there"] = len(plausible) - len(rows)
+        left_out["an action that is not applicable there by the file"] = len(plausible) - len(rows)
     seen = np.concatenate((states[rows], next_states[rows]))
     scale = np.ptp(seen, axis=0) if len(rows) else np.ones(states.shape[1])
     return RegressionData(
@@ -125,13 +125,13 @@ def _usable(
     plausible = rows[_plausible(states[rows]) & _plausible(next_states[rows])]
     return plausible, {
         "an action that the file does not know": int((~known).sum()),
-        "a value that is no finite number": int((known & ~finite).sum()),
+        "a value that is not a finite number": int((known & ~finite).sum()),
         "a value far beyond all others of its fluent": len(rows) - len(plausible),
     }
 
 
 def _plausible(values: Vector) -> NDArray[np.bool_]:
-    """Return which rows hold no value that must be a fault, `[n]`.
+    """Return which rows hold no faulty value, `[n]`.
 
     One such value would determine the range of its fluent.
     """
@@ -146,14 +146,14 @@ def _plausible(values: Vector) -> NDArray[np.bool_]:
 class Flow:
     """Effects and processes of a ground model, without its events.
 
-    Runs in CPython, some 3 µs a row, so that nothing is compiled for a model that is only tried.
+    Runs in CPython, about 3 µs per row, so that candidate models need no compilation.
 
     Args:
         ground: The model.
         dt: Control period.
         processes: Whether processes are included.
-        compiled: A transition model of this ground model that is compiled already, to use instead;
-            the results are the same.
+        compiled: A compiled transition model of this ground model to use instead; the results are
+            the same.
 
     Attributes:
         ground, dt: As above.
@@ -177,7 +177,7 @@ class Flow:
         self._last: tuple[Vector, bytes, Vector] | None = None
 
     def predict(self, states: Vector, actions: NDArray[np.int64], theta: Vector) -> Vector:
-        """Return the predictions, `[N, F]`; NaN in rows that have no next state.
+        """Return the predictions, `[N, F]`; NaN in rows without a next state.
 
         Args:
             states: `[N, F]`.
@@ -199,9 +199,9 @@ class Flow:
     def undisturbed(self, data: RegressionData, theta: Vector) -> NDArray[np.bool_]:
         """Return which entries of the next states no event has changed, `[N, F]`.
 
-        Left out are entries that the model's events change in its prediction, and those observed
-        at a value that an event assigns. Where too few would be left after an action the model is
-        wrong, and only the latter are left out.
+        Excluded are entries that the model's events change in its prediction, and those observed at
+        a value that an event assigns. If too few remain for an action, the model is wrong, and only
+        the latter are excluded.
 
         Args:
             data: The transitions.
@@ -241,12 +241,12 @@ class Flow:
 
 
 def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """Return the next states `[N, F]` that a model predicts; NaN where none."""
+    """Return the next states `[N, F]` that a model predicts; NaN where there is none."""
     return predicted_steps(model, states, actions)[:, :-2]
 
 
 def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """Return predicted next states, rewards and ends (0 or 1), `[N, F + 2]`; NaN where none.
+    """Return predicted next states, rewards and ends (0 or 1), `[N, F + 2]`; NaN without any.
 
     A model that is not compiled yet runs in CPython, with the same results.
     """
@@ -262,7 +262,7 @@ def predicted_steps(model: TransitionModel, states: Vector, actions: NDArray[np.
 
 
 def _flowed(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:
-    """Return what a model predicts without its events, `[N, F]`; NaN where nothing."""
+    """Return the predictions of a model without its events, `[N, F]`; NaN where none."""
     predicted, flags = _run(model.native_flow(), model, states, actions)
     # As in a whole step, there is no result where the reward is not finite.
     fine = (flags & APPLICABLE != 0) & np.isfinite(predicted[:, -1])

@@ -13,19 +13,19 @@ from serp._util.saved_state import Saved
 from serp.model.transition_model import TransitionModel, Vector
 
 CAPACITY: Final = 20_000
-"""Transitions kept of states that are not too wide."""
+"""Most transitions that are kept."""
 
 GOES_ON, CUT_OFF, OVER = 0, 1, 2
-"""How a step ends: the episode goes on, is cut off (truncated), or is over (terminated)."""
+"""Ending of a step: the episode goes on, is cut off (truncated), or is over (terminated)."""
 
 _MAX_NUMBERS: Final = 8_000_000
-"""Numbers that states and next states hold at most: 64 MB."""
+"""Most numbers in all states and next states: 64 MB."""
 
 Ring = tuple[Vector, NDArray[np.int64], Vector, NDArray[np.int8], Vector]
 
 
 def capacity_for(fluents: int) -> int:
-    """Return how many transitions of so many fluents are kept: at most 20,000, and 64 MB."""
+    """Return how many transitions of `fluents` fluents are kept: at most 20,000, and 64 MB."""
     return min(CAPACITY, max(100, _MAX_NUMBERS // max(1, 2 * fluents)))
 
 
@@ -49,7 +49,7 @@ def store(transition, head, ring):  # type: ignore[no-untyped-def]
 
 
 class TransitionMemory:
-    """A ring of the newest transitions: state, ground action, next state, ending and reward.
+    """A ring buffer of the newest transitions: state, ground action, next state, ending, reward.
 
     The next state of a step that ended an episode is the last state of that episode, never the
     first one of the next.
@@ -57,7 +57,7 @@ class TransitionMemory:
     Args:
         capacity: Transitions kept, ≥ 1.
         fluents: Width of a state, F.
-        actions: Ground actions that there are, A.
+        actions: Number of ground actions, A.
 
     Attributes:
         capacity, fluents: As above.
@@ -70,7 +70,7 @@ class TransitionMemory:
 
     def __init__(self, capacity: int, fluents: int, actions: int) -> None:
         if capacity < 1 or fluents < 0:
-            raise ValueError(f"no experience of {capacity} transitions of {fluents} fluents")
+            raise ValueError(f"no memory has {capacity} transitions of {fluents} fluents")
         self._actions_known = actions
         self.capacity = capacity
         self.fluents = fluents
@@ -111,7 +111,7 @@ class TransitionMemory:
         self._rewards[head] = reward
 
     def advance(self) -> int:
-        """Return where the caller writes the next transition."""
+        """Return the position at which the caller writes the next transition."""
         head = self._head
         self.seen += 1
         self._head = 0 if head + 1 == self.capacity else head + 1
@@ -161,13 +161,13 @@ class TransitionMemory:
     # State -------------------------------------------------------------------------------------
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Return arrays (only what is filled) and JSON values that restore it exactly.
+        """Return arrays (only filled rows) and JSON values that restore it exactly.
 
-        Most next states are the following row's state; only the others are saved.
+        Most next states equal the next row's state; only the others are saved.
         """
         states, next_states = self.states, self.next_states
         follows = np.zeros(len(self), np.bool_)
-        if len(self):  # bit by bit: NaN is itself, and −0 is not 0
+        if len(self):  # bit by bit: NaN equals itself, and −0 differs from 0
             follows[:-1] = (states[1:].view(np.int64) == next_states[:-1].view(np.int64)).all(1)
         arrays: dict[str, NDArray[Any]] = {
             "states": states,
@@ -183,22 +183,22 @@ class TransitionMemory:
         """Continue from what `state_dict` returned.
 
         Raises:
-            RunError: It has other fluents or another capacity, or is incomplete; this experience
-                is unchanged.
+            RunError: It has other fluents or another capacity, or is incomplete; this memory is
+                unchanged.
         """
         saved, fluents = Saved("experience", arrays, meta), self.fluents
         for name, here in (("capacity", self.capacity), ("fluents", fluents)):
             saved.equal(name, here, "continue with the task and the settings it was saved with")
         seen = saved.whole("seen")
         count = min(seen, self.capacity)
-        # States may be any bits, as they were observed.
+        # Observed states may contain any bits.
         states = saved.array("states", np.float64, (count, fluents), low=None)
         actions = saved.array("actions", np.int64, (count,), -1, self._actions_known - 1)
         endings = saved.array("endings", np.int8, (count,), GOES_ON, OVER)
         rewards = saved.array("rewards", np.float64, (count,), low=None)
         breaks = saved.array("breaks", np.int64, (-1,), 0, count - 1)
         at_breaks = saved.array("breaks.next_states", np.float64, (len(breaks), fluents), low=None)
-        # Nothing follows the last one.
+        # The last step has no next row.
         if (np.diff(breaks) <= 0).any() or (count and breaks[-1:] != count - 1):
             raise saved.wrong("breaks are in no order, or the last step has no next state")
         # The oldest row lies where the next one will be written.

@@ -16,7 +16,7 @@ from serp_envs.soccer.attacker import ALIGNED_SHOT, STAND_MARGIN, WIND_UP
 from serp_envs.soccer.corner_kick import MARK_GAP, UNIT
 from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.robot import NAO
-from serp_envs.soccer.rolling import LOOK, STILL, way
+from serp_envs.soccer.rolling import STILL, TIME_STEP, way
 from serp_envs.soccer.timing import DECISION
 from serp_envs.soccer.world import REACH
 
@@ -25,7 +25,7 @@ HORIZON: Final = 6.0
 ROUND: Final = (CONTACT + STAND_MARGIN) / NAO.sideways
 """What it takes the opponent to walk round the ball, facing it, s per rad."""
 
-_AHEAD: Final = np.arange(0.0, HORIZON + 0.5 * LOOK, LOOK)
+_AHEAD: Final = np.arange(0.0, HORIZON + 0.5 * TIME_STEP, TIME_STEP)
 
 
 def make_env(**options: Any) -> gym.Env[Any, Any]:

@@ -38,11 +38,11 @@ def approach(field: Field, rng: np.random.Generator) -> tuple[World, Attacker]:
 
     Args:
         field: The pitch.
-        rng: Draws the situations and the attacker's chances.
+        rng: Draws the situations and the attacker's decisions.
 
     Returns:
         A world in which both robots, the defender first, are within `CONTEST_RADIUS` of the ball;
-        its `tick` is the length of the approach. And who plays the second robot.
+        its `tick` is the length of the approach. And the policy of the second robot.
     """
     while True:
         world = _situation(field, rng)

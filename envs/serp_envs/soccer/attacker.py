@@ -60,7 +60,7 @@ _WIND_UP_TICKS: Final = ticks(WIND_UP)
 
 
 class Attacker:
-    """Plays one robot of a world for one situation, a tick at a time."""
+    """The policy of one robot of a world in one situation, tick by tick."""
 
     __slots__ = ("_lanes", "_shot", "_side", "_side_until", "_winding", "may_shoot", "robot")
 
@@ -73,7 +73,7 @@ class Attacker:
         """
         self.robot = robot
         self.may_shoot = True
-        """Clear it to have the attacker dribble only."""
+        """Whether it shoots; without it the attacker only dribbles."""
         scale = world.field.goal_width / 1.5
         self._lanes = tuple(scale * y for y in TARGETS)
         self._side = 1.0
@@ -90,9 +90,9 @@ class Attacker:
         """Command the robot for a tick.
 
         Args:
-            world: Where it plays, just looked at.
-            opponent: The robot in the way.
-            rng: Draws what is left to chance.
+            world: The world, updated after the last tick.
+            opponent: The opposing robot.
+            rng: Draws random decisions.
         """
         robot = self.robot
         if robot.down_until > world.tick:
@@ -114,7 +114,7 @@ class Attacker:
         if self.may_shoot and not near and hypot(x - goal_x, y) < RANGE:
             shot = self._best_shot(world, opponent, bearing)
             if shot is not None:
-                aligned = self._get_behind(world, shot, bearing, distance, ALIGNED_SHOT)
+                aligned = self._get_behind(world, shot, bearing, ALIGNED_SHOT)
                 if aligned and ready and distance < world.reach:
                     self._winding = 1
                     self._shot = shot
@@ -125,7 +125,7 @@ class Attacker:
             off = wrap(atan2(rival_y, rival_x) - direction)
             if -EVADE_ANGLE < off < EVADE_ANGLE:
                 direction += EVADE_TURN * self._evade(world, off, direction, rng)
-        aligned = self._get_behind(world, direction, bearing, distance, ALIGNED_TAP)
+        aligned = self._get_behind(world, direction, bearing, ALIGNED_TAP)
         if aligned and ready and distance < world.reach:
             world.kick(rng.normal(direction, TAP_SIGMA), TAP_SPEED, rng, robot)
             robot.kick_ready = world.tick + TAP_COOLDOWN
@@ -181,9 +181,7 @@ class Attacker:
             self._side = -self._side
         return self._side
 
-    def _get_behind(
-        self, world: World, direction: float, bearing: float, distance: float, tolerance: float
-    ) -> bool:
+    def _get_behind(self, world: World, direction: float, bearing: float, tolerance: float) -> bool:
         """Walk to have the ball in a direction; return whether it is there within tolerance.
 
         With the ball there the robot walks into it, even against an opponent behind it.

@@ -53,19 +53,19 @@ class GameClock:
         Args:
             seconds: Its duration, approach and dead time included.
         """
-        # Times are multiples of the tick; sums of 0.1 are not exact, these are.
+        # Times are rounded to multiples of the tick, because sums of 0.1 are not exact.
         self.seconds = round(self.seconds + seconds, 6)
         self.contest += 1
 
     def state_dict(self) -> dict[str, Any]:
-        """Game, seconds and contest as JSON values."""
+        """Return game, seconds and contest as JSON values."""
         return {key: getattr(self, key) for key in _KEYS}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Set the clock to what `state_dict` returned.
 
         Raises:
-            ValueError: It is no state of a clock.
+            ValueError: It is not a state of a clock.
         """
         counts = (state.get("game"), state.get("contest"))
         seconds = state.get("seconds")

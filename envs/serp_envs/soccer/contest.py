@@ -35,8 +35,8 @@ EXIT_SPEED: Final = 0.25
 NEARER_WEIGHT: Final = 0.05
 """Reward of a decision that ends `CONTEST_RADIUS` nearer to the ball than the attacker."""
 COVERAGE_WEIGHT: Final = 0.10
-"""Cost of a decision that ends with the whole goal open. Covering earns nothing: a
-reward would teach to stay in front of the goal until the time is up."""
+"""Cost of a decision that ends with the whole goal open. Covering is not rewarded: the robot would
+learn to stay in front of the goal until the time is up."""
 
 
 class Contest(Scenario):
@@ -55,7 +55,7 @@ class Contest(Scenario):
     def __init__(self, field: Field) -> None:
         super().__init__(field)
         self.attacker: Attacker
-        """The player of the attacker, from `start` on."""
+        """The policy of the attacker, from `start` on."""
         self.referee: Referee
         """The referee, from `start` on."""
         self._started = 0
@@ -92,7 +92,7 @@ class Contest(Scenario):
 
     def judge(self) -> Ruling | None:
         """Return the first that applies of goal, out, secured, exit and timeout."""
-        seen = self.referee.look()
+        seen = self.referee.check()
         if seen is not None:
             return _SEEN[seen]
         world = self.world

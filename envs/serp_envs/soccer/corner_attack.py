@@ -41,7 +41,7 @@ RECEIVED_SPEED: Final = 0.2
 
 
 class CornerAttack:
-    """Plays the second robot of a world, the attacker, and the third, who takes the corner."""
+    """The policy of the second robot of a world, the attacker, and of the third, the kicker."""
 
     __slots__ = ("_kick_tick", "_received", "_target", "attacker", "kicked", "side", "world")
 
@@ -70,7 +70,7 @@ class CornerAttack:
         self.world = World(field, NAO, ball, (defender, attacker, kicker))
         """The world of this corner."""
         self.attacker = Attacker(self.world, self.world.robots[1])
-        """Who plays the attacker once it has the ball."""
+        """The policy of the attacker once it has the ball."""
         self.kicked = False
         """Whether the corner has been taken."""
         self._kick_tick = ticks(along(DELAY, u[6]))

@@ -36,7 +36,7 @@ class CornerKickDefender(SoccerEnv):
     ## Observation space
 
     `Box` of shape `(17,)`, float32, from the middle of the goal: x up the pitch, y to the side of
-    the corner, so that both corners look alike:
+    the corner, so that the observations of both corners are equal:
 
     | Index  | Observation                                  | Unit  | Min | Max |
     |--------|----------------------------------------------|-------|-----|-----|

@@ -1,4 +1,4 @@
-"""The rules of a corner kick: what the defender can do, when it ends, what it sees."""
+"""The rules of a corner kick: actions, end, reward and observation of the defender."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class CornerKick(Scenario):
     def __init__(self, field: Field) -> None:
         super().__init__(field)
         self.attack: CornerAttack
-        """The player of the other two robots, from `start` on."""
+        """The policy of the other two robots, from `start` on."""
         self.referee: Referee
         """The referee, from `start` on."""
 
@@ -139,7 +139,7 @@ class CornerKick(Scenario):
 
     def judge(self) -> Ruling | None:
         """Return the first that applies of goal, out, secured, cleared and timeout."""
-        seen = self.referee.look()
+        seen = self.referee.check()
         if seen is not None:
             return _SEEN[seen]
         world = self.world

@@ -28,7 +28,7 @@ try:
     _step = lib.cpSpaceStep
     _place, _velocity, _angle = lib.cpBodyGetPosition, lib.cpBodyGetVelocity, lib.cpBodyGetAngle
     _set_velocity, _set_turn = lib.cpBodySetVelocity, lib.cpBodySetAngularVelocity
-except (ImportError, AttributeError):  # a pymunk built otherwise; 5 to 7 have them all
+except (ImportError, AttributeError):  # a differently built pymunk; 5 to 7 have them all
     _step = None
 
 NATIVE: Final = (
@@ -45,7 +45,7 @@ _TURN: Final = 2.0 * pi
 
 
 class Placed(Protocol):
-    """What has a pose."""
+    """An object with a pose."""
 
     x: float
     """m."""
@@ -67,9 +67,9 @@ class Engine(Protocol):
         """Create an engine of a space.
 
         Args:
-            space: With everything in it that belongs there.
+            space: The complete space.
             ball: The ball's body.
-            robots: Of each robot the body and the control body that it is dragged after.
+            robots: For each robot its body and the control body that drags it.
         """
 
     def advance(self) -> None:

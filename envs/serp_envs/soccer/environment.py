@@ -29,7 +29,7 @@ _SNAPSHOT: Final = ("scenario", "field", "clock", "np_random", "actions")
 class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     """Episodes of one scenario, chained to games.
 
-    `SoccerDefender` says what users need to know; another scenario makes another subclass.
+    `SoccerDefender` documents it for users; every scenario has its subclass.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012, Gymnasium declares it so
@@ -81,11 +81,11 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         """Start an episode.
 
         Args:
-            seed: Starts the environment's generator afresh; without one it goes on where it is.
-                The game clock goes on in both cases.
+            seed: Seeds the environment's generator; None: the generator is unchanged. The game
+                clock is unchanged in both cases.
             options: `new_game`: True to begin with the kick-off of the next game. `game`: the
-                number of the game with whose kick-off to begin, from 0; with a seed, everything
-                is then as on a new object. One of the two at most.
+                number, from 0, of the game to begin with; with a seed the result equals that on a
+                new object. At most one of the two.
 
         Returns:
             The observation and the info.
@@ -93,7 +93,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         Raises:
             ValueError: An option is not known, or there is no such game.
         """
-        game = self._game_asked_for(options or {})
+        game = self._game_of(options or {})
         super().reset(seed=seed)
         if game is None:
             self.clock.start()
@@ -103,7 +103,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         self._show(restart=True)
         return self.scenario.observe(), self._info()
 
-    def _game_asked_for(self, options: Mapping[str, Any]) -> int | None:
+    def _game_of(self, options: Mapping[str, Any]) -> int | None:
         """Return the game that the options of `reset` open; None for the current one."""
         unknown = set(options) - {"new_game", "game"}
         if unknown:
@@ -118,7 +118,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         return game
 
     def _begin(self) -> None:
-        """Start the episode that clock and generator stand before."""
+        """Start the next episode, by the clock and the generator."""
         self._generator = self.np_random.bit_generator.state
         self._actions = []
         self._outcome = PLAYING
@@ -164,7 +164,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         return choice
 
     def _play(self, action: int, show: bool) -> Ruling | None:
-        """Do an action until it is over or the episode is."""
+        """Execute an action until it or the episode ends."""
         assert self._actions is not None
         self._actions.append(action)
         scenario, rng = self.scenario, self.np_random
@@ -220,13 +220,13 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     def load_state_dict(self, snapshot: Mapping[str, Any]) -> None:
         """Continue where `state_dict` was called, on this object or on another.
 
-        A running episode is played again up to there, unseen and as fast as it goes.
+        A running episode is replayed up to that point, without pictures and real time.
 
         Args:
-            snapshot: What `state_dict` returned, also after a way through JSON.
+            snapshot: What `state_dict` returned, also after conversion to JSON and back.
 
         Raises:
-            ValueError: It is no snapshot of this environment. The environment is then as it was.
+            ValueError: It is not a snapshot of this environment, which is then unchanged.
         """
         if set(snapshot) != set(_SNAPSHOT):
             raise ValueError(f"a snapshot has {_SNAPSHOT}, not {tuple(snapshot)}")
@@ -253,7 +253,7 @@ class SoccerEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
             generator.state = snapshot["np_random"]
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             generator.state = own_state
-            raise ValueError(f"np_random is no state of {type(generator).__name__}") from error
+            raise ValueError(f"np_random is not a state of {type(generator).__name__}") from error
         self.clock = clock
         self._actions = None
         self._frames = []

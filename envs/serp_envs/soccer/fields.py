@@ -15,7 +15,7 @@ class Field:
     """
 
     name: str
-    """What `SoccerDefender(field=…)` calls it."""
+    """Name for `SoccerDefender(field=…)`."""
     length: float
     """From goal line to goal line."""
     width: float
@@ -43,7 +43,7 @@ class Field:
     ball_mass: float
     """Of the ball."""
     ball_deceleration: float
-    """What rolling costs the ball on this carpet, m/s²."""
+    """Deceleration of the rolling ball on this carpet, m/s²."""
     ball_spin_torque: float
     """Largest torque against the spin of the ball about the vertical, N·m."""
 
@@ -120,8 +120,8 @@ def field_named(name: str) -> Field:
     """Return the preset of a name.
 
     Raises:
-        ValueError: There is none.
+        ValueError: There is no such field.
     """
     if name not in FIELDS:
-        raise ValueError(f"no field is called {name!r}; there are {', '.join(FIELDS)}")
+        raise ValueError(f"there is no field {name!r}; the fields are {', '.join(FIELDS)}")
     return FIELDS[name]

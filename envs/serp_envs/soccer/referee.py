@@ -30,15 +30,15 @@ class Referee:
         self._last_x, self._last_y = world.ball_x, world.ball_y
         self._secure = 0
         self.d_rb = self.d_ob = 0.0
-        """Distance of the defender, of the attacker from the ball at the last look, m."""
+        """Distance of the defender, of the attacker from the ball at the last check, m."""
 
     @property
     def secure_timer(self) -> float:
         """For how long the ball has been as good as secured, s; 1 s secures it."""
         return TICK * self._secure
 
-    def look(self) -> str | None:
-        """Look at the world after a tick.
+    def check(self) -> str | None:
+        """Check the world after a tick.
 
         Returns:
             "goal", "out", "secured", in this order of precedence, or None.

@@ -13,7 +13,7 @@ from serp_envs.soccer.timing import TICK
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """What the legs can do. The limits of the three directions span an ellipse."""
+    """The limits of a walk; those of the three directions span an ellipse."""
 
     forward: float = 0.25
     """m/s."""
@@ -43,7 +43,7 @@ TURN_GAIN: Final = 1.0 / TICK
 
 
 class Robot:
-    """One robot in a `World`; its pose is as of the last `World.look`.
+    """One robot in a `World`; its pose is as of the last `World.update`.
 
     The controller only sets the velocity of a control body; joints of limited force drag the robot
     after it, so that a robot that runs into something slips instead of passing through.
@@ -66,8 +66,8 @@ class Robot:
         """Create a robot whose bodies are in the physics already.
 
         Args:
-            walk: What its legs can do.
-            drive: What its legs pull at.
+            walk: The limits of its walk.
+            drive: Sets the velocity of its control body.
             max_x: Targets beyond ± this are taken to be there.
             max_y: Targets beyond ± this are taken to be there.
         """

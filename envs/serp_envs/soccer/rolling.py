@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from serp_envs.soccer.robot import Robot
 from serp_envs.soccer.world import World
 
-LOOK: Final = 0.2
-"""The way ahead is looked at in steps of this, s."""
+TIME_STEP: Final = 0.2
+"""The path is sampled in steps of this, s."""
 STILL: Final = 1e-6
-"""A slower ball lies, m/s."""
+"""A ball slower than this is at rest, m/s."""
 
 Number = TypeVar("Number", float, NDArray[np.floating[Any]])
 
@@ -51,4 +51,4 @@ def meeting(world: World, robot: Robot) -> tuple[float, float, float]:
         needed = (hypot(from_x + dx, from_y + dy) - contact) / pace
         if needed <= time or time >= end:
             return x + dx, y + dy, max(time, needed)
-        time += LOOK
+        time += TIME_STEP

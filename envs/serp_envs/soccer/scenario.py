@@ -26,7 +26,7 @@ class Ruling:
     dead_time: float
     """Until the game goes on, s."""
     truncated: bool = False
-    """Whether it was cut off, for no reason that the state shows."""
+    """Whether the episode was truncated."""
 
 
 PLAYING = "playing"
@@ -34,7 +34,7 @@ PLAYING = "playing"
 
 
 class Scenario(ABC):
-    """One situation of a game, played over and over; `SoccerEnv` makes an environment of it.
+    """A repeated situation of a game; `SoccerEnv` makes it an environment.
 
     The environment calls `start`, then for each tick of a decision `command` and, after the
     physics, `judge`, and at the end of the decision `reward`, `observe` and `facts`.
@@ -72,7 +72,7 @@ class Scenario(ABC):
 
     @abstractmethod
     def judge(self) -> Ruling | None:
-        """Look at the world after a tick; a ruling ends the episode."""
+        """Judge the world after a tick; a ruling ends the episode."""
 
     @abstractmethod
     def reward(self) -> float:

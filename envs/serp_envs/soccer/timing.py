@@ -9,7 +9,7 @@ PHYSICS_STEP: Final = 0.02
 STEPS_PER_TICK: Final = 5
 """Physics steps in one tick of the controllers."""
 TICK: Final = 0.1
-"""Seconds between two looks that the controllers and the referee take at the world."""
+"""Seconds of one tick of the controllers and the referee."""
 TICKS_PER_DECISION: Final = 4
 """Ticks for which one choice of the defender holds."""
 DECISION: Final = 0.4

@@ -27,9 +27,9 @@ Pose = tuple[float, float, float]
 class World:
     """Ball and robots on a field, one situation long.
 
-    A situation starts with a new world, never with an old one put in order: a pymunk space carries
-    contacts and joint impulses from step to step, and what came before would show. Positions and
-    velocities are plain floats that `look` brings up to date, once a tick.
+    Every situation has a new world: a pymunk space keeps contacts and joint impulses from step to
+    step, so a reused one would depend on earlier situations. Positions and
+    velocities are plain floats that `update` refreshes once per tick.
     """
 
     __slots__ = (
@@ -80,16 +80,16 @@ class World:
         """The robots in the order of their poses."""
         self.kicked_by: Robot | None = None
         """Who kicked the ball last."""
-        self.look()
+        self.update()
 
     def advance(self) -> None:
-        """Let one tick of physics pass and look."""
+        """Simulate one tick and update positions and velocities."""
         self._engine.advance()
         self.tick += 1
-        self.look()
+        self.update()
 
-    def look(self) -> None:
-        """Read positions, headings and the ball's velocity off the physics."""
+    def update(self) -> None:
+        """Copy positions, headings and the ball's velocity from the physics."""
         self.ball_x, self.ball_y, self.ball_vx, self.ball_vy = self._engine.ball()
         self._engine.place(self.robots)
 
@@ -104,9 +104,9 @@ class World:
 
         Args:
             direction: Where it goes, rad.
-            speed: How fast on average, m/s; `KICK_SPREAD` around it by chance.
+            speed: Mean speed, m/s; the actual speed varies by `KICK_SPREAD`.
             rng: Draws the speed.
-            by: Who kicks; None for nobody of this world.
+            by: The kicking robot; None if it is not in this world.
         """
         self.kicked_by = by
         speed *= rng.uniform(1.0 - KICK_SPREAD, 1.0 + KICK_SPREAD)

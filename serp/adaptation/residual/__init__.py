@@ -1,1 +1,1 @@
-"""Online regression of what the domain file leaves unexplained."""
+"""Online regression of the one-step error of the domain file."""

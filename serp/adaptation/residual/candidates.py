@@ -1,8 +1,8 @@
 """The candidates that may predict a target: their losses, and the choice among them.
 
-Candidates are the file alone and three residuals, see `serp.adaptation.parameter_buffer`: linear,
-linear with random features, linear of the mode's own. Each is measured on a sample before any
-learns from it (prequential loss: Dawid, Journal of the Royal Statistical Society A 147, 1984).
+Candidates are the file only and three residuals, see `serp.adaptation.parameter_buffer`: linear,
+linear with random features, linear and separate for the mode. Each is evaluated on a sample before
+it learns from it (prequential loss: Dawid, Journal of the Royal Statistical Society A 147, 1984).
 
 Shapes: d inputs, T targets, S = 1 + MODES sets of statistics (set 0 over all modes).
 """
@@ -20,42 +20,42 @@ from serp.model.transition_model import Vector
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 MEMORY = 0.995
-"""Weight of the past in the losses, a step."""
+"""Weight of the past in the losses, per step."""
 FORGET = 0.95
-"""Weight of the past in the statistics of the regression while the world drifts, a step."""
+"""Weight of the past in the statistics of the regression during drift, per step."""
 _RECENT = 0.9
 _DRIFT = 6.0
 _LASTING = 0.7
 _MIN_SURPRISE = 0.01
-"""The world drifts where the recent squared error is so many times the loss; it has changed for
-good where such a share of recent steps are surprises: steps whose squared error is so many times
-the baseline and more than this share of the squared change."""
+"""Drift is assumed if the recent squared error is this many times the loss. A permanent change is
+assumed if this fraction of recent steps are surprises: steps whose squared error is this many times
+the baseline and more than this fraction of the squared change."""
 _FOURIER_GAIN, _FOURIER_KEPT = 0.7, 0.85
-"""Random features cost a hundred times as much as a linear model; so they must leave less of its
-loss to be chosen, and to be kept."""
+"""Random features cost a hundred times as much as a linear model, so they must reduce its loss to
+these fractions to be chosen, and to be kept."""
 _BETTER = 0.9
-"""Any other candidate must leave less of the loss to replace another."""
+"""Fraction of the loss to which another candidate must reduce it to replace one."""
 _PREDICTED, _CERTAIN = 0.5, 0.02
-"""A candidate may leave this share of the squared change, or of the file's squared error."""
+"""Largest fraction of the squared change, or of the file's squared error, left by a candidate."""
 _MIN_MODE_SAMPLES = 10.0
-"""Before so many samples of a mode it follows the choice over all modes."""
+"""Samples of a mode before which it follows the choice over all modes."""
 JUDGED_FROM = 120
 """Samples of an action from which on it is known whether a target can be predicted."""
 
 
 class Statistics(NamedTuple):
-    """What is remembered of the samples of one group.
+    """Statistics of the samples of one group.
 
     Attributes:
         gram: `[S, T, 1 + d, 1 + d]` of the regression.
         moment: `[S, T, 1 + d]` of the regression.
         samples: `[S, T]` in them.
         loss: `[S, 4, T]` moving averages of the squared errors of the candidates.
-        seen: `[S, T]` samples that the losses are of.
-        typical: `[S, T]` moving average of |error| of what predicts.
+        seen: `[S, T]` number of samples in the losses.
+        typical: `[S, T]` moving average of |error| of the predictor in use.
         recent: `[T]` its squared error over the last few steps.
-        baseline: `[T]` the same over many steps; surprises count for little.
-        surprises: `[T]` share of the last few steps that were surprises.
+        baseline: `[T]` the same over many steps; surprises have little weight.
+        surprises: `[T]` fraction of the last few steps that were surprises.
         streak: `[S, T]` successive outliers.
         spread: `[T]` moving average of the squared change.
     """
@@ -102,14 +102,14 @@ def account(sample, mode, features, fourier, published, statistics):
         sample: Inputs `[d]`; the same less the origin of the statistics; `[T]` observed next value
             less that of effects and processes; `[T]` whether that is observed; `[T]` observed
             change.
-        mode: The set that it belongs to besides set 0; 0 for none.
-        features: `[FOURIER]` random features, where `fourier`.
-        fourier: Whether there are any.
+        mode: Its set besides set 0; 0 for none.
+        features: `[FOURIER]` random features, if `fourier`.
+        fourier: Whether there are random features.
         published: `linear`, `amplitude` and `kinds` of `GroupParameters`.
         statistics: Fields of `Statistics`.
 
     Returns:
-        Whether every target was taken, and whether the world has changed for good.
+        Whether every target was used, and whether a permanent change is assumed.
     """
     x, away, y, valid, change = sample
     linear, amplitude, kinds = published
@@ -188,7 +188,7 @@ def account(sample, mode, features, fourier, published, statistics):
                 if surprises[t] > _LASTING:
                     drifting = changed = True
             seen[s, t] += 1.0
-            # Predictions of candidates that knew nothing are soon forgotten.
+            # Losses of candidates with few samples soon lose weight.
             rate = rate_of(seen[s, t] - 1.0, MEMORY)
             for candidate in range(4):
                 squared = errors[candidate] * errors[candidate]
@@ -211,10 +211,10 @@ def account(sample, mode, features, fourier, published, statistics):
 
 @cached_njit(nogil=True)
 def choose(loss, seen, spread, fourier, modes, kinds, enabled):
-    """Choose what predicts each target in each mode; return whether that is ever a residual.
+    """Choose the predictor of each target in each mode; return whether any is a residual.
 
-    The file stays until a candidate predicts clearly better, and at least half of what happens:
-    the mean of values that differ widely is none of them, and no basis for a plan. Among the other
+    The file is used until a candidate predicts clearly better, and at least half of the change: the
+    mean of widely scattered values is not one of them, and no basis for a plan. Among the other
     candidates the best one is chosen, with some hysteresis.
 
     `fourier`: whether there are random features; `modes`: how many are in use; `enabled`

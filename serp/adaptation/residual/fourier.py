@@ -21,7 +21,7 @@ from serp.model.transition_model import Vector
 RIDGE: Final = 1e-3
 _FOURIER_RIDGE: Final = 1e-2
 _KEPT: Final = 4_000
-"""Samples that are kept to learn again from when ranges have grown."""
+"""Samples that are kept to learn from again when ranges have grown."""
 _GROWN: Final = 1.3
 """Growth of a range at which the features are drawn anew."""
 
@@ -30,11 +30,11 @@ class FourierRegression:
     """The regression of one group.
 
     Args:
-        parameters: Where features and weights are published.
-        depth: Inputs, d.
-        count: Targets, T.
+        parameters: Receives features and weights.
+        depth: Number of inputs, d.
+        count: Number of targets, T.
         seed: Seed of the features.
-        enabled: Whether random features may be used; otherwise nothing is kept.
+        enabled: Whether random features may be used; otherwise nothing is stored.
 
     Attributes:
         enabled: As above.
@@ -61,7 +61,7 @@ class FourierRegression:
         self._kept = 0
 
     def evaluate(self, x: Vector) -> bool:
-        """Compute `features` of an input; return whether there are any yet."""
+        """Compute `features` of an input; return False before features are drawn."""
         of = self._parameters
         if of.fourier:
             fourier_features(x, of.centre, of.shrink, of.frequency, of.phase, self.features)
@@ -82,19 +82,19 @@ class FourierRegression:
             accumulate_fourier(origin_x, y, self.features, self._gram, self._moment)
 
     def fade(self) -> None:
-        """Forget gradually: the world has changed."""
+        """Reduce the weight of old samples, because the environment has changed."""
         self._gram *= FORGET
         self._moment *= FORGET
         self._kept = 0
 
     def clear(self) -> None:
-        """Forget everything but the state of the random generator."""
+        """Reset everything but the random generator."""
         for array in (self._gram, self._moment, self._drawn_for, self._x, self._y):
             array[:] = 0.0
         self._kept = 0
 
     def draw(self, centre: Vector, half: Vector, origin: Vector) -> bool:
-        """Draw the features if there are none, or for other ranges; return whether the former."""
+        """Draw features if there are none or ranges have grown; return whether there were none."""
         of = self._parameters
         first = not of.fourier
         if first:
@@ -113,7 +113,7 @@ class FourierRegression:
         return first
 
     def solve(self, centre: Vector, half: Vector, origin: Vector) -> None:
-        """Publish the weights; without a finite solution they stay.
+        """Publish the weights; without a finite solution they are unchanged.
 
         Raises:
             numpy.linalg.LinAlgError: There is no solution.
@@ -163,14 +163,14 @@ class FourierRegression:
             if name in ("gram", "moment") and not self._parameters.fourier:
                 own[:] = 0.0
                 continue
-            # Sums may overflow where observations are huge; `solve` minds that.
+            # Sums may overflow for huge observations; `solve` handles that.
             low = -LARGEST if name == "drawn_for" else None
             count = rows if name in ("x", "y") else len(own)
             own[:count] = saved.array(name, np.float64, (count, *own.shape[1:]), low)
 
 
 def relative_to(origin: Vector, weights: NDArray[np.floating[Any]]) -> Vector:
-    """Return weights `[T, 1 + d]` of inputs as weights of the inputs less an origin."""
+    """Convert weights `[T, 1 + d]` of inputs to weights of the inputs minus an origin."""
     moved = np.array(weights, dtype=np.float64)
     moved[:, 0] += weights[:, 1:] @ origin
     return moved

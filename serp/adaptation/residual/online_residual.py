@@ -1,7 +1,7 @@
-"""What a feature group learns online: the one-step error of the file.
+"""Online learning of the one-step error of the file, for one feature group.
 
-Recursive ridge regression of the error of every target, on inputs normalised by their ranges,
-linear and, where that leaves something unexplained, with random Fourier features. The candidate
+Recursive ridge regression of the error of every target, on inputs normalised by their ranges:
+linear, and with random Fourier features if the linear model leaves a large error. The candidate
 that predicts best is published; the file itself is one of them.
 """
 
@@ -26,7 +26,7 @@ from serp.adaptation.residual.warm_up import WarmUp
 from serp.model.transition_model import Vector
 
 _FOURIER_FROM, _UNEXPLAINED = 60, 1e-4
-"""Random features are used after so many samples if the linear model leaves this share of the
+"""Random features are used after this many samples if the linear model leaves this fraction of the
 squared change."""
 _SOLVED_EVERY: Final = 30
 """Weights are solved in every step at first, then after every thirtieth part of the samples."""
@@ -39,7 +39,7 @@ class OnlineResidual:
 
     Args:
         group: Any feature group of the key.
-        parameters: Where what predicts best is published.
+        parameters: Receives the best predictor.
         seed: Seed of the random features.
         nonlinear: Whether random features may be used.
 
@@ -74,8 +74,8 @@ class OnlineResidual:
             streak=np.zeros(by_set),
             spread=np.zeros(by_target),
         )
-        self._columns = tuple(self._statistics)  # compiled code takes it sooner than a named one
-        # Sums are of inputs less the first ones: far from 0 the squares would hide what varies.
+        self._columns = tuple(self._statistics)  # passed to compiled code faster than a named tuple
+        # Sums are of inputs minus the first input: far from 0 the squares would lose precision.
         self._origin = np.zeros(depth)
         self._low = np.full(depth, np.inf)
         self._high = np.full(depth, -np.inf)
@@ -83,7 +83,7 @@ class OnlineResidual:
         self._far_inputs = self._samples = self._since_solved = 0
 
     def learn(self, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask) -> bool:
-        """Learn from a sample and publish what predicts best.
+        """Learn from a sample and publish the best predictor.
 
         Args:
             x: `[d]` inputs.
@@ -104,9 +104,9 @@ class OnlineResidual:
         return used
 
     def predictable(self, enabled: Mask) -> bool:
-        """Return whether half of what happens to each target is predictable, over all siblings.
+        """Return whether half of the change of each target is predictable, over all siblings.
 
-        By the file or any candidate, in use or not; true as long as that is unknown.
+        Predictable by the file or any candidate, in use or not; True while that is unknown.
 
         Args:
             enabled: `[T]` whether a residual may predict the target.
@@ -118,7 +118,7 @@ class OnlineResidual:
         return bool((left <= allowed).all())
 
     def _learn_warm_up(self, enabled: Mask) -> bool | None:
-        """Learn the first samples again without outliers; None where there are none."""
+        """Learn the first samples again without outliers; None if there are no outliers."""
         samples = self._warm_up.without_outliers([group._warm_up for group in self.siblings])
         if samples is None:
             return None
@@ -154,7 +154,7 @@ class OnlineResidual:
         self._since_solved += 1
         if self._since_solved * _SOLVED_EVERY >= self._samples:
             self._since_solved = 0
-            # Without a solution the weights stay as they are.
+            # Without a solution the weights are unchanged.
             with contextlib.suppress(np.linalg.LinAlgError):
                 self._solve(mode)
         used: bool = candidates.choose(
@@ -164,7 +164,7 @@ class OnlineResidual:
         return used
 
     def _is_outlier(self, x: Vector) -> bool:
-        """Return whether inputs are far beyond their ranges; several in a row are not."""
+        """Return whether inputs are far outside their ranges; False after several such in a row."""
         far = False
         if self._samples >= FEW:
             far = far_off(x, self._low, self._high, FAR if self._samples >= SETTLED else EXTREME)
@@ -172,7 +172,7 @@ class OnlineResidual:
         return 0 < self._far_inputs <= PATIENCE
 
     def _mode(self, x: Vector) -> int:
-        """Return the mode of an input, giving it a model of its own while there is room."""
+        """Return the mode of an input, adding a separate model while there is room."""
         if not len(self._bits):
             return 0
         parameters = self._parameters
@@ -189,7 +189,7 @@ class OnlineResidual:
         centre, half = _centre_and_half(self._low, self._high)
         pooled = self._pooled()
         for row in (0, mode) if mode else (0,):
-            # The prior of a mode's own weights are those of all modes.
+            # The prior of a mode's weights is the model of all modes.
             prior = relative_to(self._origin, linear[0]) if row else pooled
             solve_ridge(
                 statistics.gram[row], statistics.moment[row], statistics.samples[row], self._origin,
@@ -202,10 +202,10 @@ class OnlineResidual:
         self._fourier.solve(centre, half, self._origin)
 
     def _pooled(self) -> Vector:
-        """Return `[T, 1 + d]` weights from all siblings, each with a constant of its own.
+        """Return `[T, 1 + d]` weights from all siblings, each with a separate constant.
 
-        They are weights of the inputs less the origin. Much of what happens does not depend on the
-        action, so that data of one action are evidence for the others.
+        They are weights of the inputs minus the origin. Many changes do not depend on the action,
+        so the data of one action are evidence for the others.
         """
         known = [group for group in self.siblings if group._samples]
         low = np.min([group._low for group in known], axis=0)
@@ -219,7 +219,7 @@ class OnlineResidual:
         return found
 
     def _unexplained(self) -> bool:
-        """Return whether linear models leave something to explain, and there are samples for it."""
+        """Return whether linear models leave a large error, and there are enough samples."""
         left = self._statistics.loss[0, LINEAR] > _UNEXPLAINED * self._statistics.spread + 1e-18
         return self._samples >= _FOURIER_FROM and bool(left.any())
 
@@ -229,7 +229,7 @@ class OnlineResidual:
         "samples": (0, MOST), "seen": (0, MOST), "streak": (0, MOST), "origin": (-LARGEST, LARGEST),
         "low": (-np.inf, np.inf), "high": (-np.inf, np.inf),  # infinite before the first sample
     }  # fmt: skip
-    """Valid values; the others may overflow where observations are huge, which readers mind."""
+    """Valid ranges; the other sums may overflow for huge observations, which readers handle."""
 
     def _arrays(self) -> dict[str, Vector]:
         ranges = {"origin": self._origin, "low": self._low, "high": self._high}

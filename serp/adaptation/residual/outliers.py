@@ -1,4 +1,4 @@
-"""Which observations are used at all; the same loops for every domain."""
+"""Detection of unusable observations; the same loops for every domain."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from serp._util.compilation import cached_njit
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 HUGE = 1e60
-"""Numbers from here on are no observations; sums of their squares would overflow."""
+"""Numbers of at least this size are not used; sums of their squares would overflow."""
 FEW, SETTLED = 5, 30
-"""Samples before which nothing is an outlier, and before which only what is `EXTREME`."""
+"""Samples before which nothing counts as an outlier, and before which only `EXTREME` errors do."""
 FAR, EXTREME = 8.0, 100.0
-"""An outlier is so many typical errors, or half ranges of an input, off."""
+"""An outlier is off by this many typical errors, or half ranges of an input."""
 PATIENCE = 3
-"""More successive outliers than that are none: the world has changed."""
+"""After more successive outliers than this the environment is assumed to have changed."""
 
 
 @cached_njit(nogil=True)
 def update_whole(state, next_state, numeric, whole):
-    """Note which numbers are not whole; return whether all are finite and not huge.
+    """Update which fluents are whole numbers; return whether all are finite and not huge.
 
     Args:
         state: `[F]` before a step.
         next_state: `[F]` observed after it.
-        numeric: `[F]` which fluents are no predicates.
+        numeric: `[F]` which fluents are numeric.
         whole: `[F]` which were always whole; changed in place unless a number is huge.
     """
     for i in range(state.shape[0]):
@@ -39,7 +39,7 @@ def update_whole(state, next_state, numeric, whole):
 
 @cached_njit(nogil=True)
 def far_off(x, low, high, limit):
-    """Return whether an input is more than `limit` half ranges off the middle of its range.
+    """Return whether an input is more than `limit` half ranges from the middle of its range.
 
     Args:
         x: `[d]` inputs.

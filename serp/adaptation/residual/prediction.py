@@ -1,7 +1,7 @@
-"""The residual's part of a predicted step, the same loops for every domain.
+"""Evaluation of the residual in a predicted step; the same loops for every domain.
 
 `buffer` is the memory of `serp.adaptation.parameter_buffer` as a pointer, `shared` the offset of
-what a feature group shares.
+the shared part of a feature group.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from serp.adaptation import parameter_buffer as b
 
 @cached_njit(nogil=True, forceinline=True)
 def cosine(z):
-    """Return a cheap approximation of the cosine, to within 0.001."""
+    """Return a fast approximation of the cosine, accurate to 0.001."""
     turns = z * 0.15915494309189535 + 0.25
     turns -= np.floor(turns + 0.5)
     y = 8.0 * turns - 16.0 * turns * abs(turns)
@@ -25,7 +25,7 @@ def cosine(z):
 
 @cached_njit(nogil=True, forceinline=True)
 def mode_of(buffer, shared, inputs, state):
-    """Return the mode of a state; 0 for one without a model of its own."""
+    """Return the mode of a state; 0 for one without a separate model."""
     bits = int(buffer[shared + b.S_BITS])
     if bits == 0:
         return 0

@@ -1,4 +1,4 @@
-"""Compiled solutions of the online regressions, from their statistics.
+"""Compiled solvers of the online regressions, from their statistics.
 
 Shapes: d inputs, T targets, n actions. Inputs are normalised by the centres and half widths of
 their ranges; `shrink` is 1 over the half widths.
@@ -13,7 +13,7 @@ from serp._util.compilation import cached_njit
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 _CONSTANT = 0.01
-"""Ridge of the constants relative to that of the slopes: it is them that actions differ in."""
+"""Ridge of the constants relative to that of the slopes; actions differ mainly in constants."""
 
 
 @cached_njit(nogil=True)
@@ -21,12 +21,12 @@ def solve_pooled(grams, moments, centres, shrink, ridge, own, out):
     """Solve the regression of several actions that differ only in their constants.
 
     Args:
-        grams: `[n, T, 1 + d, 1 + d]` statistics of n actions, each about an origin of its own.
+        grams: `[n, T, 1 + d, 1 + d]` statistics of n actions, each about its own origin.
         moments: `[n, T, 1 + d]` likewise.
         centres: `[n, d]` of the ranges over all actions, relative to each origin.
         shrink: `[d]`.
-        ridge: Of the slopes.
-        own: Which of the actions is wanted.
+        ridge: Ridge of the slopes.
+        own: Index of the action to solve for.
         out: `[T, 1 + d]` receives its weights, about its origin, where there is a solution.
     """
     actions, targets, size = moments.shape
@@ -72,7 +72,7 @@ def solve_ridge(grams, moments, counts, origin, centre, shrink, ridge, priors, o
         origin: `[d]`.
         centre: `[d]`.
         shrink: `[d]`.
-        ridge: Of all weights, towards the prior.
+        ridge: Ridge of all weights, towards the prior.
         priors: `[T, 1 + d]` weights of the inputs less their origin.
         out: `[T, 1 + d]` receives the weights of the inputs, where there is a solution.
     """

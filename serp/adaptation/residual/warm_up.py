@@ -1,7 +1,7 @@
 """The first samples of a group, kept until outliers among them can be identified.
 
-Before anything is known of a group it learns from all samples. One outlier among the first would
-stretch the ranges of the inputs and dominate the regression for thousands of samples.
+At first a group learns from all samples. One outlier among them would stretch the ranges of the
+inputs and dominate the regression for thousands of samples.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ Mask = NDArray[np.bool_]
 
 _SAMPLES: Final = 10
 _MIN_NUMBERS: Final = 6
-"""Numbers that are needed to identify outliers among them."""
+"""Fewest numbers among which outliers can be identified."""
 _SPARED: Final = 2
-"""Outliers at most; one wrong reading affects two steps."""
+"""Most outliers; one wrong reading affects two steps."""
 _EXTREME: Final = 30.0
-"""An outlier is this many times as far from the median as all other numbers."""
+"""An outlier is this many times as far from the median as the farthest other number."""
 
 
 class WarmUp:
     """The first ten samples.
 
     Args:
-        depth: Inputs, d.
+        depth: Number of inputs, d.
         places: `[T]` position of each target among the inputs.
     """
 
@@ -44,7 +44,7 @@ class WarmUp:
 
     @property
     def over(self) -> bool:
-        """Whether all of them have come."""
+        """Whether all samples were added."""
         return self._kept == _SAMPLES
 
     def add(self, x: Vector, y: Vector, valid: Mask, change: Vector) -> None:
@@ -56,15 +56,15 @@ class WarmUp:
     def without_outliers(
         self, alike: Sequence[WarmUp]
     ) -> Iterator[tuple[Vector, Vector, Mask, Vector]] | None:
-        """Return the samples without outliers; None where there are none.
+        """Return the samples without outliers; None if there are no outliers.
 
         A sample with an outlying input is dropped; one with an outlying target is kept without
         this target. The scale of a target is that of the other samples, or that of its fluent if
         larger.
 
         Args:
-            alike: Those of groups with the same inputs, this one included: one action alone may
-                have been taken in few places.
+            alike: Warm-ups of groups with the same inputs, this one included: a single action may
+                have been executed in few states.
         """
         seen = np.concatenate([other._x[: other._kept] for other in alike])
         dropped = np.zeros(len(self._x), dtype=np.bool_)
@@ -113,7 +113,7 @@ def _median_and_spread(values: Vector) -> tuple[float, float]:
 
 
 def _outliers(values: Vector, median: float, spread: float) -> Mask:
-    """Return which of successive numbers are outliers; not at the end, where a change may begin.
+    """Return which of successive numbers are outliers; never the last, where a change may begin.
 
     Numbers that never changed have a spread of 1.
     """

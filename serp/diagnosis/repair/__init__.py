@@ -1,1 +1,1 @@
-"""Writing the findings of a run back into its domain file."""
+"""Repair: the findings of a run written into its domain file."""

@@ -19,12 +19,12 @@ class EffectEdit:
     """An effect on a number, and its edits.
 
     Args:
-        schema: The action or process in which it stands.
+        schema: The action or process that contains it.
         effect: The effect.
 
     Attributes:
-        schema, effect: The same.
-        evidence: Comments on the edits, each with the place that it stands above.
+        schema, effect: As above.
+        evidence: Comments on the edits, each with the place above which it is inserted.
     """
 
     def __init__(self, schema: x.Schema, effect: x.ChangeFunction) -> None:
@@ -51,7 +51,7 @@ class EffectEdit:
         self._added = tuple(terms)
 
     def edits(self) -> list[Edit]:
-        """Return the edits; a negative factor turns `increase` into `decrease` and back."""
+        """Return the edits; a negative factor exchanges `increase` and `decrease`."""
         change = self._change
         edits = []
         for place, number in self._numbers.values():

@@ -17,7 +17,7 @@ _PLAIN = str.maketrans({"−": "-", "…": "...", "×": "*", "±": "+/-"})
 
 
 def decimal(value: float, error: float) -> str:
-    """Return a number up to the first digit that is uncertain, and four digits at most.
+    """Format a number up to the first uncertain digit, with at most four digits.
 
     A plain decimal, as every PDDL tool reads it: `0.21`, `-3`, never an exponent.
 
@@ -46,7 +46,7 @@ def effect_of(target: str, term: EffectTerm, *, rate: bool) -> str:
 
     Args:
         target: Name of the fluent, `battery ?robot`.
-        term: What changes it.
+        term: The term that changes it.
         rate: Whether it is a change per unit of time, as in a process.
     """
     value = _product(abs(term.coefficient), term)
@@ -75,7 +75,7 @@ def _product(coefficient: float, term: EffectTerm) -> str:
 
 
 def measured(value: float, error: float) -> str:
-    """Return a number for a comment, with its standard error where that shows: `0.21 +/- 0.02`."""
+    """Format a number for a comment, with its standard error if visible: `0.21 +/- 0.02`."""
     number = decimal(value, error)
     decimals = len(number.partition(".")[2])
     if error < 0.5 * 10.0**-decimals and float(number) != 0.0:
@@ -111,8 +111,8 @@ def evidence_of_rule(finding: RuleFinding) -> str:
     if finding.fluent == END:
         came = f"the task ended in {finding.came:,} of them"
     else:
-        came = f"reward {finding.promised:.3g} on average, it was {finding.observed:.3g}"
-    more = f"; applies to {finding.unpredicted:,} more" if finding.unpredicted else ""
+        came = f"reward {finding.expected:.3g} on average, observed {finding.observed:.3g}"
+    more = f"; applied in {finding.unpredicted:,} others" if finding.unpredicted else ""
     return f"{what}, {came}{more}." if finding.predicted else f"{what}{more}."
 
 

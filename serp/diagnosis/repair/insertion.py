@@ -1,6 +1,6 @@
 """Insertion of comments, effects and processes into the text of a domain file.
 
-All edits are insertions: every byte of the file stays, and each comment stays behind its effect.
+All edits are insertions: no byte of the file is removed, and each comment stays behind its effect.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ class InsertionPoints:
         self._groups = [item for item in self._top.items if isinstance(item, Group)]
 
     def comment_above(self, position: int, text: str) -> Edit:
-        """Return a comment on lines of its own above the line of a position."""
+        """Return the edit that inserts comment lines above the line of a position."""
         start = line_start(self.text, position)
         return Edit(start, start, comment(text, indent_at(self.text, position), self._newline))
 
     def head(self, title: str, lines: Sequence[str]) -> list[Edit]:
-        """Return the edits that put a list at the head of the file, in place of an older one.
+        """Return the edits that put a list at the head of the file, replacing an older one.
 
         Args:
-            title: Its first line; an older list is known by the words of it before a comma.
-            lines: What follows; nothing for no list.
+            title: Its first line; an older list is recognised by the words before the first comma.
+            lines: The other lines; empty: no list.
         """
         end, mark = 0, f"; {title.partition(',')[0]}"
         if self.text.startswith(mark):
@@ -58,7 +58,7 @@ class InsertionPoints:
 
         Args:
             schema: Where the action is written.
-            effects: Each with its evidence, which stands above it as a comment.
+            effects: Each with its evidence, which is inserted above it as a comment.
         """
         group = next(g for g in self._groups if g.place.start == schema.start)
         value = _field(group, ":effect")
@@ -79,7 +79,7 @@ class InsertionPoints:
         return [Edit(start, start, "(and "), Edit(end, end, f"{lines})")]
 
     def process(self, name: str, parameters: str, effects: Sequence[tuple[str, str]]) -> Edit:
-        """Return the edit that adds a process, behind the last one or else the last action.
+        """Return the edit that adds a process, after the last one or else the last action.
 
         Args:
             name: Its name.
@@ -103,12 +103,12 @@ class InsertionPoints:
 
     @property
     def last_schema(self) -> Place:
-        """Where the last process is written, or else the last action."""
+        """Place of the last process, or else of the last action."""
         processes = [g.place for g in self._groups if g.head == ":process"]
         return (processes or [g.place for g in self._groups if g.head == ":action"])[-1]
 
     def requirements(self, needs: Iterable[str]) -> list[Edit]:
-        """Return the edits that make the file require what it needs and does not require yet."""
+        """Return the edits that add missing entries to `:requirements`."""
         section = next((g for g in self._groups if g.head == ":requirements"), None)
         listed = {word.text for word in section.items if isinstance(word, Word)} if section else ()
         missing = [need for need in needs if not set(_IMPLYING[need]) & set(listed)]
@@ -134,7 +134,7 @@ class InsertionPoints:
             return [Edit(at, at, lines)]
         if not self._commented(value.place.end):
             return [Edit(last.end, last.end, lines)]
-        # In front, as the comment behind the brackets is about the last effect.
+        # In front, because the comment behind the brackets refers to the last effect.
         at = value.items[0].place.end
         rest = self.text[at : line_end(self.text, at)].strip()
         if not rest or rest.startswith(";"):
@@ -142,7 +142,7 @@ class InsertionPoints:
             return [Edit(at, at, lines)]
         if first.start == value.items[0].place.start:  # an empty `and`
             return [Edit(at, at, lines)]
-        # What stands before the first effect ends its indent.
+        # The text before the first effect ends its indent.
         return [Edit(at, at, f"{lines}{self._newline}{indent[first.start - at :]}")]
 
     def _commented(self, position: int) -> bool:
@@ -151,7 +151,7 @@ class InsertionPoints:
         return rest.lstrip(") \t").startswith(";")
 
     def _lines(self, effects: Sequence[tuple[str, str]], indent: str) -> str:
-        """Return effects on lines of their own, each behind a line break."""
+        """Return effects on separate lines, each after a line break."""
         lines = [
             f"{self._newline}{comment(evidence, indent, self._newline)}{indent}{effect}"
             for evidence, effect in effects
@@ -160,7 +160,7 @@ class InsertionPoints:
 
 
 def _field(group: Group, key: str) -> Group | None:
-    """Return what stands behind a key of a schema."""
+    """Return the group that follows a key of a schema."""
     for word, value in zip(group.items[2::2], group.items[3::2], strict=False):
         if isinstance(word, Word) and word.text == key and isinstance(value, Group):
             return value

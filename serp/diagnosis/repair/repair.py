@@ -1,8 +1,8 @@
 """Repair of a domain file by the findings of a run.
 
-Parameters are changed where they stand, and missing effects are added to their action or as a
-process, each with its evidence as a comment. Every other byte of the file stays. Rewards, unsafe
-and terminal are only commented on. `serp.diagnosis.relevance` decides which findings are written.
+Parameters are changed in place, and missing effects are added to their action or as a process, each
+with its evidence as a comment. Every other byte of the file is kept. Rewards, unsafe and terminal
+are only commented on. `serp.diagnosis.relevance` decides which findings are written.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class Repair:
         line: Line of the file as it was; for an addition the line of what it is added to.
         schema: The action or process that is changed or new.
         before: The effect as it was; empty for an addition.
-        after: The effect as it is; empty for a comment alone.
-        evidence: What was observed.
+        after: The effect as it is now; empty if only a comment is added.
+        evidence: The observation behind it.
     """
 
     line: int
@@ -63,10 +63,10 @@ class Repaired:
     """A repaired domain file.
 
     Attributes:
-        text: All of it.
+        text: The whole text.
         repairs: The changes, in the order of the file.
-        open: Sentences about what is not repaired: what the findings do not explain, and findings
-            about the problem file. With any change, they stand at the head of the file too.
+        open: Sentences about what is not repaired: quantities that the findings do not explain, and
+            findings about the problem file. If there are changes, the head of the file lists them.
     """
 
     text: str
@@ -81,12 +81,12 @@ def repair(domain: Domain, findings: Findings, unexplained: Sequence[str] = ()) 
     and ends become comments. The result has been parsed and instantiated.
 
     Args:
-        domain: The domain; its problem file is not touched.
+        domain: The domain; its problem file is not changed.
         findings: The findings to write.
-        unexplained: Sentences about what the findings do not explain.
+        unexplained: Sentences about quantities that the findings do not explain.
 
     Raises:
-        DomainError: The repaired file with the problem would be wrong.
+        DomainError: The repaired file and the problem would not be valid.
     """
     writer = _Writer(domain, findings)
     edits = writer.edits()
@@ -147,7 +147,7 @@ class _Writer:
         return edits + self._points.requirements(self._needs)
 
     def head(self, left: Sequence[str]) -> list[Edit]:
-        """Return the edits that list at the head of the file what is not repaired."""
+        """Return the edits that list, at the head of the file, what is not repaired."""
         steps = f"{self._findings.samples:,} steps"
         return self._points.head(f"{_HEAD}, in {steps}:", left)
 
@@ -221,12 +221,13 @@ class _Writer:
         own = [t for t in terms if t.fluents == (missing.fluent,)]
         steps = f"{missing.samples:,} steps"
         if own and abs(own[0].coefficient - 1.0) <= _NEARLY_ONE:
-            # The old value plus something is an increase.
+            # The old value plus a change is an increase.
             edit.make_increase()
-            evidence, rest = f"found to be added in {steps}", [t for t in terms if t not in own]
+            rest = [t for t in terms if t not in own]
+            evidence = f"in {steps} it was added to the old value"
         else:
             edit.add_terms(terms)
-            evidence, rest = f"found to be that and more in {steps}", []
+            evidence, rest = f"further terms found in {steps}", []
         edit.evidence.append((edit.effect.place, f"assigned as written; {evidence}"))
         return rest
 

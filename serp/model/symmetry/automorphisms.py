@@ -22,11 +22,11 @@ MAX_WORK = 1_000_000
 
 @dataclass(frozen=True)
 class Symmetries:
-    """What the search found.
+    """The result of the search.
 
     Attributes:
-        generators: Symmetries that generate all that were found; none is trivial.
-        complete: False where the search gave up: there may be more.
+        generators: Symmetries that generate all that were found; none is the identity.
+        complete: False where the search was cut short: there may be more.
     """
 
     generators: tuple[ModelSymmetry, ...]
@@ -51,7 +51,7 @@ class Symmetries:
 def find_symmetries(ground: g.GroundModel, max_work: int = MAX_WORK) -> Symmetries:
     """Find the permutations of objects that map a model onto itself.
 
-    Deterministic. Initial values do not count: the initial state does not change what actions do.
+    Deterministic. Initial values do not count, since they do not change the effects of actions.
 
     Args:
         ground: The model.
@@ -94,7 +94,7 @@ class _Search:
                     alike[name] = first
                     yield symmetry
                     break
-        # A chain of stabilisers: for every object, where else it can go with all before it fixed.
+        # A chain of stabilisers: the images of each object while all objects before it are fixed.
         known: list[Mapping[str, str]] = []
         for position, name in enumerate(self.objects):
             fixed = self.objects[:position]
@@ -143,7 +143,7 @@ class _Search:
             cells.setdefault(colour, []).append(o)
         for o, colour in left.items():
             if len(cells[colour]) > 1:
-                # Stay first: what need not move stays where it is.
+                # Try the identity first, so that objects move only where they have to.
                 for candidate in sorted(cells[colour], key=lambda c: (c != o, c)):
                     symmetry = self._match(left, right, o, candidate)
                     if symmetry is not None:
@@ -187,7 +187,7 @@ class _Search:
         return {name: number("colour", colours[name], tuple(sorted(parts[name]))) for name in parts}
 
     def _seen(self, colours: Mapping[str, int], name: str) -> Seen:
-        """Return the numbers of fluents for an object that sees only the colours of others."""
+        """Return the numbers of fluents, given an object and only the colours of the others."""
         known: dict[int, int] = {}
 
         def seen(column: int) -> int:
@@ -211,7 +211,7 @@ def _objects_of(fluents: Sequence[g.Fluent], node: g.Test | g.Value) -> set[str]
 
 
 class _Orbits:
-    """Classes of objects that can take each other's place."""
+    """Classes of objects that can be exchanged."""
 
     def __init__(self, objects: Iterable[str]) -> None:
         self.parent = {name: name for name in objects}

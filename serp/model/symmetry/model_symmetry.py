@@ -1,7 +1,7 @@
 """Symmetries of a domain: permutations of objects and sign flips that map the model onto itself.
 
-A symmetry σ turns a state s into σs and an action a into σa, and the model predicts the same of
-both: step(σs, σa) = σ step(s, a), reward and flags included.
+A symmetry σ maps a state s to σs and an action a to σa, and the model makes equal predictions for
+both: step(σs, σa) = σ step(s, a), with equal rewards and flags.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 
 _TRANSITIONS = 1024
-"""How many predictions are compared with those of their mirror images."""
+"""Number of predictions that are compared with those of their mirror images."""
 _FLAGS = ((APPLICABLE, "applicable"), (UNSAFE, "unsafe"), (TERMINAL, "terminal"))
 _TOLERANCE = 1e-6
 """Largest difference of two numbers that count as equal, relative to 1 or to their size."""
@@ -85,10 +85,10 @@ def permuted_columns(
 
 
 def violation(model: TransitionModel, symmetry: ModelSymmetry, seed: int = 0) -> str | None:
-    """Return where a model contradicts a symmetry, in words; None where it does not.
+    """Describe where a model contradicts a symmetry; None where it does not.
 
     Predictions in random states are compared with those in their mirror images, to float accuracy.
-    The numbers are drawn from around 0 and around the parameters, where conditions begin to hold.
+    The numbers are drawn near 0 and near the parameters, where conditions change.
     """
     rng = np.random.default_rng(seed)
     count = len(model.actions)
@@ -110,7 +110,7 @@ def _random_states(model: TransitionModel, count: int, rng: np.random.Generator)
     numeric = np.array([fluent.numeric for fluent in model.fluents], dtype=np.bool_)
     shape = (count, len(numeric))
     scales = np.unique(np.abs(np.append(model.theta, 1.0)))
-    # Continuous draws: on a threshold itself, rounding may decide.
+    # Continuous draws: exactly on a threshold, rounding would decide.
     near = rng.choice(scales, shape) * rng.uniform(0.5, 1.5, shape)
     numbers = np.where(rng.random(shape) < 0.5, near, rng.normal(size=shape))
     numbers *= rng.choice((-1.0, 1.0), shape)
@@ -139,8 +139,8 @@ def _difference(
         for fluent, wanted, got in zip(model.fluents, expected.tolist(), there, strict=False):
             if not _same(wanted, got):
                 yield (
-                    f"after `{image_name}` the mirror image of what `{name}` does has "
-                    f"`{fluent.name}` {wanted:.6g}, the domain says {got:.6g}"
+                    f"after `{image_name}` the mirror image of `{name}` has "
+                    f"`{fluent.name}` {wanted:.6g}, the domain predicts {got:.6g}"
                 )
         if not _same(here[-1], there[-1]):
             yield f"`{name}` is worth {here[-1]:.6g}, `{image_name}` {there[-1]:.6g}"

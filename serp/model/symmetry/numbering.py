@@ -1,7 +1,7 @@
-"""Numbers for conditions, values and effects, equal where two of them mean the same.
+"""Numbers for conditions, values and effects; equivalent ones have equal numbers.
 
-The order of conjuncts, effects and operands does not count, and `(> b a)` is `(< a b)`. As floats
-are then added and multiplied in another order, equal means equal up to rounding.
+The order of conjuncts, effects and operands does not count, and `(> b a)` is `(< a b)`. Floats
+are then added and multiplied in another order, so equivalent means equal up to rounding.
 """
 
 from __future__ import annotations

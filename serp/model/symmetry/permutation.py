@@ -29,7 +29,7 @@ class Asymmetry(Exception):
 
 
 def symmetry_of(ground: g.GroundModel, objects: Mapping[str, str]) -> ModelSymmetry:
-    """Return the symmetry that a permutation of objects is.
+    """Return the symmetry that a permutation of objects defines.
 
     Args:
         ground: The model.
@@ -49,10 +49,10 @@ class Items:
         max_work: Most expressions that are visited; None: no limit.
 
     Attributes:
-        numbering: Numbers of all that was visited.
+        numbering: Numbers of all visited expressions.
         schemas: Actions, processes and events.
         mentions: The objects that each of them refers to.
-        static: (symbol, *objects) of what is stated and never changes → its value.
+        static: (symbol, *objects) of a stated fact that never changes → its value.
     """
 
     def __init__(self, ground: g.GroundModel, max_work: int | None = None) -> None:
@@ -88,7 +88,7 @@ class Items:
         return list(found)
 
     def apply(self, objects: Mapping[str, str]) -> ModelSymmetry:
-        """Return the symmetry that a permutation of objects is.
+        """Return the symmetry that a permutation of objects defines.
 
         Raises:
             Asymmetry: It is not a symmetry.
@@ -128,7 +128,7 @@ class Items:
             if image is None or self.numbers[image] != number:
                 mirror = " ".join((schema.schema, *arguments))
                 raise Asymmetry(
-                    f"{schema.kind.value} `{schema.name}` and `{mirror}` are no mirror images",
+                    f"{schema.kind.value} `{schema.name}` and `{mirror}` are not mirror images",
                     schema.place,
                 )
             images[k] = image
@@ -148,8 +148,8 @@ class Items:
     def _same_order_of_events(self, images: Sequence[int]) -> None:
         """Check that no result depends on the order in which the mirror images of events fire.
 
-        Events fire in file order. Two may be exchanged when neither reads what the other writes,
-        and what both write is the same in either order.
+        Events fire in file order. Two may be exchanged where neither reads what the other writes
+        and their common writes commute.
         """
         start = len(self.schemas) - len(self.ground.events)
         order = images[start:]
@@ -162,8 +162,8 @@ class Items:
                     one, other = self.schemas[start + i], self.schemas[start + j]
                     if not _independent(one, other):
                         raise Asymmetry(
-                            f"event `{one.name}` fires before `{other.name}`, their mirror images "
-                            "the other way round, and the order matters",
+                            f"event `{one.name}` fires before `{other.name}`, but their mirror "
+                            "images fire in the opposite order, and the order matters",
                             other.place,
                         )
 

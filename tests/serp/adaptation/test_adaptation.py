@@ -189,7 +189,7 @@ def test_an_action_that_the_model_does_not_know_is_recorded_and_teaches_nothing(
         of.observe(rng.normal(size=2), -1, rng.normal(size=2), False)
     assert len(of.experience) == 100
     assert of.visits.tolist() == [0, 0]
-    assert not of.skill.reliable
+    assert not of.forecast_skill.reliable
     states = rng.normal(size=(20, 2))
     expected = from_text(PLANE).model.replace(dt=0.1).step(states, 0)
     assert of.model.step(states, 0).state.tobytes() == expected.state.tobytes()
@@ -286,14 +286,14 @@ def test_rewards_and_ends_are_compared_as_fluents_are(mode: str, compiled: bool)
     assert (of.experience.rewards == -0.5).all()
 
 
-def test_skill_and_monitor_are_of_the_model_in_use() -> None:
+def test_forecast_skill_and_monitor_are_of_the_model_in_use() -> None:
     on, off = adaptation(PLANE), adaptation(PLANE, "off")
     rng = np.random.default_rng(0)
     for _ in range(200):
         state = rng.normal(size=2)
         for of in (on, off):
             of.observe(state, 0, plus(state, 0.3 * state[1], 0.2), False)
-    assert on.skill.reliable and not off.skill.reliable
+    assert on.forecast_skill.reliable and not off.forecast_skill.reliable
     for of, gains in ((on, True), (off, False)):
         for row in of.monitor.rows():
             if row.action == "push" and row.fluent in ("p", "v"):

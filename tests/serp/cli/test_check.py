@@ -53,9 +53,9 @@ def test_a_fluent_that_the_task_does_not_ground_is_named(run: Run, folder: Path)
     shown = run("check", "cartpole.pddl").stdout
     assert "cartpole.pddl: right" in shown  # by itself
     assert "warning: task cartpole: the grounding does not fit cartpole.pddl: " in shown
-    assert "found 4: there is none for `pole-velocity`" in shown
+    assert "found 4: none for `pole-velocity`" in shown
     told = run("plan-and-learn", "--domain=cartpole", "--out=runs/new", expect=1).stderr
-    assert "found 4: there is none for `pole-velocity`" in told
+    assert "found 4: none for `pole-velocity`" in told
     assert not Path("runs").exists()
 
 

@@ -178,7 +178,7 @@ def test_whatever_is_wrong_the_diagnosis_says_so_and_the_repair_writes_it(world:
         (World(broken=True), 5, "instead nothing changes in 100"),
         (World(endless=True), 10, "`(terminal)`, predicted in"),
         (World(prize=1.0), 10, "`(increase (reward) 4.0)`, predicted in"),
-        (World(sudden=0.05), None, "of which no line says so"),
+        (World(sudden=0.05), None, ", and no line of the file says so"),
     ],
 )
 def test_each_error_is_told_in_the_words_of_the_file(
@@ -270,12 +270,12 @@ def test_where_nothing_can_be_compared_nothing_is_said(model: TransitionModel) -
     states, actions = states_of(model, 60)
     states[:, 0] = np.nan
     diagnosis = diagnosed(recorded(model, states, actions, states))
-    assert diagnosis.sample.left_out == {"a value that is no finite number": 60}
+    assert diagnosis.sample.left_out == {"a value that is not a finite number": 60}
     assert diagnosis.verdict == "None of these steps can be compared with the file."
     assert not (diagnosis.matter or diagnosis.unexplained or diagnosis.fits)
     still, rest = from_text(STILL), np.zeros((60, 1))
     still_diagnosis = diagnosed(recorded(still.model, rest, np.zeros(60, int), rest, domain=still))
-    assert still_diagnosis.verdict.startswith("Nothing changed in these steps, as the file says")
+    assert still_diagnosis.verdict.startswith("Nothing changed in these steps, as predicted")
 
 
 def test_the_table_has_a_row_for_each_action_and_quantity(model: TransitionModel) -> None:

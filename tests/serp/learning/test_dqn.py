@@ -273,7 +273,7 @@ def test_a_guide_whose_weight_is_taken_away_changes_no_parameter() -> None:
 
 def test_guidance_is_needed_where_something_is_learned_from_it() -> None:
     learner(guided=GuidedLearning()).remember(HERE, 0, 0.0, HERE, False, False)
-    with pytest.raises(ValueError, match="needs its guidance"):
+    with pytest.raises(ValueError, match="needs guidance for every step"):
         learner(guided=GUIDES["bootstrap"]).remember(HERE, 0, 0.0, HERE, False, False)
     with pytest.raises(ValueError, match="margin_weight must be 0"):
         GuidedLearning(residual=True, margin_weight=0.5)
@@ -282,8 +282,8 @@ def test_guidance_is_needed_where_something_is_learned_from_it() -> None:
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"action": A}, "cannot choose 3"),
-        ({"next_action": -2}, "cannot choose -2"),
+        ({"action": A}, "must be in 0 ... 2, not 3"),
+        ({"next_action": -2}, "must be in 0 ... 2, not -2"),
         ({"value": float("nan")}, "finite"),
         ({"next_values": np.array([0.0, np.inf, 0.0])}, "finite"),
         ({"next_values": np.zeros(A + 1)}, "shape"),
@@ -396,7 +396,7 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(
         (lambda a, m: a.update({"replay.ring.action": a["replay.ring.action"][:-1]}),
          r"ring\.action has shape"),
         (lambda a, m: a["replay.ring.action"].fill(A), r"ring\.action has entries"),
-        (lambda a, m: a["replay.ring.forbidden"].fill(True), "forbids everything"),
+        (lambda a, m: a["replay.ring.forbidden"].fill(True), "forbids all actions"),
         (lambda a, m: a["replay.ring.guide_action"].fill(A), r"ring\.guide_action has entries"),
         (lambda a, m: a["replay.ring.guide_next_action"].fill(-2), "guide_next_action has entries"),
         (lambda a, m: a.pop("replay.ring.guide_value"), r"ring\.guide_value is missing"),

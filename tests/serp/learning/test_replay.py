@@ -287,5 +287,5 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match=r"must have shape \(2,\)"):
         memory.add(np.zeros(1), 0, 0.0, np.zeros(F), False, False)
     for action in (-1, A):
-        with pytest.raises(ValueError, match=f"3 actions, none is {action}"):
+        with pytest.raises(ValueError, match=rf"must be in 0 \.\.\. 2, not {action}"):
             memory.add(np.zeros(F), action, 0.0, np.zeros(F), False, False)

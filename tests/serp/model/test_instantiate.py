@@ -28,7 +28,7 @@ def with_objects(domain: str, count: int, init: str = "") -> Domain:
         (
             f"(:predicates (p ?a)) (:action go :parameters {EIGHT} :effect (p ?a))",
             "",
-            "more than 2000 ground actions, processes and events; `go` alone has up to 6561",
+            "more than 2000 ground actions, processes and events; `go` has up to 6561",
             "use fewer objects, more specific types",
         ),
         (

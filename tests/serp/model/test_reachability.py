@@ -46,7 +46,7 @@ def test_a_number_that_is_missing_starts_at_0_with_a_warning() -> None:
     assert domain.model.initial_state is not None
     assert domain.model.values(domain.model.initial_state)["cost"] == 0.0
     (warning,) = domain.warnings
-    assert warning.text == "`cost` starts at 0, for :init gives no value"
+    assert warning.text == "`cost` starts at 0, because :init gives no value"
     stated = load_texts(Texts(LIFT, FLOORS.format("(= (time f0 f3) 6) (= (cost) 2)")))
     assert stated.model.initial_state is not None and not stated.warnings
 

@@ -109,7 +109,7 @@ def test_settings_that_contradict_each_other_are_refused() -> None:
     ):
         with pytest.raises(SettingsError, match=said):
             LearnerSettings(**changes)
-    with pytest.raises(SettingsError, match="rho starts at 0.5, above its maximum"):
+    with pytest.raises(SettingsError, match="rho is 0.5, but must be at most rho_max"):
         Settings().replace({"arbiter": {"rho": 0.5, "rho_max": 0.4}})
 
 

@@ -138,5 +138,5 @@ def test_a_saved_experience_that_does_not_fit_is_refused_and_changes_nothing() -
 
 
 def test_an_experience_of_nothing_is_refused() -> None:
-    with pytest.raises(ValueError, match="no experience"):
+    with pytest.raises(ValueError, match="no memory"):
         TransitionMemory(0, 3, 1)

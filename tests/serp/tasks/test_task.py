@@ -217,12 +217,12 @@ def unplugged() -> gym.Env[Any, Any]:
         # What the grounding leaves out is named before the environment is reset.
         (
             {"ground": lambda seen: {}, "make_env": lambda: Odd(reset=AssertionError)},
-            "the grounding does not fit .*corridor.pddl: no value for fluent `x`; given are none",
+            "the grounding does not fit .*: no value for fluent `x`; values are given for none",
         ),
         ({"ground": lambda seen: {"x": 0.0, "y": 1.0}}, "does not fit .*: unknown fluent `y`"),
         (
             {"ground": lambda seen: np.zeros(0)},
-            "a state .* 1 number in the order .* found 0: there is none for `x`",
+            "a state .* 1 number in the order .* found 0: none for `x`",
         ),
     ],
 )
@@ -306,15 +306,15 @@ def divide(seen: Any) -> Any:
         (lambda seen: {"x": float("nan")}, "`x` is nan"),
         (lambda seen: {"x": float("-inf")}, "`x` is -inf"),
         (lambda seen: {"x": "far"}, "grounding of"),
-        (lambda seen: {"x": "3.5"}, "`x` is no number: '3.5'"),
-        (lambda seen: {"x": 1j}, "`x` is no number: 1j"),
-        (lambda seen: np.array(["3.5"]), "a state is numbers"),
-        (lambda seen: np.array([1j]), "a state is numbers"),
+        (lambda seen: {"x": "3.5"}, "`x` is not a number: '3.5'"),
+        (lambda seen: {"x": 1j}, "`x` is not a number: 1j"),
+        (lambda seen: np.array(["3.5"]), "a state must consist of numbers"),
+        (lambda seen: np.array([1j]), "a state must consist of numbers"),
         (lambda seen: {"x": None}, "grounding of"),
         (lambda seen: {"x": [1.0, 2.0]}, "grounding of"),
         (lambda seen: [0.0, 1.0], "found 2: 1 more than the fluents `x`"),
         (lambda seen: None, "a state"),
-        (lambda seen: [[1.0], [2.0, 3.0]], "a state is numbers"),
+        (lambda seen: [[1.0], [2.0, 3.0]], "a state must consist of numbers"),
         (divide, "the grounding failed on .*IndexError"),
     ],
 )

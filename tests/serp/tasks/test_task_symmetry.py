@@ -259,7 +259,7 @@ def test_a_wrong_declaration_is_refused(
         ({"flip": ("y",)}, "unknown fluent `y`"),
         ({"flip": ("x", "room left")}, "the domain contradicts it"),
         ({"flip": ()}, "the domain contradicts it: after `(east|west)`"),
-        ({"actions": {}}, "after `west` the mirror image of what `west` does has `x`"),
+        ({"actions": {}}, "after `west` the mirror image of `west` has `x`"),
         ({"actions": {"west": "wait"}}, "the domain contradicts it"),
         ({"actions": {"west": "north"}}, "unknown action `north`"),
     ],

@@ -122,7 +122,7 @@ def test_marks_are_where_they_are_said_to_be() -> None:
     robot = corner.world.robots[0]
     for action, place in ((0, (-4.15, 0.45)), (1, (-4.15, -0.45))):
         for _ in range(80):
-            corner.world.look()
+            corner.world.update()
             corner._mark_post(robot, 1.0 if action == 0 else -1.0)
             corner.world.advance()
         assert (robot.x, robot.y) == pytest.approx(place, abs=0.02)

@@ -43,7 +43,7 @@ def domain_of(name: str) -> Domain:
 
 
 @functools.cache
-def lifting_of(name: str) -> LiftedModel:
+def lifted_model_of(name: str) -> LiftedModel:
     return LiftedModel(domain_of(name).model.ground)
 
 
@@ -54,7 +54,7 @@ NUMBERS = NUMBERS.filter(lambda x: abs(x) > 0.05)
 
 @st.composite
 def terms_of(
-    draw: st.DrawFn, lens: LiftedScope, numeric: Sequence[LiftedFluent], own: str
+    draw: st.DrawFn, scope: LiftedScope, numeric: Sequence[LiftedFluent], own: str
 ) -> tuple[EffectTerm, ...]:
     """Terms in the words of a schema."""
     factors = draw(
@@ -66,7 +66,7 @@ def terms_of(
     terms = []
     for these in factors:
         value = draw(NUMBERS)
-        if [f.name for f in these] == [own] and lens.schema != WORLD:
+        if [f.name for f in these] == [own] and scope.schema != WORLD:
             value = draw(st.sampled_from([1.0, value]))
         terms.append(EffectTerm(value, EXACT, tuple(f.name for f in these)))
     return tuple(terms)
@@ -75,7 +75,7 @@ def terms_of(
 @st.composite
 def findings_of(draw: st.DrawFn, name: str) -> Findings:
     """Anything that could be found of a file."""
-    domain, lifting = domain_of(name), lifting_of(name)
+    domain, lifted = domain_of(name), lifted_model_of(name)
     model = domain.model
     known = parameter_dependencies(model.ground)
     some = draw(st.sets(st.integers(0, len(known) - 1), max_size=4)) if known else set()
@@ -85,18 +85,18 @@ def findings_of(draw: st.DrawFn, name: str) -> Findings:
         if abs((value := draw(NUMBERS)) - known[k].parameter.value) > 0.05
     ]
     numeric = {f.symbol for f in model.fluents if f.numeric}
-    lenses = [lifting.schema(s) for s in dict.fromkeys(a.schema for a in model.actions)]
-    lenses += [lifting.world(s) for s in sorted(numeric)]
+    scopes = [lifted.schema(s) for s in dict.fromkeys(a.schema for a in model.actions)]
+    scopes += [lifted.world(s) for s in sorted(numeric)]
     missing: dict[tuple[str, str], MissingEffect] = {}
-    for lens in draw(st.lists(st.sampled_from(lenses), max_size=4)):
-        words = [f for f in lens.fluents if f.symbol in numeric]
-        target = draw(st.sampled_from(lens.targets))
-        if lens.schema != WORLD and not may_change(lifting, lens, target):
+    for scope in draw(st.lists(st.sampled_from(scopes), max_size=4)):
+        words = [f for f in scope.fluents if f.symbol in numeric]
+        target = draw(st.sampled_from(scope.targets))
+        if scope.schema != WORLD and not may_change(lifted, scope, target):
             continue
-        place = next((a.place for a in model.actions if a.schema == lens.schema), None)
-        terms = draw(terms_of(lens, words, target.name))
-        missing[lens.schema, target.name] = MissingEffect(
-            lens.schema, place, target.name, terms, 1234, 1.0
+        place = next((a.place for a in model.actions if a.schema == scope.schema), None)
+        terms = draw(terms_of(scope, words, target.name))
+        missing[scope.schema, target.name] = MissingEffect(
+            scope.schema, place, target.name, terms, 1234, 1.0
         )
     return found(*numbers, *missing.values())
 

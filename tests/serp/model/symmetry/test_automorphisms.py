@@ -145,7 +145,7 @@ def test_how_it_is_written_does_not_matter(body: str) -> None:
         (
             """(:action a :parameters (?s - side) :precondition (and) :effect (and
                  (when (and (up left)) (increase (load ?s) 1))))""",
-            "no mirror images",
+            "not mirror images",
         ),
         (
             """(:action a :parameters () :precondition (and (up left))
