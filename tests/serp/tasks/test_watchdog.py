@@ -51,7 +51,7 @@ def test_a_call_that_takes_long_is_said_while_it_hangs_and_once(tmp_path: Path) 
         task.step(1)
     assert task.call is None
     (line,) = said
-    assert "not come back for 0.05 s: reset, env step 1,234" in line
+    assert "not returned for 0.05 s: reset, env step 1,234" in line
 
 
 def test_what_comes_back_in_time_is_not_mentioned(tmp_path: Path) -> None:
