@@ -91,7 +91,7 @@ class _Own:
         return learner.greedy_batch(inputs, np.stack([base for base in bases if base is not None]))
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
-        return self.agent.guarded.decide_greedily(state, self.agent.before(x))
+        return self.agent.guarded.decide_greedily(state, self.agent.proposer(x))
 
 
 class _External:

@@ -417,5 +417,5 @@ def test_only_what_the_learner_sees_has_to_fit_into_float32(tmp_path: Path) -> N
         if inputs == "observation":
             assert agent.perceive(seen)[0] == [1e39]
             continue
-        with pytest.raises(TaskError, match="fluent `x` is 1e.39, more than the learner can take"):
+        with pytest.raises(TaskError, match="fluent `x` is 1e.39, too large for the learner"):
             agent.perceive(seen)
