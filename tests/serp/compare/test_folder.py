@@ -83,7 +83,7 @@ def test_a_plan_is_read_as_it_was_written(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("{", "is damaged"),
-        ("{}", "is no plan of a comparison"),
+        ("{}", "is not the plan of a comparison"),
         ('{"conditions": {}}', "was written by another version of serp"),
         ('{"format": 3}', "was written by another version of serp"),
     ],
@@ -100,7 +100,7 @@ def test_the_domain_file_is_kept_as_it_was(tmp_path: Path) -> None:
     assert Path(str(kept.domain)) == tmp_path / "domains" / "walk.pddl"
     (tmp_path / "corridor.pddl").write_text(CORRIDOR.replace("decrease (x) 1", "decrease (x) 2"))
     assert kept.load().source.text == CORRIDOR
-    with pytest.raises(RunError, match="is not what the domain file `walk` says now"):
+    with pytest.raises(RunError, match="differs from the domain file `walk`"):
         keep_domain(tmp_path, "walk", task.load(), task)
     assert kept.load().source.text == CORRIDOR
 
