@@ -67,8 +67,8 @@ class Proposer(Protocol):
 class Learner(Protocol):
     """A learner of the values of E environment actions; `serp.DQN` is one.
 
-    A function that makes one is found by name through the entry-point group `serp.learners`; it takes
-    the arguments of `serp.DQN`. Values are in units of reward × `reward_scale`.
+    A function that makes one is found by name through the entry-point group `serp.learners`; it
+    takes the arguments of `serp.DQN`. Values are in units of reward × `reward_scale`.
 
     Attributes:
         input_size: Length of an input, F.
