@@ -135,8 +135,8 @@ class Run:
         Args:
             policy: `serp`: the trained agent within the vetoes, as `serp.Run.decide`; `planner`:
                 the planner without the learner; `learner`: the learner's greedy choice without
-                vetoes; `training`: planner or learner as at the end of training, within the vetoes. None of
-                them explores.
+                vetoes; `training`: planner or learner as at the end of training, within the vetoes.
+                None of them explores.
             episodes: Number of episodes, at least 1.
             seed: Seed of the environment.
             quiet: Show no progress bar on a terminal.

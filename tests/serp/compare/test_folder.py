@@ -38,7 +38,7 @@ def test_a_folder_that_holds_something_else_is_refused(
     (tmp_path / "domains").mkdir()
     (tmp_path / "domains" / "mine.pddl").write_text("mine")
     (tmp_path / name).write_text("mine")
-    with pytest.raises(RunError, match=f"holds {what}, no comparison"), writing(tmp_path):
+    with pytest.raises(RunError, match=f"holds {what}, not a comparison"), writing(tmp_path):
         pass
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["domains", name])
     assert (tmp_path / "domains" / "mine.pddl").read_text() == "mine"
@@ -112,7 +112,7 @@ def test_a_problem_file_is_kept_with_it_and_missed_when_it_is_gone(tmp_path: Pat
     assert kept.load().problem_source is not None
     assert keep_domain(tmp_path, "walk", task.load(), task) == kept
     beside.write_text(PROBLEM.replace("(= (x) 0)", "(= (x) 1)"))
-    with pytest.raises(RunError, match="walk-problem.pddl is not what"):
+    with pytest.raises(RunError, match="walk-problem.pddl differs from"):
         keep_domain(tmp_path, "walk", task.load(), task)
     beside.unlink()
     with pytest.raises(RunError, match="walk-problem.pddl is a problem file"):

@@ -67,7 +67,7 @@ def test_a_training_names_step_and_action(tmp_path: Path, monkeypatch: pytest.Mo
     lines: list[str] = []
 
     def note(self: Any, text: str) -> None:
-        if "not come back" in text:
+        if "not returned for" in text:
             lines.append(text)
             said.set()
 

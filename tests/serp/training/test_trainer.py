@@ -208,7 +208,7 @@ def test_a_saved_environment_needs_one_that_can_take_it_over(tmp_path: Path) -> 
 
     run = uninterrupted(tmp_path / "run", "default", 2)
     task = corridor(tmp_path, Forgetful)
-    with pytest.raises(RunError, match="cannot take over"):
+    with pytest.raises(RunError, match="cannot restore"):
         Trainer(task.bind(), settings_of(task, "default"), 3).load_state_dict(
             *run.trainer.state_dict()
         )
