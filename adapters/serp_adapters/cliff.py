@@ -23,14 +23,14 @@ EPISODE_STEPS: Final = 300
 
 
 class EndAtCliff(gym.Wrapper[int, int, int, int], RecordConstructorArgs):
-    """Ends an episode where the robot falls, and shows where that was.
+    """Ends an episode when the robot falls, and returns the cell of the cliff.
 
-    Gymnasium's `CliffWalkingEnv` puts a robot that falls back to the start and lets it go on. Here
-    the step that falls shows the cell of the cliff, and terminates. There is only one such cell
-    wherever a robot can stand: above the cliff it falls straight down, whether it meant to or
-    slipped, and from the start it falls to the right.
+    Gymnasium's `CliffWalkingEnv` moves a robot that falls back to the start and continues the
+    episode. Here a fall terminates the episode, and the observation is the cell of the cliff. The
+    robot's last cell determines it: above the cliff the robot falls straight down, from the start
+    it falls to the right.
 
-    The info has `falls`: how often the robot has fallen in this episode, 0 or 1.
+    The info has `falls`: the number of falls in this episode, 0 or 1.
     """
 
     def __init__(self, env: gym.Env[int, int]) -> None:

@@ -1,9 +1,9 @@
-"""Two learners of stable-baselines3, to be compared with: DQN and PPO.
+"""External algorithms for comparisons: DQN and PPO of stable-baselines3.
 
 On cart-pole their settings are those that RL Baselines3 Zoo has tuned for CartPole-v1
 (https://github.com/DLR-RM/rl-baselines3-zoo, commit eec15dc, `hyperparams/dqn.yml` and `ppo.yml`).
-On any other task they are stable-baselines3's own, as the zoo's `default` entry has it; what counts
-in env steps there and is meant for a million of them is adapted, and named in `characteristics`.
+On any other task they are the defaults of stable-baselines3, like the zoo's `default` entry.
+Defaults that assume a budget of a million env steps are adapted, and named in `characteristics`.
 
 Importing this module without stable-baselines3 raises `serp.errors.MissingExtra`.
 """
@@ -35,8 +35,8 @@ _DEFAULTS: Final = "stable-baselines3's defaults"
 class StableBaselines3:
     """A learner of stable-baselines3 on an environment.
 
-    It draws from random numbers of its own: Python's, NumPy's and torch's global ones, which
-    stable-baselines3 uses, are as before whenever a call returns.
+    Stable-baselines3 draws from the global random generators of Python, NumPy and torch. Each
+    learner has its own states of them, and every call restores the previous states at its end.
 
     Args:
         make: Makes the model.
@@ -44,7 +44,7 @@ class StableBaselines3:
         characteristics: See the attribute.
 
     Attributes:
-        characteristics: Name → text: what it is like.
+        characteristics: Name → text: a description of the learner.
     """
 
     def __init__(
@@ -55,24 +55,24 @@ class StableBaselines3:
 
         self.characteristics = characteristics
         self._rollout = rollout
-        self._random: _Random = _drawn(torch)
+        self._random: _Random = _random_states(torch)
         with self._own_random():
             self._model = make()
-        # Its own logger makes a folder, even where it has nothing to write.
+        # The default logger makes a folder, even if it writes nothing.
         self._model.set_logger(Logger(None, []))
 
     def learn(self, env_steps: int) -> None:
-        """Train for so many env steps, exactly.
+        """Train for exactly this number of env steps.
 
-        Exploration, learning rate and clipping move along the steps of one call, so the budget is
-        given at once. Updates come after whole rollouts: what is left of the last one is not
+        The schedules of exploration, learning rate and clipping span one call, so the whole budget
+        must be given at once. Updates follow complete rollouts; an incomplete last rollout is not
         learned from.
 
         Args:
-            env_steps: How many, at least 1.
+            env_steps: Number of env steps, at least 1.
         """
         model, end = self._model, self._model.num_timesteps + env_steps
-        # Where the last rollout is whole, its updates must not be cut off.
+        # If the last rollout is complete, its updates must not be skipped.
         stop = None if env_steps % self._rollout == 0 else lambda *_: model.num_timesteps < end
         with self._own_random():
             model.learn(env_steps, callback=stop, reset_num_timesteps=False)
@@ -90,14 +90,14 @@ class StableBaselines3:
         """Use this learner's random numbers, on one thread."""
         import torch
 
-        others, threads = _drawn(torch), torch.get_num_threads()
-        _draw_from(torch, self._random)
+        others, threads = _random_states(torch), torch.get_num_threads()
+        _set_random_states(torch, self._random)
         torch.set_num_threads(1)
         try:
             yield
         finally:
-            self._random = _drawn(torch)
-            _draw_from(torch, others)
+            self._random = _random_states(torch)
+            _set_random_states(torch, others)
             torch.set_num_threads(threads)
 
 
@@ -201,12 +201,12 @@ _PPO_CARTPOLE: Final[Mapping[str, Any]] = {
 _DQN: Final[Mapping[str, Any]] = {
     "learning_rate": 1e-4,
     "batch_size": 32,
-    # A million by default, more than any of our budgets, and allocated at once.
+    # A million by default, which is more than any budget here and is allocated at once.
     "buffer_size": 50_000,
     "learning_starts": 100,
     "gamma": 0.99,
-    # 10,000 by default: with budgets of some thousands it would never be copied. The zoo's Atari
-    # games have 1,000 as well.
+    # 10,000 by default: with budgets of some thousand steps it would never be copied. The zoo's
+    # settings for Atari games have 1,000, too.
     "target_update_interval": 1_000,
     "train_freq": 4,
     "gradient_steps": 1,
@@ -233,20 +233,20 @@ def _layers(settings: Mapping[str, Any]) -> str:
 
 
 def _falling(start: float) -> Callable[[float], float]:
-    """Return `lin_<start>` of the zoo: from there to 0 as what is left of the budget shrinks."""
+    """Return `lin_<start>` of the zoo: a linear schedule from `start` to 0 over the budget."""
     return lambda left: start * left
 
 
 _Random = tuple[Any, Any, Any]
 
 
-def _drawn(torch: Any) -> _Random:
+def _random_states(torch: Any) -> _Random:
     """Return the global generators' states."""
     return random.getstate(), np.random.get_state(), torch.get_rng_state()
 
 
-def _draw_from(torch: Any, states: _Random) -> None:
-    pythons, numpys, torchs = states
-    random.setstate(pythons)
-    np.random.set_state(numpys)
-    torch.set_rng_state(torchs)
+def _set_random_states(torch: Any, states: _Random) -> None:
+    of_python, of_numpy, of_torch = states
+    random.setstate(of_python)
+    np.random.set_state(of_numpy)
+    torch.set_rng_state(of_torch)

@@ -1,4 +1,4 @@
-"""Context managers that close themselves."""
+"""A base class for context managers with a `close` method."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from serp.errors import SerpError
 
 
 class Closing:
-    """A context manager that is closed at its end, and hides no error of its body by one of that.
+    """A context manager that calls `close` on exit; a subclass defines `close`.
 
-    A subclass defines `close`.
+    An error of `close` never hides an error of the body.
     """
 
     def close(self) -> None:
-        """Close it; a second call does nothing."""
+        """Release what is held; a second call does nothing."""
         raise NotImplementedError
 
     def __enter__(self) -> Self:

@@ -1,12 +1,13 @@
 """A cache of compiled code on disk: a file for each loop and signature, checked before use.
 
-Numba's own cache knows neither edits of what a loop calls nor functions without a file, such as
-models, and offers no public interface for another one: hence its internal classes here.
+Numba's own cache does not notice edits of the functions that a loop calls. It does not support
+functions without a source file, such as compiled models. It has no public interface for another
+cache, so this module uses its internal classes.
 
-Its files are pickles of machine code, as numba hands it over: whoever can write
-into the folder can let code run as the user. The folder is therefore made for its owner alone, and
-one that others can write is not used. A file that was cut or damaged is noticed by its digest
-before any of it is read; it is removed, and the loop compiled anew.
+The files are pickles of machine code, made by numba: whoever can write to the folder can run code
+as the user. The folder is therefore created with access for its owner only, and a folder that
+others can write to is not used. A digest detects a truncated or damaged file before it is
+unpickled; the file is removed, and the loop is compiled again.
 """
 
 from __future__ import annotations
@@ -43,27 +44,29 @@ def cache_folder() -> Path:
 
 
 @functools.cache
-def _trusted(folder: Path) -> bool:
-    """Make the folder where it is missing; return whether nobody else can write into it."""
+def _is_private(folder: Path) -> bool:
+    """Create the folder if it is missing; return whether only its owner can write to it."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.stat()
     except OSError as error:
-        _say(f"compiled code cannot be kept in {folder} ({error.strerror})")
+        _warn_once(f"compiled code cannot be kept in {folder} ({error.strerror})")
         return False
-    if sys.platform == "win32":  # users' folders there are their own
+    if sys.platform == "win32":  # the user's cache folder is private there
         return True
     if found.st_uid not in (os.getuid(), 0):
-        _say(f"compiled code is not kept in {folder}, which belongs to another user")
+        _warn_once(f"compiled code is not kept in {folder}, which belongs to another user")
         return False
     if found.st_mode & _OTHERS_WRITE:
-        _say(f"compiled code is not kept in {folder}, which others can write: chmod go-w {folder}")
+        _warn_once(
+            f"compiled code is not kept in {folder}, which others can write: chmod go-w {folder}"
+        )
         return False
     return True
 
 
-class _Form(CompileResultCacheImpl):
-    """Numba's own form of what is kept, without its ideas of where."""
+class _Serialisation(CompileResultCacheImpl):
+    """Numba's serialisation of compiled code, without its choice of a folder."""
 
     def __init__(self) -> None:
         pass
@@ -73,33 +76,33 @@ class _Form(CompileResultCacheImpl):
 
 
 class CodeCache(NullCache):
-    """The compiled code of one function, in the place of numba's own cache.
+    """The cached code of one function, in place of numba's own cache.
 
     Args:
-        function: The function. Its module and its name say where its code is kept.
-        stamp: Digest of what it is made of; code with another one is compiled anew.
+        function: The function. Its module and its name determine the file.
+        stamp: Digest of its sources; code with another digest is compiled again.
     """
 
     def __init__(self, function: Callable[..., Any], stamp: str) -> None:
         self._name = function.__name__
         file = function.__code__.co_filename
-        # A model, which has no file, is told apart by what stands for one. Copies of a module share
-        # a place, so that the folder does not grow with every checkout; the stamp tells them apart.
+        # A model has no source file; its file name `<...>` identifies it. Copies of a module share
+        # a cache file, so that the folder does not grow with every checkout; their stamps differ.
         model = file if file.startswith("<") else ""
         self._place = (function.__module__, model, function.__qualname__)
         self._stamp = hashlib.sha256(stamp.encode()).digest()
-        self._form: Any = _Form()
+        self._serialisation: Any = _Serialisation()
         self._folder = cache_folder()
 
     @property
     def cache_path(self) -> str:
-        """The folder, as numba's statistics have it."""
+        """The folder, for numba's statistics."""
         return str(self._folder)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for a signature; None where there is none that can be used."""
+        """Return the code for a signature; None if no usable code is stored."""
         target_context.refresh()
-        if not _trusted(self._folder):
+        if not _is_private(self._folder):
             return None
         file = self._file(sig, target_context.codegen())
         try:
@@ -110,36 +113,36 @@ class CodeCache(NullCache):
             payload = self._payload(content)
             if payload is None:
                 return None
-            return self._form.rebuild(target_context, pickle.loads(payload))
-        except Exception:  # a pickle that does not fit may raise anything
+            return self._serialisation.rebuild(target_context, pickle.loads(payload))
+        except Exception:  # an incompatible pickle may raise anything
             with contextlib.suppress(OSError):
                 file.unlink()
-            _say(f"compiled code in {self._folder} was damaged; it is compiled anew")
+            _warn_once(f"compiled code in {self._folder} was damaged; it is compiled again")
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the code for a signature, where that is possible."""
-        if not _trusted(self._folder) or not self._form.check_cachable(data):
+        """Store the code for a signature, if possible."""
+        if not _is_private(self._folder) or not self._serialisation.check_cachable(data):
             return
-        payload: bytes = dumps(self._form.reduce(data))  # type: ignore[no-untyped-call]
+        payload: bytes = dumps(self._serialisation.reduce(data))  # type: ignore[no-untyped-call]
         content = _MAGIC + self._stamp + hashlib.sha256(payload).digest() + payload
-        with contextlib.suppress(OSError):  # a full disk, or a folder for reading only
+        with contextlib.suppress(OSError):  # a full disk, or a read-only folder
             _write(self._file(sig, data.codegen), content)
 
     def _payload(self, content: bytes) -> bytes | None:
-        """Return the pickle within a file; None where it is of another version of the function.
+        """Return the pickle within a file; None if it is of another version of the function.
 
         Raises:
-            ValueError: The file was cut or altered.
+            ValueError: The file is truncated or altered.
         """
         body = content.removeprefix(_MAGIC)
         stamp, digest, payload = body[:_DIGEST], body[_DIGEST : 2 * _DIGEST], body[2 * _DIGEST :]
         if not content.startswith(_MAGIC) or hashlib.sha256(payload).digest() != digest:
-            raise ValueError("it is cut or altered")
+            raise ValueError("truncated or altered")
         return payload if stamp == self._stamp else None
 
     def _file(self, sig: Any, codegen: Any) -> Path:
-        """Return where the code for a signature lies, apart for each kind of machine and numba."""
+        """Return the file for a signature on this kind of machine and with this numba version."""
         made_for = (sig, codegen.magic_tuple(), numba.__version__, sys.implementation.cache_tag)
         digest = hashlib.sha256(repr((self._place, made_for)).encode()).hexdigest()
         return self._folder / f"{self._name}-{digest[:32]}.code"
@@ -158,6 +161,5 @@ def _write(file: Path, content: bytes) -> None:
 
 
 @functools.cache
-def _say(text: str) -> None:
-    """Say something once."""
+def _warn_once(text: str) -> None:
     warnings.warn(text, Notice, stacklevel=2)

@@ -1,8 +1,7 @@
-"""Compiling loops by numba, with a cache on disk wherever there can be one.
+"""Decorators that compile loops by numba, with a cache on disk.
 
-A loop is compiled anew when anything that it is made of was edited: its own file, and the
-constants, records and other loops that its module imports. Else a loop would be run with, say, the
-layout of memory of an earlier version.
+A loop is compiled again when its own file was edited, or the constants, records and other loops
+that it uses. Otherwise a loop could run with, for example, the memory layout of an earlier version.
 """
 
 from __future__ import annotations
@@ -30,8 +29,8 @@ _stamps: dict[Callable[..., Any], str] = {}
 def cached_njit(**options: Any) -> _Decorator:
     """Return a decorator that compiles a loop.
 
-    The machine code is kept on disk, see `serp._util.code_cache`; where it cannot be, it is
-    compiled again in every process.
+    The machine code is cached on disk, see `serp._util.code_cache`; if that is impossible, every
+    process compiles it again.
 
     Args:
         options: Options of `numba.njit`.
@@ -52,8 +51,8 @@ def cached_cfunc(signature: Any, **options: Any) -> _Decorator:
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        # As `numba.cfunc` does, which would compile before there is a cache. Its `cache=True` would
-        # take numba's own cache, see `serp._util.code_cache`.
+        # What `numba.cfunc` does, except that `numba.cfunc` compiles before a cache can be set. Its
+        # `cache=True` would use numba's own cache, see `serp._util.code_cache`.
         types: Any = normalize_signature(signature)  # type: ignore[no-untyped-call]
         callback = _kept(CFunc(function, types, locals={}, options=options), function, options)
         callback.compile()
@@ -63,7 +62,7 @@ def cached_cfunc(signature: Any, **options: Any) -> _Decorator:
 
 
 def _kept(compiled: Any, function: Callable[..., Any], options: Mapping[str, Any]) -> Any:
-    """Give a loop its cache; it needs none where numba was told not to compile."""
+    """Set the cache of a loop; a loop that numba was told not to compile needs none."""
     stamp = _stamps[function] = _stamp_of(function, options)
     if hasattr(compiled, "_cache") and function.__closure__ is None:
         compiled._cache = CodeCache(function, stamp)
@@ -71,7 +70,7 @@ def _kept(compiled: Any, function: Callable[..., Any], options: Mapping[str, Any
 
 
 def _stamp_of(function: Callable[..., Any], options: Mapping[str, Any]) -> str:
-    """Return a digest of what a loop is made of."""
+    """Return a digest of everything that a loop is compiled from."""
     code: CodeType = function.__code__
     digest = hashlib.sha256(_source(code.co_filename))
     digest.update(repr(sorted(options.items())).encode())

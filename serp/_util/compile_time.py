@@ -1,7 +1,7 @@
-"""How long numba has compiled in this process: time that is not part of training.
+"""The time that numba has spent compiling in this process.
 
-What is compiled is kept on disk, so a loop costs this once after an installation or an edit. Times
-that are reported (seconds of training, steps a second) leave it out wherever it comes up.
+Compiled code is cached on disk, so a loop is compiled once after an installation or an edit.
+Reported times (seconds of training, steps per second) exclude compilation.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numba.core import event
 
 
 class _CompileTimer(event.Listener):
-    """Adds up the time of compilation; what is compiled for another function counts once."""
+    """Adds up the time of compilation; nested compilations count once."""
 
     def __init__(self) -> None:
         self.loops = 0
@@ -54,7 +54,7 @@ class _CompileTimer(event.Listener):
 
 
 def _name_of(data: Any) -> Any:
-    """Return what tells functions apart that are being compiled."""
+    """Return what identifies the function that is being compiled."""
     dispatcher = data.get("dispatcher")
     if dispatcher is not None:
         return dispatcher.py_func.__module__, dispatcher.py_func.__qualname__
@@ -62,14 +62,14 @@ def _name_of(data: Any) -> Any:
 
 
 _TIMER: Final = _CompileTimer()
-# Callbacks, whose compilation is not an event of its own, have passes too. Neither event comes up
-# where machine code is read from disk.
+# The compilation of a callback raises no `numba:compile` event, but its passes do raise theirs.
+# Neither event is raised when machine code is read from disk.
 for _kind in ("numba:compile", "numba:run_pass"):
     event.register(_kind, _TIMER)  # type: ignore[no-untyped-call]
 
 
 def compile_seconds() -> float:
-    """Return the seconds that this process has spent on compiling."""
+    """Return the seconds that this process has spent compiling."""
     return _TIMER.seconds
 
 
@@ -79,13 +79,13 @@ def compiled_functions() -> int:
 
 
 def working_time() -> float:
-    """Return a monotonic clock, in seconds, that stands still while something is compiled."""
+    """Return the time of a monotonic clock, in seconds, that stops during compilation."""
     return time.monotonic() - _TIMER.seconds
 
 
 @contextmanager
 def notifying_of_compilation(tell: Callable[[], None]) -> Iterator[None]:
-    """Call a function whenever the compilation of another loop begins."""
+    """Call a function whenever the compilation of a loop begins."""
     before, _TIMER.on_loop = _TIMER.on_loop, tell
     try:
         yield

@@ -1,4 +1,4 @@
-"""Optional libraries: where one is missing, the message names the extra that brings it."""
+"""Optional libraries: if one is missing, the message names the extra that installs it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ def needs_extra(extra: str, what: str) -> Iterator[None]:
     """Guard imports of optional libraries.
 
     Args:
-        extra: The extra of this package that brings them, such as `plots`.
-        what: What needs them, to begin the message.
+        extra: The extra of this package that installs them, such as `plots`.
+        what: What needs them; the message begins with it.
 
     Raises:
-        MissingExtra: A library that is imported within is not installed.
+        MissingExtra: A library imported in the body is not installed.
     """
     try:
         yield

@@ -1,7 +1,7 @@
-"""The style of all diagrams, and the bytes of their files: the same for the same data.
+"""The style of all diagrams, and their files: equal data give equal bytes.
 
-The colours of those who act are the same in curves and in films. They are Okabe and Ito's palette,
-which colour-blind readers can tell apart.
+Planner, learner, exploration and fallback have the same colours in curves and in films. They are
+from Okabe and Ito's palette, which colour-blind readers can tell apart.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ INK: Final = "#222222"
 FAINT: Final = "#8A8F98"
 PLANNER: Final = "#0072B2"
 REFUSED: Final = "#B5271B"
-"""What was refused, and what is unsafe: red as in a planning graph."""
+"""Colour of refused and unsafe actions, as in a planning graph."""
 ACTORS: Final[Mapping[str, str]] = {
     "planner": PLANNER,
     "learner": "#E69F00",
@@ -30,7 +30,7 @@ ACTORS: Final[Mapping[str, str]] = {
 STYLE: Final[dict[str, Any]] = {
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
-    "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
+    "font.family": "DejaVu Sans",  # shipped with matplotlib: the same everywhere
     "font.size": 11,
     "axes.titlesize": 13,
     "axes.titleweight": "bold",
@@ -47,9 +47,9 @@ STYLE: Final[dict[str, Any]] = {
     "ytick.color": INK,
     "legend.frameon": False,
     "legend.fontsize": 10,
-    "svg.hashsalt": "serp",  # names of clip paths: random without it
+    "svg.hashsalt": "serp",  # names of clip paths are random without it
     "svg.fonttype": "path",
-    "text.parse_math": False,  # a name with dollar signs is a name
+    "text.parse_math": False,  # names may contain dollar signs
 }
 
 

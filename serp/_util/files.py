@@ -1,8 +1,8 @@
-"""Reads and writes the files of a run: regular files only, replaced in one step.
+"""Reads and writes the files of a run: regular files only, replaced atomically.
 
-A run may come from somebody else: a link in it could let a file elsewhere be read or overwritten,
-and a named pipe would block without end. A crash, a full disk or a lost network drive leaves either
-the former file or the new one.
+A run may come from an untrusted source: a link in it could cause a file elsewhere to be read or
+overwritten, and a named pipe would block forever. A crash, a full disk or a lost network drive
+leaves either the previous file or the new one.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ _ADVICE = {
 def open_regular(path: Path, flags: int) -> int:
     """Open a regular file and return its descriptor.
 
-    A file opened for writing must have no other name: what is written in place would be written
-    under that name, too.
+    A file opened for writing must have no second hard link, because it would be changed under that
+    name, too.
 
     Args:
         path: The file.
         flags: Those of `os.open`.
 
     Raises:
-        RunError: It is something else.
+        RunError: It is not a regular file.
         OSError: It cannot be opened.
     """
     if not _NO_LINKS and path.is_symlink():
@@ -72,7 +72,7 @@ def refuse_hard_link(path: Path, file: int) -> None:
     """Raise a `RunError` if an open file has a name besides `path`."""
     if os.fstat(file).st_nlink > 1:
         raise RunError(
-            f"{path} has another name elsewhere (a hard link), under which it would be changed, "
+            f"{path} has another name elsewhere (a hard link); writing it would change that file, "
             "too. Copy it, remove it, and give the copy its name."
         )
 
@@ -82,10 +82,10 @@ def read_regular(path: Path, most: int | None = None) -> bytes:
 
     Args:
         path: The file.
-        most: Bytes that it may have; by default what fits into memory.
+        most: Largest size in bytes; by default what fits into memory.
 
     Raises:
-        RunError: It is something else, or too large.
+        RunError: It is not a regular file, or too large.
         OSError: It cannot be read.
     """
     with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
@@ -96,16 +96,16 @@ def read_regular(path: Path, most: int | None = None) -> bytes:
             return file.read()
         except MemoryError:
             raise RunError(
-                f"{path} is too large ({size:,} bytes): it is not what serp wrote there. Restore "
-                "it from a copy."
+                f"{path} is too large ({size:,} bytes) to be a file that serp wrote. Restore it "
+                "from a copy."
             ) from None
 
 
 def require_regular(path: Path) -> Path:
-    """Return the path, for others to open, if there is a regular file or nothing.
+    """Return the path if it is a regular file or does not exist.
 
     Raises:
-        RunError: There is something else.
+        RunError: It is something else.
     """
     try:
         mode = os.lstat(path).st_mode
@@ -118,7 +118,7 @@ def require_regular(path: Path) -> Path:
 
 def _irregular(path: Path) -> RunError:
     return RunError(
-        f"{path} is a link, a folder, a pipe or a device. A run is made of regular files; put the "
+        f"{path} is a link, a folder, a pipe or a device. A run consists of regular files; put the "
         "file itself there."
     )
 
@@ -127,24 +127,24 @@ def _irregular(path: Path) -> RunError:
 
 
 def write_durably(path: Path, content: bytes | str) -> None:
-    """Replace `path` by `content` (text as UTF-8) in one step that survives a crash.
+    """Replace `path` by `content` (text as UTF-8) atomically and durably.
 
     Raises:
-        RunError: The write failed; says why, and that the former file is whole.
+        RunError: The write failed; the previous file is unchanged.
     """
     with replaced_durably(path) as aside:
         write_flushed(aside, content)
 
 
 def write_together(contents: Mapping[Path, str]) -> None:
-    """Replace several files, none of them before all are safely on the disk.
+    """Replace several files, none of them before all new ones are flushed to the disk.
 
     Args:
         contents: File → its text, written as UTF-8.
 
     Raises:
-        RunError: A write failed, or one of the files is a folder. All are as they were, unless it
-            was the replacing itself that failed: then those replaced before are new.
+        RunError: A write failed, or one of the files is a folder. All files are unchanged, unless
+            a replacement failed: then the files before it are new.
     """
     for path in contents:
         if path.is_dir():
@@ -156,17 +156,17 @@ def write_together(contents: Mapping[Path, str]) -> None:
 
 @contextlib.contextmanager
 def replaced_durably(path: Path) -> Iterator[Path]:
-    """Give an empty file beside `path`; at the end it replaces `path`, flushed to the disk.
+    """Yield an empty file beside `path`; at the end it is flushed to the disk and replaces `path`.
 
-    Its name is fixed, so that the next write removes what a killed process left there.
+    Its name is fixed, so that the next write removes what a killed process left.
 
     Raises:
-        RunError: The write failed; the file beside is removed, and `path` is as it was.
+        RunError: The write failed; the new file is removed, and `path` is unchanged.
     """
     aside = aside_of(path)
     try:
         try:
-            # What lies there may be a link to a file elsewhere.
+            # An existing file may be a link to a file elsewhere.
             aside.unlink(missing_ok=True)
             os.close(open_regular(aside, os.O_WRONLY | os.O_CREAT | os.O_EXCL))
             yield aside
@@ -180,9 +180,9 @@ def replaced_durably(path: Path) -> Iterator[Path]:
             raise
     except OSError as error:
         if os.path.lexists(path):
-            kept = f"The former {path.name} is kept whole."
+            kept = f"The previous {path.name} is unchanged."
         else:
-            kept = f"No {path.name} was there before, and none was left half written."
+            kept = f"There was no {path.name} before, and no part of one was left."
         raise cannot_write(path, error, kept) from error
 
 
@@ -192,7 +192,7 @@ def aside_of(path: Path) -> Path:
 
 
 def write_flushed(path: Path, content: bytes | str) -> None:
-    """Write a file that exists, in place, and wait until the disk holds it."""
+    """Write an existing file in place and flush it to the disk."""
     data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
     file = open_regular(path, os.O_WRONLY)
     try:
@@ -203,14 +203,14 @@ def write_flushed(path: Path, content: bytes | str) -> None:
 
 
 def write_all(file: int, content: bytes) -> None:
-    """Write every byte of `content` to a descriptor, however the system divides it."""
+    """Write all of `content` to a descriptor, in as many writes as the system needs."""
     rest = memoryview(content)
     while rest:
         rest = rest[os.write(file, rest) :]
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the renames in a folder durable, where the operating system can do that.
+    """Make the renames in a folder durable, if the operating system supports that.
 
     Raises:
         OSError: The disk failed.
@@ -221,7 +221,7 @@ def sync_folder(folder: Path) -> None:
     try:
         os.fsync(handle)
     except OSError as error:
-        # Some network and user-space file systems know no fsync of folders.
+        # Some network and user-space file systems do not support fsync of folders.
         if error.errno not in (errno.EINVAL, errno.ENOTSUP):
             raise
     finally:
@@ -229,11 +229,11 @@ def sync_folder(folder: Path) -> None:
 
 
 def make_inside(folder: Path, *names: str) -> Path:
-    """Make nested folders, none of them a link to elsewhere; return the innermost.
+    """Create nested folders, none of which may be a link; return the innermost.
 
     Args:
-        folder: The outermost, which exists and may be a link itself.
-        names: Of the folders below it; those that exist are kept.
+        folder: The outermost folder, which exists and may be a link itself.
+        names: Names of the folders below it; those that exist are kept.
 
     Raises:
         RunError: One of them is a link.
@@ -252,8 +252,8 @@ def cannot_write(path: Path, error: OSError, kept: str) -> RunError:
 
     Args:
         path: The file that was to be written.
-        error: What the operating system said.
-        kept: A sentence saying what is left on the disk.
+        error: The error of the operating system.
+        kept: A sentence that says what is left on the disk.
     """
     reason = error.strerror or str(error)
     advice = _ADVICE.get(error.errno or 0, "Correct that")

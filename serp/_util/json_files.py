@@ -15,22 +15,22 @@ from serp._util.files import read_regular
 from serp.errors import RunError
 
 _LARGEST: Final = 1 << 26
-"""Bytes of a file that is read."""
+"""Largest size of a file that is read, in bytes."""
 
 
 def json_text(value: object) -> str:
-    """Return indented JSON with a line break; paths, enums and NumPy values are known.
+    """Return indented JSON that ends with a line break; paths, enums and NumPy values are allowed.
 
     Raises:
-        TypeError: A value has no form in JSON.
-        ValueError: A number is NaN or infinite, for which JSON has no form either; see `finite`.
+        TypeError: A value cannot be written as JSON.
+        ValueError: A number is NaN or infinite, which JSON cannot express; see `finite`.
     """
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False, default=_as_json)
     return text + "\n"
 
 
 def finite(value: Any) -> Any:
-    """Return a value with null for NaN and the infinities, which strict readers refuse."""
+    """Return a value with null for NaN and the infinities, which JSON does not have."""
     if isinstance(value, np.generic | np.ndarray):
         value = value.tolist()
     if isinstance(value, Mapping):
@@ -44,11 +44,11 @@ def read_json(file: Path, advice: str) -> dict[str, Any]:
     """Read a file that holds one JSON object.
 
     Args:
-        file: Where it is.
-        advice: What the user should do where it cannot be read.
+        file: The file.
+        advice: What the user should do if it cannot be read.
 
     Raises:
-        RunError: It cannot be read, or holds something else.
+        RunError: It cannot be read, or does not hold a JSON object.
     """
     try:
         content = json.loads(read_regular(file, _LARGEST).decode("utf-8"))

@@ -1,4 +1,4 @@
-"""Numbers, shares and times, as people read them."""
+"""Formats numbers, shares and times for people."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def number(value: float) -> str:
 
 
 def readable(value: float | None, digits: int = 4) -> str:
-    """Return a number as people read it: `1,234`, `0.2618`, `–` for none."""
+    """Return a number for people to read: `1,234`, `0.2618`, `–` for none."""
     if value is None or math.isnan(value):
         return "–"
     if isinstance(value, int) or 1e3 <= abs(value) < 1e9:
@@ -36,7 +36,7 @@ def measured(value: float, error: float) -> str:
 
 
 def rounded(value: float, error: float) -> str:
-    """Return a value with the digits that its standard error leaves, never `0`."""
+    """Return a value with as many digits as its standard error justifies, never `0`."""
     decimals = _decimals(value, error)
     if decimals is None:
         return _minus(plain(value))
@@ -58,8 +58,8 @@ def percent(share: float, digits: int = 3) -> str:
 
     Args:
         share: At least 0; may exceed 1.
-        digits: Significant digits, 2 or 3. More are shown where the whole part has more; a share
-            below 0.01 % (2 digits) or 0.001 % (3) is shown as such.
+        digits: Significant digits, 2 or 3; an integer part is always shown in full. A share below
+            0.01 % (2 digits) or 0.001 % (3) is shown as such.
     """
     value, least = 100 * share, 10.0**-digits
     if 0 < value < least:
@@ -78,9 +78,9 @@ def duration(seconds: float) -> str:
 
 
 def _decimals(value: float, error: float) -> int | None:
-    """Return the decimals up to the first digit of an error, or the second digit after a one.
+    """Return the decimals up to the first digit of an error, or to the second if the first is 1.
 
-    None where the error is negligible or unknown.
+    None if the error is negligible or unknown.
     """
     if not math.isfinite(error) or error <= 1e-9 * abs(value):
         return None

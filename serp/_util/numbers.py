@@ -1,7 +1,7 @@
-"""Numbers as users give them, and the largest of several.
+"""Checks of numbers that users give, and the argmax of values that may be NaN.
 
-Python's and NumPy's numbers are taken over as Python's. A truth value is not a number
-here (`depth=True` is a mistake, not 1), and neither is NaN.
+Numbers of Python and NumPy become Python's. A truth value is not accepted as a number
+(`depth=True` is a mistake, not 1), and neither is NaN.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from serp.errors import SettingsError
 
 FLOAT32_MAX: Final = float(np.finfo(np.float32).max)
-"""The learner counts in float32: what is larger is infinite there."""
+"""The learner computes in float32, where larger numbers are infinite."""
 COUNTED: Final = 2**53
-"""Most of what is counted: beyond it floats skip whole numbers."""
+"""Largest count: floats cannot represent every whole number beyond it."""
 SIZE: Final = 10**9
-"""Most of what memory is made for."""
+"""Largest number of entries that memory is allocated for."""
 
 
 def whole(value: Any, least: int, most: int | None = None) -> int | None:
@@ -32,18 +32,18 @@ def whole(value: Any, least: int, most: int | None = None) -> int | None:
 
 
 def real(value: Any, *, infinite: bool = False) -> float | None:
-    """Return a number as a float, or as an int where it is one; None for anything else.
+    """Return a number as a float, or as an int if it is one; None for anything else.
 
     Args:
-        value: What may be a number.
-        infinite: Whether the infinities count as numbers.
+        value: Any object.
+        infinite: Whether the infinities are accepted.
     """
     if not isinstance(value, Real) or isinstance(value, bool):
         return None
     try:
         number = int(value) if isinstance(value, Integral) else float(value)
         return number if math.isfinite(number) or (infinite and number == number) else None
-    except OverflowError:  # a whole number beyond all floats
+    except OverflowError:  # a whole number beyond the largest float
         return None
 
 
@@ -60,14 +60,14 @@ def seed_of(value: Any) -> int:
 
 
 def best_of(values: NDArray[np.floating[Any]], among: NDArray[np.bool_] | None = None) -> int:
-    """Return the allowed action of the largest value, whatever the values are.
+    """Return the allowed action with the largest value.
 
     Args:
-        values: `[E]`; infinities are compared as such, and NaN comes after everything.
+        values: `[E]`; infinities are allowed, and NaN is less than every number.
         among: `[E]` the actions that are allowed; None for all.
 
     Returns:
-        An action that is allowed, the first among equals; -1 where none is.
+        The first such action; -1 if none is allowed.
     """
     allowed = np.arange(len(values)) if among is None else np.flatnonzero(among)
     if not len(allowed):

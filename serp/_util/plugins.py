@@ -25,16 +25,16 @@ def find(
     setting: str = "",
     advice: str = "",
 ) -> EntryPoint:
-    """Return the entry point of a name.
+    """Return the entry point with a name.
 
     Args:
-        entries: Where to look.
+        entries: The entry points by name.
         name: The name.
-        what: What is looked for, such as `task`, for the message.
-        failure: The error that says that there is none.
-        setting: The setting that names it, for the message.
-        known: Other names that could have been meant.
-        advice: What the message ends with.
+        what: The kind of implementation, such as `task`, for the message.
+        failure: The class of the error.
+        known: Other names that the message may suggest.
+        setting: The setting that holds the name, for the message.
+        advice: The end of the message.
 
     Raises:
         SerpError: There is none; of the class `failure`.
@@ -48,12 +48,12 @@ def find(
 
 @contextmanager
 def loading(entry: EntryPoint, what: str, failure: type[SerpError]) -> Iterator[None]:
-    """Say what failed while an entry point is loaded or called, whatever it raised.
+    """Raise a clear error for anything that loading or calling an entry point raises.
 
     Args:
         entry: The entry point.
-        what: What it is, such as `task`, for the message.
-        failure: The error to raise instead; a `SerpError` speaks for itself.
+        what: The kind of implementation, such as `task`, for the message.
+        failure: The class of the error; a `SerpError` is raised unchanged.
     """
     try:
         yield

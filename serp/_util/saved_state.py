@@ -1,8 +1,8 @@
-"""The state of a checkpoint: the names of its arrays, and checked access to all that it holds.
+"""Checked access to the arrays and values of a checkpoint.
 
-A checkpoint may come from somebody else, or be damaged in a way that its digest does not show.
-Compiled code takes what it is given for true: a position beyond an array is read or written where
-it points to. So whatever is restored is checked here, once, by type, shape and range.
+A checkpoint may come from an untrusted source, or be damaged in a way that its digest does not
+show. Compiled code does not check bounds: an index beyond an array reads or writes foreign memory.
+Everything that is restored is therefore checked here, once, by type, shape and range.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ import numpy.typing as npt
 from serp.errors import RunError
 
 LARGEST: Final = float(np.finfo(np.float64).max)
-"""Of finite numbers."""
+"""Largest finite number."""
 MOST: Final = 2**53
-"""Of what is counted: whole numbers up to here are exact as floats, too."""
+"""Largest count: whole numbers up to it are exact as floats, too."""
 
 _ANY: Final = -1
 _MOST_OF_GENERATORS: Final = {
     "has_uint32": 1, "uinteger": 2**32 - 1, "pos": 624, "buffer_pos": 4,
 }  # fmt: skip
-"""Numbers in the states of NumPy's generators that are positions or small; numpy trusts them."""
+"""Largest values of entries in the states of NumPy's generators, which NumPy does not check."""
 
 _T = TypeVar("_T")
 Arrays = dict[str, npt.NDArray[Any]]
 
 
 def nested(part: str, arrays: Mapping[str, npt.NDArray[Any]]) -> Arrays:
-    """Return the arrays of a part by their names in the whole, such as `learner.replay.rewards`."""
+    """Return the arrays of a part with its name as prefix, such as `learner.replay.rewards`."""
     return {f"{part}.{name}": array for name, array in arrays.items()}
 
 
 def part_of(arrays: Mapping[str, npt.NDArray[Any]], part: str) -> Arrays:
-    """Return the arrays of a part of a whole by their names in the part."""
+    """Return the arrays of one part, without its prefix."""
     prefix = f"{part}."
     return {k.removeprefix(prefix): a for k, a in arrays.items() if k.startswith(prefix)}
 
@@ -45,10 +45,10 @@ def part_of(arrays: Mapping[str, npt.NDArray[Any]], part: str) -> Arrays:
 class Saved:
     """One part of a checkpoint.
 
-    Every method raises `RunError` where what it is asked for is absent or not as it has to be.
+    Every method raises `RunError` if the value is missing or does not pass the check.
 
     Args:
-        what: What it is the state of, for messages.
+        what: What the part is the state of, for messages.
         arrays: Name → array.
         meta: JSON values.
     """
@@ -59,11 +59,11 @@ class Saved:
         self._meta: Mapping[str, Any] = meta if isinstance(meta, Mapping) else {}
 
     def part(self, name: str) -> tuple[dict[str, npt.NDArray[Any]], Any]:
-        """Return arrays and JSON values of a part: what `load_state_dict` of it takes."""
+        """Return the arrays and JSON values of a part, for its `load_state_dict`."""
         return part_of(self._arrays, name), self._value(name)
 
     def has(self, name: str) -> bool:
-        """Return whether there is such an array or JSON value."""
+        """Return whether an array or JSON value of that name exists."""
         return name in self._arrays or name in self._meta
 
     def array(
@@ -80,7 +80,7 @@ class Saved:
             name: Its name.
             dtype: The dtype that it must have.
             shape: The shape that it must have; -1 is any length.
-            low: Least value. By default anything finite; None: any bits are right, NaN as well.
+            low: Smallest value; by default any finite one. None: no check, NaN is allowed.
             high: Largest value.
         """
         if name not in self._arrays:
@@ -93,7 +93,7 @@ class Saved:
         ):
             expected = str(shape).replace("-1", "any")
             raise self.wrong(f"{name} has shape {array.shape}, not {expected}")
-        # As float64, whatever the array is of.
+        # Compare in float64, whatever the dtype.
         if low is not None and not ((array >= np.float64(low)) & (array <= np.float64(high))).all():
             raise self.wrong(f"{name} has entries that are not from {low:g} to {high:g}")
         return array
@@ -103,7 +103,7 @@ class Saved:
         return self._checked(name, self._value(name), _whole(low, high))
 
     def wholes(self, name: str, length: int, low: int = 0, high: int = MOST) -> list[int]:
-        """Return a list of so many whole numbers."""
+        """Return a list of `length` whole numbers."""
         return self._list(name, length, length, _whole(low, high))
 
     def real(self, name: str, low: float = -LARGEST, high: float = LARGEST) -> float:
@@ -118,7 +118,7 @@ class Saved:
         high: float = LARGEST,
         least: int | None = None,
     ) -> list[float]:
-        """Return a list of so many numbers, or of at least `least` and at most `length`."""
+        """Return a list of `length` numbers, or of `least` to `length` numbers."""
         return self._list(name, length if least is None else least, length, _real(low, high))
 
     def truth(self, name: str) -> bool:
@@ -126,13 +126,13 @@ class Saved:
         return self._checked(name, self._value(name), _truth)
 
     def truths(self, name: str, length: int) -> list[bool]:
-        """Return a list of so many truth values."""
+        """Return a list of `length` truth values."""
         return self._list(name, length, length, _truth)
 
     def rows(
         self, name: str, most: int, check: Callable[[list[Any]], bool], expected: str
     ) -> list[list[Any]]:
-        """Return a list of at most so many lists, each of which passes a check."""
+        """Return a list of at most `most` lists, each of which passes a check."""
 
         def row(value: Any) -> list[Any]:
             if not isinstance(value, list) or not check(value):
@@ -146,12 +146,12 @@ class Saved:
         return self._checked(name, self._value(name), lambda value: state_for(generator, value))
 
     def equal(self, name: str, here: Any, advice: str) -> None:
-        """Check that a JSON value is the same here.
+        """Check that a JSON value equals an expected one.
 
         Args:
             name: Its name.
-            here: What it has to be.
-            advice: What to do where it is not.
+            here: The expected value.
+            advice: What to do if it differs.
         """
         saved = self._value(name)
         if saved != here or isinstance(saved, bool) != isinstance(here, bool):
@@ -161,11 +161,11 @@ class Saved:
             )
 
     def wrong(self, why: str) -> RunError:
-        """Return the error that says what is wrong."""
+        """Return the error for a saved state that cannot be used."""
         return RunError(
-            f"the saved {self._what} cannot be taken over: {why}. It is damaged, or of another "
-            "domain, task or settings; continue with those it was saved with, or restore the "
-            "checkpoint from a copy"
+            f"the saved {self._what} cannot be restored: {why}. It is damaged, or belongs to "
+            "another domain, task or settings; continue with those it was saved with, or restore "
+            "the checkpoint from a copy"
         )
 
     def _value(self, name: str) -> Any:
@@ -192,10 +192,10 @@ def whole_within(value: Any, low: int, high: int) -> bool:
 
 
 def state_for(generator: np.random.Generator, saved: Any) -> Mapping[str, Any]:
-    """Return a saved state of a random generator as its setter takes it.
+    """Return the saved state of a random generator in the form that its setter takes.
 
     Args:
-        generator: The generator, which is left as it is.
+        generator: A generator of the same kind; it is not changed.
         saved: JSON values.
 
     Raises:
@@ -222,7 +222,7 @@ def _like(saved: Any, own: Any, name: str) -> Any:
         fits = saved == own
     else:
         fits = whole_within(saved, 0, _MOST_OF_GENERATORS.get(name, 2**128 - 1))
-        fits = fits and (name != "inc" or saved % 2 == 1)  # PCG needs an odd one
+        fits = fits and (name != "inc" or saved % 2 == 1)  # PCG needs an odd increment
     if not fits:
         raise ValueError(kind)
     return saved

@@ -1,8 +1,8 @@
-"""Output to a terminal: text is shown as text, whatever it holds, and a bar for pieces of work.
+"""Output to a terminal: text with control characters escaped, and a progress bar.
 
-Names, comments, paths, reasons and messages come from files, settings and environments of others.
-A control character among them could colour, move, hide or type; a format character could turn the
-order of letters around. Whatever goes to a terminal passes `visible`.
+Names, comments, paths, reasons and messages come from untrusted files, settings and environments.
+A control character in them could colour, move or hide text, or type commands; a format character
+could reverse the order of letters. All text for a terminal passes `visible`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from rich.segment import Segment
     from rich.text import Text
 
-_HIDDEN: Final = ("Cc", "Cf", "Cs", "Zl", "Zp")  # control, format, surrogate, separators of lines
+_HIDDEN: Final = ("Cc", "Cf", "Cs", "Zl", "Zp")  # control, format, surrogate, line separators
 _ODD: Final = re.compile(r"[^\n\t\x20-\x7e\xa0-\xac\xae-\xff]")
-"""What has to be looked at; all that most texts are made of is not."""
+"""Characters to check; the usual ones are excluded for speed."""
 
 
 def visible(text: str) -> str:
     r"""Return a text with its control and format characters as escapes, such as `\x1b`, `\u202e`.
 
-    Line feeds and tabs stay. What is escaped already is left as it is.
+    Line feeds, tabs and existing escapes are kept.
     """
     return _ODD.sub(_shown, text)
 
@@ -41,13 +41,13 @@ def _shown(match: re.Match[str]) -> str:
 
 
 def open_console(stream: TextIO | None = None, **options: Any) -> Console:
-    """Return a rich console that shows text as it stands: no markup, no control characters.
+    """Return a rich console without markup that escapes control characters.
 
-    A pipe that nobody reads any more raises BrokenPipeError.
+    Writing to a closed pipe raises BrokenPipeError.
 
     Args:
-        stream: Where to; standard output by default.
-        options: Of `rich.console.Console`.
+        stream: Where the console writes; standard output by default.
+        options: Options of `rich.console.Console`.
     """
     return _console_class()(file=stream, markup=False, highlight=False, emoji=False, **options)
 
@@ -75,15 +75,15 @@ def _console_class() -> type[Console]:
 
 @contextlib.contextmanager
 def bar(title: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[], None]]:
-    """Show how far some work is: on a terminal's standard error, else nothing.
+    """Show a progress bar on standard error, if that is a terminal.
 
     Args:
         title: What is done.
-        total: Number of pieces.
+        total: Number of pieces of work.
         quiet: Show nothing.
 
     Yields:
-        A function to be called after each piece.
+        A function to call after each piece.
     """
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda: None
@@ -93,12 +93,12 @@ def bar(title: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[],
 
     name = TextColumn("{task.description}", markup=False)
     columns = (name, BarColumn(), MofNCompleteColumn(), Remaining())
-    # No thread of rich's own: it would draw while the policy computes.
+    # No refresh thread: it would draw while the policy computes.
     shown = Progress(*columns, console=open_console(sys.stderr), auto_refresh=False, transient=True)
     task = shown.add_task(title, total=total)
 
     def advance() -> None:
-        # The bar is not worth the work: a terminal that went away ends the bar alone.
+        # A terminal that was closed must not end the work.
         with contextlib.suppress(OSError, ValueError):
             shown.update(task, advance=1, refresh=True)
 

@@ -1,4 +1,4 @@
-"""Words in messages: what was probably meant, lists of names, counts."""
+"""Parts of messages: suggestions for misspelt words, lists of names, counts."""
 
 from __future__ import annotations
 

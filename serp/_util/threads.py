@@ -1,4 +1,4 @@
-"""Keeping numerical libraries to one thread."""
+"""Limits numerical libraries to one thread."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import torch
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep torch and BLAS to one thread: threads cost more than they bring in small networks."""
+    """Limit torch and BLAS to one thread: in small networks more threads are slower."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

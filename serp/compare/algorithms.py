@@ -15,13 +15,13 @@ from serp._util.plugins import find, loading, offered
 from serp.errors import SettingsError
 
 GROUP: Final = "serp.algorithms"
-"""Entry points of this group are external algorithms: functions as `MakeExternalAlgorithm`."""
+"""Entry-point group of external algorithms: functions of type `MakeExternalAlgorithm`."""
 
 Changes = Mapping[str, Mapping[str, Any]]
 
 
 class ExternalAlgorithm(Protocol):
-    """A learner of another library, on an environment that it was given.
+    """A learner of another library, with its environment.
 
     Attributes:
         characteristics: Name → text, for the table of what differs.
@@ -30,7 +30,7 @@ class ExternalAlgorithm(Protocol):
     characteristics: Mapping[str, str]
 
     def learn(self, env_steps: int) -> None:
-        """Train for so many steps of the environment."""
+        """Train for this number of env steps."""
 
     def act(self, inputs: NDArray[np.float32]) -> NDArray[np.int64]:
         """Return the greedy actions `[B]` for inputs `[B, F]`."""
@@ -43,9 +43,9 @@ Kind = Literal["guided", "baseline", "planner", "external"]
 
 SERP: Final = "serp"
 PLANNER: Final = "mrp"
-"""The algorithm that is the planner alone."""
+"""The algorithm that is only the planner."""
 DQN: Final = "dqn"
-"""The algorithm that is the learner alone: the baseline."""
+"""The algorithm that is only the learner: the baseline."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,8 +58,8 @@ class Algorithm:
         kind: `guided`: planner, learner and vetoes. `baseline`: serp's learner without planner and
             veto. `planner`: the planner without a learner. `external`: of another library.
         preset: Preset of its settings.
-        changes: What it changes in them.
-        make_external: For an external algorithm: makes it.
+        changes: Its changes to the preset.
+        make_external: Makes an external algorithm; None for others.
     """
 
     name: str
@@ -83,17 +83,17 @@ def _guided(name: str, description: str, changes: Changes | None = None) -> Algo
 
 
 _NO_GUIDE: Final[Changes] = {"guide": {"strategy": "mixture"}}
-"""Other strategies let the planner influence the learner, or replace its actions."""
+"""The strategy whose planner does not influence the learner."""
 
 _BASELINE: Final[Changes] = {
     **_NO_GUIDE,
     "planner": {"leaf_value": "never"},
     "adaptation": {"mode": "off"},
 }
-"""Nothing depends on a model, so there is none to adapt."""
+"""A baseline uses no model, so none adapts."""
 
-_CALM: Final[Changes] = {"learner": {"epsilon_start": 0.1}}
-"""Little exploration from the first step on: who begins as good as the planner has much to lose."""
+_LITTLE_EXPLORATION: Final[Changes] = {"learner": {"epsilon_start": 0.1}}
+"""These strategies begin with the planner's performance, which exploration would reduce."""
 
 _OWN: Final[tuple[Algorithm, ...]] = (
     Algorithm(name="serp", description="preset default", kind="guided"),
@@ -136,11 +136,17 @@ _OWN: Final[tuple[Algorithm, ...]] = (
     ),
     _guided("jump-start", "the planner begins each episode, the learner ends it (JSRL)"),
     _guided("argmax-q", "whichever of both proposals the learner values more (IBRL)"),
-    _guided("restrict", "the learner chooses among the actions of good plans (DARLING)", _CALM),
     _guided(
-        "imitate-then-learn", "the learner copies the planner, then learns alone (LOKI)", _CALM
+        "restrict",
+        "the learner chooses among the actions of good plans (DARLING)",
+        _LITTLE_EXPLORATION,
     ),
-    _guided("residual", "Q is the planner's value plus a network", _CALM),
+    _guided(
+        "imitate-then-learn",
+        "the learner copies the planner, then learns alone (LOKI)",
+        _LITTLE_EXPLORATION,
+    ),
+    _guided("residual", "Q is the planner's value plus a network", _LITTLE_EXPLORATION),
     _guided(
         "dqfd",
         "demonstrations of the planner with a margin loss (DQfD), Q-filter",
@@ -174,7 +180,7 @@ def find_algorithm(name: str) -> Algorithm:
 
 
 def ablation(algorithm: Algorithm, name: str, changes: Changes) -> Algorithm:
-    """Return an algorithm with some settings changed, under a name of its own.
+    """Return an algorithm with some settings changed, under a new name.
 
     Raises:
         SettingsError: It is an external algorithm, whose settings serp does not know.

@@ -21,13 +21,13 @@ _SEED: Final = 0
 
 
 def judges_alike(plan: ComparisonPlan, bound: BoundTask) -> list[str]:
-    """Return a sentence for each domain file that judges steps of random actions unlike the base.
+    """Return a warning for each domain file that judges random steps differently from the base.
 
-    Where rewards of the domain file are learned from, its learners are trained on another reward.
+    If rewards of the domain file are learned from, learners with it are trained on another reward.
 
     Args:
         plan: The comparison.
-        bound: The task with the base file, in an environment of its own.
+        bound: The task with the base file, in a separate environment.
     """
     settings = resolve("default", bound.task.settings, plan.changes)
     with contextlib.ExitStack() as stack:
@@ -46,7 +46,7 @@ def judges_alike(plan: ComparisonPlan, bound: BoundTask) -> list[str]:
 def _different(
     variants: Mapping[str, BoundTask], bound: BoundTask, settings: Settings
 ) -> dict[str, str]:
-    """Return the variants that judge unlike the base, with what they judge otherwise."""
+    """Return the variants that differ from the base, with a word for the difference."""
     different: dict[str, str] = {}
     if not variants:
         return different
@@ -79,14 +79,14 @@ def _different(
 
 
 def _grounded(files: Mapping[str, BoundTask], raw: Any) -> dict[str, Vector]:
-    """Return the state for each domain file: fluents and actions have an order of their own."""
+    """Return the state for each domain file, because the order of fluents may differ."""
     return {name: task.ground(raw) for name, task in files.items()}
 
 
 def _judged(
     model: TransitionModel, before: Vector, action: str | None, after: Vector
 ) -> tuple[float, bool] | None:
-    """Return reward and whether it was unsafe by a domain file; None if that has no such action."""
+    """Return reward and unsafety of a step by a domain file; None if it lacks the action."""
     try:
         judged = model.judge(before, -1 if action is None else model.action_index(action), after)
     except StateError:

@@ -1,7 +1,7 @@
-"""The folder of a comparison: who may write it, its plan, and the domain files that it keeps.
+"""The folder of a comparison: its lock, its plan, and its copies of the domain files.
 
-comparison/plan.json                     what is compared
-comparison/domains/VARIANT.pddl          the domain files as they were at the beginning
+comparison/plan.json                     the plan
+comparison/domains/VARIANT.pddl          copies of the domain files at the beginning
 comparison/trials/…                      complete trials, see `serp.compare.trial_files`
 comparison/report.md, …                  the report, see `serp.compare.report.report`
 """
@@ -37,13 +37,13 @@ _DOMAINS: Final = "domains"
 
 @contextlib.contextmanager
 def writing(folder: Path) -> Iterator[None]:
-    """Make a folder and lock it; if no plan was written in it, remove what was made.
+    """Create a folder and lock it; remove it again if the body writes no plan.
 
     Args:
-        folder: It may exist.
+        folder: The folder, which may exist.
 
     Raises:
-        RunError: It cannot be made, holds something else, or another process writes it.
+        RunError: It cannot be created, holds other files, or another process writes it.
     """
     _refuse_foreign(folder)
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
@@ -56,12 +56,12 @@ def writing(folder: Path) -> Iterator[None]:
         yield
     finally:
         begun = (folder / _PLAN).exists()
-        if not begun:  # the folder was empty before, so that what it holds was made here
+        if not begun:  # the folder was empty before
             shutil.rmtree(folder / _DOMAINS, ignore_errors=True)
         lock.release()
         if folder in missing and not begun:
             shutil.rmtree(folder, ignore_errors=True)
-            with contextlib.suppress(OSError):  # somebody else has put something there
+            with contextlib.suppress(OSError):  # another process may have written there
                 for place in missing[1:]:
                     place.rmdir()
 
@@ -73,8 +73,8 @@ def _refuse_foreign(folder: Path) -> None:
     if any(entry.name != LOCK for entry in folder.iterdir()):
         what = "a run" if (folder / CONFIG).exists() else "other files"
         raise RunError(
-            f"{folder} holds {what}, no comparison. Give a new or empty folder with --out. Nothing "
-            "was changed."
+            f"{folder} holds {what}, not a comparison. Give a new or empty folder with --out. "
+            "Nothing was changed."
         )
 
 
@@ -83,17 +83,17 @@ def _refuse_foreign(folder: Path) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class SavedPlan:
-    """What `plan.json` holds: everything that was asked of a comparison up to now.
+    """The content of `plan.json`: everything requested of a comparison so far.
 
     Attributes:
         task: Name of the task.
         variants: Names of the domain files, the base first.
-        algorithms: Name → what a name of the form `algorithm:text` changes in the settings.
-        trials: All that are asked for.
+        algorithms: Name → changes to the settings; not empty for names such as `algorithm:text`.
+        trials: All requested trials.
         protocol: Budget and evaluations.
-        changes: What is changed in the settings of all algorithms.
+        changes: Changes to the settings of all algorithms.
         threshold: Return from which a policy counts as good; None for none.
-        max_ground_schemas: How large its domains may be.
+        max_ground_schemas: Limit on the size of the grounded domains.
     """
 
     task: str
@@ -110,7 +110,7 @@ def write_plan(folder: Path, plan: SavedPlan) -> None:
     """Write `plan.json`, so that the comparison can be continued.
 
     Raises:
-        RunError: The disk refused it.
+        RunError: The write failed.
     """
     values = {"format": FORMAT, **dataclasses.asdict(plan)}
     write_durably(folder / _PLAN, json_text(_with_infinities_as_text(values)))
@@ -146,7 +146,7 @@ def read_plan(folder: Path) -> SavedPlan | None:
             max_ground_schemas=int(values["max_ground_schemas"]),
         )
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, SettingsError):
-        raise RunError(f"{file} is no plan of a comparison. {advice}") from None
+        raise RunError(f"{file} is not the plan of a comparison. {advice}") from None
 
 
 _INFINITIES: Final = {"inf": math.inf, "-inf": -math.inf}
@@ -161,7 +161,7 @@ def _with_infinities_as_text(value: Any) -> Any:
 
 
 def loaded_changes(changes: Mapping[str, Mapping[str, Any]]) -> Changes:
-    """Return changes of settings as they are after reading them from JSON: tuples, infinities."""
+    """Return changes of settings, with tuples and infinities restored from JSON values."""
 
     def value(found: Any) -> Any:
         if isinstance(found, list):
@@ -183,10 +183,9 @@ def kept_file(folder: Path, variant: str) -> Path:
 
 
 def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
-    """Return a task with a domain file as the comparison keeps it.
+    """Return a task with the comparison's copy of its domain file.
 
-    The file as it was at the beginning is copied into the folder, so that a later edit changes
-    nothing.
+    The file is copied into the folder at the beginning, so that later edits have no effect.
 
     Raises:
         RunError: The comparison has another file of that name.
@@ -206,8 +205,8 @@ def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
     for file, text in texts.items():
         if file.is_file() and file.read_bytes() != text.encode():
             raise RunError(
-                f"{file} is not what the domain file `{variant}` says now: it was edited since "
-                "this comparison began. Compare in another folder (--out)."
+                f"{file} differs from the domain file `{variant}`, which was edited since this "
+                "comparison began. Compare in another folder (--out)."
             )
         write_durably(file, text)
     return with_domain(task, place, problem, domain.max_ground_schemas)
@@ -216,10 +215,17 @@ def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
 def with_domain(
     task: Task, file: Path, problem: Path | None = None, limit: int = MAX_GROUND_SCHEMAS
 ) -> Task:
-    """Return a task with another domain file, which may be so large.
+    """Return a task with another domain file.
+
+    Args:
+        task: The task.
+        file: The domain file.
+        problem: The problem file.
+        limit: Limit on the size of the grounded domain; with another than the default, the file is
+            loaded at once.
 
     Raises:
-        DomainError: The limit is not the usual one, and the file is missing or wrong.
+        DomainError: The file was loaded, and is missing or wrong.
     """
     if limit == MAX_GROUND_SCHEMAS:
         return dataclasses.replace(task, domain=file, problem=problem)

@@ -1,4 +1,4 @@
-"""What a comparison was asked for, on which machine and by which command; beside its numbers."""
+"""The metadata of a comparison: request, command, machine and versions."""
 
 from __future__ import annotations
 
@@ -71,23 +71,23 @@ def _processor() -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonMetadata:
-    """What a comparison was asked for.
+    """The metadata of a comparison.
 
     Attributes:
         task: Name of the task.
-        algorithms: Names of the algorithms in the order of the tables; every other one is compared
-            with the first.
+        algorithms: Names of the algorithms in the order of the tables; the others are compared with
+            the first.
         variants: Name of each domain file → its path in the folder, in the order of the tables.
-        base: Name of the variant that everything is reported of, model variants apart.
-        trials: All that were asked for, complete or not.
+        base: Name of the variant of all results, except those on model variants.
+        trials: All requested trials, complete or not.
         protocol: Budget and evaluations.
-        threshold: Return from which a policy counts as good; None: there is none.
-        rewarded_by: Whose reward is learned from: `domain`, `environment` or `sum`.
-        inputs: What the learners see, in words.
+        threshold: Return from which a policy counts as good; None for none.
+        rewarded_by: The source of the reward: `domain`, `environment` or `sum`.
+        inputs: Description of the learners' input.
         command: The command that runs the same comparison again.
-        unit: What a unit of the learning curve is called, such as `game`.
-        notes: Sentences to be printed at the top.
-        machine: What it ran on.
+        unit: Name of the unit of the learning curve, such as `game`.
+        notes: Sentences for the top of the report.
+        machine: Description of the machine.
         versions: Package → version.
     """
 
@@ -139,10 +139,10 @@ def metadata_of(plan: ComparisonPlan, bound: BoundTask, notes: Sequence[str]) ->
 
 
 def rerun_command(plan: ComparisonPlan, threshold: float | None) -> str:
-    """Return the command that runs the comparison from the beginning, on the domain files it keeps.
+    """Return the command that repeats the comparison with its copies of the domain files.
 
-    Files are named relative to its folder. Where a task that is not installed is defined is
-    unknown: the command has a placeholder for it.
+    Paths are relative to its folder. For a task that is not installed the command has a
+    placeholder.
 
     Args:
         plan: The comparison.
@@ -175,13 +175,13 @@ def _inside(plan: ComparisonPlan, variant: str) -> str:
 
 
 def _seeds(seeds: Sequence[int]) -> str:
-    if all(b == a + 1 for a, b in pairwise(seeds)):  # a single number would be how many
+    if all(b == a + 1 for a, b in pairwise(seeds)):  # a single number would mean a count
         return f"{seeds[0]}-{seeds[-1]}"
     return ",".join(map(str, seeds))
 
 
 def _assignments(changes: Changes) -> Iterator[str]:
-    """Yield settings as they are typed."""
+    """Yield settings in the form of the command line."""
     for section, values in changes.items():
         for name, value in values.items():
             json_like = value is None or isinstance(value, bool | tuple | list)

@@ -1,4 +1,4 @@
-"""What a comparison consists of: its algorithms, domain files, seeds and protocol."""
+"""The plan of a comparison: its algorithms, domain files, seeds and protocol."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _WHAT: Final = {
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonPlan:
-    """A comparison, as far as it was asked for up to now.
+    """The plan of a comparison.
 
     Attributes:
-        folder: Its folder.
+        folder: The folder of the comparison.
         task: Name of the task.
         variants: Name of each domain file → the task with that file. The first is the base:
-            algorithms that use no model run on it alone.
-        algorithms: By name.
-        trials: All that are asked for.
+            algorithms that use no model run only on it.
+        algorithms: Name → algorithm.
+        trials: All requested trials.
         protocol: Budget and evaluations.
-        changes: What is changed in the settings of all algorithms.
+        changes: Changes to the settings of all algorithms.
         threshold: Return from which a policy counts as good; None for none.
-        max_ground_schemas: How large its domains may be.
+        max_ground_schemas: Limit on the size of the grounded domains.
     """
 
     folder: Path
@@ -81,7 +81,7 @@ class ComparisonPlan:
         return trial_settings(self.algorithms[trial.algorithm], task, self.changes)
 
     def made_of(self, trial: Trial) -> dict[str, str]:
-        """Return digests of what a trial is made of."""
+        """Return digests of everything that the result of a trial depends on."""
         algorithm = self.algorithms[trial.algorithm]
         domain = self.variants[trial.variant].load()
         texts = [s.text for s in (domain.source, domain.problem_source) if s is not None]
@@ -96,7 +96,7 @@ class ComparisonPlan:
         """Return the trials that are not complete, seed by seed.
 
         Raises:
-            RunError: A complete one is made of something else than is asked for now.
+            RunError: A complete trial was made from other settings or files.
         """
         missing: list[Trial] = []
         for trial in sorted(self.trials, key=lambda trial: trial.seed):
@@ -139,7 +139,7 @@ def named_algorithms(names: Iterable[str], changed: Mapping[str, Changes]) -> di
 def trials_of(
     algorithms: Mapping[str, Algorithm], variants: Sequence[str], seeds: Iterable[int]
 ) -> list[Trial]:
-    """Return all trials: what uses no model runs on the first variant alone."""
+    """Return all trials; algorithms that use no model run only on the first variant."""
     return [
         Trial(name, variant, seed)
         for seed in seeds

@@ -1,4 +1,4 @@
-"""The display of a comparison while it runs: a bar on a terminal, a line a trial elsewhere."""
+"""The display of a running comparison: a bar on a terminal, one line per trial elsewhere."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from serp.compare.records import Trial
 
 
 class RemainingTime:
-    """Estimates how long the rest takes.
+    """Estimates the remaining time.
 
-    A trial is assumed to take as long per env step as its algorithm did so far, or as all did where
-    that is unknown.
+    It assumes the mean time per env step of the same algorithm so far, or of all algorithms if that
+    is unknown.
 
     Args:
-        trials: What is to be run.
-        env_steps: Env steps of each.
-        processes: How many processes there are.
-        clock: Seconds, monotonic.
+        trials: The trials to run.
+        env_steps: Env steps of each trial.
+        processes: Number of processes.
+        clock: Monotonic clock, seconds.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class RemainingTime:
         self._left[trial] = 0
 
     def seconds_left(self) -> float | None:
-        """Return an estimate; None while nothing is known."""
+        """Return the estimate; None before the first measurement."""
         steps, seconds = sum(self._steps.values()), sum(self._seconds.values())
         if not steps:
             return None
@@ -77,7 +77,7 @@ class RemainingTime:
             known = self._steps[name] > 0
             rate = self._seconds[name] / self._steps[name] if known else seconds / steps
             needed.append(left * rate)
-        # No trial is spread over processes.
+        # A trial runs in one process.
         return max(sum(needed) / self._processes, *needed)
 
 
@@ -85,8 +85,8 @@ class Display:
     """Shows the progress of a comparison on standard error.
 
     Args:
-        remaining: Estimates what is left.
-        count: How many trials are to be run.
+        remaining: Estimates the remaining time.
+        count: Number of trials.
         quiet: Show nothing.
     """
 

@@ -14,14 +14,14 @@ class ComparisonProtocol:
 
     Attributes:
         env_steps: Budget of a training.
-        evaluate_every: Env steps between evaluations of the learner alone; the last is at the end.
+        evaluate_every: Env steps between evaluations of the learner; the last is at the end.
         evaluation_episodes: Episodes of such an evaluation.
         final_episodes: Episodes of each evaluation at the end.
         evaluation_seed: Seed of the environment in evaluations; every evaluation plays the same
             episodes.
 
     Raises:
-        SettingsError: One of them is no whole number in its range.
+        SettingsError: One of them is not a whole number in its range.
     """
 
     env_steps: int

@@ -1,4 +1,4 @@
-"""What one trial leaves behind: the rows of its episodes and evaluations, and its metadata.
+"""The record of a trial: the rows of its episodes and evaluations, and its metadata.
 
 A *trial* is one algorithm with one seed on one domain file (a *variant*). Its folder holds
 `episodes.csv`, `evaluations.csv` and, once it is complete, `trial.json`.
@@ -12,15 +12,15 @@ from typing import Any, Final, NamedTuple
 from numpy.typing import NDArray
 
 Columns = dict[str, NDArray[Any]]
-"""Name of a column → its values, a row an entry."""
+"""Name of a column → its values, one entry per row."""
 
 
 class Trial(NamedTuple):
-    """What a trial is of.
+    """The key of a trial.
 
     Attributes:
         algorithm: Name of the algorithm.
-        variant: Name of the domain file that the planner believes, such as `soccer`.
+        variant: Name of the domain file that the planner uses, such as `soccer`.
         seed: Seed of everything random in training.
     """
 
@@ -33,19 +33,19 @@ class EpisodeRow(NamedTuple):
     """One episode of training.
 
     Attributes:
-        episode: Which, from 1.
-        env_steps: Env steps done when it ended, from the trial's beginning.
-        unit: The counter that `arbiter.rho_unit` names (a game, say), from 0; else 0.
+        episode: Number of the episode, from 1.
+        env_steps: Env steps from the beginning of the trial to the end of the episode.
+        unit: The counter that `arbiter.rho_unit` names (such as games), from 0; else 0.
         return_: The environment's return.
         learner_return: Return in the reward that is learned from.
         length: Env steps.
         terminated: Whether the environment ended it (a fall, a goal; not a time limit).
-        outcome: What the environment's info says under `outcome`; empty where it says nothing.
+        outcome: The entry `outcome` of the environment's info; empty if there is none.
         unsafe: Executed actions that the domain file flags unsafe.
-        avoidable_unsafe: Those of them that were executed while another was not flagged.
+        avoidable_unsafe: Those of them that were executed while another action was not flagged.
         vetoes: Refused proposals.
         planner_steps: Steps in which the planner's action was executed.
-        seconds: Training so far, in seconds of wall time, compilation and evaluations left out.
+        seconds: Seconds of training so far, without compilation and evaluations.
     """
 
     episode: int
@@ -68,16 +68,16 @@ class EvaluationRow(NamedTuple):
 
     Attributes:
         env_steps: Env steps of training before it.
-        policy: `learner`: the greedy choice alone, no planner, no veto. `vetoed`: the same within
-            the vetoes. `planner`: the planner alone. `learner` at each checkpoint, the others at
-            the end of training only.
-        episode: Which, from 1.
+        policy: `learner`: the greedy choice without planner and veto. `vetoed`: the same within the
+            vetoes. `planner`: only the planner. `learner` is evaluated at each checkpoint, the
+            others only at the end of training.
+        episode: Number of the episode, from 1.
         return_: The environment's return.
         length: Env steps.
         terminated: Whether the environment ended it.
         outcome: As in `EpisodeRow`.
         unsafe: Executed actions that the model predicts unsafe; 0 for `learner` at checkpoints
-            before the last, where the model is not asked.
+            before the last, which do not use the model.
     """
 
     env_steps: int
@@ -96,10 +96,10 @@ EVALUATION_COLUMNS: Final = tuple(name.removesuffix("_") for name in EvaluationR
 
 @dataclass(frozen=True)
 class Record:
-    """Everything that a complete trial leaves behind.
+    """The record of a complete trial.
 
     Attributes:
-        trial: What it is of.
+        trial: The trial.
         episodes: Columns `EPISODE_COLUMNS`, and one `info.<name>` for each counter of the
             environment's info that the task declares (`Task.counters`): its value at the end of
             the episode.

@@ -1,4 +1,4 @@
-"""From the options of `compare` to a plan, with what the comparison consisted of before."""
+"""The options of `compare`, and how they become a plan together with an existing one."""
 
 from __future__ import annotations
 
@@ -24,35 +24,35 @@ from serp.tasks.task import Task
 _T = TypeVar("_T")
 
 ALGORITHMS: Final = ("serp", PLANNER, DQN)
-"""What is compared by default."""
+"""Algorithms compared by default."""
 SEEDS: Final = 5
 
 
 class ComparisonRequest(TypedDict, total=False):
     """The options of `serp.compare`, all of them optional; None stands for the default.
 
-    In a comparison that is continued, the default is what it consists of so far.
+    When a comparison is continued, the defaults are its own values.
 
     Attributes:
-        algorithms: Names, such as `serp`, `mrp`, `dqn` or `ppo`; the first is what the others are
-            compared with. `name:text` is one with other settings, see `changed`. By default
+        algorithms: Names, such as `serp`, `mrp`, `dqn` or `ppo`; the others are compared with the
+            first. `name:text` is an algorithm with other settings, see `changed`. By default
             `serp`, `mrp` and `dqn`.
-        seeds: How many seeds from 0 on, or the seeds themselves; 5 by default.
+        seeds: Number of seeds, from 0 on, or a list of seeds; 5 by default.
         env_steps: Budget of each trial; by default `training.env_steps` of the task.
-        model_variants: Domain files for the same task, on each of which every algorithm that uses
-            a model is run, too: files, names of files beside the task's own domain file
-            (`cartpole-reversed`), patterns of either, or `all`: every file there whose name is that
-            of the task, a hyphen and more.
-        settings: Section → setting → value, changed for all of serp's algorithms.
-        changed: Name such as `serp:learner.members=1` → what is changed for that one alone.
+        model_variants: Further domain files for the task; every algorithm that uses a model also
+            runs on each of them. Files, names of files beside the task's own domain file
+            (`cartpole-reversed`), patterns of either, or `all`: every file there whose name begins
+            with that of the task and a hyphen.
+        settings: Section → setting → value; applies to all of serp's algorithms.
+        changed: Name such as `serp:learner.members=1` → changes for that algorithm only.
         threshold: Return from which a policy counts as good; by default the `reward_threshold` of
             the environment's Gymnasium specification, if it has one.
-        evaluate_every: Env steps between evaluations of the learner alone; a tenth of the budget by
+        evaluate_every: Env steps between evaluations of the learner; a tenth of the budget by
             default.
-        evaluation_episodes: Episodes of each; 10 by default.
+        evaluation_episodes: Episodes of each such evaluation; 10 by default.
         final_episodes: Episodes of each evaluation at the end; 50 by default.
         out: Folder of the comparison; by default `runs/compare-<domain>-<time>`.
-        jobs: Processes; as many as the machine has cores by default.
+        jobs: Number of processes; by default the number of cores.
         quiet: Show no progress.
     """
 
@@ -72,10 +72,10 @@ class ComparisonRequest(TypedDict, total=False):
 
 
 def requested_folder(out: Any) -> Path | None:
-    """Return the folder that is named; None for the default.
+    """Return the requested folder; None for the default.
 
     Raises:
-        SettingsError: It is no name of a folder.
+        SettingsError: It is not the name of a folder.
     """
     if not isinstance(out, str | os.PathLike | None) or "\0" in str(out):
         raise SettingsError(f"out must be the name of a folder, not {out!r}")
@@ -83,10 +83,10 @@ def requested_folder(out: Any) -> Path | None:
 
 
 def requested_processes(jobs: int | None) -> int:
-    """Return how many processes may be used.
+    """Return the number of processes.
 
     Raises:
-        SettingsError: It is no whole number, or less than 1.
+        SettingsError: It is not a whole number, or less than 1.
     """
     count = whole(os.cpu_count() or 1 if jobs is None else jobs, 1)
     if count is None:
@@ -95,12 +95,12 @@ def requested_processes(jobs: int | None) -> int:
 
 
 def requested_task(task: Task | str | None, before: SavedPlan | None, folder: Path | None) -> Task:
-    """Return the task that is named.
+    """Return the requested task.
 
     Args:
-        task: The task, its name or a domain file; None for that of the comparison so far.
-        before: The plan so far, if there is one.
-        folder: The comparison's folder, if one is named.
+        task: The task, its name or a domain file; None for that of the existing comparison.
+        before: The existing plan, if there is one.
+        folder: The comparison's folder, if one is given.
 
     Raises:
         SerpError: There is no such task.
@@ -117,7 +117,7 @@ def requested_task(task: Task | str | None, before: SavedPlan | None, folder: Pa
             + ("" if folder is None else f"; {folder} holds no comparison yet")
         )
     assert folder is not None
-    # The kept file: what is installed or in the working directory may be another by now.
+    # The copy, because the original file may have changed.
     kept = kept_file(folder, before.variants[0])
     return with_domain(load_task(before.task), kept, limit=before.max_ground_schemas)
 
@@ -125,18 +125,18 @@ def requested_task(task: Task | str | None, before: SavedPlan | None, folder: Pa
 def requested_plan(
     folder: Path, before: SavedPlan | None, bound: BoundTask, request: ComparisonRequest
 ) -> ComparisonPlan:
-    """Return what was asked for before together with what is asked for now.
+    """Return the existing plan extended by a request.
 
     The domain files are copied into the folder.
 
     Args:
         folder: The folder of the comparison, locked.
-        before: Its plan so far, if there is one.
+        before: The existing plan, if there is one.
         bound: The task with the base domain file.
-        request: What is asked for now.
+        request: The request.
 
     Raises:
-        SerpError: Something in the request is wrong, or differs from what cannot change.
+        SerpError: The request is wrong, or contradicts the existing plan.
     """
     if before is not None and before.task != bound.name:
         raise RunError(f"{folder} compares on task {before.task}, not on {bound.name}")
@@ -151,7 +151,7 @@ def requested_plan(
     protocol = _protocol(before, bound, request)
     base = _base_name(bound) if before is None else before.variants[0]
     files = domain_files(request.get("model_variants") or (), bound.name, _installed(bound, folder))
-    algorithms, now = _algorithms(before, request, with_rivals=bool(files))
+    algorithms, now = _algorithms(before, request, with_references=bool(files))
     variants = _variants(folder, before, bound, base, files)
     trials = [] if before is None else list(before.trials)
     if before is None or files or not {"algorithms", "seeds"}.isdisjoint(_given(request)):
@@ -182,10 +182,10 @@ def _given(request: ComparisonRequest) -> dict[str, Any]:
 def _protocol(
     before: SavedPlan | None, bound: BoundTask, request: ComparisonRequest
 ) -> ComparisonProtocol:
-    """Return the protocol: that of the comparison so far, else what is asked for and defaults.
+    """Return the protocol of the existing plan, else that of the request with defaults.
 
     Raises:
-        SettingsError: A value is out of range, or differs from that of the comparison so far.
+        SettingsError: A value is out of range, or differs from that of the existing plan.
     """
     names = ("env_steps", "evaluate_every", "evaluation_episodes", "final_episodes")
     given = {name: value for name, value in _given(request).items() if name in names}
@@ -204,19 +204,19 @@ def _protocol(
 
 
 def _algorithms(
-    before: SavedPlan | None, request: ComparisonRequest, *, with_rivals: bool
+    before: SavedPlan | None, request: ComparisonRequest, *, with_references: bool
 ) -> tuple[dict[str, Any], list[str]]:
-    """Return all algorithms by name, and the names of those that are asked for now.
+    """Return all algorithms by name, and the names of the requested ones.
 
     Args:
-        before: The plan so far, if there is one.
-        request: What is asked for now.
-        with_rivals: Whether to add what a domain file is measured against: the planner that
-            believes it, and the learner alone.
+        before: The existing plan, if there is one.
+        request: The request.
+        with_references: Whether to add the references for results on domain files: planner and
+            baseline.
     """
     known = {} if before is None else before.algorithms
     now = _unique(request.get("algorithms") or ()) or list(known or ALGORITHMS)
-    if with_rivals:
+    if with_references:
         now = _unique([*now, PLANNER, DQN])
     changed = {**known, **(request.get("changed") or {})}
     return named_algorithms(_unique([*known, *now]), changed), now
@@ -225,7 +225,7 @@ def _algorithms(
 def _variants(
     folder: Path, before: SavedPlan | None, bound: BoundTask, base: str, files: Sequence[Path]
 ) -> dict[str, Task]:
-    """Return the task with each domain file, as the comparison keeps it; the base first."""
+    """Return the task with the comparison's copy of each domain file, the base first."""
     places = {name: kept_file(folder, name) for name in (before.variants if before else ())}
     places.pop(base, None)
     given: dict[str, Path] = {}
@@ -238,7 +238,7 @@ def _variants(
         if name == base:
             raise SettingsError(f"{file}: a model variant needs another name than `{base}`")
         task = with_domain(bound.task, file, limit=bound.domain.max_ground_schemas)
-        with task.bind() as variant:  # says what does not fit
+        with task.bind() as variant:  # checks that the file fits the task
             variants[name] = keep_domain(folder, name, variant.domain, task)
     return variants
 

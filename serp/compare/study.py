@@ -1,4 +1,4 @@
-"""Comparing: `compare` plans the trials, runs those that are missing, and writes the report."""
+"""`compare`: plans the trials, runs the missing ones, and writes the report."""
 
 from __future__ import annotations
 
@@ -40,28 +40,28 @@ class Comparison:
     """A comparison on the disk.
 
     Attributes:
-        path: Its folder; `report.md` and `report.html` lie there.
-        results: The complete trials and what is measured of them.
+        path: Its folder, with `report.md` and `report.html`.
+        results: The complete trials and their measures.
     """
 
     path: Path
     results: Results
 
     def overview(self) -> tuple[list[str], list[list[str]]]:
-        """Return a table: the titles of its columns, and a row an algorithm."""
+        """Return the main results: the titles of the columns, and one row per algorithm."""
         return overview(self.results)
 
     @property
     def caution(self) -> str | None:
-        """A warning that intervals and verdicts are of few seeds; None if there are enough."""
+        """A warning of too few seeds; None if there are enough."""
         return self.results.caution(*self.results.variants)
 
 
 def compare(task: Task | str | None = None, **request: Unpack[ComparisonRequest]) -> Comparison:
     """Compare algorithms on one task under one protocol.
 
-    What was complete in `out` before is kept: with more algorithms, seeds or domain files only what
-    is missing is run, and an interrupted comparison goes on.
+    Complete trials in `out` are kept: a call with more algorithms, seeds or domain files runs only
+    the missing trials, and continues an interrupted comparison.
 
     Args:
         task: The task, the name of an installed one, or a domain file that belongs to one. None:
@@ -69,9 +69,9 @@ def compare(task: Task | str | None = None, **request: Unpack[ComparisonRequest]
         **request: Options, see `serp.ComparisonRequest`.
 
     Raises:
-        SerpError: Task, settings or folder are wrong, or a trial failed. Trials that are complete
-            are kept, and the report is made of them.
-        Interrupted: Ctrl-C, SIGTERM or SIGHUP; what is complete is kept.
+        SerpError: Task, settings or folder are wrong, or a trial failed. Complete trials are kept,
+            and the report covers them.
+        Interrupted: Ctrl-C, SIGTERM or SIGHUP; complete trials are kept.
     """
     unknown = [name for name in request if name not in ComparisonRequest.__annotations__]
     if unknown:
@@ -115,7 +115,7 @@ def compare(task: Task | str | None = None, **request: Unpack[ComparisonRequest]
 
 
 def _try_algorithms(plan: ComparisonPlan, bound: BoundTask) -> None:
-    """Make each algorithm once, so that what cannot be made is refused before anything runs.
+    """Make each algorithm once, so that errors occur before any trial runs.
 
     Raises:
         SerpError: An algorithm cannot be made, or its settings are wrong.
@@ -137,7 +137,7 @@ def _run(
     *,
     quiet: bool,
 ) -> list[tuple[str, str]]:
-    """Run trials until a signal asks to stop; return those that failed, each with its error."""
+    """Run trials until a signal; return the failed ones, each with its error."""
     failed: list[tuple[str, str]] = []
     if not missing:
         return failed

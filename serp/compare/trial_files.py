@@ -1,8 +1,8 @@
-"""Complete trials on the disk.
+"""The files of complete trials.
 
     comparison/trials/ALGORITHM/VARIANT/seed-N/episodes.csv, evaluations.csv, trial.json
 
-`trial.json` is written last: a folder without it is a trial that was interrupted, and is run again.
+`trial.json` is written last: a trial without it was interrupted, and is run again.
 """
 
 from __future__ import annotations
@@ -43,13 +43,13 @@ _ADVICE: Final = "Remove the folder of this trial to run it again."
 
 
 def trial_folder(folder: Path, trial: Trial) -> Path:
-    """Return where a trial lies in the folder of a comparison."""
+    """Return the folder of a trial."""
     names = (file_name(trial.algorithm), file_name(trial.variant), f"seed-{trial.seed}")
     return folder.joinpath(_TRIALS, *names)
 
 
 def file_name(name: str) -> str:
-    """Return a name that every file system takes, different for different names."""
+    """Return a unique file name for a name, valid on every file system."""
     plain = re.sub(r"[^A-Za-z0-9_.=-]", "_", name)
     if plain == name and len(name) <= _LONGEST and not plain.startswith("."):
         return plain
@@ -57,7 +57,7 @@ def file_name(name: str) -> str:
 
 
 def digest(made_of: Mapping[str, Any]) -> str:
-    """Return a digest that differs for trials that are made of different things."""
+    """Return a digest of JSON values."""
     return hashlib.sha256(json.dumps(finite(made_of), sort_keys=True).encode()).hexdigest()
 
 
@@ -68,17 +68,17 @@ def write_trial(
     metadata: Mapping[str, Any],
     counters: Sequence[str],
 ) -> None:
-    """Write a complete trial in place of what an interrupted one left there.
+    """Write a complete trial, replacing files of an interrupted one.
 
     Args:
         folder: The folder of the comparison.
-        trial: What it is of.
-        measured: What it has found.
+        trial: The trial.
+        measured: Its results.
         metadata: JSON values, see `Record.metadata`.
         counters: Names of the counters in the rows of the log.
 
     Raises:
-        RunError: The disk refused it.
+        RunError: The write failed.
     """
     place = trial_folder(folder, trial)
     try:
@@ -103,7 +103,7 @@ def is_complete(folder: Path, trial: Trial) -> bool:
 
 
 def read_metadata(folder: Path, trial: Trial) -> dict[str, Any]:
-    """Return what the `trial.json` of a complete trial holds.
+    """Return the content of the `trial.json` of a complete trial.
 
     Raises:
         RunError: The file is damaged.
@@ -121,7 +121,7 @@ def read_trial(folder: Path, trial: Trial) -> Record:
     metadata = read_metadata(folder, trial)
     counters = metadata.get("counters")
     if not isinstance(counters, list):
-        raise RunError(f"{place / _DONE} is not what serp wrote. {_ADVICE}")
+        raise RunError(f"{place / _DONE} is damaged: counters is not a list. {_ADVICE}")
     info = [_INFO + str(name) for name in counters]
     return Record(
         trial=trial,

@@ -31,16 +31,16 @@ OnProgress = Callable[[Trial, int], None]
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that a worker needs for one trial; it writes the trial itself.
+    """Everything that a worker needs to run and write one trial.
 
     Attributes:
         folder: The folder of the comparison.
-        trial: What it is of.
+        trial: The trial.
         algorithm: Its algorithm.
         task: The task with the domain file of the variant.
         protocol: Budget and evaluations.
-        changes: What is changed in the settings of all algorithms.
-        metadata: What `trial.json` is to hold besides what the trial finds.
+        changes: Changes to the settings of all algorithms.
+        metadata: Entries of `trial.json` besides the results.
     """
 
     folder: Path
@@ -52,7 +52,7 @@ class Job:
     metadata: Mapping[str, Any]
 
     def run(self, on_progress: OnProgress) -> Ended:
-        """Run the trial, write what it found, and return how it ended."""
+        """Run the trial, write its results, and return how it ended."""
         trial = self.trial
         try:
             measured = run_trial(
@@ -76,8 +76,8 @@ class Ended:
     """How a trial ended.
 
     Attributes:
-        trial: Which.
-        error: What went wrong; None where it is complete.
+        trial: The trial.
+        error: The error message; None if the trial is complete.
     """
 
     trial: Trial
@@ -88,9 +88,9 @@ def portable(jobs: Sequence[Job]) -> bool:
     """Return whether jobs can be sent to other processes, which import the functions in them."""
     try:
         sent = pickle.dumps(jobs)
-    except Exception:  # whatever an attribute of somebody's task raises
+    except Exception:  # an attribute of a custom task may raise anything
         return False
-    # A process of its own imports no notebook, and would run an unguarded script once more.
+    # Another process cannot import a notebook, and would run an unguarded script again.
     return b"__main__" not in sent
 
 
@@ -100,9 +100,9 @@ def run_here(
     """Run jobs in this process, one after another, and yield how each trial ended.
 
     Args:
-        jobs: What is to be run.
+        jobs: The jobs.
         on_progress: Called with a trial and its env steps so far.
-        stopped: Whether no more jobs are to be begun; the one that runs comes to its end.
+        stopped: Whether to begin no more jobs; the running one is finished.
     """
     for job in jobs:
         if stopped():
@@ -116,13 +116,13 @@ def run_in_processes(
     on_progress: OnProgress,
     stopped: Callable[[], bool],
 ) -> Iterator[Ended]:
-    """Run jobs in processes of their own, and yield how each trial ended.
+    """Run jobs in other processes, and yield how each trial ended.
 
     Args:
-        jobs: What is to be run.
-        processes: In so many processes.
+        jobs: The jobs.
+        processes: Number of processes.
         on_progress: Called with a trial and its env steps so far.
-        stopped: Whether no more jobs are to be begun; those that run come to their end.
+        stopped: Whether to begin no more jobs; running ones are finished.
     """
     context = multiprocessing.get_context("spawn")
     stop = context.Event()
@@ -133,7 +133,7 @@ def run_in_processes(
             1, mp_context=context, initializer=_begin_worker, initargs=(stop, said)
         )
 
-    # A pool each: where a process dies, its pool is lost with all that runs in it.
+    # One pool per process: if a process dies, its pool and all jobs in it are lost.
     idle = [begin() for _ in range(processes)]
     running: dict[Future[Ended], tuple[Job, ProcessPoolExecutor]] = {}
     waiting = deque(jobs)
@@ -178,9 +178,9 @@ _said: Any = None
 
 
 def _begin_worker(stop: Any, said: Any) -> None:
-    """Leave signals to the parent, and end with it or when it says so.
+    """Ignore signals, and exit with the parent or at its request.
 
-    Ctrl-C, a closing terminal and a scheduler send them to every process of the group.
+    Ctrl-C, a closed terminal and a scheduler signal every process of the group; the parent decides.
     """
     global _said
     _said = said

@@ -1,4 +1,4 @@
-"""Who acts: planner or learner, within the vetoes (paper, Algorithm 1)."""
+"""The arbiter: executes proposals of planner and learner unless they are refused (Algorithm 1)."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from serp.settings import ArbiterSettings, Settings
 
 
 class Arbiter:
-    """Lets a strategy mix planner and learner and keeps refused actions from being executed.
+    """Executes what a strategy proposes, except for refused actions.
 
     Guarantee, under every strategy and whatever was learned: no action that the file as written
-    flags unsafe is executed while one that it does not is available. (Available are the applicable
-    actions, and those that the model does not know unless they are vetoed.) Of the actions that are
-    not flagged, none whose predicted risk is larger than accepted is executed while one whose risk
-    is accepted is applicable. An action whose result is undefined does not count as safe: it is
-    executed only where all others are flagged or certain to do damage. The guarantee needs a
-    `VetoPolicy`; with `NoVeto` it does not hold.
+    flags unsafe is executed while an action that is not flagged is available. (Applicable actions
+    are available, and so are actions that the model does not know unless they are vetoed.) Of the
+    actions that are not flagged, none whose predicted risk is larger than accepted is executed
+    while one whose risk is accepted is applicable. An action whose result is undefined does not
+    count as safe: it is executed only if all others are flagged or certain to do damage. The
+    guarantee needs a `VetoPolicy`; with `NoVeto` it does not hold.
 
     Args:
-        planner: Where forecasts come from, usually a `Lookahead`.
+        planner: Makes the forecasts, usually a `Lookahead`.
         actions: The map between ground and environment actions.
         settings: See `ArbiterSettings`.
-        strategy: Who proposes; by default Algorithm 1 as the settings have it.
-        vetoes: What is refused; by default what the settings say.
-        exploration_bonus: Gives the planner's forecast another choice in training, to learn from
-            it; by default none.
-        confidence: Says how far the model can be relied on; by default nothing is known.
+        strategy: Makes the proposals; by default Algorithm 1 with these settings.
+        vetoes: Refuses actions; by default a `VetoPolicy` with these settings.
+        exploration_bonus: Returns a forecast whose choice has been tried less often, to be used in
+            training; by default the same forecast.
+        confidence: Returns how reliable the model is; by default `ModelConfidence.OPEN`.
     """
 
     def __init__(
@@ -72,19 +72,19 @@ class Arbiter:
 
     @property
     def rho(self) -> float:
-        """The probability that the learner is asked next."""
+        """The probability that the learner makes the next proposal."""
         return self.strategy.rho
 
     def forecast(self, state: Vector) -> ActionForecast:
-        """Return the planner's view of a state `[F]` in terms of environment actions."""
+        """Return the planner's forecast for a state `[F]`, by environment action."""
         return self.actions.project(self.planner.forecast(state))
 
     def decide(self, state: Vector, learner: Proposer) -> Decision:
-        """Decide what to do in a state.
+        """Decide on the action in a state, as in training.
 
         Args:
             state: Monitored state `[F]`.
-            learner: The learner before this state; the strategy asks it where it is its turn.
+            learner: The learner, with its input in this state.
         """
         planned = self.planner.forecast(state)
         situation = self._situation_of(self.actions.project(planned))
@@ -99,30 +99,30 @@ class Arbiter:
         return self._follow(situation, proposal)
 
     def decide_greedily(self, state: Vector, learner: Proposer) -> Decision:
-        """Decide as the trained policy does, without exploration or draw."""
+        """Decide as the trained policy does, without exploration or random draws."""
         situation = self._situation(state)
         return self._follow(situation, self.strategy.propose_greedily(situation, learner))
 
     def decide_in_turns(self, state: Vector, learner: Proposer, strategy: Strategy) -> Decision:
-        """Decide as in training, with the turns of a strategy, without the exploration bonus."""
+        """Decide as in training by a given strategy, without the exploration bonus."""
         situation = self._situation(state)
         return self._follow(situation, strategy.propose(situation, learner))
 
     def judge_proposal(self, state: Vector, proposal: Proposal) -> Decision:
-        """Decide on a proposal whoever's turn it is: it is executed, or refused."""
+        """Decide on a given proposal: execute it unless it is refused."""
         return self._consider(self._situation(state), proposal)
 
     def execute(self, state: Vector, proposal: Proposal) -> Decision:
-        """Execute a proposal, whatever is predicted of it. The guarantee does not hold."""
+        """Execute a proposal without a veto. The guarantee does not hold."""
         return self._accept(self._situation(state), proposal)
 
     def execute_baseline(self, state: Vector, learner: Proposer) -> Decision:
-        """Execute what the learner does without planner and veto. The guarantee does not hold."""
+        """Execute the learner's greedy choice without a veto. The guarantee does not hold."""
         situation = self._situation(state)
         return self._accept(situation, self.strategy.propose_baseline(situation, learner))
 
     def plan(self, state: Vector) -> Decision:
-        """Let the planner act, whatever ρ is."""
+        """Decide by the planner, whatever ρ is."""
         return self._planners_turn(self._situation(state))
 
     # Who acts ----------------------------------------------------------------------------------
@@ -172,16 +172,17 @@ class Arbiter:
         elif action < 0:
             reason = Reason.NO_APPLICABLE_ACTION
         if action < 0 or risk_of(flags) == 1.0:
-            instead = self._least_evil(forecast, proposed, otherwise=action)
+            instead = self._fallback(forecast, proposed, otherwise=action)
             if instead != action:
                 action, executed_by = instead, Actor.FALLBACK
         return self._record(situation, action, executed_by, reason, proposed, proposed_by)
 
-    def _least_evil(self, forecast: ActionForecast, proposed: int, otherwise: int) -> int:
-        """Return what is done instead of certain damage; `otherwise` is the planner's, or -1.
+    def _fallback(self, forecast: ActionForecast, proposed: int, otherwise: int) -> int:
+        """Return the action to execute when the planner's choice is certain to do damage, or -1.
 
-        What the model does not know comes before what it cannot predict, and that before what does
-        damage. What cannot be done comes last; of equals, what was proposed.
+        In order of preference: actions that the model does not know, actions with an undefined
+        result, the planner's choice (`otherwise`), actions that are not applicable. Within a kind,
+        the proposed action is preferred.
         """
         unpredicted = (forecast.flags & (UNDEFINED | UNSAFE)) == UNDEFINED
         kinds = [self.vetoes.available, unpredicted]
@@ -221,10 +222,7 @@ class Arbiter:
     # Explaining --------------------------------------------------------------------------------
 
     def explain(self, decision: Decision, state: Vector) -> str:
-        """Say in the words of the domain file what is wrong with what was proposed.
-
-        Empty where the proposal, the planner's or the learner's, was fine and was executed.
-        """
+        """Return why a proposal was refused, in terms of the domain file; empty if it was not."""
         if decision.reason in (Reason.PLANNER_TURN, Reason.LITTLE_TRIED, Reason.ACCEPTED):
             return ""
         shown = decision.proposed if decision.proposed >= 0 else decision.action

@@ -1,4 +1,4 @@
-"""What was decided in one state: by whom, why, and what was predicted of it."""
+"""The record of one decision: the action, its actor, the reason and the predictions."""
 
 from __future__ import annotations
 
@@ -42,20 +42,20 @@ class Decision(NamedTuple):
     """The record of one decision. Actions are environment actions.
 
     Attributes:
-        action: What is executed.
-        executed_by: Whose action it is; FALLBACK where neither planner nor learner had one.
-        reason: Why.
-        proposed: What was proposed; -1 where the planner had no action to propose.
-        proposed_by: By whom.
-        rho: ρ at that moment.
-        predicted_reward: Predicted reward of the executed action, one step; NaN where the model
-            does not know it or it is not applicable.
+        action: The executed action.
+        executed_by: Whose action it is; FALLBACK if neither planner nor learner had one.
+        reason: Why it is executed.
+        proposed: The proposed action; -1 if the planner had none.
+        proposed_by: Who proposed it.
+        rho: ρ at the time of the decision.
+        predicted_reward: Predicted reward of the executed action, one step; NaN if the model does
+            not know it or it is not applicable.
         unsafe: Whether the file as written flags the executed action.
-        risk: Predicted probability, in [0, 1], that it is unsafe; 1 where it is flagged, NaN where
-            the model does not know it or it is not applicable.
+        risk: Predicted probability, in [0, 1], that it is unsafe; 1 if it is flagged, NaN if the
+            model does not know it or it is not applicable.
         proposal_unsafe: Whether the proposed action is flagged, or its risk not accepted.
-        admissible: `[E]` actions that no veto refuses; all False where every one is refused.
-        forecast: The planner's view of the state.
+        admissible: `[E]` whether no veto refuses the action.
+        forecast: The planner's forecast for the state.
     """
 
     action: int

@@ -1,8 +1,7 @@
-"""What is counted of a training or an evaluation: the one definition of each number.
+"""Counts of decisions: vetoes, steps by actor, and unsafe steps.
 
-Every count of vetoes, of steps by actor and of unsafe steps comes from a `DecisionCounts`: in
-`metrics.csv`, the summary, the report and the display of a training, in evaluations, comparisons
-and films.
+All such counts come from a `DecisionCounts`: in `metrics.csv`, the summary, the report and the
+display of a training, in evaluations, comparisons and films.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from serp.control.decision import Actor, Reason
 
 
 class Countable(Protocol):
-    """What is counted of one step; a `Decision` offers it, and so does a row of `decisions.csv`."""
+    """The part of a step that is counted; a `Decision` and a row of `decisions.csv` have it."""
 
     @property
     def executed_by(self) -> str:
@@ -25,7 +24,7 @@ class Countable(Protocol):
 
     @property
     def reason(self) -> str:
-        """Why, a value of `Reason`."""
+        """Why it was executed, a value of `Reason`."""
 
     @property
     def vetoed(self) -> bool:
@@ -54,7 +53,7 @@ class DecisionCounts:
         refused: Reason → proposals refused for it. They add up to `vetoes`.
         unsafe_predicted: Proposals that the domain file flags unsafe, or that are too risky.
         unsafe_executed: Executed actions that the domain file flags unsafe.
-        no_safe_action: Steps in which no action was left that was neither.
+        no_safe_action: Steps in which every action was flagged or too risky.
     """
 
     def __init__(self) -> None:
@@ -75,12 +74,12 @@ class DecisionCounts:
 
     @property
     def steps(self) -> int:
-        """Steps that were counted."""
+        """Number of steps counted."""
         return self.executed.total()
 
     @property
     def vetoes(self) -> int:
-        """Proposals refused."""
+        """Number of proposals refused."""
         return self.refused.total()
 
     def numbers(self) -> dict[str, int]:
@@ -101,10 +100,10 @@ class DecisionCounts:
 
     @classmethod
     def from_saved(cls, meta: Any) -> DecisionCounts:
-        """Return the tally that `state_dict` wrote.
+        """Return the counts that `state_dict` wrote.
 
         Raises:
-            RunError: It is none.
+            RunError: They are damaged.
         """
         tally, saved = cls(), Saved("counts", {}, meta)
         tally.executed.update(_by(Actor, saved.wholes("executed", len(Actor))))
@@ -114,7 +113,7 @@ class DecisionCounts:
         return tally
 
     def vetoes_by_reason(self) -> dict[str, int]:
-        """Return reason → proposals refused for it, the most frequent first, equals by name."""
+        """Return reason → proposals refused for it, the most frequent first, ties by name."""
         found = {str(reason): count for reason, count in self.refused.items() if count}
         return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
 
@@ -124,7 +123,7 @@ def _by(names: type[StrEnum], counts: list[int]) -> dict[str, int]:
 
 
 NUMBERS: Final = tuple(DecisionCounts().numbers())
-"""Names of all counts: columns of `metrics.csv`."""
+"""Names of all counts; they are columns of `metrics.csv`."""
 
 
 def total(metrics: Mapping[str, Any]) -> dict[str, int]:

@@ -1,8 +1,8 @@
-"""The learner's values at the leaves of the lookahead, once they have predicted well.
+"""Bootstraps the leaves of the lookahead with the learner's values, once they predict well.
 
-A lookahead knows nothing of what comes after its horizon. The learner does: its Q is what the rest
-of an episode is worth. With its values at the leaves, planning sees beyond the horizon, as in
-AlphaZero (Silver et al. 2018) and POLO (Lowrey et al. 2019, arXiv 1811.01848).
+A lookahead does not see beyond its horizon. The learner's Q estimates the return of the rest of an
+episode. With the learner's values at the leaves, a plan accounts for rewards beyond the horizon, as
+in AlphaZero (Silver et al. 2018) and POLO (Lowrey et al. 2019, arXiv 1811.01848).
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ from serp.planning.lookahead import Lookahead
 _PERIOD: Final = 500
 """Env steps between two fits to the learner's values."""
 _SAMPLES: Final = 1_000
-"""Newest states that a fit rests on."""
+"""Number of newest states that the fit uses."""
 _REST: Final = 0.05
-"""Weight that is left for what follows the compared rewards."""
+"""Discount at the end of the window of rewards that are compared with a value."""
 _LONGEST: Final = 300
-"""Most rewards that are compared with one value."""
+"""Largest length of that window."""
 _MEMORY: Final = 0.998
+"""Decay of the moving averages per comparison."""
 _LEAST: Final = 200
-"""Fewest comparisons before the values are used."""
+"""Comparisons before the values are used."""
 _EXPLAINED: Final = 0.5
-"""Share of the variance of the rewards that the values have to explain."""
+"""Share of the variance of the rewards that the values must explain."""
 _OTHERS: Final = 0.01
 """Share of the steps in which the rewards of file and learner may differ."""
 
@@ -43,18 +44,18 @@ _HELD, _COMPARED = 0, 1
 
 @cached_njit(nogil=True)
 def _follow(packed, state, next_state, reward, terminated, discount, window, count, means):  # type: ignore[no-untyped-def]
-    """Add an env step to the window, and judge the values whose rewards are complete by it.
+    """Add an env step to the window, and compare the values whose rewards are now complete.
 
     Args:
         packed: See `LeafValue`.
         state: `[F]`.
         next_state: `[F]`.
-        reward: Its reward.
-        terminated: Whether nothing follows.
+        reward: The reward of the step.
+        terminated: Whether the environment ended the episode.
         discount: γ.
         window: `[2, n]` values and rewards of the last steps, the oldest first.
-        count: How many of them there are; comparisons made.
-        means: Decayed: received, its square, the error, its square.
+        count: `[2]` length of the window in use, comparisons made.
+        means: `[4]` moving averages of the return, its square, the error and its square.
     """
     length, width = window.shape[1], state.shape[0]
     held = count[_HELD]
@@ -84,14 +85,14 @@ class LeafValueBootstrap:
     """Gives a lookahead the learner's values at its leaves while they predict the rewards well.
 
     The values V of a state and of the state n steps later predict the rewards in between:
-    V(s) - γⁿ V(s′), or V(s) where the episode has terminated. The prediction is compared with the
-    rewards received. Each value is that of the time when its state was visited, so that the test
-    data are new. Used are values that explain at least half of the variance of the rewards. They
-    are never used where the learner learns from other rewards than the planner plans with.
+    V(s) - γⁿ V(s′), or V(s) if the episode has terminated. The prediction is compared with the
+    rewards received. Each value is computed when its state is visited, so that it is tested on new
+    data. The values are used while they explain at least half of the variance of the rewards. They
+    are never used if the learner learns from other rewards than the planner plans with.
 
     Args:
-        planner: Whose leaves these are.
-        learner: Whose values these are; each of its inputs ends with the state.
+        planner: The lookahead.
+        learner: The learner; each of its inputs ends with the state.
         seed: Seed of the random features.
     """
 
@@ -129,7 +130,7 @@ class LeafValueBootstrap:
         return self._others <= _OTHERS * self._steps
 
     def observe(self, step: StepRecord) -> None:
-        """Take an env step into account."""
+        """Process an env step of training."""
         reward = step.domain_reward
         self._steps += 1
         self._others += not math.isclose(reward, step.reward, rel_tol=1e-6, abs_tol=1e-9)
@@ -145,7 +146,7 @@ class LeafValueBootstrap:
         self._publish()
 
     def precompile(self) -> None:
-        """Call once what `observe` calls after the first fit; everything stays as it is."""
+        """Compile what `observe` calls after the first fit; the state does not change."""
         state, value = np.zeros(self._fluents), LeafValue(self._fluents, np.random.SeedSequence(0))
         value.fit(np.zeros((1, self._fluents)), np.zeros(1))
         _follow(
@@ -179,7 +180,7 @@ class LeafValueBootstrap:
         Raises:
             RunError: It belongs to another domain, or is damaged.
         """
-        saved = Saved("values of leaves", arrays, meta)
+        saved = Saved("leaf values", arrays, meta)
         packed = saved.array("packed", np.float64, (-1,))
         means = saved.array("means", np.float64, self._means.shape)
         steps, compared = saved.whole("steps"), saved.whole("compared")

@@ -1,4 +1,4 @@
-"""How far the lookahead can be relied on: how often it failed."""
+"""The reliability of the lookahead, measured by its failures."""
 
 from __future__ import annotations
 
@@ -8,26 +8,24 @@ from typing import Any, Final
 from serp._util.saved_state import Saved
 
 _PER_STEP: Final = 0.001
-"""Failures an env step that are tolerated in the long run."""
+"""Tolerated failures per env step in the long run."""
 
 
 class LookaheadReliability:
     """Counts the failures of the lookahead.
 
-    Where the executed action leads, within the lookahead, to no state in which every action is
-    flagged or too risky, the lookahead has predicted that everything unsafe can be avoided for as
-    long. It has failed where something unsafe is observed within that time all the same. A
-    lookahead that fails again and again does not know what endangers the robot; what it refuses
-    beyond the next step is refused without reason.
+    The lookahead predicts an executed action to be safe if a plan exists that avoids everything
+    unsafe within the horizon. It has failed if something unsafe is observed within the horizon
+    nevertheless. A lookahead that fails often does not model what endangers the robot, so its
+    vetoes beyond the next step are not justified.
 
     Args:
         horizon: Control periods that the lookahead sees.
-        tolerated: Failures that are tolerated at once; one more is every 1,000 env steps. None
-            tolerates all.
+        tolerated: Number of failures tolerated, plus one per 1,000 env steps. None tolerates all.
 
     Attributes:
-        failures: How often it failed.
-        steps: Env steps that were observed.
+        failures: Number of failures.
+        steps: Number of env steps observed.
     """
 
     def __init__(self, horizon: int, tolerated: int | None) -> None:
@@ -40,17 +38,17 @@ class LookaheadReliability:
 
     @property
     def reliable(self) -> bool:
-        """Whether the lookahead is relied on beyond the next step."""
+        """Whether vetoes use the lookahead beyond the next step."""
         return self._tolerated is None or self.failures <= self._tolerated + _PER_STEP * self.steps
 
     def observe(self, predicted_safe: bool | None, unsafe: bool, last: bool) -> bool:
-        """Take an env step into account.
+        """Process an env step.
 
         Args:
             predicted_safe: Whether the lookahead predicted the executed action to be safe; None
-                for an action that the model does not know, after which no prediction counts.
+                for an action that the model does not know, which invalidates earlier predictions.
             unsafe: Whether something unsafe was observed.
-            last: Whether the episode ended with it.
+            last: Whether the episode ended with this step.
 
         Returns:
             Whether the lookahead failed.

@@ -1,4 +1,4 @@
-"""How far the model that is planned with can be relied on."""
+"""The confidence in the model that the planner uses."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from enum import IntEnum
 
 
 class ModelConfidence(IntEnum):
-    """What is known of the model's predictions.
+    """What is known of the quality of the model's predictions.
 
-    OPEN: Nothing is known; a model that does not adapt is always in this state.
-    GROWING: It adapts, and has seen too few episodes to be judged by its predictions.
-    RELIABLE: It has predicted the newest steps well.
+    OPEN: Nothing; a model that does not adapt always has this value.
+    GROWING: The model adapts, and has seen too few episodes to be judged.
+    RELIABLE: The model has predicted the newest steps well.
     """
 
     OPEN = 0

@@ -1,4 +1,4 @@
-"""The planner `lookahead`, in the form that a model allows."""
+"""The planner `lookahead`: compiled if the model allows it, else on a planning graph."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class GraphPlanner:
         )
 
     def forecast(self, state: Vector) -> Forecast:
-        """Return the planner's view of a state `[F]`."""
+        """Return the forecast for a state `[F]`."""
         return self._replanner.plan(state).forecast
 
 
 def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:
-    """Return the fastest lookahead for a model; all give the same decisions."""
+    """Return the faster lookahead that supports a model; both give the same decisions."""
     return Lookahead(model, settings) if model.compiles else GraphPlanner(model, settings)

@@ -1,4 +1,4 @@
-"""A learner as strategies ask it: before one input."""
+"""A learner with an input, in the form that strategies use."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from serp.model.transition_model import Vector
 
 
 class LearnerProposer:
-    """A learner before one input.
+    """The proposals of a learner for one input; see `serp.control.protocols.Proposer`.
 
     Args:
         learner: The learner.
@@ -25,7 +25,7 @@ class LearnerProposer:
     def propose(
         self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
     ) -> Proposal:
-        """Propose, with exploration; see `serp.control.protocols.Proposer`."""
+        """Propose an action, with exploration."""
         if not self._explores:
             return self.propose_greedily(among=among, base=base)
         return _limited(self._learner.propose(self._x, explorable, base), among)
@@ -33,20 +33,20 @@ class LearnerProposer:
     def propose_greedily(
         self, *, among: Mask | None = None, base: Values | None = None
     ) -> Proposal:
-        """Propose the action of the largest value."""
+        """Propose the action with the largest value."""
         return _limited(self._learner.propose_greedily(self._x, base), among)
 
     def member_q(self) -> Values:
-        """Return `[members, E]` the values in the eyes of each network."""
+        """Return `[members, E]` the values of each network."""
         return self._learner.member_q(self._x)
 
     def target_q(self) -> Values:
-        """Return `[E]` the values in the eyes of the target network."""
+        """Return `[E]` the values of the target network."""
         return self._learner.target_q(self._x)
 
 
 def _limited(proposal: Proposal, among: Mask | None) -> Proposal:
-    """Return the best of the actions that a greedy choice is limited to."""
+    """Limit a greedy choice to the given actions."""
     if among is None or proposal.q is None or among[proposal.action] or not among.any():
         return proposal
     return proposal._replace(action=best_of(proposal.q, among))

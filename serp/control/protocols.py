@@ -1,4 +1,4 @@
-"""What planners and learners offer; each is found by name through an entry point.
+"""The protocols of planners and learners, which are found by name through entry points.
 
 `serp.planners` holds functions of `MakePlanner`, `serp.learners` functions of `MakeLearner`,
 `serp.strategies` classes derived from `serp.control.strategies.strategy.Strategy`.
@@ -24,7 +24,7 @@ Values = NDArray[np.floating[Any]]
 
 
 class Planner(Protocol):
-    """What forecasts the consequences of each ground action; `serp.Lookahead` is one.
+    """A planner forecasts the consequences of each ground action; `serp.Lookahead` is one.
 
     A function that takes a `serp.TransitionModel` and `serp.PlannerSettings` and returns a planner
     is found by name through the entry-point group `serp.planners`. A forecast depends on nothing
@@ -32,51 +32,51 @@ class Planner(Protocol):
     """
 
     def forecast(self, state: Vector) -> Forecast:
-        """Return what is predicted of every ground action in a state `[F]`."""
+        """Return the predictions for every ground action in a state `[F]`."""
 
 
 MakePlanner = Callable[[TransitionModel, PlannerSettings], Planner]
 
 
 class Proposer(Protocol):
-    """A learner before one input, as strategies ask it."""
+    """A learner with an input, in the form that strategies use."""
 
     def propose(
         self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
     ) -> Proposal:
-        """Propose, with exploration.
+        """Propose an action, with exploration.
 
         Args:
             explorable: `[E]` actions to explore among; None for all.
             among: `[E]` actions that the greedy choice is limited to; None for all.
-            base: `[E]` what is added to Q before the choice; None for nothing.
+            base: `[E]` values added to Q before the choice; None for zeros.
         """
 
     def propose_greedily(
         self, *, among: Mask | None = None, base: Values | None = None
     ) -> Proposal:
-        """Propose the action of the largest value; arguments as in `propose`."""
+        """Propose the action with the largest value; arguments as in `propose`."""
 
     def member_q(self) -> Values:
-        """Return `[members, E]` the values in the eyes of each of the learner's networks."""
+        """Return `[members, E]` the values of each of the learner's networks."""
 
     def target_q(self) -> Values:
-        """Return `[E]` the values in the eyes of the slowly following target network."""
+        """Return `[E]` the values of the target network."""
 
 
 class Learner(Protocol):
-    """What learns the values of E environment actions; `serp.DQN` is one.
+    """A learner of the values of E environment actions; `serp.DQN` is one.
 
-    What makes a learner is found by name through the entry-point group `serp.learners`; it takes
-    the arguments of `serp.DQN`. Values are in units of reward × `reward_scale`.
+    A function that makes one is found by name through the entry-point group `serp.learners`; it
+    takes the arguments of `serp.DQN`. Values are in units of reward × `reward_scale`.
 
     Attributes:
-        input_size: Numbers in one input, F.
-        action_count: E.
-        settings: Its settings.
-        symmetry: The symmetries that it uses; None for none.
-        guided: How it uses what the planner says; None for not at all.
-        margin_weight: Weight of its imitation loss from now on.
+        input_size: Length of an input, F.
+        action_count: Number of environment actions, E.
+        settings: The settings.
+        symmetry: The symmetries in use; None for none.
+        guided: How the planner's guidance is used; None for not at all.
+        margin_weight: Weight of the imitation loss in the next updates.
     """
 
     input_size: int
@@ -98,7 +98,7 @@ class Learner(Protocol):
         """Propose an action for an input `[F]`, with exploration; see `Proposer.propose`."""
 
     def propose_greedily(self, x: Vector, base: Values | None = None) -> Proposal:
-        """Propose the action of the largest value for an input `[F]`."""
+        """Propose the action with the largest value for an input `[F]`."""
 
     def greedy_batch(
         self, x: NDArray[np.floating], base: NDArray[np.floating] | None = None
@@ -106,13 +106,13 @@ class Learner(Protocol):
         """Return the actions `[B]` of the largest values for inputs `[B, F]`."""
 
     def member_q(self, x: Vector) -> Values:
-        """Return `[members, E]` the values in the eyes of each network."""
+        """Return `[members, E]` the values of each network."""
 
     def target_q(self, x: Vector) -> Values:
-        """Return `[E]` the values in the eyes of the target network."""
+        """Return `[E]` the values of the target network."""
 
     def newest_values(self, count: int) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return the newest inputs in memory and what their states are worth, in rewards."""
+        """Return the newest inputs in the replay memory and their values, in units of reward."""
 
     def remember(
         self,
@@ -126,25 +126,26 @@ class Learner(Protocol):
         failing: bool = False,
         guidance: Guidance | None = None,
     ) -> None:
-        """Take one env step with the executed action.
+        """Store an env step in the replay memory.
 
         Args:
-            observation: Input `[F]` before it.
+            observation: Input `[F]` before the step.
             action: The executed environment action.
-            reward: What is learned from.
-            next_observation: Input `[F]` after it.
+            reward: The reward that is learned from.
+            next_observation: Input `[F]` after the step.
             terminated: Whether the environment ended the episode.
-            truncated: Whether it was cut off.
-            next_allowed: `[E]` the actions that the next state is the best of; None for all.
+            truncated: Whether the episode was cut off.
+            next_allowed: `[E]` actions that the value of the next state is maximised over; None
+                for all.
             failing: Whether something unsafe was observed.
-            guidance: What the planner says of the step, where `guided` uses it.
+            guidance: The planner's guidance for the step, if `guided` uses it.
         """
 
     def learn(self) -> float | None:
         """Make the updates of one env step; return their mean loss, None for none."""
 
     def pretrain(self, updates: int | None = None) -> float | None:
-        """Make updates on the first data; by default as many as the settings say."""
+        """Make updates on the initial data; by default as many as the settings say."""
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""

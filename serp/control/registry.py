@@ -1,6 +1,6 @@
 """Planners, learners and strategies by name; each is an entry point of an installed package.
 
-To add one, declare it in the package that has it; nothing here changes::
+A package adds one by declaring it; serp needs no change::
 
     [project.entry-points."serp.strategies"]
     my-strategy = "my_package.strategy:MyStrategy"
@@ -35,7 +35,9 @@ def find_strategy(name: str) -> type[Strategy]:
     """
     found = _load(STRATEGIES, name, "strategy", "guide.strategy")
     if not (isinstance(found, type) and issubclass(found, Strategy)):
-        raise SettingsError(f"guide.strategy: `{name}` is {found!r}, no subclass of {Strategy!r}")
+        raise SettingsError(
+            f"guide.strategy: `{name}` is {found!r}, which is not a subclass of {Strategy!r}"
+        )
     return found
 
 
@@ -50,7 +52,7 @@ def make_planner(model: TransitionModel, settings: PlannerSettings) -> Planner:
 
 
 def find_learner(name: str) -> MakeLearner:
-    """Return what makes the learner of a name.
+    """Return the function that makes the learner of a name.
 
     Raises:
         SettingsError: There is none, or it cannot be loaded.

@@ -1,4 +1,4 @@
-"""One record of an env step, and the totals of an episode."""
+"""The record of an env step, and the totals of an episode."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from serp.model.transition_model import Vector
 
 @dataclass(slots=True)
 class EpisodeTotals:
-    """What an episode adds up to.
+    """The totals of an episode.
 
     Attributes:
         length: Env steps.
         return_: Sum of the environment's rewards.
         domain_return: Sum of the rewards of the domain file.
         learner_return: Sum of the rewards that are learned from.
-        terminated: Whether the environment ended it.
-        truncated: Whether it was cut off.
-        decisions: Counts of its decisions.
+        terminated: Whether the environment ended the episode.
+        truncated: Whether the episode was cut off.
+        decisions: Counts of the decisions.
     """
 
     length: int = 0
@@ -44,27 +44,27 @@ class EpisodeTotals:
 
 
 class StepRecord(NamedTuple):
-    """One env step: what was seen, decided and received.
+    """One env step.
 
     Training, evaluation, comparison and films all read it; there is one for every env step.
 
     Attributes:
-        number: Which step of its episode, from 1.
-        observation: What the environment showed before the step, as it gave it.
-        state: State `[F]` that it was grounded to.
+        number: Number of the step in its episode, from 1.
+        observation: The environment's observation before the step, unchanged.
+        state: State `[F]` that the observation was grounded to.
         x: The learner's input before the step.
-        decision: What was executed, who decided it and why.
-        reward: What is learned from; the environment's reward where nothing is judged.
-        domain_reward: R(s′) of the domain file; 0 where it says nothing, or nothing is judged.
+        decision: The decision.
+        reward: The reward that is learned from; without a judge the environment's.
+        domain_reward: R(s′) of the domain file; 0 if it gives none, or without a judge.
         env_reward: The environment's reward.
-        unsafe: Whether the domain file says that something unsafe was observed.
+        unsafe: Whether the observed step is unsafe by the domain file.
         next_state: State `[F]` after the step.
-        next_x: The learner's input after it.
+        next_x: The learner's input after the step.
         terminated: Whether the environment ended the episode.
-        truncated: Whether the environment or the limit on its steps cut it off.
-        info: What the environment says besides.
-        episode: The totals of the episode up to and including this step. All its steps share one
-            object, so that it holds until the next step.
+        truncated: Whether the environment or the limit on steps cut the episode off.
+        info: The environment's info.
+        episode: The totals of the episode up to and including this step. All steps of an episode
+            share this object, so it is valid until the next step.
     """
 
     number: int
@@ -90,9 +90,9 @@ class StepRecord(NamedTuple):
 
     @property
     def ground(self) -> int:
-        """Ground action that was executed; -1 where the model does not know it."""
+        """Ground action that was executed; -1 if the model does not know it."""
         return int(self.decision.forecast.ground[self.decision.action])
 
 
 OnStep = Callable[[StepRecord], None]
-"""Called with every env step, after what it teaches was learned."""
+"""Called with every env step, after learning from it."""

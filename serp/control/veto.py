@@ -1,4 +1,4 @@
-"""Which actions are refused, and why."""
+"""Veto policies: which actions are refused, and why."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ Mask = NDArray[np.bool_]
 
 
 class VetoPolicy:
-    """Refuses what is flagged, too risky, undefined, not applicable or worth less than R_min.
+    """Refuses actions that are flagged, too risky, undefined, not applicable or below R_min.
 
-    With `arbiter.veto_horizon` of `lookahead` it also refuses what leads, within the lookahead, to
-    a state where every action is flagged or too risky, while another action does not; unless the
-    lookahead has proven unreliable. Actions that the model does not know are refused or not, as
-    `arbiter.unmodelled` says.
+    With `arbiter.veto_horizon=lookahead` it also refuses an action that leads, within the
+    lookahead, to a state where every action is flagged or too risky, if another action avoids that
+    and the lookahead is reliable. `arbiter.unmodelled` decides on actions that the model does not
+    know.
 
     Args:
         actions: The map between ground and environment actions.
@@ -34,7 +34,7 @@ class VetoPolicy:
         horizon: Control periods that the planner looks ahead.
 
     Attributes:
-        available: `[E]` the actions that the model does not know and that may be executed.
+        available: `[E]` actions that the model does not know and that may be executed.
     """
 
     def __init__(self, actions: ActionMap, settings: ArbiterSettings, horizon: int = 1) -> None:
@@ -49,7 +49,7 @@ class VetoPolicy:
         if self._settings.r_min is not None:
             allowed &= forecast.reward >= self._settings.r_min
         if self._settings.veto_horizon == "lookahead" and self.lookahead_reliable:
-            # Only the best that the model knows counts: without a safe plan no plan is refused.
+            # If no modelled action has a safe plan, none is refused for that.
             known = forecast.safe_steps[self._actions.modelled]
             if known.size and known.max() == SAFE:
                 allowed &= forecast.safe_steps == SAFE
@@ -67,7 +67,7 @@ class VetoPolicy:
         return explorable
 
     def why_refused(self, forecast: ActionForecast, action: int) -> Reason:
-        """Return why an action is refused that is not admissible."""
+        """Return why an action that is not admissible is refused."""
         if not self._actions.modelled[action]:
             return Reason.UNMODELLED
         flags = int(forecast.flags[action])
@@ -86,20 +86,20 @@ class VetoPolicy:
 
     @property
     def lookahead_reliable(self) -> bool:
-        """Whether the lookahead is relied on beyond the next step."""
+        """Whether vetoes use the lookahead beyond the next step."""
         return self._reliability.reliable
 
     @property
     def lookahead_failures(self) -> int:
-        """How often the lookahead failed."""
+        """Number of failures of the lookahead."""
         return self._reliability.failures
 
     def observe(self, step: StepRecord) -> bool:
         """Compare an env step of training with what the lookahead predicted.
 
         Returns:
-            Whether the lookahead failed: something unsafe happened that it predicted could be
-            avoided.
+            Whether the lookahead failed: something unsafe happened that it had predicted to be
+            avoidable.
         """
         decision = step.decision
         known = bool(self._actions.modelled[decision.action])
@@ -122,14 +122,14 @@ class VetoPolicy:
 class NoVeto:
     """Refuses nothing. The guarantee of `serp.Arbiter` does not hold.
 
-    For baselines, whose steps are forecast all the same, so that what is predicted unsafe is
+    It is for baselines. Their steps are forecast nevertheless, so that actions predicted unsafe are
     counted.
 
     Args:
         actions: The map between ground and environment actions.
 
     Attributes:
-        available: `[E]` the actions that the model does not know.
+        available: `[E]` actions that the model does not know.
     """
 
     lookahead_reliable = False
@@ -143,7 +143,7 @@ class NoVeto:
         return np.ones(len(forecast.flags), dtype=np.bool_)
 
     def explorable(self, forecast: ActionForecast, admissible: Mask) -> Mask | None:
-        """Return None: all actions are explored among."""
+        """Return None: all actions are explored."""
         return None
 
     def why_refused(self, forecast: ActionForecast, action: int) -> Reason:
@@ -151,12 +151,12 @@ class NoVeto:
         raise AssertionError(f"action {action} is admissible")
 
     def observe(self, step: StepRecord) -> bool:
-        """Return False: the lookahead is not relied on."""
+        """Return False: the lookahead is not used."""
         return False
 
     def state_dict(self) -> dict[str, Any]:
-        """Return nothing: there is no state."""
+        """Return an empty mapping: there is no state."""
         return {}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore nothing."""
+        """Do nothing: there is no state."""

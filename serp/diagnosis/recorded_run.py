@@ -57,7 +57,7 @@ def read_recorded(run: Path) -> Recorded:
     folder = RunFolder.open(run)
     made = read_run_metadata(folder)
     checkpoint = folder.load_checkpoint()
-    refuse_changes(folder, checkpoint, domain_alone=True)
+    refuse_changes(folder, checkpoint, domain_only=True)
     domain = load_domain(
         folder.domain_file,
         folder.problem_file,

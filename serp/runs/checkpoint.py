@@ -4,9 +4,9 @@ The file is an ordinary safetensors file. Its metadata has one entry, ``serp``, 
 
     {"format": 6, "sha256": "<digest of the content>", "meta": {...}}
 
-One entry, because safetensors writes several in no fixed order: so equal states give equal bytes.
+It is one entry because safetensors writes several in no fixed order; equal states give equal bytes.
 Integers of any size stay exact (a PCG64 state has 128 bits). NaN and the infinities, which JSON
-does not know, are written as ``{"float": "nan"}``, ``{"float": "inf"}``, ``{"float": "-inf"}``.
+does not have, are written as ``{"float": "nan"}``, ``{"float": "inf"}``, ``{"float": "-inf"}``.
 """
 
 from __future__ import annotations
@@ -43,18 +43,18 @@ _LENGTH_BYTES = 8  # a safetensors file begins with the length of its header
 
 
 class CheckpointDamaged(RunError):
-    """A checkpoint is cut, or its bytes are not those that were written."""
+    """A checkpoint is truncated or altered."""
 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """What `load_newest` found.
+    """A checkpoint that `load_newest` has read.
 
     Attributes:
-        arrays: Name → array, writable, dtype and shape as they were saved.
-        meta: The JSON saved with them.
+        arrays: Name → writable array with the saved dtype and shape.
+        meta: The JSON values saved with them.
         path: The file that was read.
-        fallback: Why the previous checkpoint was taken; None where the newest one was whole.
+        fallback: Why the previous checkpoint was read; None if the newest one is intact.
     """
 
     arrays: dict[str, np.ndarray[Any, Any]]
@@ -66,27 +66,27 @@ class Checkpoint:
 def save(
     path: Path | str, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
 ) -> None:
-    """Write a checkpoint in one step that survives a crash.
+    """Write a checkpoint atomically and durably.
 
     Args:
-        path: The file; a former one is replaced once the new one is safely on the disk.
-        arrays: Name → array of any shape (0-d and empty too) of booleans, integers or floats.
-        meta: JSON values with text as keys; NumPy scalars are taken as the numbers they are.
+        path: The file; an existing one is replaced after the new one is flushed to the disk.
+        arrays: Name → array of any shape (also 0-d and empty) of booleans, integers or floats.
+        meta: JSON values with strings as keys; NumPy scalars are allowed.
 
     Raises:
-        RunError: The write failed; the former checkpoint is whole.
+        RunError: The write failed; the previous checkpoint is unchanged.
         TypeError: An array or a value has a type that the file cannot hold.
     """
     write_durably(Path(path), _encode(arrays, meta))
 
 
 def load(path: Path | str) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
-    """Read what `save` wrote: writable arrays and the JSON, both exactly as they were.
+    """Read what `save` wrote, exactly: writable arrays and the JSON values.
 
     Raises:
-        CheckpointDamaged: The file is cut or altered.
-        RunError: There is no such file, it cannot be read, it is not a checkpoint of serp, or a
-            newer serp wrote it.
+        CheckpointDamaged: The file is truncated or altered.
+        RunError: There is no such file, it cannot be read, it is not a checkpoint of serp, or
+            another version of serp wrote it.
     """
     path = Path(path)
     try:
@@ -104,16 +104,16 @@ def load(path: Path | str) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, A
 def save_rotating(
     folder: Path | str, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
 ) -> Path:
-    """Write ``checkpoint.safetensors`` and keep the former one beside it.
+    """Write ``checkpoint.safetensors``, and keep the last one as the previous one.
 
-    The former is ``checkpoint-previous.safetensors`` from then on.
-    At every moment at least one whole checkpoint lies in the folder once there has been one.
+    That is ``checkpoint-previous.safetensors``. After the first call the folder always holds at
+    least one intact checkpoint.
 
     Returns:
         The file written.
 
     Raises:
-        RunError: The write failed; the former checkpoint is whole.
+        RunError: The write failed; the previous checkpoint is unchanged.
         TypeError: See `save`.
     """
     newest = Path(folder) / NEWEST
@@ -126,14 +126,14 @@ def save_rotating(
 
 
 def load_newest(folder: Path | str) -> Checkpoint:
-    """Read the newest whole checkpoint of a folder.
+    """Read the newest intact checkpoint of a folder.
 
-    Where the newest file is missing or damaged the previous one is taken, and `fallback` of the
-    result says so.
+    If the newest file is missing or damaged, the previous one is read, and `fallback` of the result
+    says so.
 
     Raises:
-        CheckpointDamaged: The newest is damaged and no whole previous one is there.
-        RunError: There is no checkpoint, it cannot be read, or a newer serp wrote it.
+        CheckpointDamaged: The newest is damaged and there is no intact previous one.
+        RunError: There is no checkpoint, it cannot be read, or another version of serp wrote it.
     """
     newest, previous = Path(folder) / NEWEST, Path(folder) / PREVIOUS
     if os.path.lexists(newest) or not os.path.lexists(previous):
@@ -164,7 +164,7 @@ def _keep(newest: Path, previous: Path) -> None:
         os.replace(newest, previous)
         return
     os.replace(link, previous)
-    # A rename between two names of one file does nothing: after a crash both may be that.
+    # After a crash both may be the same file, and a rename between its two names does nothing.
     link.unlink(missing_ok=True)
 
 
@@ -177,7 +177,7 @@ def _encode(arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any])
 
 
 def _plain(name: str, array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Return the array in the layout of the file: C order, little-endian, a dtype that it knows."""
+    """Return the array in the layout of the file: C order, little-endian, a supported dtype."""
     array = np.asarray(array)
     if array.dtype.kind not in "biuf" or array.dtype.itemsize > 8:
         raise TypeError(f"array {name!r} has dtype {array.dtype}, which a checkpoint cannot hold")
@@ -194,7 +194,7 @@ def _decode(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], d
         size = int.from_bytes(data[:_LENGTH_BYTES], "little")
         header = json.loads(data[_LENGTH_BYTES : _LENGTH_BYTES + size])
     except (SafetensorError, ValueError, KeyError, RecursionError) as error:
-        raise damaged(f"it is cut or altered ({error})") from error
+        raise damaged(f"it is truncated or altered ({error})") from error
     text = (header.get("__metadata__") or {}).get(_ENTRY)
     if text is None:
         raise RunError(f"{path} is a safetensors file, but not a checkpoint of serp.")
@@ -218,7 +218,7 @@ def _decode(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], d
         )
     if _digest(loaded, meta) != digest:
         raise damaged("its content is not what was written (the digest differs)")
-    # Where safetensors gives views of immutable bytes, copy: the state is written on after this.
+    # safetensors may return arrays over immutable bytes, but the state is modified after loading.
     arrays = {name: a if a.flags.writeable else a.copy() for name, a in loaded.items()}
     try:
         return arrays, _exact(meta)
@@ -234,7 +234,7 @@ def _strict(value: Any) -> Any:
         return {_FLOAT: str(value)}
     if isinstance(value, Mapping):
         strict = {key: _strict(item) for key, item in value.items()}
-        # Somebody's own mapping of that form is told apart by a list around its value.
+        # A mapping that has this form itself is marked by a list around its value.
         return {_FLOAT: [strict[_FLOAT]]} if set(strict) == {_FLOAT} else strict
     return [_strict(item) for item in value] if isinstance(value, list | tuple) else value
 

@@ -1,4 +1,4 @@
-"""``config.json``: what was asked for, by which command, with what software, on what machine."""
+"""``config.json``: the configuration, command, software versions and machine of a run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _KINDS = {
     "format": int, "created": str, "command": list, "domain_files": dict, "config": dict,
     "versions": dict, "machine": dict,
 }  # fmt: skip
-"""What `config.json` has to hold: key → kind of JSON value."""
+"""Required keys of `config.json` → kind of JSON value."""
 
 _PACKAGES = (
     "serp",
@@ -46,13 +46,13 @@ def config_text(
     """Return the text of ``config.json``.
 
     Args:
-        config: The resolved configuration; its ``seed`` is repeated at the top.
-        domain_files: Copy in the run → name of the file copied.
-        command: What the user typed.
+        config: The resolved configuration; its ``seed`` is repeated at the top level.
+        domain_files: Name of each copy in the run → name of the original file.
+        command: The command line.
         now: When the run began, local time.
 
     Raises:
-        TypeError: A value of the configuration has no form in JSON.
+        TypeError: A value of the configuration cannot be written as JSON.
         ValueError: A number in it is NaN or infinite; `serp.Settings.as_dict` gives none.
     """
     return json_text(
@@ -83,10 +83,10 @@ def read_config(folder: Path) -> dict[str, Any]:
         if os.path.lexists(folder / LOCK):
             raise RunError(
                 f"the run {folder} was stopped before it began: it has no {CONFIG}, so there is "
-                f"nothing to continue. Begin it anew, with --out {folder}."
+                f"nothing to continue. Begin it again, with --out {folder}."
             )
         raise RunError(
-            f"{folder} is not a run: it has no {CONFIG}. Give a folder that plan-and-learn made."
+            f"{folder} is not a run: it has no {CONFIG}. Give a folder that plan-and-learn wrote."
         )
     about = read_json(file, "Restore it from a copy.")
     version = about.get("format")
@@ -112,14 +112,14 @@ def read_config(folder: Path) -> dict[str, Any]:
     texts = (*about["command"], *about["domain_files"].values())
     if not all(isinstance(text, str) for text in texts):
         raise RunError(
-            f"{file} is damaged: command and domain_files are to hold texts. Restore it from a "
+            f"{file} is damaged: command and domain_files must hold strings. Restore it from a "
             "copy."
         )
     return about
 
 
 def _versions() -> dict[str, str | None]:
-    """Distribution → installed version (None where it is not installed), without importing any."""
+    """Return distribution → installed version (None if not installed), without importing any."""
     found: dict[str, str | None] = {}
     for name in _PACKAGES:
         try:
@@ -130,7 +130,7 @@ def _versions() -> dict[str, str | None]:
 
 
 def _machine() -> dict[str, Any]:
-    """Python, operating system, kind of processor and number of cores."""
+    """Return Python version, operating system, kind of processor and number of cores."""
     return {
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "platform": platform.platform(),

@@ -1,9 +1,9 @@
-"""The run folder: created once, written by one process at a time, read by anyone.
+"""The run folder, which one process at a time writes and any process reads.
 
 ``config.json``             resolved configuration, seed, command, versions, machine
-``domain.pddl``             copy of the domain (and ``problem.pddl``, where there is one)
-``metrics.csv``             a row an episode
-``decisions.csv``           a row a decision
+``domain.pddl``             copy of the domain (and ``problem.pddl``, if there is one)
+``metrics.csv``             one row per episode
+``decisions.csv``           one row per decision
 ``checkpoint.safetensors``  the newest training state, and ``checkpoint-previous.safetensors``
 ``summary.json``, ``report.md``, ``learning-curve.png``, ``learning-curve.svg``  the results
 """
@@ -38,17 +38,17 @@ SUMMARY = "summary.json"
 _TABLES = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
 COPIES = ("domain.pddl", "problem.pddl")
 _BEGUN_WITH = (*COPIES, *_TABLES)
-"""What a run makes before ``config.json``, which makes the folder a run."""
+"""Files that are written before ``config.json``, which makes the folder a run."""
 _TRACES = (*_BEGUN_WITH, *(aside_of(Path(name)).name for name in (*_BEGUN_WITH, CONFIG)))
-_POSITIONS = "tables"  # the key of a checkpoint's JSON under which the table positions stand
+_POSITIONS = "tables"  # the key of the table positions in a checkpoint's JSON
 
 
 class RunFolder(Closing):
-    """A run on the disk. Made by `create` or `open`; also a context manager that closes it.
+    """The files of a run; `create` or `open` returns one. A context manager.
 
     Attributes:
         path: The folder.
-        metadata: All of ``config.json``.
+        metadata: The content of ``config.json``.
     """
 
     def __init__(self, path: Path, metadata: dict[str, Any], lock: RunLock | None) -> None:
@@ -74,20 +74,20 @@ class RunFolder(Closing):
         command: Sequence[str] = (),
         now: datetime.datetime | None = None,
     ) -> RunFolder:
-        """Begin a run in a folder that is new or empty, locked for writing.
+        """Begin a run in a new or empty folder, and lock it for writing.
 
         Args:
-            path: The folder; its parents are made.
-            config: The resolved configuration, JSON values (paths, enums and NumPy scalars too);
-                its ``seed`` is repeated at the top of ``config.json``.
-            domain_files: Name and text of the domain, and of the problem where there is one.
-                They become ``domain.pddl`` and ``problem.pddl``.
-            command: What the user typed.
-            now: The time noted as the beginning.
+            path: The folder; its parents are created.
+            config: The resolved configuration, JSON values (also paths, enums and NumPy scalars);
+                its ``seed`` is repeated at the top level of ``config.json``.
+            domain_files: Name and text of the domain, and of the problem if there is one. They
+                become ``domain.pddl`` and ``problem.pddl``.
+            command: The command line.
+            now: The time of the beginning.
 
         Raises:
-            RunError: The folder holds something, is a file, is locked, or cannot be written. What
-                this call made is removed again.
+            RunError: The folder is not empty, is a file, is locked, or cannot be written. The files
+                that this call wrote are removed.
         """
         path = Path(path)
         copies = {copy: name for copy, (name, _) in zip(COPIES, domain_files, strict=False)}
@@ -96,7 +96,7 @@ class RunFolder(Closing):
         lock = None
         try:
             lock = RunLock(path)
-            # Whoever came first between the look and the lock has left a run here.
+            # Another process may have begun a run since the folder was checked.
             if os.path.lexists(path / CONFIG):
                 raise occupied(path)
             remove_traces(path, _TRACES)
@@ -104,7 +104,7 @@ class RunFolder(Closing):
                 write_durably(path / copy, content.encode())
             for name, columns in _TABLES.items():
                 Table(path / name, columns).close()
-            write_durably(path / CONFIG, text)  # last: it is what makes the folder a run
+            write_durably(path / CONFIG, text)  # last, because it makes the folder a run
             return cls(path, read_config(path), lock)
         except BaseException:
             if lock is not None:
@@ -118,7 +118,7 @@ class RunFolder(Closing):
 
     @classmethod
     def open(cls, path: Path | str, *, writing: bool = False) -> RunFolder:
-        """Open a run that exists.
+        """Open an existing run.
 
         Args:
             path: The folder.
@@ -126,7 +126,7 @@ class RunFolder(Closing):
 
         Raises:
             RunError: There is no such folder, it is not a run, its ``config.json`` is damaged or of
-                a newer serp, or another process writes it while `writing` is asked for.
+                a newer serp, or `writing` and another process writes it.
         """
         path = Path(path)
         metadata = read_config(path)
@@ -150,18 +150,18 @@ class RunFolder(Closing):
         """The copy of the domain.
 
         Raises:
-            RunError: It is a link or no file, or what lies there as its problem file is.
+            RunError: It, or a problem file beside it, is not a regular file.
         """
         file = require_regular(self.path / COPIES[0])
-        require_regular(problem_beside(file))  # none of a run's files, but one that is loaded
+        require_regular(problem_beside(file))  # not written by serp, but it would be loaded
         return file
 
     @property
     def problem_file(self) -> Path | None:
-        """The copy of the problem; None where the run has none.
+        """The copy of the problem; None if the run has none.
 
         Raises:
-            RunError: It is a link or no file.
+            RunError: It is not a regular file.
         """
         if COPIES[1] not in self.metadata["domain_files"]:
             return None
@@ -169,7 +169,7 @@ class RunFolder(Closing):
 
     @property
     def metrics(self) -> Table:
-        """The metrics, a `MetricsRow` an episode.
+        """The metrics, one `MetricsRow` per episode.
 
         Raises:
             RunError: The run is open for reading only.
@@ -178,7 +178,7 @@ class RunFolder(Closing):
 
     @property
     def decisions(self) -> Table:
-        """The decision log, a `DecisionRow` a step.
+        """The decision log, one `DecisionRow` per step.
 
         Raises:
             RunError: The run is open for reading only.
@@ -186,10 +186,10 @@ class RunFolder(Closing):
         return self._written(DECISIONS)
 
     def flush(self) -> None:
-        """Put all rows of both tables on the disk, durably.
+        """Flush all rows of both tables to the disk.
 
         Raises:
-            RunError: The write failed; the rows are still held.
+            RunError: The write failed; the rows are still buffered.
         """
         self.metrics.sync()
         self.decisions.sync()
@@ -197,28 +197,28 @@ class RunFolder(Closing):
     def save_checkpoint(
         self, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
     ) -> Path:
-        """Flush both tables, then save a checkpoint that knows where they end.
+        """Flush both tables, then save a checkpoint with their positions.
 
         Args:
             arrays: Name → array.
-            meta: JSON values, none of them called ``tables``, which this method adds.
+            meta: JSON values; this method adds the key ``tables``.
 
         Raises:
-            RunError: The write failed; the former checkpoint is whole.
+            RunError: The write failed; the previous checkpoint is unchanged.
         """
         self.flush()
         ends = {key: table.position() for key, table in self._by_key().items()}
         return save_rotating(self.path, arrays, {**meta, _POSITIONS: ends})
 
     def load_checkpoint(self) -> Checkpoint:
-        """Read the newest whole checkpoint.
+        """Read the newest intact checkpoint.
 
-        Its `fallback` says where the previous one had to be taken. A run open for writing then
-        renames the damaged one to ``checkpoint-damaged.safetensors``, so that it is not kept as
-        the previous one at the next save.
+        Its `fallback` is set if the previous one was read. A run open for writing then renames the
+        damaged one to ``checkpoint-damaged.safetensors``, so that the next save does not keep it as
+        the previous one.
 
         Raises:
-            RunError: There is no whole checkpoint, or it cannot be read.
+            RunError: There is no intact checkpoint, or it cannot be read.
         """
         found = load_newest(self.path)
         newest = self.path / NEWEST
@@ -227,18 +227,18 @@ class RunFolder(Closing):
                 os.replace(newest, self.path / DAMAGED)
                 sync_folder(self.path)
             except OSError as error:
-                kept = "The checkpoint before it is whole."
+                kept = "The previous checkpoint is intact."
                 raise cannot_write(self.path / DAMAGED, error, kept) from error
         return found
 
     def resume(self) -> Checkpoint:
-        """Read the newest whole checkpoint and take both tables back to where it was saved.
+        """Read the newest intact checkpoint, and truncate both tables to the positions in it.
 
         Returns:
-            What `save_checkpoint` saved.
+            The checkpoint.
 
         Raises:
-            RunError: There is no whole checkpoint, or the tables do not reach that far.
+            RunError: There is no intact checkpoint, or a table is shorter than its position.
         """
         found = self.load_checkpoint()
         saved = Saved("run", {}, Saved("run", {}, found.meta).part(_POSITIONS)[1])
@@ -250,7 +250,7 @@ class RunFolder(Closing):
         return found
 
     def write(self, name: str, content: str | bytes) -> Path:
-        """Write a file of the run in one step that survives a crash.
+        """Write a file of the run atomically and durably.
 
         Raises:
             RunError: The write failed, or the run is open for reading only.
@@ -261,7 +261,7 @@ class RunFolder(Closing):
         return self.path / name
 
     def write_summary(self, summary: Mapping[str, Any]) -> Path:
-        """Write ``summary.json``; NaN and infinities become null, which every reader knows.
+        """Write ``summary.json``; NaN and infinities become null.
 
         Raises:
             RunError: See `write`.
@@ -272,15 +272,15 @@ class RunFolder(Closing):
         """Read ``summary.json``.
 
         Raises:
-            RunError: It is not there yet, or damaged.
+            RunError: It does not exist yet, or is damaged.
         """
-        return read_json(self.path / SUMMARY, "The run has to reach its end first.")
+        return read_json(self.path / SUMMARY, "It is written when the run ends.")
 
     def close(self) -> None:
         """Flush and close the tables and release the lock; a second call does nothing.
 
         Raises:
-            RunError: The last rows could not be written; everything is closed all the same.
+            RunError: The last rows could not be written; everything is closed nevertheless.
         """
         try:
             self._close_tables()
@@ -296,7 +296,7 @@ class RunFolder(Closing):
                 stack.callback(table.close)
 
     def _by_key(self) -> dict[str, Table]:
-        """Return the tables by the names that they have in a checkpoint."""
+        """Return the tables by their names in a checkpoint."""
         return {"metrics": self.metrics, "decisions": self.decisions}
 
     def _written(self, name: str) -> Table:

@@ -1,4 +1,4 @@
-"""One process at a time writes a run; reading is always allowed."""
+"""The lock of a run folder: one process at a time writes; reading needs no lock."""
 
 from __future__ import annotations
 
@@ -20,24 +20,23 @@ LOCK = ".lock"
 class RunLock:
     """A lock on a run folder, held until `release` or the end of the process.
 
-    The operating system drops it when the process dies, however it dies, so that no stale lock
-    ever has to be removed by hand.
+    The operating system releases it when the process dies, so that there are no stale locks.
 
     Args:
-        folder: The run; the file ``.lock`` in it says who holds the lock, and since when.
+        folder: The run; the file ``.lock`` in it names the owner of the lock and its time.
 
     Raises:
-        RunError: Another process (or this one, elsewhere) holds it, or the folder cannot be
+        RunError: Another process (or another lock of this one) holds it, or the folder cannot be
             locked.
     """
 
     def __init__(self, folder: Path) -> None:
         self._path = require_regular(folder / LOCK)
-        if not folder.is_dir():  # which the library would make
+        if not folder.is_dir():  # filelock would create it
             missing = FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
             raise cannot_write(self._path, missing, "Nothing was made.")
-        # A lock of its own for each object, which any thread may release. What only imitates a
-        # lock, on file systems without them, would survive a crash.
+        # Any thread may release the lock. A soft lock, for file systems without locks, would
+        # survive a crash.
         self._lock = FileLock(
             self._path,
             blocking=False,
@@ -50,10 +49,10 @@ class RunLock:
         except Timeout:
             raise RunError(
                 f"the run {folder} is being written by {self._owner()}. Wait until that has ended, "
-                "or begin a run of your own with another --out."
+                "or begin a new run with another --out."
             ) from None
         except (FileNotFoundError, PermissionError) as error:
-            raise cannot_write(self._path, error, "The run is as it was.") from error
+            raise cannot_write(self._path, error, "The run is unchanged.") from error
         except OSError as error:
             raise RunError(
                 f"the run {folder} cannot be locked: {error.strerror or error}. Give --out a "
@@ -68,7 +67,7 @@ class RunLock:
         refuse_hard_link(self._path, file)
         now = datetime.datetime.now().astimezone().isoformat(" ", "seconds")
         text = f"process {os.getpid()} on {socket.gethostname()} since {now}\n"
-        with contextlib.suppress(OSError):  # a courtesy only; a full disk must not stop a resume
+        with contextlib.suppress(OSError):  # informative only; a full disk must not stop a resume
             os.ftruncate(file, 0)
             os.lseek(file, 0, os.SEEK_SET)
             os.write(file, text.encode())

@@ -1,4 +1,4 @@
-"""Where a new run goes: a folder of its own, and nothing in it that was there before."""
+"""The folder of a new run: its default name, and checks that it is empty."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from serp.runs.lock import LOCK
 
 
 def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path:
-    """Return the folder of a run that was given none: ``runs/<domain>-<time>``, unused so far.
+    """Return the default folder of a run: ``runs/<domain>-<time>``.
 
     Args:
-        domain_name: Name of the domain; what a folder's name cannot hold becomes a hyphen.
-        now: The time in it; the present local time by default.
+        domain_name: Name of the domain; unsuitable characters become hyphens.
+        now: The time in the name; the current local time by default.
 
     Returns:
-        A path that does not exist; ``-2``, ``-3``, … is appended where the first one does.
+        A path that does not exist; ``-2``, ``-3``, … is appended if necessary.
     """
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", domain_name).strip("-.") or "run"
     stamp = (now or datetime.datetime.now()).strftime("%Y%m%d-%H%M%S")
@@ -35,15 +35,14 @@ def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path
 
 
 def make_empty(path: Path, traces: Collection[str]) -> bool:
-    """Make the folder of a new run; False where an empty one was there.
+    """Create the folder of a new run; return False if an empty one exists.
 
     Args:
         path: The folder.
-        traces: What a run that was stopped before it began may have left there; it counts for
-            nothing.
+        traces: Files that a run stopped before its beginning may have left; they are ignored.
 
     Raises:
-        RunError: It is a file, holds something, or cannot be made.
+        RunError: It is a file, is not empty, or cannot be created.
     """
     try:
         path.mkdir(parents=True)
@@ -58,18 +57,18 @@ def make_empty(path: Path, traces: Collection[str]) -> bool:
         raise RunError(f"{path} is a file. Give another folder with --out.") from None
     except OSError as error:
         raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
-    # The lock says that it was a run that left the rest, stopped before it began. In a folder
-    # without one, a domain.pddl may be the user's own.
+    # The lock file shows that a run left the other files. Without it, a domain.pddl may be the
+    # user's own.
     if names and not (LOCK in names and names <= {LOCK, *traces}):
         raise occupied(path)
     return False
 
 
 def occupied(path: Path) -> RunError:
-    """Return the error for a folder that holds something."""
+    """Return the error for a folder that is not empty."""
     if os.path.lexists(path / CONFIG):
         return RunError(
-            f"{path} holds a run already. Continue it with --resume, or give another folder with "
+            f"{path} already holds a run. Continue it with --resume, or give another folder with "
             "--out. Nothing was changed."
         )
     return RunError(
@@ -78,10 +77,10 @@ def occupied(path: Path) -> RunError:
 
 
 def remove_traces(path: Path, traces: Iterable[str]) -> None:
-    """Remove what a run that was stopped or failed before it began left in a folder.
+    """Remove the files that a run stopped before its beginning left in a folder.
 
     Raises:
-        RunError: It cannot be removed.
+        RunError: A file cannot be removed.
     """
     if os.path.lexists(path / CONFIG):  # another process's run
         return

@@ -1,4 +1,4 @@
-"""The learning curve of a run, as PNG and SVG, the same bytes for the same metrics."""
+"""The learning curve of a run."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from serp._util.figures import ACTORS, FAINT, INK, STYLE, legend_above
 from serp.control.decision_counts import STEPS_BY
 from serp.runs.summary import WINDOW, Metrics, moving_mean
 
-_MANY = 5_000  # episodes, above which an SVG holds the light layer as pixels
+_MANY = 5_000  # episodes above which an SVG holds the points of single episodes as pixels
 _BINS = 200
 
 
 def learning_curve(metrics: Metrics, title: str = "Learning curve") -> Figure:
-    """Draw a run: the returns above, below who acted and the learner probability ρ.
+    """Draw the returns of a run, and below them the shares of the actors and ρ.
 
     Args:
-        metrics: What `serp.runs.reading.read_metrics` returns; no episode gives empty axes.
-        title: Heads the figure.
+        metrics: What `serp.runs.reading.read_metrics` returns; without episodes the axes are empty.
+        title: Title of the figure.
 
     Returns:
-        A figure of its own, known to no global state of matplotlib.
+        A figure that is not registered with pyplot.
     """
     with matplotlib.style.context(["default", STYLE]):
         figure = Figure(figsize=(8.0, 5.6), layout="constrained")
@@ -64,7 +64,7 @@ def _draw_returns(axes: Axes, steps: np.ndarray[Any, Any], returns: np.ndarray[A
 
 def _draw_shares(axes: Axes, steps: np.ndarray[Any, Any], metrics: Metrics) -> None:
     centres, shares = _binned_shares(metrics)
-    # Most runs have no fallback: no colour is explained that is not there.
+    # Most runs have no fallback steps; the legend then leaves them out.
     shown = {actor: share for actor, share in shares.items() if actor != "fallback" or share.any()}
     axes.stackplot(
         centres,
@@ -80,7 +80,7 @@ def _draw_shares(axes: Axes, steps: np.ndarray[Any, Any], metrics: Metrics) -> N
         color=INK,
         linewidth=1.8,
         label="learner probability ρ",
-        clip_on=False,  # at 0 and 1 the frame would take half of the line
+        clip_on=False,  # at 0 and 1 the frame would clip half of the line
     )
     axes.set_ylim(0, 1)
     axes.set_ylabel("share of decisions")
@@ -93,17 +93,17 @@ def _draw_shares(axes: Axes, steps: np.ndarray[Any, Any], metrics: Metrics) -> N
 def _binned_shares(
     metrics: Metrics,
 ) -> tuple[np.ndarray[Any, Any], dict[str, np.ndarray[Any, Any]]]:
-    """Return whose actions were executed, over at most `_BINS` stretches of episodes.
+    """Return the shares of executed actions by actor, in at most `_BINS` bins of episodes.
 
     Returns:
-        The env step in the middle of each stretch ``[bins]`` (the outermost ones drawn to the
-        ends of the run), and actor → share ``[bins]``; the shares add up to 1.
+        The env step in the middle of each bin ``[bins]`` (the outermost ones moved to the ends of
+        the run), and actor → share ``[bins]``; the shares add up to 1.
     """
     lengths = metrics["length"].astype(float)
     if not len(lengths):
         return np.zeros(0), {actor: np.zeros(0) for actor in STEPS_BY}
     ends = metrics["env_steps"].astype(float)
-    # Stretches of equal env steps; an episode counts where it ends.
+    # Bins of equal env steps; an episode belongs to the bin in which it ends.
     width = max(ends[-1] / _BINS, 1.0)
     _, first = np.unique(np.floor((ends - 1) / width), return_index=True)
     total = np.add.reduceat(lengths, first)

@@ -1,4 +1,4 @@
-"""Reads a run's CSV tables: every whole row, and the place of whatever is wrong."""
+"""Reads a run's CSV tables; errors name the line."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ _INT64: Final = range(-(2**63), 2**63)
 
 
 def read_rows(path: Path | str, columns: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number (from 1; the header is line 1) and cells of every whole row.
+    """Yield line number (from 1; the header is line 1) and cells of every complete row.
 
-    A last line without its line break was cut (a run killed while writing, or one that writes
-    just now) and is left out.
+    A last line without a line break is incomplete (the run was killed, or is writing) and is left
+    out.
 
     Raises:
         RunError: The file cannot be read, has other columns, or a row is malformed.
@@ -52,7 +52,7 @@ def read_rows(path: Path | str, columns: Sequence[str]) -> Iterator[tuple[int, l
     except OSError as error:
         raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
     if number == 0:
-        raise RunError(f"{path} is empty: not even the header is there.")
+        raise RunError(f"{path} is empty; it should begin with a header.")
 
 
 def read_metrics(path: Path | str) -> dict[str, np.ndarray[Any, Any]]:
@@ -79,7 +79,7 @@ def read_metrics(path: Path | str) -> dict[str, np.ndarray[Any, Any]]:
 
 
 class _Counted(NamedTuple):
-    """What is counted of a row of ``decisions.csv``; the fields are columns."""
+    """The columns of ``decisions.csv`` that are counted."""
 
     executed_by: str
     reason: str
@@ -113,22 +113,22 @@ def count_decisions(path: Path | str) -> DecisionCounts:
 def _parse(kind: Any, cell: str) -> float:
     if kind is bool:
         if cell not in ("0", "1"):
-            raise ValueError("it has to be 0 or 1")
+            raise ValueError("it must be 0 or 1")
         return cell == "1"
     if kind is int:
         try:
             value = int(cell)
         except ValueError:
-            raise ValueError("it has to be a whole number") from None
+            raise ValueError("it must be a whole number") from None
         if value not in _INT64:
-            raise ValueError("it has to fit into 64 bits")
+            raise ValueError("it must fit into 64 bits")
         return value
     if not cell:
         return float("nan")
     try:
         return float(cell)
     except ValueError:
-        raise ValueError("it has to be a number") from None
+        raise ValueError("it must be a number") from None
 
 
 def _cells(path: Path, number: int, line: bytes) -> list[str]:

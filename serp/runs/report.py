@@ -1,6 +1,6 @@
-"""``report.md``: a run on one page, for people.
+"""``report.md``: the report of a run.
 
-Written by hand, not by a template: every training writes one, without the library for templates.
+It uses no template library, so that training does not depend on one.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bo
         drawn: Whether there is a picture of the learning curve.
 
     Returns:
-        Markdown with a line break at its end.
+        Markdown that ends with a line break.
     """
     sections = [
         f"# Run: {plain(_title(metadata, summary))}",

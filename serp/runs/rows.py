@@ -1,11 +1,11 @@
-"""The columns of a run's two tables, as tuples with names."""
+"""The rows of a run's two tables."""
 
 from __future__ import annotations
 
 from typing import Any, Final, NamedTuple
 
 LONGEST: Final = 1 << 24
-"""Bytes of a line of a table that is read."""
+"""Largest length of a line that is read, in bytes."""
 
 
 class MetricsRow(NamedTuple):
@@ -19,18 +19,19 @@ class MetricsRow(NamedTuple):
         length: Steps of this episode.
         terminated: Whether the environment ended the episode.
         truncated: Whether a limit ended it.
-        rho: Learner probability at its end; None where there is no learner.
-        epsilon: Share of random choices at its end; None where there are none.
-        planner_steps: Steps in which the planner's action was executed, in its turn or in the
-            place of a refused proposal.
+        rho: Learner probability at its end; None without a learner.
+        epsilon: Probability of a random choice at its end; None if there are none.
+        planner_steps: Steps in which the planner's action was executed, in its turn or in place of
+            a refused proposal.
         learner_steps: Steps in which the learner's greedy choice was executed, or its next best
-            one in the place of a refused proposal.
+            one in place of a refused proposal.
         exploration_steps: Steps in which a random choice was executed.
-        fallback_steps: Steps in which neither of them had an action. The four add up to the length.
+        fallback_steps: Steps in which neither planner nor learner had an action. The four numbers
+            add up to the length.
         vetoes, unsafe_predicted, unsafe_executed, no_safe_action: See
             `serp.control.decision_counts.DecisionCounts`.
-        loss: Mean loss of the updates in this episode; None before the first.
-        wall_time: Seconds of training since the run began, compilation and pauses left out.
+        loss: Mean loss of the updates in this episode; None if there were none.
+        wall_time: Seconds of training since the run began, without compilation and pauses.
     """
 
     episode: int
@@ -57,8 +58,8 @@ class MetricsRow(NamedTuple):
 class DecisionRow(NamedTuple):
     """One decision: a row of ``decisions.csv``.
 
-    A text may be given as an enum or any object that is not changed afterwards: its text is taken
-    when the table is flushed, outside of the step.
+    A text may be an enum or any immutable object; it is converted to a string when the table is
+    flushed, not during the step.
 
     Attributes:
         step: Steps in the environment before this one since the run began.
@@ -66,15 +67,15 @@ class DecisionRow(NamedTuple):
         proposed_by: Planner, learner or exploration.
         proposed: The action proposed.
         executed: The action executed.
-        executed_by: Whose action that was: of those three, or fallback.
+        executed_by: Whose action it was: planner, learner, exploration or fallback.
         reason: Why this action was executed.
         vetoed: Whether the proposal was refused.
         predicted_reward: Reward that the model predicts for the executed action.
         proposal_unsafe: Whether the domain file flags the proposed action, or it is too risky.
         unsafe: Whether the domain file flags the executed action unsafe.
-        risk: Probability of that by the model as it was then, 0 to 1; 1 where the file flags it.
+        risk: Probability, 0 to 1, that it is unsafe by the model at that time; 1 if it is flagged.
         rho: Learner probability at this step.
-        explanation: Why the proposal was refused, in the terms of the domain file.
+        explanation: Why the proposal was refused, in terms of the domain file.
     """
 
     step: int

@@ -1,4 +1,4 @@
-"""What a reader of a run wants first, out of its metrics."""
+"""The summary of a run, computed from its metrics."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from serp.control.decision_counts import STEPS_BY, total
 
-FIRST = 10  # episodes: how a run began
-WINDOW = 20  # episodes: the mean that tells whether a policy is good, as in the learning curve
+FIRST = 10  # episodes at the beginning of a run
+WINDOW = 20  # episodes of the moving mean, also in the learning curve
 
 _FROM_CONFIG = ("domain", "preset", "seed", "learned_from", "file_rewards")
 Metrics = Mapping[str, np.ndarray[Any, Any]]
@@ -18,7 +18,7 @@ Metrics = Mapping[str, np.ndarray[Any, Any]]
 
 
 def spans(episodes: int) -> tuple[int, int]:
-    """Return how many episodes ``first_10`` and ``last_20`` of a summary are means of."""
+    """Return the numbers of episodes that ``first_10`` and ``last_20`` of a summary average."""
     return min(FIRST, episodes), min(WINDOW, episodes)
 
 
@@ -39,20 +39,20 @@ def summarize(
     vetoes_by_reason: Mapping[str, int] | None = None,
     compile_seconds: float = 0.0,
 ) -> dict[str, Any]:
-    """Sum up a run; a pure function of its arguments.
+    """Summarise a run.
 
     Args:
         metrics: What `serp.runs.reading.read_metrics` returns.
         config: The resolved configuration; its ``domain``, ``preset``, ``seed``,
             ``learned_from`` and ``file_rewards`` are repeated.
-        vetoes_by_reason: Reason → proposals refused for it, in the order to be listed.
-        compile_seconds: What compilation took; it is not part of ``wall_time``.
+        vetoes_by_reason: Reason → proposals refused for it, in the order of the report.
+        compile_seconds: Seconds of compilation, which are not part of ``wall_time``.
 
     Returns:
         JSON values. ``return`` and ``domain_return`` hold the mean of the first 10, of the last 20
-        and of the best 20 episodes in a row (of as many as there are, where there are fewer), all
-        null before the first episode. ``shares`` says whose actions were executed, as shares of
-        all steps; they add up to 1. ``vetoes_by_reason`` adds up to ``vetoes``.
+        and of the best 20 consecutive episodes (of all if there are fewer), all null before the
+        first episode. ``shares`` holds actor → share of all steps in which its action was executed;
+        they add up to 1. ``vetoes_by_reason`` adds up to ``vetoes``.
     """
     settings = config or {}
     counts = total(metrics)

@@ -1,8 +1,8 @@
 """Append-only CSV tables: rows are collected in the step loop and formatted when flushed.
 
-UTF-8, commas, a header line, one line a row. Floats are written by `repr`, so that they read back
-exactly; booleans as 0 and 1; None as nothing; text is quoted where it has to be, and its line
-breaks become blanks, so that every line is a row and a cut file is mended by dropping its last.
+UTF-8, commas, a header line, one line per row. Floats are written by `repr`, so that they are read
+back exactly; booleans as 0 and 1; None as an empty cell. Text is quoted if necessary; its line
+breaks become blanks, so that each line is a row and a truncated file only loses its last line.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from serp._util.files import cannot_write, open_regular, write_all
 from serp.errors import RunError
 from serp.runs.rows import LONGEST
 
-_ROWS_HELD: Final = 1024  # formatted in about 5 ms, held in well under 1 MB
+_ROWS_HELD: Final = 1024  # formatted in about 5 ms, buffered in less than 1 MB
 _BLOCK: Final = 65_536
 
 
 class Position(NamedTuple):
-    """A place in a table, and what comes before it.
+    """A position in a table, with a checksum of the bytes before it.
 
     Attributes:
-        bytes: How many there are.
+        bytes: Number of bytes before it.
         checksum: Their CRC-32.
     """
 
@@ -42,10 +42,10 @@ class Position(NamedTuple):
 class Table(Closing):
     """Writes one CSV file with fixed columns.
 
-    Opening a file that is there checks its header and drops a last line that was cut.
+    Opening an existing file checks its header and drops an incomplete last line.
 
     Args:
-        path: The file, made with its header where it is missing or empty.
+        path: The file; it is created with its header if it is missing or empty.
         columns: Names of the columns.
 
     Raises:
@@ -61,9 +61,9 @@ class Table(Closing):
         try:
             self._file = open_regular(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND)
         except OSError as error:
-            raise cannot_write(self.path, error, "The table is as it was.") from error
+            raise cannot_write(self.path, error, "The table is unchanged.") from error
         self._open = True
-        self._checksum: int | None = None  # None: to be read from the file, where it is asked for
+        self._checksum: int | None = None  # computed from the file when first needed
         try:
             self._end = os.fstat(self._file).st_size
             self._check()
@@ -72,14 +72,14 @@ class Table(Closing):
             raise
 
     def append(self, row: Sequence[Any]) -> None:
-        """Add a row; it reaches the disk at the next `flush`, or when 1,024 rows are held.
+        """Add a row; it is written at the next `flush`, or when 1,024 rows are buffered.
 
         Args:
-            row: A value a column, in their order, not to be changed afterwards.
+            row: One value per column, in order; they must not change afterwards.
 
         Raises:
             ValueError: The number of values is not that of the columns.
-            RunError: The disk refused the rows held so far; they are still held.
+            RunError: The buffered rows could not be written; they are still buffered.
         """
         if len(row) != self._width:
             raise ValueError(
@@ -91,11 +91,11 @@ class Table(Closing):
             self.flush()
 
     def flush(self) -> None:
-        """Hand all rows to the operating system in one write.
+        """Write all buffered rows at once.
 
         Raises:
             RunError: The write failed. The file ends with the last row before this write, and
-                the rows are still held, so that a later flush can write them.
+                the rows are still buffered, so that a later flush can write them.
         """
         if not self._rows:
             return
@@ -105,7 +105,7 @@ class Table(Closing):
         self._rows.clear()
 
     def sync(self) -> None:
-        """Flush, and waits until the disk holds the rows.
+        """Flush, and wait until the disk holds the rows.
 
         Raises:
             RunError: The write failed.
@@ -117,7 +117,7 @@ class Table(Closing):
             raise cannot_write(self.path, error, "Its last rows may be missing.") from error
 
     def position(self) -> Position:
-        """Flush, and returns where the table ends: what `truncate` takes.
+        """Flush, and return the end of the table, for `truncate`.
 
         Raises:
             RunError: The write failed.
@@ -131,37 +131,37 @@ class Table(Closing):
         return Position(self._end, self._checksum)
 
     def truncate(self, to: Position) -> None:
-        """Go back to an earlier `position`: drops the rows after it, held ones too.
+        """Go back to an earlier `position`: drop the rows after it, and buffered ones.
 
         Raises:
-            RunError: The file does not reach that far, the rows up to there are not those that
-                were written, or the disk failed.
+            RunError: The file is shorter, its rows up to the position were changed, or the disk
+                failed.
         """
         self._rows.clear()
         position = to.bytes
         if not len(self._header) <= position <= self._end:
             raise RunError(
                 f"{self.path} has {self._end} bytes, and the checkpoint was made when it had "
-                f"{position}: the table was cut or changed since. Restore it from a copy, or begin "
-                "a new run with another --out."
+                f"{position}: the table was truncated or changed since. Restore it from a copy, or "
+                "begin a new run with another --out."
             )
         try:
             if self._checksum_of(position) != to.checksum:
                 raise RunError(
-                    f"the rows of {self.path} up to byte {position} are not those that were there "
-                    "when the checkpoint was made: the table was changed since. Restore it from a "
-                    "copy, or begin a new run with another --out."
+                    f"the rows of {self.path} up to byte {position} were changed after the "
+                    "checkpoint was made. Restore the table from a copy, or begin a new run with "
+                    "another --out."
                 )
             os.ftruncate(self._file, position)
         except OSError as error:
-            raise cannot_write(self.path, error, "The table is as it was.") from error
+            raise cannot_write(self.path, error, "The table is unchanged.") from error
         self._end, self._checksum = position, to.checksum
 
     def close(self) -> None:
-        """Flush and closes; closing twice does nothing.
+        """Flush and close; a second call does nothing.
 
         Raises:
-            RunError: The write failed; the file is closed all the same.
+            RunError: The write failed; the file is closed nevertheless.
         """
         if not self._open:
             return
@@ -175,7 +175,7 @@ class Table(Closing):
         os.close(self._file)
 
     def _check(self) -> None:
-        """Write the header of a new file, checks that of an old one, drops a cut last line."""
+        """Write the header of a new file, or check that of an old one and drop a partial line."""
         try:
             found = self._read(0, len(self._header))
             if found == self._header:
@@ -184,7 +184,7 @@ class Table(Closing):
                     os.ftruncate(self._file, whole)
                     self._end = whole
                 return
-            # An empty file, or one cut inside its header.
+            # An empty file, or one truncated inside its header.
             if not self._header.startswith(found):
                 raise RunError(
                     f"{self.path}:1: has other columns than this serp writes "
@@ -194,7 +194,7 @@ class Table(Closing):
                 os.ftruncate(self._file, 0)
                 self._end = 0
         except OSError as error:
-            raise cannot_write(self.path, error, "The table is as it was.") from error
+            raise cannot_write(self.path, error, "The table is unchanged.") from error
         self._write(self._header)
 
     def _end_of_last_line(self) -> int:
@@ -213,13 +213,13 @@ class Table(Closing):
         return 0
 
     def _read(self, start: int, size: int) -> bytes:
-        """Return at most `size` bytes from `start`, none beyond the end that the file had."""
+        """Return at most `size` bytes from `start`, none beyond the end of the written rows."""
         size = min(size, self._end - start)
         os.lseek(self._file, start, os.SEEK_SET)
         return os.read(self._file, size) if size > 0 else b""
 
     def _checksum_of(self, size: int) -> int:
-        """Return the CRC-32 of the first so many bytes."""
+        """Return the CRC-32 of the first `size` bytes."""
         checksum = 0
         for start in range(0, size, _BLOCK):
             checksum = zlib.crc32(self._read(start, min(_BLOCK, size - start)), checksum)
@@ -229,12 +229,12 @@ class Table(Closing):
         try:
             write_all(self._file, data)
         except BaseException as error:
-            # Half a row must not stay: the next one would be glued to it.
+            # Remove a partial row: the next one would be appended to it.
             with contextlib.suppress(OSError):
                 os.ftruncate(self._file, self._end)
             if not isinstance(error, OSError):
                 raise
-            kept = f"Its rows up to byte {self._end} are whole."
+            kept = f"Its rows up to byte {self._end} are intact."
             raise cannot_write(self.path, error, kept) from error
         if self._end == 0:
             self._checksum = 0
@@ -252,12 +252,12 @@ def _text(value: str) -> str:
 
 
 def _format(values: Sequence[Any]) -> Iterable[str]:
-    """Return the cells of one column; by columns this takes half the time that it takes by rows."""
+    """Return the cells of one column; formatting by columns is twice as fast as by rows."""
     kinds = set(map(type, values))
     if len(kinds) > 1:
         return [_FORMATS.get(type(value), _other)(value) for value in values]
     (kind,) = kinds
-    if issubclass(kind, str):  # names, reasons and enums of them, which come again and again
+    if issubclass(kind, str):  # names, reasons and enums, which repeat often
         texts = values if kind is str else list(map(str.__str__, values))
         cells = {text: _text(text) for text in set(texts)}
         return map(cells.__getitem__, texts)
@@ -265,7 +265,7 @@ def _format(values: Sequence[Any]) -> Iterable[str]:
 
 
 def _other(value: Any) -> str:
-    """NumPy's scalars, enums and objects that explain themselves by their `str`."""
+    """Format a NumPy scalar, an enum or any other object."""
     if isinstance(value, np.generic):
         value = value.item()
     elif isinstance(value, Enum):

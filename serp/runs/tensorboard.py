@@ -1,4 +1,4 @@
-"""TensorBoard event files of a run, for those who watch their trainings there."""
+"""TensorBoard event files of a run."""
 
 from __future__ import annotations
 
@@ -23,13 +23,11 @@ def require_tensorboard() -> None:
 
 
 class EventWriter(Closing):
-    """Writes every number of an episode's metrics as a scalar over env steps.
-
-    As a context manager it closes itself at the end.
+    """Writes every number of an episode's metrics as a scalar over env steps. A context manager.
 
     Args:
         folder: The run; events go to `tensorboard/` in it. A continued run appends to them.
-        purge_step: Env steps from which a continued run drops what was written before.
+        purge_step: Number of env steps from which a continued run discards earlier events.
 
     Raises:
         MissingExtra: TensorBoard is not installed.
@@ -52,9 +50,9 @@ class EventWriter(Closing):
                 self._writer.add_scalar(f"episode/{name}", float(value), row.env_steps)
 
     def flush(self) -> None:
-        """Put everything on the disk."""
+        """Flush all events to the disk."""
         self._writer.flush()
 
     def close(self) -> None:
-        """Finish the event file."""
+        """Close the event file."""
         self._writer.close()

@@ -1,4 +1,4 @@
-"""A task with its environment made, and the checked way of data through it."""
+"""A task with its environment, and checks of all data that pass between them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from serp.tasks.observation import Observations
 from serp.tasks.task import Task, declared_reward
 
 _SAMPLES = 8
-"""Observations that the grounding is tried on until it gives an answer."""
+"""Number of sampled observations on which the grounding is tried."""
 _T = TypeVar("_T")
 
 
@@ -35,7 +35,7 @@ class EnvironmentCall(NamedTuple):
     """A call of the environment.
 
     Attributes:
-        what: In words, such as `step with action left`.
+        what: Description, such as `step with action left`.
         since: When it began, seconds of the monotonic clock.
     """
 
@@ -44,7 +44,7 @@ class EnvironmentCall(NamedTuple):
 
 
 class BoundTask(Closing):
-    """A task with an environment made, its domain loaded and its actions resolved.
+    """A task with an environment, its loaded domain and its resolved actions.
 
     Attributes:
         task: The task.
@@ -54,9 +54,9 @@ class BoundTask(Closing):
         env: The environment.
         actions: The map of actions.
         observations: Reads the environment's observations.
-        rewarded_by: Whose reward the task declares to be learned from: `domain` or `environment`.
-        call: What the environment was called for and has not returned from; None otherwise.
-        on_notice: Called with a line that the user should read, where it is set.
+        rewarded_by: The source of the reward that the task declares: `domain` or `environment`.
+        call: The call of the environment that has not returned yet; None otherwise.
+        on_notice: If set, called with each line that the user should read.
 
     As a context manager it closes its environment at the end.
     """
@@ -71,7 +71,7 @@ class BoundTask(Closing):
         try:
             self._check_environment()
         except BaseException:
-            with contextlib.suppress(Exception):  # what does not fit is what has to be read
+            with contextlib.suppress(Exception):  # the first error is the one to report
                 self.env.close()
             raise
         self._watch = wrapper_state.UnsavedStateDetector(self.env)
@@ -109,7 +109,7 @@ class BoundTask(Closing):
         self.observation_size = self.observations.size
         self._inside = True
         given = next(grounded(task.ground, self.observations.space, _SAMPLES), None)
-        if isinstance(given, Mapping):  # what is observed is not fixed, though :init may state it
+        if isinstance(given, Mapping):  # observed fluents are not constant, even if in :init
             self.domain = self.domain.observed(map(str, given))
             self.model = self.domain.model.replace(dt=self.model.dt)
         self.actions = ActionMap(self.model, int(space.n), task.actions)
@@ -122,7 +122,7 @@ class BoundTask(Closing):
         self._check_grounding(given)
 
     def _check_grounding(self, given: Any) -> None:
-        """Check which fluents the first answer of the grounding gives, if it gave any."""
+        """Check the fluents in the first result of the grounding, if there is one."""
         try:
             if isinstance(given, Mapping):
                 self.model.check_names(given)
@@ -152,16 +152,16 @@ class BoundTask(Closing):
             )
         return env
 
-    # The way of data through a step ------------------------------------------------------------
+    # Steps -------------------------------------------------------------------------------------
 
     def observation(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a flat float64 vector.
 
-        The first number outside the bounds that the space declares is a notice.
+        The first number outside the bounds of the space causes a notice.
 
         Raises:
-            EnvironmentFailure: It is not a member of the space, not made of real numbers, or holds
-                NaN or an infinity.
+            EnvironmentFailure: It is not a member of the space, does not consist of real numbers,
+                or holds NaN or an infinity.
         """
         try:
             vector = self.observations.read(raw)
@@ -173,15 +173,15 @@ class BoundTask(Closing):
                 self._inside = False
                 self.on_notice(
                     f"The observation left its space: {outside.name} is {outside.value:g}, beyond "
-                    f"the declared {outside.bound:g}. It is used as it is; this is said once."
+                    f"the declared {outside.bound:g}. It is used unchanged; this is reported once."
                 )
         return vector
 
     def ground(self, raw: Any) -> Vector:
-        """Return the state `[F]` of an observation as the environment gave it.
+        """Return the state `[F]` of an observation of the environment.
 
         Raises:
-            TaskError: The grounding raised, forgot a fluent, or gave NaN.
+            TaskError: The grounding raised, left out a fluent, or gave NaN.
         """
         try:
             grounded = self.task.ground(raw)
@@ -200,7 +200,7 @@ class BoundTask(Closing):
         """Reset the environment.
 
         Raises:
-            EnvironmentFailure: It raised, or returned something else than observation and info.
+            EnvironmentFailure: It raised, or did not return observation and info.
         """
         self._watch.before_reset()
         with self._calling("reset"):
@@ -209,19 +209,19 @@ class BoundTask(Closing):
         for carried in self._watch.after_reset():
             if self.on_notice is not None:
                 self.on_notice(
-                    f"Wrapper {carried} from one episode to the next and offers no state_dict(): "
-                    "where that matters, a resumed run differs from an uninterrupted one."
+                    f"Wrapper {carried} from one episode to the next and has no state_dict(): "
+                    "if that matters, a resumed run differs from an uninterrupted one."
                 )
         return raw, info
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Carry out an environment action 0 ... E-1.
+        """Execute an environment action 0 ... E-1.
 
         Returns:
             Observation, the environment's reward, terminated, truncated, info.
 
         Raises:
-            EnvironmentFailure: The environment raised, or returned something else.
+            EnvironmentFailure: The environment raised, or did not return these.
         """
         what = f"step with action {self.actions.name(action)}"
         with self._calling(what):
@@ -230,11 +230,11 @@ class BoundTask(Closing):
 
     @contextlib.contextmanager
     def _calling(self, what: str) -> Iterator[None]:
-        """Note that the environment is called; say that it failed, whatever it raised."""
+        """Record a call of the environment; raise EnvironmentFailure for whatever it raises."""
         self.call = EnvironmentCall(what, time.monotonic())
         try:
             yield
-        except (Exception, SystemExit) as error:  # some that draw exit when their window closes
+        except (Exception, SystemExit) as error:  # some exit when their window is closed
             raise EnvironmentFailure(f"task {self.name}: {what} failed: {_short(error)}") from error
         finally:
             self.call = None
@@ -254,23 +254,23 @@ class BoundTask(Closing):
         with self._calling("closing the environment"):
             self.env.close()
 
-    # What outlives a reset ---------------------------------------------------------------------
+    # State across episodes ---------------------------------------------------------------------
 
     def environment_state(self) -> dict[str, Any]:
-        """Return what the environment and its wrappers carry from one episode to the next.
+        """Return the state that environment and wrappers keep from one episode to the next.
 
         See `serp.tasks.wrapper_state`.
 
         Raises:
-            EnvironmentFailure: A layer raised, or its state is not made of JSON values.
+            EnvironmentFailure: A layer raised, or its state does not consist of JSON values.
         """
         try:
             saved = wrapper_state.save(self.env)
             json.dumps(saved)
         except Exception as error:
             raise EnvironmentFailure(
-                f"task {self.name}: the environment's state_dict() failed, or is not made of JSON "
-                f"values: {_short(error)}"
+                f"task {self.name}: the environment's state_dict() failed, or does not consist of "
+                f"JSON values: {_short(error)}"
             ) from error
         return saved
 
@@ -280,34 +280,34 @@ class BoundTask(Closing):
         """Restore what `environment_state` returned.
 
         Args:
-            saved: That.
-            statistics_only: Restore running statistics, such as those by which observations are
-                normalised, and nothing else.
+            saved: The state.
+            statistics_only: Restore only running statistics, such as those that normalise
+                observations.
 
         Raises:
-            RunError: This environment cannot take it over.
+            RunError: The state does not fit this environment.
         """
-        take_over = wrapper_state.restore_statistics if statistics_only else wrapper_state.restore
+        restore = wrapper_state.restore_statistics if statistics_only else wrapper_state.restore
         try:
-            take_over(self.env, saved)
+            restore(self.env, saved)
         except Exception as error:
             raise RunError(
-                f"task {self.name}: the environment cannot take over its saved state: "
+                f"task {self.name}: the environment cannot restore its saved state: "
                 f"{_short(error)}; continue with the environment it was saved with"
             ) from error
 
 
 def _takes(function: Callable[..., Any], name: str) -> bool:
-    """Return whether a function takes a keyword argument, as far as it says."""
+    """Return whether a function accepts a keyword argument, by its signature."""
     try:
         accepts = inspect.signature(function).parameters
-    except ValueError:  # some callables that are written in C
+    except ValueError:  # some callables written in C have no signature
         return True
     return name in accepts or any(p.kind is inspect.Parameter.VAR_KEYWORD for p in accepts.values())
 
 
 def _short(error: BaseException) -> str:
-    """Return what an error of other people's code says, and the line where it arose."""
+    """Return the message of an error in user code, and the line that raised it."""
     said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
     frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
     return f"{said} ({frames[-1].filename}:{frames[-1].lineno})" if frames else said

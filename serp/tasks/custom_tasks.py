@@ -1,4 +1,4 @@
-"""Tasks that are not installed: named by a module or a Python file, and a function in it."""
+"""Tasks that are not installed: functions in a module or a Python file."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ FORMS = "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"
 def custom_task(name: str) -> Task:
     """Return the task that `--task` names.
 
-    What is named is a `serp.Task`, or a function without arguments that returns one. A file that
-    holds one task need not say which. Modules are looked for among those that are installed, then
-    in the working directory; importing one runs it.
+    The name refers to a `serp.Task`, or to a function without arguments that returns one; a file
+    with one task needs no function name. Installed modules come before those in the working
+    directory; importing a module runs it.
 
     Args:
         name: `FILE.py`, `FILE.py:FUNCTION` or `MODULE:FUNCTION`.
 
     Raises:
-        TaskError: There is no such file, module or function, it fails, or it gives no task.
+        TaskError: There is no such file, module or function, it fails, or it returns no task.
     """
     where, colon, attribute = name.rpartition(":") if not name.endswith(".py") else (name, "", "")
     if not where or (colon and not attribute):
@@ -53,7 +53,7 @@ def custom_task(name: str) -> Task:
 
 
 def _import(file: Path) -> ModuleType:
-    """Import a file as a module of its name, so that other processes can do so too."""
+    """Import a file as a module of its name, so that other processes can import it, too."""
     if not file.is_file():
         raise TaskError(f"--task {file}: there is no such file")
     module = _import_module(file.stem, file.parent)
@@ -68,7 +68,7 @@ def _import(file: Path) -> ModuleType:
 def _import_module(name: str, folder: Path) -> ModuleType:
     place = str(folder.resolve())
     if place not in sys.path:
-        sys.path.append(place)  # last: nothing that is installed is hidden by a file of its name
+        sys.path.append(place)  # last, so that no file hides an installed module
     importlib.invalidate_caches()
     try:
         return importlib.import_module(name)
@@ -97,7 +97,7 @@ def _named(module: ModuleType, attribute: str, name: str) -> Any:
 
 
 def _only(module: ModuleType, name: str) -> Any:
-    """Return the one task of a file: a `serp.Task`, or a function that says it returns one."""
+    """Return the only task of a file: a `serp.Task`, or a function annotated to return one."""
     found = {
         key: value
         for key, value in vars(module).items()
@@ -122,7 +122,7 @@ def _makes_task(value: Any, module: ModuleType) -> bool:
 
 
 def _failed(what: str, error: Exception) -> TaskError:
-    """Return an error that names the line where another one arose."""
+    """Return an error that names the line that raised another one."""
     if isinstance(error, SyntaxError) and error.filename:
         return TaskError(f"{what}: {error.filename}:{error.lineno}:{error.offset}: {error.msg}")
     frames = [

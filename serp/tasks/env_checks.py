@@ -1,6 +1,6 @@
-"""What an environment answers to `reset` and `step`, taken apart and checked.
+"""Checks of what an environment returns from `reset` and `step`.
 
-Every function raises a ValueError that says what was given and what is wanted.
+Every function raises a ValueError that says what was returned and what is expected.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ import numpy as np
 
 
 def step_answer(answer: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-    """Return observation, reward, terminated, truncated and info; nothing is shared.
+    """Return observation, reward, terminated, truncated and info, copied.
 
-    The reward is a finite number; it and the two truth values may be arrays of one element.
+    The reward must be finite; reward, terminated and truncated may be arrays of one element.
     """
     wanted = "the five values (observation, reward, terminated, truncated, info)"
     raw, reward, terminated, truncated, info = _taken_apart(answer, 5, wanted)
@@ -32,7 +32,7 @@ def step_answer(answer: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
 
 
 def reset_answer(answer: Any) -> tuple[Any, dict[str, Any]]:
-    """Return observation and info; nothing is shared."""
+    """Return observation and info, copied."""
     raw, info = _taken_apart(answer, 2, "the two values (observation, info)")
     return _owned(raw), _info(info)
 
@@ -46,7 +46,7 @@ def _taken_apart(answer: Any, count: int, wanted: str) -> tuple[Any, ...]:
 
 
 def _owned(raw: Any) -> Any:
-    """Return an observation that no later step of the environment changes."""
+    """Return a copy of an observation, because environments reuse their buffers."""
     if isinstance(raw, np.ndarray):
         return raw.copy()
     return copy.deepcopy(raw) if isinstance(raw, Mapping | tuple | list) else raw
@@ -81,7 +81,7 @@ def _info(value: Any) -> dict[str, Any]:
 
 
 def single(value: Any) -> Any:
-    """Return the only element of an array, a tensor or a NumPy number; else the value itself."""
+    """Return the only element of an array, a tensor or a NumPy scalar; else the value itself."""
     if isinstance(value, bool | int | float) or not hasattr(value, "__array__"):
         return value
     try:

@@ -1,6 +1,6 @@
-"""What a task's grounding gives, looked at before anything is done in the environment.
+"""Results of a task's grounding on sampled observations.
 
-The grounding is a function of an observation, so observations that the space allows tell which
+The grounding is a function of an observation, so sampled observations of the space show which
 fluents it gives; the environment is neither reset nor stepped.
 """
 
@@ -16,17 +16,17 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 FAR = 1e9
-"""What stands for a bound that a space leaves open."""
+"""Replaces an infinite bound of a space."""
 
 
 def samples(space: spaces.Space[Any], count: int) -> Iterator[Any]:
-    """Yield observations of a space: of a box its corners and edges first, then random ones.
+    """Yield observations of a space; of a box first its centre and bounds, then random points.
 
-    The space's own random numbers are left alone. Equal calls yield equal observations.
+    The space's random generator is not used. Equal calls yield equal observations.
 
     Args:
         space: The observation space.
-        count: How many random ones.
+        count: Number of random observations.
     """
     if isinstance(space, spaces.Box) and np.issubdtype(space.dtype, np.floating):
         low = np.clip(space.low.astype(np.float64), -FAR, FAR)
@@ -38,12 +38,12 @@ def samples(space: spaces.Space[Any], count: int) -> Iterator[Any]:
         own.seed(0)
         for _ in range(count):
             yield own.sample()
-    except Exception:  # a space of one's own that cannot be sampled
+    except Exception:  # a custom space that cannot be sampled
         return
 
 
 def _inside(space: spaces.Box, point: NDArray[np.float64]) -> Any:
-    """Return a point as the environment would give it."""
+    """Return a point in the form of an observation."""
     return np.clip(point.astype(space.dtype), space.low, space.high)
 
 
@@ -64,9 +64,9 @@ def _of_box(
 
 
 def grounded(ground: Callable[[Any], Any], space: spaces.Space[Any], count: int) -> Iterator[Any]:
-    """Yield what a grounding makes of observations; those on which it fails are left out.
+    """Yield the results of a grounding on sampled observations, except those on which it fails.
 
-    An observation that the space allows need not be one that ever comes.
+    An environment need not give every observation of its space.
     """
     for observation in samples(space, count):
         try:

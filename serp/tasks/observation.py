@@ -1,4 +1,4 @@
-"""From what an environment shows to a vector of numbers, checked on the way."""
+"""Converts observations of an environment to checked vectors."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 _SLACK: Final = 1e-6
-"""By so much, relative to a bound, a number may exceed it: float32 rounds."""
+"""Tolerance relative to a bound, because float32 rounds."""
 
 
 class OutOfBounds(NamedTuple):
     """A number outside the bounds that its space declares.
 
     Attributes:
-        name: Which number.
-        value: It.
+        name: Name of the entry.
+        value: Its value.
         bound: The bound that it exceeds.
     """
 
@@ -36,7 +36,7 @@ class Observations:
         space: The space.
 
     Attributes:
-        size: Numbers in a vector.
+        size: Length of the vectors.
 
     Raises:
         ValueError: Observations of the space are not vectors.
@@ -57,11 +57,11 @@ class Observations:
         self._bounded = bool(np.isfinite(low).any() or np.isfinite(high).any())
 
     def read(self, raw: Any) -> NDArray[np.float64]:
-        """Return an observation as a float64 vector `[size]` of its own.
+        """Return an observation as a new float64 vector `[size]`.
 
         Raises:
-            ValueError: It is not a member of the space, not made of real numbers, or not finite;
-                the text says which part of it, what was given and what is wanted.
+            ValueError: It is not a member of the space, does not consist of real numbers, or is not
+                finite; the message names the part, what was given and what is expected.
         """
         if isinstance(self.space, spaces.Box):
             vector = _flat(self.space, raw, "")
@@ -74,13 +74,13 @@ class Observations:
         return vector
 
     def raw(self, vector: NDArray[np.float64]) -> Any:
-        """Return the observation, as the environment would give it, of a flat vector."""
+        """Return the observation of the space for a flat vector."""
         if isinstance(self.space, spaces.Box):
             return vector.reshape(self.space.shape).astype(self.space.dtype)
         return spaces.unflatten(self.space, vector)
 
     def outside(self, vector: NDArray[np.float64]) -> OutOfBounds | None:
-        """Return the first number outside the declared bounds; None where all are inside."""
+        """Return the first number outside the declared bounds; None if all are inside."""
         if not self._bounded:
             return None
         low, high = vector < self._low, vector > self._high
@@ -93,7 +93,7 @@ class Observations:
         )
 
     def name(self, index: int) -> str:
-        """Return which number of an observation stands at a position of its vector."""
+        """Return the name of the entry at a position of the vector."""
         for path, leaf in _leaf_spaces(self.space, ""):
             count = spaces.flatdim(leaf)
             if index < count:
@@ -110,7 +110,7 @@ def _entry(leaf: spaces.Space[Any], index: int) -> str:
 
 
 def _below(space: Any) -> list[tuple[Any, Any]] | None:
-    """Return key and space of the parts of a composite space, as Gymnasium flattens them."""
+    """Return key and space of each part of a composite space, in Gymnasium's order."""
     if isinstance(space, spaces.Dict):
         return list(space.spaces.items())
     if isinstance(space, spaces.Tuple):
@@ -128,7 +128,7 @@ def _leaf_spaces(space: Any, path: str) -> Iterator[tuple[str, Any]]:
 
 
 def _leaves(space: Any, raw: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
-    """Give the path, the space and the value of every part that is not composite itself."""
+    """Yield path, space and value of every part that is not composite."""
     below = _below(space)
     if below is None:
         yield path, space, raw
@@ -151,7 +151,7 @@ def _flat(leaf: spaces.Space[Any], value: Any, path: str) -> NDArray[np.float64]
         array = np.asarray(value)
     except ValueError:  # lists of different lengths
         array = np.asarray(None)
-    except Exception as error:  # a tensor with a gradient refuses, and others may raise anything
+    except Exception as error:  # a tensor with a gradient raises, and others may raise anything
         raise ValueError(f"{_named(path, value)}, which is not an array: {error}") from None
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{_named(path, value)}; real numbers are wanted, for {leaf}")

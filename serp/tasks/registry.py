@@ -1,4 +1,4 @@
-"""Finding tasks by name: installed packages offer them under the entry-point group `serp.tasks`."""
+"""Tasks by name: installed packages declare them as entry points of the group `serp.tasks`."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ GROUP = "serp.tasks"
 
 
 def task_entries() -> dict[str, EntryPoint]:
-    """Return the offered tasks by name, without importing them."""
+    """Return the entry points of installed tasks by name, without importing them."""
     return plugins.offered(GROUP)
 
 
 def load_task(name: str) -> Task:
-    """Return the task that an installed package offers under a name.
+    """Return the installed task with a name.
 
     Raises:
-        TaskError: There is none, or the package that offers it fails.
+        TaskError: There is none, or making it fails.
     """
     advice = "\n  one of your own: --task FILE.py:FUNCTION, or in Python the serp.Task itself"
     entry = plugins.find(task_entries(), name, "task", TaskError, advice=advice)
@@ -38,13 +38,13 @@ def load_task(name: str) -> Task:
 def find_domain_file(domain: str) -> Path | None:
     """Return the file that `--domain` means.
 
-    That is a path, or `domains/NAME.pddl` or `NAME.pddl` in the working directory, or a variant
-    `NAME.pddl` that lies beside the domain file of an installed task; None where the name is left
-    to the installed tasks.
+    It is a path, or `domains/NAME.pddl` or `NAME.pddl` in the working directory, or a variant
+    `NAME.pddl` beside the domain file of an installed task. None if the name can only be that of an
+    installed task.
     """
     path = Path(domain)
     if path.suffix == ".pddl" or len(path.parts) > 1:
-        return path  # loading it says what is wrong with it, if it is not there
+        return path  # loading it reports a missing file
     for candidate in (Path("domains") / f"{domain}.pddl", Path(f"{domain}.pddl")):
         if candidate.is_file():
             return candidate
@@ -54,7 +54,7 @@ def find_domain_file(domain: str) -> Path | None:
 def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
     """Return the task that `--domain` means.
 
-    A file belongs to the task that is named like the domain in it, or like the file up to a
+    A file belongs to the task with the name of its domain, or with the name of the file up to a
     hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`).
 
     Args:
@@ -84,7 +84,7 @@ def _shipped_beside(name: str) -> Path | None:
     """Return the file of that name beside the domain file of an installed task; None for none.
 
     Raises:
-        TaskError: The package that offers the task fails.
+        TaskError: Making the task fails.
     """
     entries = task_entries()
     for task in _shortened(name):
@@ -100,7 +100,7 @@ def task_of(domain: Domain, path: Path) -> Task | None:
     """Return the installed task that a domain file belongs to, with that domain; None for none.
 
     Raises:
-        TaskError: The package that offers it fails.
+        TaskError: Making the task fails.
     """
     entries = task_entries()
     for name in (domain.name, path.stem, *_shortened(domain.name), *_shortened(path.stem)):

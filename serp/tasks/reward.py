@@ -1,6 +1,6 @@
-"""What is learned from: the reward of an observed step, by the domain file, the environment, both.
+"""The reward that the learner learns from: of the domain file, of the environment, or their sum.
 
-The planner always goes by the rewards of the domain file. The learner goes by those that the task
+The planner always uses the rewards of the domain file. The learner uses those that the task
 declares (`Task.reward`), unless the setting `training.reward` says otherwise.
 """
 
@@ -19,12 +19,12 @@ Source = Literal["domain", "environment", "sum"]
 
 
 class Judged(NamedTuple):
-    """What an observed step was worth.
+    """The rewards and the safety of an observed step.
 
     Attributes:
-        reward: What is learned from.
-        domain_reward: R(s') of the domain file; 0 where the file has no say in the step.
-        unsafe: Whether the file says of the observed step that it was unsafe.
+        reward: The reward that is learned from.
+        domain_reward: R(s') of the domain file; 0 if the file cannot judge the step.
+        unsafe: Whether the observed step is unsafe by the domain file.
     """
 
     reward: float
@@ -37,13 +37,13 @@ class Judge:
 
     Args:
         task: The task.
-        settings: All settings; `training.reward` says what is learned from.
+        settings: All settings; `training.reward` chooses the reward.
 
     Attributes:
-        source: What is learned from.
+        source: The source of the reward that is learned from.
 
     Raises:
-        SettingsError: The domain's rewards are to be learned from, and it gives none.
+        SettingsError: The domain's rewards are to be learned from, but it gives none.
     """
 
     def __init__(self, task: BoundTask, settings: Settings) -> None:
@@ -61,7 +61,7 @@ class Judge:
 
         Args:
             state: State `[F]` before the step.
-            ground: Ground action that was executed; -1 where the model does not know it.
+            ground: Ground action that was executed; -1 if the model does not know it.
             next_state: State `[F]` after it.
             env_reward: The environment's reward.
 
@@ -84,10 +84,10 @@ class Judge:
 
 
 def reward_source(declared: Literal["domain", "environment"], settings: Settings) -> Source:
-    """Return what is learned from.
+    """Return the source of the reward that is learned from.
 
     Args:
-        declared: What the task declares; see `serp.tasks.task.declared_reward`.
+        declared: The source that the task declares; see `serp.tasks.task.declared_reward`.
         settings: All settings.
     """
     choice = settings.training.reward
@@ -95,10 +95,10 @@ def reward_source(declared: Literal["domain", "environment"], settings: Settings
 
 
 def describe_source(source: Source, *, in_file: bool) -> str:
-    """Return what the learner learns from in words, to follow "the learner learns from".
+    """Return the end of a sentence that begins with "the learner learns from".
 
     Args:
-        source: What it learns from.
+        source: The source of the reward.
         in_file: Whether the domain file gives rewards.
     """
     match source:

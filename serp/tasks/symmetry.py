@@ -11,7 +11,7 @@ from serp.model.symmetry.model_symmetry import cycles
 
 @dataclass(frozen=True, kw_only=True)
 class Symmetry:
-    """A transformation that a task looks the same under, most often a mirror.
+    """A transformation that leaves a task unchanged, most often a reflection.
 
     Soccer, where everything on the left can happen on the right::
 
@@ -25,19 +25,20 @@ class Symmetry:
             observation_signs=(-1, -1, -1, -1),
         )
 
-    A mapping that does not come back to where it began is closed: `{"left": "right"}` exchanges
-    both, `{"a": "b", "b": "c"}` sends c to a.
+    An incomplete mapping is completed to a permutation: `{"left": "right"}` exchanges both,
+    `{"a": "b", "b": "c"}` maps c to a.
 
     Attributes:
-        objects: Object of the domain → the object that takes its place in the mirror.
+        objects: Object of the domain → its image.
         flip: Numeric fluents that change their signs.
-        actions: Ground action → its mirror image, by name. Needed where `objects` does not tell; an
-            action that is not named has none but itself. An environment action that the domain does
-            not mention goes by its number.
-        observation_signs: Sign of every number of the mirrored observation; None: all are 1.
-        observation_order: Which number of the observation stands in every place of the mirrored
-            one, before its sign; None: its own. Without both, it is not known how an observation
-            looks in the mirror, and only a learner that sees the state alone uses the symmetry.
+        actions: Ground action → its image, by name. Needed if it does not follow from `objects`; an
+            action that is not named is its own image. An environment action that the domain does
+            not mention is given by its number.
+        observation_signs: Factor 1 or -1 of each entry of the mirrored observation; None: all are
+            1.
+        observation_order: For each entry of the mirrored observation, the index of the original
+            entry; None: the same index. If both are None, the image of an observation is unknown,
+            and only a learner whose input is the state uses the symmetry.
     """
 
     objects: Mapping[str, str] = field(default_factory=dict)
@@ -47,13 +48,13 @@ class Symmetry:
     observation_order: Sequence[int] | None = None
 
     def __str__(self) -> str:
-        told = [cycles(closed(self.objects)), cycles(closed(self.actions))]
-        told += [f"-{name}" for name in self.flip]
-        return ", ".join(text for text in told if text) or "of the observation alone"
+        parts = [cycles(as_permutation(self.objects)), cycles(as_permutation(self.actions))]
+        parts += [f"-{name}" for name in self.flip]
+        return ", ".join(text for text in parts if text) or "of the observation only"
 
 
-def closed(mapping: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return a permutation, chains of it closed.
+def as_permutation(mapping: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return a mapping completed to a permutation.
 
     Raises:
         ValueError: Two things have the same image, or it is not a mapping.

@@ -1,4 +1,4 @@
-"""A task as it is declared: environment, domain, grounding and the map of actions."""
+"""The declaration of a task: environment, domain, grounding and the map of actions."""
 
 from __future__ import annotations
 
@@ -25,28 +25,28 @@ Overrides = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """Everything that serp needs to know about a task.
+    """The declaration of a task.
 
     Attributes:
         make_env: Returns a new Gymnasium environment with discrete actions; called with
-            `render_mode=...` where a picture is wanted.
+            `render_mode=...` if pictures are needed.
         domain: The domain file, or a loaded domain.
         ground: Observation → the value of every fluent, as a mapping (fluent name → number or
-            truth value) or as an array in the order of `domain.observed().model.fluents`. What a
-            mapping names is a fluent, though the problem's `:init` may state it and no effect
-            change it.
+            truth value) or as an array in the order of `domain.observed().model.fluents`. Every
+            name in the mapping is a fluent, even if the problem's `:init` states it and no effect
+            changes it.
         name: Name of the task; the domain's by default.
         problem: The problem file; by default `<name>-problem.pddl` beside the domain file.
         actions: Name of a ground action (or of a schema, for all its instances) → environment
             action. None: the n-th ground action is environment action n.
-        dt: Control period in the time unit of the domain's rates, seconds by custom.
-        reward: Whose reward the learner learns from: the `domain`'s R(s'), read off observed
-            transitions, or the `environment`'s. None: the domain's where it says anything about
-            reward. The setting `training.reward` comes before it.
-        settings: Preset name → section → setting → value: what this task changes in the presets.
-            The key `*` stands for every preset.
-        symmetries: Transformations that the task looks the same under (`serp.Symmetry`); the
-            learner makes use of them where `learner.symmetry` is set.
+        dt: Control period in the time unit of the domain's rates, usually seconds.
+        reward: The source of the reward that the learner learns from: the `domain`'s R(s') of
+            observed transitions, or the `environment`'s. None: the domain's if it gives rewards.
+            The setting `training.reward` overrides it.
+        settings: Preset name → section → setting → value: the task's changes to the presets. The
+            key `*` stands for every preset.
+        symmetries: Transformations that leave the task unchanged (`serp.Symmetry`); the learner
+            uses them if `learner.symmetry` is set.
         counters: Counters of the environment's info, per episode, that a comparison adds up.
         description: One line for `serp list`.
     """
@@ -65,11 +65,11 @@ class Task:
     description: str = ""
 
     def load(self) -> Domain:
-        """Return the domain, loading it where a file was given.
+        """Return the domain, loading it if a file was given.
 
         Raises:
-            DomainError: The files are missing or wrong.
-            TaskError: They are not names of files.
+            DomainError: A file is missing or wrong.
+            TaskError: `domain` or `problem` is not the name of a file.
         """
         if isinstance(self.domain, Domain):
             return self.domain.observed()
@@ -81,17 +81,17 @@ class Task:
         return load_domain(self.domain, self.problem, observed=True)
 
     def bind(self, *, render_mode: str | None = None) -> BoundTask:
-        """Make an environment and check that everything fits together.
+        """Make an environment and check that it fits domain, grounding and actions.
 
         Raises:
             DomainError: The domain is wrong.
             TaskError: Environment, domain, grounding and actions do not fit together.
         """
-        from serp.tasks.bound_task import BoundTask  # which needs this module
+        from serp.tasks.bound_task import BoundTask  # it imports this module
 
         return BoundTask(self, render_mode=render_mode)
 
 
 def declared_reward(task: Task, model: TransitionModel) -> Literal["domain", "environment"]:
-    """Return whose reward a task declares to be learned from, by itself or by its domain."""
+    """Return the source of the reward that a task or its domain declares."""
     return task.reward or ("domain" if model.rewarding else "environment")

@@ -1,8 +1,8 @@
-"""Symmetries of a task: what it declares, checked against the domain and against what is observed.
+"""Symmetries of a task, checked against the domain and against observations.
 
-A task that looks the same in a mirror teaches twice as much: what was learned on the left is known
-on the right. The domain file often shows it (`left` and `right` are two objects to which the same
-happens); how the raw observation looks in the mirror only the task knows.
+In a task with a symmetry every sample counts twice: what was learned on the left applies on the
+right. The symmetry of the model often follows from the domain file (`left` and `right` are two
+objects with the same properties); that of the raw observation must be declared by the task.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from serp.model.symmetry.automorphisms import find_symmetries
 from serp.model.symmetry.model_symmetry import ModelSymmetry, permuted_columns, violation
 from serp.model.symmetry.permutation import Asymmetry, symmetry_of
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.tasks.symmetry import Symmetry, closed
+from serp.tasks.symmetry import Symmetry, as_permutation
 
 if TYPE_CHECKING:
     from serp.planning.action_map import ActionMap
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 _ADVICE = "correct the symmetry, take it out of the task, or set learner.symmetry to false"
 _TOLERANCE = 1e-4
-"""Observations are float32 as a rule; groundings divide, and take angles."""
+"""Relative tolerance, because observations are usually float32 and groundings compute with them."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class TaskSymmetry:
     """A declared symmetry, resolved for one task.
 
     Attributes:
-        name: In words.
-        model: What it does to the state and to the ground actions.
+        name: Description for messages.
+        model: The symmetry of states and ground actions.
         actions: The image of every environment action.
-        columns, signs: What it does to the flat observation; both None where that is not declared.
+        columns, signs: The symmetry of the flat observation; both None if it is not declared.
     """
 
     name: str
@@ -49,11 +49,11 @@ class TaskSymmetry:
     signs: tuple[float, ...] | None
 
     def check_grounding(self, task: BoundTask, observation: Vector, state: Vector) -> None:
-        """Refuse the symmetry where grounding the mirrored observation gives another state.
+        """Check that grounding the mirrored observation gives the mirrored state.
 
         Args:
             task: The task.
-            observation: Flat, as it was observed.
+            observation: The flat observation.
             state: Its grounding.
 
         Raises:
@@ -74,7 +74,7 @@ class TaskSymmetry:
             )
 
     def element(self, inputs: str) -> Element | None:
-        """Return what it does to what the learner sees; None where that is not known.
+        """Return the symmetry of the learner's input; None if it is unknown.
 
         Args:
             inputs: `observation`, `state` or `both`, as in the settings of the training.
@@ -97,14 +97,14 @@ class TaskSymmetry:
 def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tuple[str, ...]]:
     """Return the symmetries that a task declares and its domain has.
 
-    The domain file is the expert's: an edit of one side alone is not a mistake. What the file does
-    not have is left out.
+    The expert may edit the domain file on one side only, which is not an error. A symmetry that the
+    file does not have is therefore left out.
 
     Returns:
-        The symmetries, and a line for each that was left out, with the reason.
+        The symmetries, and a line with the reason for each that was left out.
 
     Raises:
-        TaskError: A declaration makes no sense, whatever the domain.
+        TaskError: A declaration is wrong for every domain.
     """
     declared = task.task.symmetries
     if not isinstance(declared, Sequence) or not all(isinstance(s, Symmetry) for s in declared):
@@ -127,9 +127,9 @@ def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tupl
 def symmetry_group(
     task: BoundTask, declared: Iterable[TaskSymmetry], inputs: str
 ) -> SymmetryGroup | None:
-    """Return the symmetries of what the learner sees and does; None where there are none.
+    """Return the symmetries of the learner's inputs and actions; None if there are none.
 
-    A learner that sees the state alone also has those that the domain shows by itself.
+    If the learner's input is the state, symmetries found in the domain file are added.
 
     Args:
         task: The task.
@@ -141,7 +141,7 @@ def symmetry_group(
         for model in find_symmetries(task.model.ground).generators:
             try:
                 actions = _environment_actions(task.actions, model, {})
-            except _Wrong:  # nothing that the user said: what cannot be used is left
+            except _Wrong:  # not declared by the user, so it is left out silently
                 continue
             elements.append(Element(model.columns, model.signs, actions))
     if not elements:
@@ -151,7 +151,7 @@ def symmetry_group(
 
 
 class _Wrong(Exception):
-    """A declared symmetry makes no sense."""
+    """A declared symmetry is wrong for every domain."""
 
     name = ""
 
@@ -162,7 +162,7 @@ class _Unfit(_Wrong):
 
 def _resolve(task: BoundTask, symmetry: Symmetry) -> TaskSymmetry:
     try:
-        objects, pairs = closed(symmetry.objects), closed(symmetry.actions)
+        objects, pairs = as_permutation(symmetry.objects), as_permutation(symmetry.actions)
     except ValueError as error:
         wrong = _Wrong(str(error))
         wrong.name = repr(symmetry)
@@ -303,7 +303,7 @@ def _of_observation(
 
 
 def _numbers(values: Any) -> tuple[float, ...]:
-    """Return a sequence as numbers; empty where it is not one."""
+    """Return a sequence as numbers; empty if it is not one."""
     try:
         return tuple(float(value) for value in values)
     except (TypeError, ValueError):

@@ -13,16 +13,16 @@ from serp.tasks.bound_task import BoundTask
 
 
 class Watchdog:
-    """Watches an environment from a thread of its own, and says once that a call takes long.
+    """Watches an environment from its own thread, and reports once that a call takes long.
 
-    Used as a context manager around what calls the environment. An environment that holds Python's
-    global lock all the while cannot be watched.
+    It is a context manager around the calls of the environment. It cannot watch an environment that
+    never releases Python's global interpreter lock.
 
     Args:
         task: The task with the environment.
-        seconds: What takes longer than this is reported; infinity: nothing is.
-        step: Returns the number of the env step that is under way.
-        say: Takes the line, in the thread that watches.
+        seconds: A call that takes longer is reported; infinity: none is.
+        step: Returns the number of the current env step.
+        say: Called with the message, in the watching thread.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Watchdog:
             call = self._task.call
             if call is not None and time.monotonic() - call.since >= self._seconds:
                 self._say(
-                    f"The environment has not come back for {self._seconds:g} s: {call.what}, env "
-                    f"step {self._step():,}. This is said once; two Ctrl-C stop at once."
+                    f"The environment has not returned for {self._seconds:g} s: {call.what}, env "
+                    f"step {self._step():,}. This is reported once; two Ctrl-C stop at once."
                 )
                 return

@@ -1,13 +1,13 @@
-"""What the layers of an environment carry from one episode to the next.
+"""The state that the layers of an environment keep from one episode to the next.
 
 A layer is a wrapper, or the environment itself. Each episode begins with `reset(seed=...)`, so most
-layers carry nothing. What those that do carry is saved with a run, so that it can be continued
-exactly, in one of two ways:
+layers keep nothing. The state of the others is saved with a run, so that the run can be continued
+exactly. It is one of these:
 
-* the layer offers `state_dict()` and `load_state_dict(state)` with JSON values;
-* it does not, but what it carries is found in its attributes: running statistics (objects with
-  `mean`, `var` and `count`, as of gymnasium's NormalizeObservation and NormalizeReward), NumPy
-  random generators, and the arrays of gymnasium's own wrappers, of which some outlive a reset.
+* the state of a layer that has `state_dict()` and `load_state_dict(state)` with JSON values;
+* of other layers the attributes that are running statistics (objects with `mean`, `var` and
+  `count`, as of gymnasium's NormalizeObservation and NormalizeReward) or NumPy random generators,
+  and the arrays of gymnasium's own wrappers, of which some survive a reset.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import numpy as np
 
 from serp._util.saved_state import state_for
 
-_WATCHED = 5  # episodes: enough that no value is the same before and after all resets by chance
-_LARGEST = 10_000  # numbers in a watched array
+_WATCHED = 5  # episodes: enough that no value is equal before and after all resets by chance
+_LARGEST = 10_000  # largest size of a watched array
 
 
 def layers_of(env: gym.Env[Any, Any]) -> list[Any]:
@@ -34,7 +34,7 @@ def layers_of(env: gym.Env[Any, Any]) -> list[Any]:
 
 
 def save(env: gym.Env[Any, Any]) -> dict[str, Any]:
-    """Return what the layers carry, as JSON values: `own` states, and what was `found`."""
+    """Return the state as JSON values: `own` states of layers, and `found` attributes."""
     return {
         "own": [layer.state_dict() for layer in layers_of(env) if _saves_itself(layer)],
         "found": [[part.name, part.save()] for part in _parts(env)],
@@ -45,7 +45,7 @@ def restore(env: gym.Env[Any, Any], saved: Mapping[str, Any]) -> None:
     """Restore what `save` returned.
 
     Raises:
-        ValueError: The environment has other layers than the saved one; the text says which.
+        ValueError: The environment has other layers than the saved one; the message names them.
     """
     own = [layer for layer in layers_of(env) if _saves_itself(layer)]
     if len(own) != len(saved["own"]):
@@ -58,7 +58,7 @@ def restore(env: gym.Env[Any, Any], saved: Mapping[str, Any]) -> None:
 
 
 def restore_statistics(env: gym.Env[Any, Any], saved: Mapping[str, Any]) -> None:
-    """Restore the running statistics alone, without which observations mean something else.
+    """Restore only the running statistics, which the scale of observations depends on.
 
     Raises:
         ValueError: As `restore`.
@@ -123,7 +123,7 @@ def _restore_found(
             here.remove(part)
             if wanted(part):
                 part.restore(state)
-        elif state["kind"] != "generator":  # a generator may be one that the first reset makes
+        elif state["kind"] != "generator":  # the first reset may make a generator
             raise ValueError(f"the saved one has a layer with `{name}`, this one has none")
 
 
@@ -132,7 +132,7 @@ def _parts(env: gym.Env[Any, Any]) -> Iterator[_Part]:
         if _saves_itself(layer):
             continue
         for name, value in list(getattr(layer, "__dict__", {}).items()):
-            # Gymnasium's own generator is made anew by every `reset(seed=...)`.
+            # `reset(seed=...)` replaces Gymnasium's own generator.
             if isinstance(value, np.random.Generator) and value is not layer.np_random:
                 yield _Part(layer, name, "generator")
             elif _is_statistics(value):
@@ -142,7 +142,7 @@ def _parts(env: gym.Env[Any, Any]) -> Iterator[_Part]:
 
 
 def _saves_itself(layer: Any) -> bool:
-    # A wrapper passes unknown attributes on, so what counts is what its own class offers.
+    # A wrapper forwards unknown attributes, so ask its class.
     return all(hasattr(type(layer), name) for name in ("state_dict", "load_state_dict"))
 
 
@@ -169,18 +169,18 @@ def _array(value: Any) -> dict[str, Any]:
 
 
 def _as_lists(state: Any) -> Any:
-    """Return a generator's state in JSON values; some kinds hold arrays."""
+    """Return a generator's state as JSON values; some kinds hold arrays."""
     if isinstance(state, Mapping):
         return {name: _as_lists(value) for name, value in state.items()}
     return state.tolist() if isinstance(state, np.ndarray | np.generic) else state
 
 
 class UnsavedStateDetector:
-    """Notices what wrappers carry over resets and nobody saves.
+    """Detects state that wrappers keep across resets and that is not saved.
 
-    Over the first episodes it compares the numbers, texts and arrays in the attributes of all
-    wrappers that are not gymnasium's and do not save themselves: what episodes change, and no reset
-    does, is carried on.
+    During the first episodes it compares the numbers, texts and arrays in the attributes of all
+    wrappers that are not gymnasium's and have no `state_dict()`. An attribute that episodes change
+    and resets do not is unsaved state.
 
     Args:
         env: The environment.
@@ -199,17 +199,16 @@ class UnsavedStateDetector:
         self._reset: set[tuple[int, str]] = set()
 
     def before_reset(self) -> None:
-        """Look at how an episode ended."""
+        """Record the attributes at the end of an episode."""
         if self._left and self._begun is not None:
             self._ended = self._look()
             self._changed |= _differences(self._begun, self._ended)
 
     def after_reset(self) -> list[str]:
-        """Look at how the next one begins.
+        """Record the attributes at the beginning of the next episode.
 
         Returns:
-            Once, after the first few episodes: wrappers and what they carry, such as
-            "Drifting keeps `drift`".
+            Once, after the first few episodes: the unsaved state, such as "Drifting keeps `drift`".
         """
         if not self._left:
             return []
@@ -236,7 +235,7 @@ class UnsavedStateDetector:
 def _differences(
     one: Mapping[tuple[int, str], Any], other: Mapping[tuple[int, str], Any]
 ) -> set[tuple[int, str]]:
-    """Return what both hold, and not with the same value (NaN is the same as NaN)."""
+    """Return the keys of both whose values differ (NaN equals NaN)."""
     return {
         key
         for key in one.keys() & other.keys()

@@ -1,4 +1,4 @@
-"""The agent: planner, learner and arbiter, wired for one task."""
+"""The agent: planner, learner and arbiter of one task."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Meta = dict[str, Any]
 
 
 def _learner_input(inputs: str) -> Callable[[Vector, Vector], Vector]:
-    """Return the function (observation, state) → what the learner sees."""
+    """Return the function (observation, state) → input of the learner."""
     if inputs == "observation":
         return lambda observation, state: observation
     if inputs == "state":
@@ -46,13 +46,13 @@ def _learner_input(inputs: str) -> Callable[[Vector, Vector], Vector]:
 
 
 _FOR_LEARNER = (
-    f"more than the learner can take, which counts in float32 (up to {FLOAT32_MAX:.2g}); give it "
-    "in other units, or within bounds"
+    f"too large for the learner, which computes in float32 (up to {FLOAT32_MAX:.2g}); use other "
+    "units, or clip it"
 )
 
 
 def _too_large(values: Vector) -> int:
-    """Return where a number is not finite in float32; -1 where there is none."""
+    """Return the index of a number that is not finite in float32; -1 if there is none."""
     fits = np.abs(values) <= FLOAT32_MAX
     return -1 if fits.all() else int(fits.argmin())
 
@@ -67,16 +67,16 @@ class Agent:
         baseline: Whether the learner always acts, and nothing is refused.
 
     Attributes:
-        arbiter: Decides.
-        guarded: The same with the vetoes, whether or not they hold in training.
-        adaptation: What the model learns from its errors.
-        leaf_values: What the lookahead makes of the learner's values; None for nothing.
-        symmetries: Those that the task declares and the learner uses.
-        notices: What the user should know: symmetries that the domain file does not have, and a
-            model that cannot adapt.
+        arbiter: The arbiter used in training.
+        guarded: The arbiter with vetoes; other than `arbiter` only for a baseline.
+        adaptation: The adaptation of the model.
+        leaf_values: The bootstrap of the lookahead's leaves; None for none.
+        symmetries: Declared symmetries that the learner uses.
+        notices: Messages for the user: symmetries that the domain file does not have, and a model
+            that cannot adapt.
 
     Raises:
-        TaskError: The task declares a symmetry that makes no sense.
+        TaskError: The task declares a wrong symmetry.
     """
 
     def __init__(
@@ -142,15 +142,15 @@ class Agent:
 
     @property
     def strategy(self) -> Strategy:
-        """Who proposes."""
+        """The strategy, which makes the proposals."""
         return self.arbiter.strategy
 
     def perceive(self, raw: Any) -> tuple[Vector, Vector]:
         """Return the state `[F]` and the learner's input for an observation of the environment.
 
         Raises:
-            EnvironmentFailure: The observation is none of the space, or a number in it is not
-                finite, or not in float32, in which the learner counts.
+            EnvironmentFailure: The observation is not a member of the space, or holds a number that
+                is not finite in float32.
             TaskError: The grounding failed, or gave such a number.
         """
         observation = self.task.observation(raw)
@@ -173,8 +173,8 @@ class Agent:
     # Deciding ----------------------------------------------------------------------------------
 
     def decide(self, state: Vector, x: Vector) -> Decision:
-        """Decide by the arbiter, exploration included."""
-        return self.arbiter.decide(state, self.before(x))
+        """Decide as in training, with exploration."""
+        return self.arbiter.decide(state, self.proposer(x))
 
     def decide_randomly(self, state: Vector) -> Decision:
         """Decide on a uniformly drawn proposal, for D_0; the vetoes hold."""
@@ -183,41 +183,41 @@ class Agent:
 
     def decide_greedily(self, state: Vector, x: Vector) -> Decision:
         """Decide as the trained agent does: by its strategy, without exploration."""
-        return self.arbiter.decide_greedily(state, self.before(x))
+        return self.arbiter.decide_greedily(state, self.proposer(x))
 
     def decide_in_turns(self, state: Vector, x: Vector, strategy: Strategy) -> Decision:
-        """Decide as in training, with the turns of a strategy, but without exploration."""
+        """Decide as in training by a given strategy, without exploration."""
         return self.arbiter.decide_in_turns(
             state, LearnerProposer(self.learner, x, explores=False), strategy
         )
 
     def decide_as_baseline(self, state: Vector, x: Vector) -> Decision:
-        """Let the learner's greedy choice be executed: no planner, no veto."""
-        return self.arbiter.execute_baseline(state, self.before(x))
+        """Decide for the learner's greedy choice, without planner and veto."""
+        return self.arbiter.execute_baseline(state, self.proposer(x))
 
-    def before(self, x: Vector) -> Proposer:
-        """Return the learner as it stands before an input."""
+    def proposer(self, x: Vector) -> Proposer:
+        """Return the learner with an input."""
         return LearnerProposer(self.learner, x)
 
     # Learning ----------------------------------------------------------------------------------
 
     def observe(self, step: StepRecord) -> None:
-        """Let vetoes, model and leaf values learn from an env step of training."""
+        """Update vetoes, model and leaf values with an env step of training."""
         if self.arbiter.vetoes.observe(step):
             self.adaptation.reset_visits()
         ending = OVER if step.terminated else CUT_OFF if step.truncated else GOES_ON
-        # The file's rewards are compared with the environment's only where they stand for these.
+        # The file's rewards are compared with the environment's only if they model these.
         reward = step.reward if self._learns_from == "environment" else step.domain_reward
         self.adaptation.observe(step.state, step.ground, step.next_state, ending, reward)
         if self.leaf_values is not None:
             self.leaf_values.observe(step)
 
     def remember(self, step: StepRecord, following: Decision | None) -> None:
-        """Put an env step into the learner's memory.
+        """Store an env step in the learner's replay memory.
 
         Args:
             step: The step.
-            following: What was decided in the next state; None where the episode ended.
+            following: The decision in the next state; None if the episode ended.
         """
         strategy, decision = self.strategy, step.decision
         ahead: ActionForecast | None = None

@@ -1,4 +1,4 @@
-"""How long a training lasts."""
+"""The budget of a training."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ End = Annotated[int, Field(ge=1)] | None
 
 
 class Counted(Protocol):
-    """What counts episodes, env steps and units; `Trainer` does."""
+    """An object with counts of episodes, env steps and units, such as a `Trainer`."""
 
     episode: int
     env_steps: int
@@ -22,14 +22,14 @@ class Counted(Protocol):
 
 
 class Budget(Section):
-    """A training ends as soon as one of these is reached, counted from the run's beginning."""
+    """Limits of a training, counted from the run's beginning; it ends when it reaches one."""
 
     episodes: End = None
-    """Episodes that have ended; None for no such end."""
+    """Number of complete episodes; None for no limit."""
     env_steps: End = None
-    """Env steps; the episode that reaches the number is finished."""
+    """Number of env steps; the episode that reaches it is finished. None for no limit."""
     units: End = None
-    """Units of `arbiter.rho_unit` that have ended, such as games."""
+    """Number of complete units of `arbiter.rho_unit`, such as games; None for no limit."""
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Budget:
@@ -44,11 +44,11 @@ class Budget(Section):
 
     @property
     def given(self) -> bool:
-        """Whether there is any end."""
+        """Whether there is any limit."""
         return any(end is not None for _, end in self)
 
     def spent_by(self, counted: Counted) -> bool:
-        """Return whether an end is reached."""
+        """Return whether a limit is reached."""
         pairs = (
             (counted.episode, self.episodes),
             (counted.env_steps, self.env_steps),

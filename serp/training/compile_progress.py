@@ -1,4 +1,4 @@
-"""The display of compilation: that it goes on, how far it is, and that it happens once."""
+"""The display of the progress of compilation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from serp._util.compile_time import compile_seconds, compiled_functions, notifyi
 from serp._util.number_format import duration
 from serp.training.progress_display import is_live
 
-_LINE_EVERY: Final = 5.0  # seconds, where lines stay
+_LINE_EVERY: Final = 5.0  # seconds between lines if they cannot be overwritten
 _ERASE: Final = "\r\x1b[K"
 
 
@@ -23,14 +23,14 @@ def show_compiling(
     stream: TextIO | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Iterator[None]:
-    """Show what is compiled meanwhile: a line that renews itself on a terminal, else some lines.
+    """Show the progress of compilation in the body: one updated line on a terminal, else lines.
 
-    Nothing is shown where all machine code is kept from before.
+    Nothing is shown if all machine code comes from the cache.
 
     Args:
         quiet: Show nothing.
-        stream: Where; standard error by default.
-        clock: Seconds, monotonic.
+        stream: The stream; standard error by default.
+        clock: Monotonic clock, seconds.
     """
     stream = stream or sys.stderr
     if quiet or stream is None:
@@ -54,7 +54,7 @@ class _Display:
         self._seconds = compile_seconds()
 
     def update(self) -> None:
-        """Show how far it is, if it is time to."""
+        """Show the progress, if it is due."""
         now = self._clock()
         if not self._live and now < self._next:
             return
@@ -64,7 +64,7 @@ class _Display:
         self._write(f"{_ERASE}{text}" if self._live else f"{text}\n")
 
     def end(self) -> None:
-        """Say what it came to, if there was anything."""
+        """Show the total, if anything was compiled."""
         loops, seconds = compiled_functions() - self._loops, compile_seconds() - self._seconds
         if loops:
             what = f"{loops} loop" + "s" * (loops != 1)
@@ -72,7 +72,7 @@ class _Display:
             self._write(f"{_ERASE}{text}" if self._live else text)
 
     def _write(self, text: str) -> None:
-        # A display is not worth a run: a reader that went away ends the display alone.
+        # A closed stream must not end the run.
         with contextlib.suppress(OSError, ValueError):
             self._stream.write(text)
             self._stream.flush()

@@ -1,4 +1,4 @@
-"""Evaluating a policy: the learner within the vetoes or alone, the planner alone, the mixture."""
+"""Evaluation of the policies of a trained agent; see `serp.training.policies.Policy`."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from serp.training.policies import Policy
 from serp.training.rollout import Decide, Rollout, evaluation_seed
 
 EPISODES: Final = 100
-"""Episodes of an evaluation where nothing else is said."""
+"""Default number of episodes."""
 ENOUGH: Final = WINDOW
-"""With fewer episodes than these, mean and interval say little."""
+"""Number of episodes below which mean and interval are rough."""
 CONFIDENCE: Final = 0.95
-_DRAWS = 3  # spawn key of the draws of whose turn it is
+_DRAWS = 3  # spawn key of a strategy's random draws
 _Begin = Callable[[np.random.SeedSequence], Decide]  # seed of an episode's draws → its policy
 
 
@@ -33,13 +33,13 @@ class EvaluationResult:
     """Returns of a policy over some episodes.
 
     Attributes:
-        policy: Which, as in `serp.Run.evaluate`.
-        meaning: The same in words, as the strategy of the agent has it.
+        policy: The policy, as in `serp.Run.evaluate`.
+        meaning: A description of the policy under the agent's strategy.
         returns: The environment's return of each episode.
         lengths: Steps of each episode.
-        terminated: Episodes that the environment ended (others met a limit).
-        unsafe_executed: Executed actions that the domain file flags unsafe.
-        vetoes: Proposals refused.
+        terminated: Number of episodes that the environment ended; the others reached a limit.
+        unsafe_executed: Number of executed actions that the domain file flags unsafe.
+        vetoes: Number of proposals refused.
     """
 
     policy: str
@@ -68,7 +68,7 @@ class EvaluationResult:
 
     @property
     def warning(self) -> str | None:
-        """What to beware of: few episodes; None for nothing."""
+        """A warning of too few episodes; None if there are enough."""
         count = len(self.returns)
         if count >= ENOUGH:
             return None
@@ -98,13 +98,13 @@ class EvaluationResult:
 
 
 class Episode(NamedTuple):
-    """An episode that stands at its beginning, right after the reset.
+    """An episode right after the reset.
 
     Attributes:
-        number: Which episode, from 1.
-        info: What the environment said at the reset.
-        steps: Its steps, each carried out when it is asked for.
-        totals: What the steps so far add up to.
+        number: Number of the episode, from 1.
+        info: The environment's info at the reset.
+        steps: An iterator that executes the steps one by one.
+        totals: The totals of the steps so far.
     """
 
     number: int
@@ -123,19 +123,19 @@ def play(
 ) -> Iterator[Episode]:
     """Run a policy without exploring or learning; no random state of the agent changes.
 
-    The next episode begins when it is asked for, whether or not the one before was finished.
+    Advancing the iterator begins the next episode, even if the previous one is not finished.
 
     Args:
         agent: The agent.
-        task: The task, in an environment that nobody else uses.
-        policy: Which; see `serp.training.policies.Policy`.
-        episodes: How many episodes, at least 1.
-        seed: Seed of the environment; other than any that training uses.
+        task: The task, in an environment that is not used otherwise.
+        policy: The policy; see `serp.training.policies.Policy`.
+        episodes: Number of episodes, at least 1.
+        seed: Seed of the environment; equal seeds give other episodes than in training.
 
     Raises:
-        SettingsError: There is no such policy, no episode is asked for, or the seed is none.
-        TaskError: The grounding failed (while steps are asked for).
-        EnvironmentFailure: The environment raised or gave NaN (likewise).
+        SettingsError: There is no such policy, or `episodes` or `seed` is out of range.
+        TaskError: The grounding failed (in a step).
+        EnvironmentFailure: The environment raised or gave NaN (in a step).
     """
     policies = _policies(agent)
     if not isinstance(policy, str) or policy not in policies:
@@ -159,7 +159,7 @@ def _play(
 
 
 def outcome_of(info: Mapping[str, Any]) -> str:
-    """Return what the environment says of how an episode ended; empty where it says nothing."""
+    """Return the outcome of an episode that the environment's info names; empty if none."""
     outcome = info.get("outcome")
     return outcome if isinstance(outcome, str) else ""
 
@@ -173,7 +173,7 @@ def evaluate(
     seed: int = 0,
     on_episode: Callable[[], None] = lambda: None,
 ) -> EvaluationResult:
-    """Measure a policy; see `play`, which takes the same arguments and raises the same errors.
+    """Evaluate a policy; arguments and errors are those of `play`.
 
     `on_episode` is called at the end of each episode.
     """
@@ -195,7 +195,7 @@ def evaluate(
 
 
 def meaning_of(agent: Agent, policy: Policy) -> str:
-    """Say in words what a policy of an agent does."""
+    """Return a description of a policy of an agent."""
     strategy = agent.strategy
     if policy == "planner":
         return "the planner alone"
@@ -209,7 +209,7 @@ def meaning_of(agent: Agent, policy: Policy) -> str:
 
 
 def other_in_training(agent: Agent) -> str | None:
-    """Say in words who acts in training, where that is not the policy `serp`; else None."""
+    """Return a description of who acts in training; None if it is the policy `serp`."""
     strategy = agent.strategy
     return None if strategy.turns == strategy.choice else strategy.turns
 

@@ -1,4 +1,4 @@
-"""Training into a folder, and continuing it."""
+"""`plan_and_learn`: trains into a run folder, or continues a run."""
 
 from __future__ import annotations
 
@@ -58,11 +58,11 @@ def plan_and_learn(
     Args:
         task: The task, the name of an installed one, or a domain file that belongs to one.
         preset: `default` or `paper`.
-        settings: Section → setting → value, over preset and task; see `serp.Settings`.
-        episodes: Train until so many episodes have ended since the run began.
-        env_steps: Train until so many env steps are done; the episode that reaches the number is
-            finished. With neither, a resumed run goes on to the budget that it began with, and
-            for a new one `training.units` or `training.env_steps` of the settings counts.
+        settings: Section → setting → value; overrides preset and task; see `serp.Settings`.
+        episodes: Number of episodes since the run began after which it ends.
+        env_steps: Number of env steps since the run began after which it ends; the episode that
+            reaches it is finished. With neither, a resumed run continues to its own budget, and a
+            new run ends after `training.units` or `training.env_steps` of the settings.
         seed: Seed of everything random.
         out: Folder of the run; by default `runs/<domain>-<time>`.
         resume: Continue the run in `out` with its own domain, settings and seed; the continued
@@ -74,7 +74,7 @@ def plan_and_learn(
 
     Raises:
         SerpError: Domain, task, settings or folder are wrong, or the environment failed.
-        Interrupted: Ctrl-C, SIGTERM or SIGHUP; what was done is saved and can be resumed.
+        Interrupted: Ctrl-C, SIGTERM or SIGHUP; the run is saved and can be resumed.
     """
     begun = datetime.datetime.now()
     budget = Budget(episodes=episodes, env_steps=env_steps)
@@ -88,7 +88,7 @@ def plan_and_learn(
             raise RunError("to resume, name the run's folder (--out RUN)")
         folder = RunFolder.open(out, writing=True)
         with folder:
-            if isinstance(task, str):  # its domain is the run's own, whatever the file says now
+            if isinstance(task, str):  # the run has its own copy of the domain
                 task = load_task(read_run_metadata(folder).task)
             with task_of_run(folder, task).bind() as bound:
                 return _continue(folder, bound, budget, quiet=quiet)
@@ -125,7 +125,7 @@ def plan_and_learn(
 
 
 def _trainer(task: BoundTask, settings: Settings, seed: int, *, quiet: bool) -> Trainer:
-    """Return a trainer that has nothing left to compile."""
+    """Return a trainer whose loops are compiled."""
     with show_compiling(quiet=quiet):
         trainer = Trainer(task, settings, seed)
         trainer.prepare()
@@ -159,10 +159,9 @@ def _continue(folder: RunFolder, task: BoundTask, budget: Budget, *, quiet: bool
 
 @contextlib.contextmanager
 def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
-    """Add to whatever stops a training how it goes on, where it can.
+    """Add to any error of a training how to continue it, if that is possible.
 
-    Settings and domain cannot change in a run, so where one of them is wrong there is nothing to
-    go on with.
+    Settings and domain cannot change in a run, so a run with a wrong one cannot be continued.
     """
     try:
         yield
@@ -170,7 +169,7 @@ def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
         raise
     except (Exception, KeyboardInterrupt) as error:
         if any((folder.path / name).exists() for name in (NEWEST, PREVIOUS)):
-            kept = f"What was done up to the last checkpoint is kept in {folder.path}. "
+            kept = f"The run up to the last checkpoint is kept in {folder.path}. "
             error.add_note(
                 f"{'' if isinstance(error, Interrupted) else kept}Continue with\n"
                 f"  serp plan-and-learn --resume {shlex.quote(str(folder.path))}\n"
@@ -180,7 +179,7 @@ def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
 
 
 def _never_began(folder: RunFolder) -> bool:
-    """Whether the run was stopped before its first checkpoint, which precedes all learning."""
+    """Return whether the run was stopped before its first checkpoint, which precedes training."""
     return not (
         (folder.path / NEWEST).exists()
         or (folder.path / PREVIOUS).exists()
@@ -198,7 +197,7 @@ def _train(
 ) -> Run:
     settings = trainer.settings.training
     if not budget.given:
-        # A number of units, where the task or the user sets one, stands for the steps.
+        # A number of units, if the task or the user sets one, replaces the number of steps.
         units = settings.units
         budget = Budget(units=units) if units else Budget(env_steps=settings.env_steps)
     digests = content_digests(folder)
@@ -211,7 +210,7 @@ def _train(
     )
 
     def save() -> float:
-        """Save a checkpoint; return when the next one is due, so that they cost 2 % at most."""
+        """Save a checkpoint; return when the next is due, so that checkpoints cost at most 2 %."""
         begun = trainer.wall_time
         arrays, meta = trainer.state_dict()
         folder.save_checkpoint(arrays, {**meta, "budget": budget.as_dict(), "made_of": digests})
@@ -242,7 +241,7 @@ def _train(
             for text in (note, said, *trainer.agent.notices):
                 if text is not None:
                     progress.note(text)
-            # Whatever happens in the first episodes, the run can be continued.
+            # A failure in the first episodes must not prevent a continuation.
             due = save()
             while not budget.spent_by(trainer) and not stopping.requested:
                 row = trainer.run_episode()
@@ -253,7 +252,7 @@ def _train(
                 if trainer.wall_time >= due:
                     due = save()
             save()
-        from serp.runs.results import write_results  # brings matplotlib, which no step needs
+        from serp.runs.results import write_results  # imports matplotlib, which steps do not need
 
         write_results(folder, compile_seconds=trainer.compile_seconds)
     if stopping.signal is not None and not budget.spent_by(trainer):

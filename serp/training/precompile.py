@@ -1,7 +1,7 @@
-"""Compile what acting and learning call before a training begins, without an environment.
+"""Compilation of the loops of an agent before training, without an environment.
 
-Loops are compiled when they are first called. Without this the robot would stand still for
-seconds after its first observation, and again where it first learns.
+Loops are compiled when they are first called. Without this module the robot would pause for seconds
+after its first observation, and again at its first update.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from serp.sysid.transitions import GOES_ON, OVER
 from serp.training.agent import Agent
 
 _OBSERVED: Final = 140
-"""Made-up steps that the adaptation observes: with more than a hundred all of it is in use, and
-random features with more than sixty of one action."""
+"""Number of artificial steps that the adaptation observes: more than 100 use all of it, and more
+than 60 of one action use the random features."""
 _WHOLE: Final = 10
-"""The first of them lead from whole numbers to whole numbers, whose outcomes are counted."""
+"""Number of the first of them whose states are whole numbers, so that outcomes are counted."""
 _REMEMBERED: Final = 4
-"""Made-up steps that the learner remembers."""
+"""Number of artificial steps that the learner stores."""
 _ROOM: Final = 64
 
 
 def precompile(agent: Agent) -> None:
-    """Call once what an agent's steps will call, with made-up states; the agent is not changed.
+    """Compile the loops that an agent calls, with artificial states; the agent does not change.
 
     Args:
         agent: The agent.
@@ -57,7 +57,7 @@ def _precompile_adaptation(agent: Agent, states: np.ndarray[Any, np.dtype[np.flo
         changed = [sum(len(group.targets) for group in groups) for groups in model.feature_groups]
         often = changed.index(max(changed))
         model.precompile(states[0])
-        one = np.zeros(1)  # where events have the last word, nothing is seen that leads there
+        one = np.zeros(1)  # with events the artificial steps may not reach this function
         accumulate_fourier(one, one, one, np.zeros((3, 3)), np.zeros((3, 1)))
     for step, (state, following) in enumerate(pairwise(states)):
         action = often if step % 2 else step // 2 % len(model.actions)

@@ -1,4 +1,4 @@
-"""Where a training stands: its numbers, its speed, and the time that is left."""
+"""The progress of a training: its numbers, its speed, and the remaining time."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from typing import Final, Self
 
 from serp.training.budget import Budget
 
-_MEMORY: Final = 30.0  # seconds over which speed is measured
-_TOO_SHORT: Final = 0.5  # seconds, within which speed is noise
+_MEMORY: Final = 30.0  # seconds over which the speed is measured
+_TOO_SHORT: Final = 0.5  # seconds over which a measured speed would be noise
 
 
 @dataclass(frozen=True, slots=True)
 class ProgressStats:
-    """Where a training stands.
+    """The numbers of a training in progress.
 
     Attributes:
-        episode: Episodes ended so far.
-        env_steps: Steps in the environment so far.
-        units: Units of the learner probability that have ended so far.
+        episode: Number of complete episodes.
+        env_steps: Number of env steps.
+        units: Number of complete units of `arbiter.rho_unit`.
         last_return: Return of the last episode; None before the first has ended.
         mean_return: Mean return of the last 20 episodes; None before the first has ended.
-        rho: Learner probability; None where there is no learner.
-        vetoes: Proposals refused so far.
-        unsafe_executed: Executed actions that were unsafe, so far.
-        wall_time: Seconds of training so far, as in the run's metrics.
+        rho: Learner probability; None without a learner.
+        vetoes: Number of proposals refused.
+        unsafe_executed: Number of executed actions that were flagged unsafe.
+        wall_time: Seconds of training, as in the run's metrics.
     """
 
     episode: int
@@ -42,7 +42,7 @@ class ProgressStats:
 
     @property
     def steps_per_second(self) -> float | None:
-        """Env steps a second since the run began, as in its summary; None before any time."""
+        """Env steps per second since the run began, as in its summary; None at its beginning."""
         return self.env_steps / self.wall_time if self.wall_time > 0 else None
 
 
@@ -54,14 +54,14 @@ class Progress:
         if progress.due():
             progress.update(ProgressStats(...))
 
-    and `update` once more after every episode. `due` costs a look at the clock, so that it can
-    stand in every step.
+    and `update` once more after every episode. `due` only reads the clock, so that it can be called
+    in every step.
 
     Args:
-        budget: When the training ends.
-        unit: What a unit of it is.
-        start: Where the run stands as this process begins (a resumed run has steps already).
-        clock: Seconds, monotonic.
+        budget: The budget of the training.
+        unit: Name of its unit.
+        start: The numbers when this process begins; those of a resumed run are not 0.
+        clock: Monotonic clock, seconds.
     """
 
     def __init__(
@@ -74,19 +74,19 @@ class Progress:
         self._budget = budget or Budget()
         self._unit = unit
         self._clock = clock
-        self._next = float("inf")  # when the next picture is due
+        self._next = float("inf")  # time of the next refresh
         self._latest = start or ProgressStats(0, 0)
         self._samples: deque[ProgressStats] = deque()
         self._moving = False
 
     def due(self) -> bool:
-        """Return whether it is time for the next picture."""
+        """Return whether it is time for the next refresh."""
         return self._clock() >= self._next
 
     def update(self, stats: ProgressStats) -> None:
-        """Take the newest numbers, and shows them if it is time to."""
+        """Set the newest numbers, and show them if a refresh is due."""
         if not self._moving and stats.env_steps > self._latest.env_steps:
-            # What came before the first step, compilation above all, says nothing of the speed.
+            # The time before the first step, mostly compilation, does not count for the speed.
             self._moving = True
             self._samples.clear()
             self._samples.append(stats)
@@ -95,10 +95,10 @@ class Progress:
             self._show()
 
     def note(self, text: str) -> None:
-        """Show one line that stays, such as a warning; nothing where the display is quiet."""
+        """Show a permanent line, such as a warning; a quiet display shows nothing."""
 
     def answer(self, text: str) -> None:
-        """Show one line in answer to a key, where somebody sits: even if the display is quiet."""
+        """Show a line in response to a key; even a quiet display shows it on a terminal."""
         self.note(text)
 
     def __enter__(self) -> Self:
@@ -118,10 +118,7 @@ class Progress:
             self._samples.popleft()
 
     def _speeds(self) -> dict[str, float]:
-        """Return what is done in a second, over the last half minute, by name; 0 where unknown.
-
-        Seconds of training: what is compiled or loaded on the way says nothing of the speed.
-        """
+        """Return counts per second of training over the last half minute; 0 if unknown."""
         first = self._samples[0]
         seconds = self._samples[-1].wall_time - first.wall_time
         counts = zip(_counts(first), _counts(self._latest), strict=True)
@@ -131,7 +128,7 @@ class Progress:
         }
 
     def _ends(self) -> dict[str, int]:
-        """Return the ends of the budget that there are, by name."""
+        """Return the limits of the budget by name."""
         return {name: end for name, end in self._budget.as_dict().items() if end is not None}
 
     def _done(self) -> float | None:
@@ -140,7 +137,7 @@ class Progress:
         return max((min(1.0, now[name] / end) for name, end in self._ends().items()), default=None)
 
     def _seconds_left(self) -> float | None:
-        """Until the first budget is spent; None where that cannot be said."""
+        """Return the estimated seconds until the first limit is reached; None if unknown."""
         now, speeds = dict(_counts(self._latest)), self._speeds()
         left = [
             max(0, end - now[name]) / speeds[name]

@@ -1,4 +1,4 @@
-"""The display of a training while it runs: live on a terminal, plain lines elsewhere, or none."""
+"""The displays of a running training: a panel on a terminal, plain lines elsewhere, or none."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from serp.training.progress import Progress, ProgressStats
 if TYPE_CHECKING:
     from rich.live import Live
 
-_LIVE_EVERY: Final = 0.2  # seconds; a picture takes 5 ms
+_LIVE_EVERY: Final = 0.2  # seconds; a refresh takes 5 ms
 _LINE_EVERY: Final = 5.0  # seconds
-_WIDE: Final = 72  # columns of a terminal that the three pairs of numbers need
+_WIDE: Final = 72  # width of a terminal that three pairs of numbers need, characters
 _BAR: Final = 28  # characters
 
 
 class _Quiet(Progress):
-    """Nothing, but for the answer to a key that was pressed at a terminal."""
+    """No display, except for the response to a key on a terminal."""
 
     def __init__(self, stream: TextIO | None, **about: Any) -> None:
         super().__init__(**about)
@@ -36,7 +36,7 @@ class _Quiet(Progress):
 
 
 class _Lines(Progress):
-    """Plain lines without control codes: one at once, one every few seconds, one at the end."""
+    """Plain lines without control codes: at the beginning, every few seconds and at the end."""
 
     def __init__(self, stream: TextIO, **about: Any) -> None:
         super().__init__(**about)
@@ -57,7 +57,7 @@ class _Lines(Progress):
     def note(self, text: str) -> None:
         encoding = getattr(self._stream, "encoding", None) or "utf-8"
         text = visible(text).encode(encoding, "replace").decode(encoding)
-        # A display is not worth a run: a reader that went away ends the display alone.
+        # A closed stream must not end the run.
         try:
             self._stream.write(text + "\n")
             self._stream.flush()
@@ -94,7 +94,7 @@ class _Lines(Progress):
 
 
 class _Panel(Progress):
-    """A panel that is drawn anew in place, with rich."""
+    """A panel that rich refreshes in place."""
 
     def __init__(self, stream: TextIO, title: str, **about: Any) -> None:
         super().__init__(**about)
@@ -106,8 +106,8 @@ class _Panel(Progress):
         from rich.live import Live
 
         super().__enter__()
-        # No thread of rich's own: it would draw while the loop computes. What others print goes
-        # above the panel, but never away from a file or a pipe that it was meant for.
+        # No refresh thread: it would draw while the loop computes. Other output to a terminal goes
+        # above the panel; output to a file or a pipe is not redirected.
         self._live = Live(
             console=open_console(self._stream),
             auto_refresh=False,
@@ -137,7 +137,7 @@ class _Panel(Progress):
         self._sample()
         try:
             self._live.update(self._draw(), refresh=True)
-        except (OSError, ValueError):  # the terminal went away; the run goes on
+        except (OSError, ValueError):  # the terminal was closed; the run continues
             self._next = float("inf")
         else:
             self._next = self._clock() + _LIVE_EVERY
@@ -169,7 +169,7 @@ class _Panel(Progress):
         return Panel(outer, title=Text(visible(self._title)), title_align="left", expand=False)
 
     def _numbers(self) -> list[tuple[tuple[str, str], tuple[str, str]]]:
-        """Label and value, each with its style, by rows of three."""
+        """Return labels and values with their styles, in rows of three."""
         now = self._latest
         speed = now.steps_per_second
         left = self._seconds_left()
@@ -185,13 +185,13 @@ class _Panel(Progress):
             ("ρ", "–" if now.rho is None else f"{now.rho:.2f}", ""),
             ("time left", "–" if left is None else duration(left), ""),
         ]
-        if self._budget.units is not None:  # what is counted by then matters more than the speed
+        if self._budget.units is not None:  # units replace the speed
             rows[6] = (self._unit, _of(now.units, self._budget.units), "")
         return [((label, "dim"), (value, style)) for label, value, style in rows]
 
 
 def is_live(stream: TextIO) -> bool:
-    """Return whether a stream is a terminal that can draw a line anew."""
+    """Return whether a stream is a terminal that can overwrite a line."""
     return stream.isatty() and os.environ.get("TERM", "").lower() not in ("dumb", "unknown")
 
 
@@ -204,19 +204,18 @@ def open_progress(
     quiet: bool = False,
     stream: TextIO | None = None,
 ) -> Progress:
-    """Return the display that suits where the output goes.
+    """Return the display that suits the stream.
 
     Args:
-        title: Heads the live panel.
-        budget: When the training ends.
-        unit: What a unit of it is.
-        start: Where a resumed run stands.
+        title: Title of the live panel.
+        budget: The budget of the training.
+        unit: Name of its unit.
+        start: The numbers of a resumed run.
         quiet: Show nothing.
-        stream: Where to show it; standard error by default (where there is one), which leaves
-            standard output to results.
+        stream: The stream; by default standard error, so that standard output holds only results.
 
     Returns:
-        A panel on a terminal, plain lines on a pipe or a dumb terminal, nothing where `quiet`.
+        A panel on a terminal, plain lines on a pipe or a dumb terminal, no display if `quiet`.
     """
     stream = stream or sys.stderr
     about: dict[str, Any] = {"budget": budget, "unit": unit, "start": start}

@@ -1,4 +1,4 @@
-"""Episodes, step by step: the one place where a task's environment is stepped."""
+"""Rollouts: the only place where a task's environment is stepped."""
 
 from __future__ import annotations
 
@@ -39,24 +39,24 @@ def _seed(seed: int, use: int, episode: int) -> int:
 
 
 class Rollout:
-    """An episode of a task under way.
+    """A running episode of a task.
 
-    It counts and cuts off the episode itself: Gymnasium's `TimeLimit` and `RecordEpisodeStatistics`
-    would add layers to the wrapper state of every checkpoint, mark terminated steps as truncated
-    and write into `info`, whose counters belong to the task.
+    It counts steps and truncates the episode itself: Gymnasium's `TimeLimit` and
+    `RecordEpisodeStatistics` would add layers to the wrapper state of every checkpoint, mark
+    terminated steps as truncated, and write into `info`, which belongs to the task.
 
     Args:
         task: The task; its environment is reset.
         perceive: Observation of the environment → (state, input of the learner).
         seed: Seed of the reset.
-        limit: Most steps; the episode is truncated there.
-        judge: Says what a step was worth; None where only the environment's reward counts.
+        limit: Number of steps after which the episode is truncated.
+        judge: Judges each step; None: only the environment's reward is used.
 
     Attributes:
-        state: State `[F]` to be decided on.
+        state: Current state `[F]`.
         x: The learner's input for it.
-        info: What the environment said at the reset.
-        totals: What the episode adds up to so far.
+        info: The environment's info at the reset.
+        totals: The totals of the episode so far.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class Rollout:
         return self.totals.terminated or self.totals.truncated
 
     def step(self, decision: Decision) -> StepRecord:
-        """Carry out a decision and return the record of the step.
+        """Execute a decision and return the record of the step.
 
         Raises:
             EnvironmentFailure: The environment raised or gave NaN.
@@ -118,6 +118,6 @@ class Rollout:
         return record
 
     def steps(self, decide: Decide) -> Iterator[StepRecord]:
-        """Follow a policy to the end of the episode; each step is made when it is asked for."""
+        """Yield the steps of a policy to the end of the episode; each is executed when needed."""
         while not self.over:
             yield self.step(decide(self.state, self.x))

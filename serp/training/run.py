@@ -1,4 +1,4 @@
-"""A run on the disk: what came out of a training, and what it can be used for."""
+"""A run on the disk: its results, its trained agent and the evaluation of its policies."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def load_run(folder: str | Path, task: Task | None = None) -> Run:
         task: The task it was trained on; by default the installed task of that name.
 
     Raises:
-        RunError: It is no run, or a file of it is damaged.
-        TaskError: The task is not installed here.
+        RunError: It is not a run, or a file of it is damaged.
+        TaskError: The task is not installed.
     """
     if not isinstance(folder, str | os.PathLike):
         raise RunError(f"a run is given by its folder, not by {folder!r}")
@@ -77,10 +77,10 @@ class Run:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """What a reader wants first; see `summary.json`.
+        """The content of `summary.json`.
 
         Raises:
-            RunError: The run has not come to an end yet.
+            RunError: The run has not ended yet.
         """
         return RunFolder.open(self.path).read_summary()
 
@@ -89,13 +89,13 @@ class Run:
         """The agent as of the newest checkpoint.
 
         Raises:
-            RunError: There is no whole checkpoint, or the run's files were changed since.
+            RunError: There is no intact checkpoint, or the run's files were changed since.
         """
         checkpoint = self._checkpoint
         folder = RunFolder.open(self.path)
         refuse_changes(folder, checkpoint)
         made = read_run_metadata(folder)
-        # What the agent has to know of the environment outlives it.
+        # The agent needs the environment only while it is made.
         with self.task.bind() as bound:
             agent = Agent(bound, made.settings, made.seed)
         with reading(checkpoint) as saved:
@@ -104,20 +104,20 @@ class Run:
 
     @property
     def notice(self) -> str | None:
-        """What is to be known of the agent: that the newest checkpoint is damaged; else None."""
+        """A message if the newest checkpoint is damaged and the previous one is used; else None."""
         damage = self._checkpoint.fallback
-        return None if damage is None else f"{damage} The agent is that of the one before it."
+        return None if damage is None else f"{damage} The agent is from the previous checkpoint."
 
     @functools.cached_property
     def _checkpoint(self) -> Checkpoint:
         return RunFolder.open(self.path).load_checkpoint()
 
     def decide(self, observation: Any) -> Decision:
-        """Decide as the trained agent does, for one observation as the environment gives it.
+        """Decide by the trained agent for one observation of the environment.
 
         Raises:
-            RunError: There is no whole checkpoint, or the run's files were changed since.
-            EnvironmentFailure: The observation is none of the environment's space, or holds NaN.
+            RunError: There is no intact checkpoint, or the run's files were changed since.
+            EnvironmentFailure: The observation is not a member of the space, or holds NaN.
             TaskError: The grounding failed.
         """
         return self.agent.decide_greedily(*self.agent.perceive(observation))
@@ -130,16 +130,16 @@ class Run:
         seed: int = 0,
         quiet: bool = False,
     ) -> EvaluationResult:
-        """Evaluate a policy of the run in an environment of its own.
+        """Evaluate a policy of the run in a new environment.
 
         Args:
             policy: `serp`: the trained agent within the vetoes, as `serp.Run.decide`; `planner`:
                 the planner without the learner; `learner`: the learner's greedy choice without
-                vetoes; `training`: who would act if training went on, within the vetoes. None of
-                them explores.
-            episodes: How many, at least 1.
+                vetoes; `training`: planner or learner as at the end of training, within the vetoes.
+                None of them explores.
+            episodes: Number of episodes, at least 1.
             seed: Seed of the environment.
-            quiet: Show no bar on a terminal.
+            quiet: Show no progress bar on a terminal.
 
         Raises:
             SerpError: The run or its task cannot be loaded, or the environment failed.
@@ -155,12 +155,12 @@ class Run:
 
     @contextlib.contextmanager
     def environment(self, render_mode: str | None = None) -> Iterator[BoundTask]:
-        """Give the task in an environment of its own, with the statistics of the training.
+        """Yield the task in a new environment with the running statistics of the training.
 
-        What is left behind in it reaches nobody else; it is closed at the end.
+        The environment is closed at the end.
 
         Args:
-            render_mode: For an environment that draws; one of Gymnasium's render modes.
+            render_mode: One of Gymnasium's render modes, if pictures are needed.
 
         Raises:
             SerpError: The task cannot be loaded, or does not draw.
@@ -172,10 +172,10 @@ class Run:
 
 
 def task_of_run(folder: RunFolder, task: Task) -> Task:
-    """Return the task as the run has it, whatever became of its domain file since.
+    """Return the task with the run's own copy of the domain.
 
     Raises:
-        RunError: The run is one of another task.
+        RunError: The run is of another task.
     """
     made = read_run_metadata(folder)
     if task.name not in (None, made.task):
@@ -193,7 +193,7 @@ def task_of_run(folder: RunFolder, task: Task) -> Task:
 
 @contextlib.contextmanager
 def reading(checkpoint: Checkpoint) -> Iterator[Saved]:
-    """Give what a checkpoint says; an error about it names the file."""
+    """Yield the values of a checkpoint; errors in the body name the file."""
     try:
         yield Saved("run", {}, checkpoint.meta)
     except (RunError, SettingsError) as error:

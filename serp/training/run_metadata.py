@@ -1,4 +1,4 @@
-"""What a run was made with, read back from its `config.json`."""
+"""The metadata of a run, read from its `config.json`."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from serp.training.budget import Budget
 
 
 class RunMetadata(NamedTuple):
-    """What a run was made with.
+    """The configuration of a run.
 
     Attributes:
         task: Name of the task.
         seed: Seed of everything random.
-        reward: Whose reward the learner learns from.
+        reward: The source of the reward that the task declares.
         dt: Control period.
         settings: All settings.
-        budget: How long it was to last.
+        budget: The budget that the run began with.
         observed: Fluents that the environment gives although the problem's `:init` states them.
-        max_ground_schemas: How large its domain may be.
+        max_ground_schemas: Limit on the size of the grounded domain.
     """
 
     task: str
@@ -77,10 +77,10 @@ def read_run_metadata(folder: RunFolder) -> RunMetadata:
 
 
 def content_digests(folder: RunFolder) -> dict[str, str]:
-    """Return digests of what a run is made of: its domain, its configuration but the budget."""
+    """Return digests of a run's domain files and of its configuration except the budget."""
     config = {name: value for name, value in folder.config.items() if name != "budget"}
     made = {CONFIG: json.dumps(config, sort_keys=True).encode()}
-    beside = problem_beside(folder.domain_file)  # none of its files, but one that would be loaded
+    beside = problem_beside(folder.domain_file)  # not written by serp, but it would be loaded
     for file in (folder.domain_file, folder.problem_file, beside):
         if file is not None and (file is not beside or os.path.lexists(file)):
             try:
@@ -90,26 +90,24 @@ def content_digests(folder: RunFolder) -> dict[str, str]:
     return {name: hashlib.sha256(content).hexdigest() for name, content in made.items()}
 
 
-def refuse_changes(
-    folder: RunFolder, checkpoint: Checkpoint, *, domain_alone: bool = False
-) -> None:
-    """Refuse to go on with other files than a run began with: it would be neither of two runs.
+def refuse_changes(folder: RunFolder, checkpoint: Checkpoint, *, domain_only: bool = False) -> None:
+    """Check that the files of a run are those that it began with.
 
     Args:
         folder: The run.
-        checkpoint: What was saved of it.
-        domain_alone: Whether its configuration may be another one.
+        checkpoint: A checkpoint of it.
+        domain_only: Whether to check only the domain files, not the configuration.
 
     Raises:
         RunError: A file was changed.
     """
     _, before = Saved("run", {}, checkpoint.meta).part("made_of")
     if not isinstance(before, dict):
-        raise RunError(f"{checkpoint.path} does not say what its run was made of")
+        raise RunError(f"{checkpoint.path} holds no digests of the run's files")
     now = content_digests(folder)
-    for name in sorted((before.keys() | now.keys()) - ({CONFIG} if domain_alone else set())):
+    for name in sorted((before.keys() | now.keys()) - ({CONFIG} if domain_only else set())):
         if before.get(name) != now.get(name):
             raise RunError(
-                f"{name} of the run was changed since it began, so that what was learned does not "
-                "belong to it any more; undo the change, or begin a run of its own with it"
+                f"{name} of the run was changed since it began, so that it does not fit what was "
+                "learned; undo the change, or begin a new run with it"
             )

@@ -1,7 +1,7 @@
-"""Signals during a training: the first ends it with the episode, the second at once.
+"""Signals during a training: the first ends it after the episode, the second at once.
 
-Schedulers (Slurm, Kubernetes) send SIGTERM some time before they kill; a terminal that is closed
-sends SIGHUP.
+Schedulers (Slurm, Kubernetes) send SIGTERM some time before SIGKILL; a closed terminal sends
+SIGHUP.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ SIGNALS: Final[tuple[signal.Signals, ...]] = (
     *((signal.SIGHUP,) if hasattr(signal, "SIGHUP") else ()),  # Windows has none
 )
 _ECHO: Final = 1.0
-"""Seconds in which SIGTERM or SIGHUP, sent once more, is the same request: `timeout`, shells and
-schedulers send it to the process and to its group."""
+"""Seconds in which a repeated SIGTERM or SIGHUP counts as the same request, because `timeout`,
+shells and schedulers send it to the process and to its group."""
 
 
 class StoppedAtOnce(KeyboardInterrupt):
-    """A second signal came.
+    """A second signal was received.
 
     Attributes:
         signal: Its number.
@@ -37,10 +37,10 @@ class StoppedAtOnce(KeyboardInterrupt):
 
 
 class Stopping:
-    """Whether the user asked to stop.
+    """The state of a request to stop.
 
     Attributes:
-        signal: The number of the signal that asked first; None: nobody has asked.
+        signal: Number of the first signal; None if there was none.
     """
 
     def __init__(self) -> None:
@@ -50,15 +50,15 @@ class Stopping:
 
     @property
     def requested(self) -> bool:
-        """Whether a signal came."""
+        """Whether a signal was received."""
         return self.signal is not None
 
     def answer(self, finishing: str, otherwise: str) -> str | None:
-        """Return, once, what the user is to be told when the request was heard; else None.
+        """Return, once after a signal, a message for the user; else None.
 
         Args:
             finishing: What is finished first.
-            otherwise: What a second signal leaves behind.
+            otherwise: The consequence of a second signal.
         """
         if self.signal is None or self._answered:
             return None
@@ -72,7 +72,7 @@ class Stopping:
         )
 
     def hear(self, number: int) -> None:
-        """Take a signal.
+        """Handle a signal.
 
         Raises:
             StoppedAtOnce: It is not the first.
@@ -88,11 +88,10 @@ class Stopping:
 def stop_between_episodes() -> Iterator[Stopping]:
     """Turn the first signal into a request; a second one raises `StoppedAtOnce`.
 
-    The handler itself shows nothing, for it may have interrupted the display in the middle of a
-    line: whoever trains asks for the `answer` after every step. Outside the main thread all is left
-    as it is, and so is a signal that is ignored (Ctrl-C by a job in the background, SIGHUP under
-    `nohup`) or handled by a program around this one; Ctrl-C alone is taken from a handler that is
-    written in Python.
+    The handler itself shows nothing, because it may interrupt the display in the middle of a line;
+    the training loop calls `answer` after every step. Outside the main thread no handler is set.
+    Signals that are ignored (Ctrl-C in a background job, SIGHUP under `nohup`) or already handled
+    are not changed either, except that a Python handler of Ctrl-C is replaced.
     """
     stopping = Stopping()
     if threading.current_thread() is not threading.main_thread():

@@ -1,4 +1,4 @@
-"""Training, Algorithm 1 of the paper: act as the arbiter decides, remember, learn, raise ρ."""
+"""The training loop, Algorithm 1 of the paper: decide, act, store, learn, increase ρ."""
 
 from __future__ import annotations
 
@@ -27,33 +27,33 @@ from serp.training.precompile import precompile
 from serp.training.rollout import Rollout, training_seed
 
 _MIRRORED = 256
-"""With so many observations the symmetries that a task declares are checked."""
+"""Number of observations with which declared symmetries are checked."""
 
 
 class Trainer:
     """Trains an agent on a task, an episode at a time.
 
     Every episode begins with `env.reset(seed=...)`, its seed derived from the run's seed and the
-    number of the episode. What an episode is like therefore depends on the agent and that number
-    alone, and a run can be continued exactly from the end of any episode in any environment that
-    honours its seed. An environment whose state outlives `reset` (a game clock) offers
-    `state_dict()` and `load_state_dict(state)` with JSON values.
+    number of the episode. An episode therefore depends only on the agent and that number, and a run
+    can be continued exactly from the end of any episode in any environment that uses its seed. An
+    environment whose state survives `reset` (a game clock) has `state_dict()` and
+    `load_state_dict(state)` with JSON values.
 
     Args:
         task: The task.
         settings: All settings.
         seed: Seed of everything random.
-        decisions: Where decisions are logged; None logs none.
-        agent: Who is trained; by default a new `Agent`.
+        decisions: Table in which decisions are logged; None for no log.
+        agent: The agent; by default a new `Agent`.
 
     Attributes:
-        judge: Says what a step was worth.
-        decisions: The same, to be set before the first episode.
-        episode, env_steps: How many there were.
-        under_way: Number of the env step that is being made, from 1.
-        units: How many units of `arbiter.rho_unit` have ended.
-        tally: What is counted of all steps.
-        on_step: Called with every env step that was made and learned from, where it is set.
+        judge: Judges the steps.
+        decisions: As the argument; may be set before the first episode.
+        episode, env_steps: Numbers of complete episodes and of env steps.
+        under_way: Number of the current env step, from 1.
+        units: Number of complete units of `arbiter.rho_unit`.
+        tally: Counts over all steps.
+        on_step: If set, called with every env step, after learning from it.
     """
 
     def __init__(
@@ -72,10 +72,11 @@ class Trainer:
         try:
             self.agent = agent or Agent(task, settings, seed)
         except (MemoryError, RuntimeError) as error:
-            if isinstance(error, RuntimeError) and "alloc" not in str(error):  # torch says it so
+            # torch reports a failed allocation as RuntimeError
+            if isinstance(error, RuntimeError) and "alloc" not in str(error):
                 raise
             raise SettingsError(
-                "learner: its networks and its memory do not fit into the machine's; make "
+                "learner: its networks and its replay memory do not fit into memory; make "
                 f"`hidden`, `members` or `buffer_size` smaller ({error})"
             ) from None
         self.episode = 0
@@ -94,7 +95,7 @@ class Trainer:
 
     @property
     def wall_time(self) -> float:
-        """Seconds of training, compilation and pauses between resumptions left out."""
+        """Seconds of training, without compilation and pauses between resumptions."""
         return self._wall_before + working_time() - self._clock
 
     @property
@@ -103,7 +104,7 @@ class Trainer:
         return self._compiled_before + compile_seconds()
 
     def prepare(self) -> None:
-        """Compile what the training will call; the time of training begins afterwards."""
+        """Compile the loops that the training calls; the clock of training starts afterwards."""
         precompile(self.agent)
         self._clock = working_time()
 
@@ -111,19 +112,19 @@ class Trainer:
         """Train for one episode.
 
         Returns:
-            Its row of the metrics.
+            The row of the metrics.
 
         Raises:
             TaskError: The grounding failed, or contradicts a symmetry that the task declares.
             EnvironmentFailure: The environment raised or gave NaN.
             LearningFailure: A number of the learner is not finite.
-            SettingsError: The environment has no such unit as `arbiter.rho_unit`.
+            SettingsError: The environment's info has no entry for `arbiter.rho_unit`.
         """
         try:
             return self._run_episode()
         except (TaskError, LearningFailure, StateError) as error:
             error.add_note(
-                f"That was in env step {self.under_way} of the training, episode "
+                f"It happened in env step {self.under_way} of the training, episode "
                 f"{self.episode + 1}."
             )
             raise
@@ -149,7 +150,7 @@ class Trainer:
             self._observe(step)
             self.env_steps += 1
             self.tally.count(decision)
-            # The next decision is made before learning: its mask belongs to this step.
+            # The next decision comes before learning: its mask is stored with this step.
             decision = None if step.last else self._decide(step.next_state, step.next_x)
             agent.remember(step, decision)
             if not random_phase:
@@ -176,15 +177,15 @@ class Trainer:
         return self.agent.decide_randomly(state)
 
     def _observe(self, step: StepRecord) -> None:
-        """Let the agent learn of the world, and tell the user where the lookahead has failed."""
+        """Update the agent, and notify the user when the lookahead becomes unreliable."""
         vetoes, say = self.agent.arbiter.vetoes, self.task.on_notice
         relied_on = vetoes.lookahead_reliable
         self.agent.observe(step)
         if relied_on and not vetoes.lookahead_reliable and say is not None:
             say(
                 f"{vetoes.lookahead_failures} times in {self.env_steps + 1} env steps something "
-                "unsafe happened that the domain file predicted could be avoided. From here on "
-                "only its prediction of the next step vetoes: are the effects of its actions right?"
+                "unsafe happened that was avoidable by the domain file. From now on vetoes use "
+                "only its prediction of the next step. Check the effects of its actions."
             )
 
     def _end_episode(self, totals: EpisodeTotals, losses: list[float]) -> MetricsRow:
@@ -213,19 +214,19 @@ class Trainer:
         )
 
     def _notice_unit(self, info: Mapping[str, Any], *, reset: bool = False) -> None:
-        """Let ρ grow when the counter that its unit names has changed."""
+        """End a unit of ρ when the counter that `arbiter.rho_unit` names has changed."""
         unit = self.settings.arbiter.rho_unit
         if unit in ("step", "episode"):
             return
         if unit not in info:
-            if reset:  # many environments say more in `step` than in `reset`
+            if reset:  # many environments give more entries in `step` than in `reset`
                 return
             raise SettingsError(
                 f"arbiter.rho_unit is `{unit}`, but the environment's info has no such entry; "
                 "use " + ", ".join(["step", "episode", *sorted(map(str, info))])
             )
         value = single(info[unit])
-        if not isinstance(value, str | int | float) or value != value:  # NaN changes all the time
+        if not isinstance(value, str | int | float) or value != value:  # NaN is never equal
             raise SettingsError(
                 f"arbiter.rho_unit: the environment's info has {value!r} under `{unit}`; a number "
                 "or a text is needed"
@@ -265,7 +266,7 @@ class Trainer:
     # State, between episodes ------------------------------------------------------------------
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Return everything that the rest of the run depends on: arrays and JSON values."""
+        """Return the complete state of the training: arrays and JSON values."""
         arrays, agent = self.agent.state_dict()
         meta: dict[str, Any] = {
             "agent": agent,

@@ -23,10 +23,10 @@ Picture = NDArray[np.uint8]
 
 
 def render_mode_of(run: Run) -> str:
-    """Return the render mode that shows most of a run's environment.
+    """Return the render mode that gives the most pictures of a run's environment.
 
     Raises:
-        TaskError: The environment offers no pictures.
+        TaskError: The environment draws no pictures.
     """
     with run.environment(RGB_ARRAY) as task:
         modes = task.env.metadata.get("render_modes") or ()
@@ -84,10 +84,10 @@ class Camera:
         return array
 
     def period(self, count: int) -> float:
-        """Return for how long each of the pictures of one step stands, s of the task's time.
+        """Return the duration of each picture of a step, s of the task's time.
 
-        One picture stands for a control period. Of several, the environment's `render_fps` says it;
-        where there is none, they share the control period.
+        A single picture lasts a control period. For several, the environment's `render_fps` gives
+        the duration; without it they share the control period.
         """
         if self._several and self._rate is not None and self._rate > 0:
             return 1.0 / self._rate

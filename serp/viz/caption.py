@@ -1,4 +1,4 @@
-"""The band below the pictures of an episode: who acts, what is done, what was refused and why."""
+"""The caption below the pictures of an episode: actor, action, and vetoes with their reasons."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ INK: Final = "#F2F4F7"
 FAINT: Final = "#A9B0BB"
 DARK: Final = "#16191F"
 ON: Final = {Actor.PLANNER: INK, Actor.LEARNER: DARK, Actor.EXPLORATION: INK, Actor.FALLBACK: DARK}
-"""The colour of writing on an actor's colour."""
+"""Actor → colour of text on the actor's colour."""
 PAIRS: Final = (
     (BACKGROUND, INK),
     (BACKGROUND, FAINT),
@@ -26,20 +26,20 @@ PAIRS: Final = (
     (INK, DARK),
     *((ACTORS[actor], ON[actor]) for actor in Actor),
 )
-"""Every background with the writing on it."""
+"""Every background with the colour of text on it."""
 LINES: Final = 2
-"""Lines of what stands out in red."""
+"""Lines of marked text."""
 _SMALLEST, _LARGEST = 12, 26
 _GAP = "   "
-_CHARACTERS = 44  # ems that a picture is wide, where the letters' size can follow from that
+_CHARACTERS = 44  # width of a picture in ems, which sets the font size within these limits
 
 
 class Cell(NamedTuple):
-    """A decision in the strip of the last ones.
+    """A decision in the strip of the last decisions.
 
     Attributes:
         actor: Who acted.
-        refused: Whether somebody else's proposal had been refused.
+        refused: Whether a proposal was refused.
     """
 
     actor: Actor
@@ -47,11 +47,11 @@ class Cell(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """What stands out in red.
+    """A text that is marked red: a veto, or the execution of an unsafe or risky action.
 
     Attributes:
-        what: What was refused, or done though it is unsafe or risky.
-        why: The reason, in the words of the domain file.
+        what: The event.
+        why: The reason, in terms of the domain file.
     """
 
     what: str
@@ -59,15 +59,15 @@ class Mark(NamedTuple):
 
 
 class Caption(NamedTuple):
-    """What a band says.
+    """The content of a caption.
 
     Attributes:
         actor: Who acts; None before the first decision.
-        action: Name of what is done.
-        facts: Episode, step, return; where room is short, the first ones are left out.
-        marks: What stands out in red; empty for nothing.
+        action: Name of the action.
+        facts: Episode, step, return; if there is little room, the first ones are left out.
+        marks: Texts marked red.
         strip: The decisions so far, the newest last.
-        outcome: How the episode ended; empty while it runs, or where nothing is said of it.
+        outcome: How the episode ended; empty while it runs, or if the environment does not say.
     """
 
     actor: Actor | None
@@ -121,7 +121,7 @@ class CaptionBand:
             right -= round(self._bold.getlength(word)) + 2 * pad
             self._draw_label(draw, right, word, INK, DARK)
             right -= pad
-        # What is done comes before the figures, where there is room for one of them only.
+        # If there is little room, the action comes before the facts.
         action = _cut(self._bold, caption.action, right - left)
         draw.text((left, middle), action, fill=INK, font=self._bold, anchor="lm")
         room = right - left - self._bold.getlength(action) - 2 * pad
@@ -133,7 +133,7 @@ class CaptionBand:
     def _draw_label(
         self, draw: ImageDraw.ImageDraw, left: int, word: str, colour: str, ink: str
     ) -> int:
-        """Write a word on a plate; return where there is room again."""
+        """Write a word on a coloured background; return the position to its right."""
         pad = self._pad
         end = left + self._bold.getlength(word) + 2 * pad
         draw.rounded_rectangle((left, pad, end, pad + self._line - 2), pad // 2, fill=colour)
@@ -147,7 +147,7 @@ class CaptionBand:
             left, below = self._pad + place * self._cell, top + self._strip
             right = left + self._cell - 2
             draw.rectangle((left, top, right, below), fill=ACTORS[cell.actor])
-            if cell.refused:  # not by colour alone: it stands out of the row
+            if cell.refused:  # also recognisable by its position, not only by colour
                 upper = (left, top - self._pad // 2, right, top + self._strip // 2)
                 draw.rectangle(upper, fill=REFUSED)
 
@@ -172,7 +172,7 @@ class CaptionBand:
 
 
 def _cut(font: ImageFont.FreeTypeFont, text: str, room: float) -> str:
-    """Return as much of a text as there is room for."""
+    """Return a text, cut to the available width."""
     if font.getlength(text) <= room:
         return text
     length = bisect.bisect_right(

@@ -1,4 +1,4 @@
-"""A film of a policy: pictures with captions, each with the time that it stands."""
+"""Films of a policy: pictures with captions and durations."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ from serp.viz.camera import Camera, Picture
 from serp.viz.caption import Caption, CaptionBand, Cell, Mark
 
 HOLD: Final = 1.5
-"""A mark stays for so long on the screen, or until the next, s."""
+"""Time that a mark is shown, unless another one follows, s."""
 END: Final = 1.0
-"""The last picture of an episode stands longer by this, s."""
+"""Additional duration of the last picture of an episode, s."""
 _WHOSE: Final = {
     Actor.PLANNER: "the planner's",
     Actor.LEARNER: "the learner's",
     Actor.EXPLORATION: "a random",
     Actor.FALLBACK: "the fallback's",
 }
-_STRIP = 500  # decisions that a caption carries along
+_STRIP = 500  # decisions in a caption
 
 
 class FilmSettings(Section):
-    """How a film is made."""
+    """Settings of a film."""
 
     policy: Policy = "serp"
-    """Which; see `serp.training.policies.Policy`."""
+    """The policy; see `serp.training.policies.Policy`."""
     episodes: int = 3
-    """How many episodes."""
+    """Number of episodes."""
     seed: int = 0
     """Seed of the environment; the episodes are those of `evaluate` with this seed."""
     speed: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 1.0
-    """How much faster than real time."""
+    """Speed relative to real time."""
     fps: Annotated[float, Field(ge=1, allow_inf_nan=False)] = 50.0
-    """Most frames a second. Where there would be more, pictures are left out, but neither the
-    first and last of an episode nor the first after a veto."""
+    """Largest number of frames per second. Pictures beyond it are left out, except the first and
+    last of an episode and the first after a veto."""
     width: int | None = None
-    """Most pixels that a picture is wide; None for no limit. Never enlarged."""
+    """Largest width of a picture, pixels; None for no limit. Pictures are never enlarged."""
     height: int | None = None
-    """The same of the height, caption not included."""
+    """Largest height of a picture without caption, pixels; None for no limit."""
 
 
 class Frame(NamedTuple):
@@ -59,9 +59,9 @@ class Frame(NamedTuple):
 
     Attributes:
         image: Picture and caption, RGB; all frames of a film have one size.
-        seconds: How long it stands.
-        caption: What its caption says.
-        step: The step that it shows the result of; None right after a reset.
+        seconds: Its duration.
+        caption: The content of its caption.
+        step: The step whose result it shows; None right after a reset.
     """
 
     image: Image.Image
@@ -71,15 +71,15 @@ class Frame(NamedTuple):
 
 
 class EpisodeResult(NamedTuple):
-    """What came of an episode.
+    """The result of an episode.
 
     Attributes:
-        number: Which one, from 1.
+        number: Number of the episode, from 1.
         steps: Its length.
         total: The environment's return.
-        vetoes: Proposals refused.
-        unsafe: Executed actions that the domain file flags unsafe.
-        outcome: How the environment says that it ended; may be empty.
+        vetoes: Number of refused proposals.
+        unsafe: Number of executed actions that the domain file flags unsafe.
+        outcome: The outcome that the environment names; may be empty.
     """
 
     number: int
@@ -96,25 +96,25 @@ def film(
     settings: FilmSettings,
     on_episode: Callable[[EpisodeResult], None] | None = None,
 ) -> Iterator[Frame]:
-    """Play a policy and film it, frame by frame as they are asked for.
+    """Play a policy and yield the frames of a film.
 
     Args:
         agent: The agent.
-        task: The task, in an environment that nobody else uses, made with a render mode of
+        task: The task, in an environment that is not used otherwise, made with a render mode of
             `serp.viz.camera`.
-        settings: How.
+        settings: The settings of the film.
         on_episode: Called at the end of each episode.
 
     Raises:
-        SettingsError: There is no such policy, or no episode is asked for.
-        SerpError: Environment or grounding failed (while frames are asked for).
+        SettingsError: There is no such policy, or `episodes` or `seed` is out of range.
+        SerpError: Environment or grounding failed (in a step).
     """
     episodes = play(agent, task, settings.policy, episodes=settings.episodes, seed=settings.seed)
     return _Filming(agent, task, settings, on_episode).frames(episodes)
 
 
 def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
-    """Return what is to be marked in a step: a veto with its reason, what is done at a risk."""
+    """Return the marks of a step: a veto, and the execution of an unsafe or risky action."""
     decision, arbiter = step.decision, agent.arbiter
     names = arbiter.actions
     marks = []
@@ -137,7 +137,7 @@ def _without(name: str, explanation: str) -> str:
 
 
 class _Filming:
-    """Puts one film together."""
+    """Makes the frames of one film."""
 
     def __init__(
         self,
@@ -152,9 +152,9 @@ class _Filming:
         self._camera = Camera(task)
         self._band: CaptionBand | None = None
         self._size = (0, 0)
-        self._due = 0.0  # frames that the pictures so far are worth, less those shown
+        self._due = 0.0  # frames due so far minus frames shown
         self._marks: tuple[Mark, ...] = ()
-        self._marked = 0.0  # how long the mark still stands, s
+        self._marked = 0.0  # remaining time of the mark, s
 
     def frames(self, episodes: Iterator[Episode]) -> Iterator[Frame]:
         for episode in episodes:
@@ -236,7 +236,7 @@ class _Filming:
         return frame
 
     def _fitting(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Return the size of the pictures: within the limits, even numbers, as videos want them."""
+        """Return the size of the pictures: within the limits, even, as videos require."""
         limits = (self._settings.width or math.inf, self._settings.height or math.inf)
         scale = min(1.0, limits[0] / size[0], limits[1] / size[1])
         return (_even(scale * size[0]), _even(scale * size[1]))

@@ -1,8 +1,8 @@
-"""Writes frames as a GIF, one after the other: nothing but the current ones is held in memory.
+"""Writes frames as a GIF one by one, so that memory holds only the current ones.
 
-Pillow's `save_all` would hold them all until it saves; its `GifImagePlugin.getdata`, which is
-documented, encodes one. All frames share one palette, and a frame stores only
-what changed since the one before, so that films stay small.
+Pillow's `save_all` would hold all frames until it saves; its documented `GifImagePlugin.getdata`
+encodes one. All frames share one palette, and a frame stores only the pixels that changed, so that
+files stay small.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from serp.viz.caption import PAIRS
 from serp.viz.film import Frame
 
 FASTEST: Final = 50.0
-"""Frames a second; browsers slow down what is faster."""
-_TICKS = 100  # a second
-_UNCHANGED = 255  # place in the palette that stands for "as before"
-_SAMPLES = 60  # frames from which the palette comes
-_SHADES = 3  # colours between a background and the writing on it
-_LONGEST = 65_535  # ticks that a frame can stand
+"""Largest number of frames per second; browsers slow down faster GIFs."""
+_TICKS = 100  # per second
+_UNCHANGED = 255  # index in the palette that means "unchanged"
+_SAMPLES = 60  # frames from which the palette is made
+_SHADES = 3  # colours between a background and the text on it
+_LONGEST = 65_535  # longest duration of a frame, ticks
 
 
 def write_gif(path: Path, frames: Iterable[Frame]) -> int:
@@ -81,7 +81,7 @@ def _write_frame(
     ticks: int,
     palette: Image.Image,
 ) -> None:
-    """Write what differs from the frame that is shown."""
+    """Write the pixels that differ from the previous frame."""
     top = left = 0
     if shown is not None:
         changed = pixels != shown
@@ -99,7 +99,7 @@ def _write_frame(
 
 
 def _palette(images: list[Image.Image]) -> Image.Image:
-    """Return an image whose palette serves captions and pictures; the last place stays free."""
+    """Return an image whose palette fits captions and pictures; the last index stays free."""
     fixed = [colour for pair in PAIRS for colour in _shades(*pair)]
     fixed = list(dict.fromkeys(fixed))
     step = max(1, len(images) // 8)
@@ -110,13 +110,13 @@ def _palette(images: list[Image.Image]) -> Image.Image:
         : 3 * free
     ]
     palette = Image.new("P", (1, 1))
-    # Places that are left repeat the first colour, so that nothing is ever matched to the last.
+    # Unused entries repeat the first colour, so that no pixel is matched to the last.
     palette.putpalette((colours + colours[:3] * 256)[:768])
     return palette
 
 
 def _shades(background: str, writing: str) -> list[tuple[int, ...]]:
-    """Return two colours and what lies between them, for smooth letters."""
+    """Return two colours and the shades between them, for smooth letters."""
     one, other = (np.array(ImageColor.getrgb(name)) for name in (background, writing))
     shares = np.linspace(0.0, 1.0, 2 + _SHADES)
     return [tuple(np.rint(one + share * (other - one)).astype(int).tolist()) for share in shares]

@@ -1,8 +1,8 @@
-"""A planning graph as a picture, in the manner of the paper's Figure 1: blue and red.
+"""Draws a planning graph in the style of the paper's Figure 1.
 
-Layers stand in columns, the root on the left. An edge is blue where the best path through it is
-worth much, red where it is worth little or is predicted unsafe; the best path is bold. Nothing
-rests on colour alone: unsafe edges are dashed and end in a cross, promising ones are thicker.
+Layers are columns, with the root on the left. An edge is blue if the best path through it has a
+high return, red if the return is low or the edge is predicted unsafe; the best path is bold. Colour
+is not the only cue: unsafe edges are dashed and end in a cross, better edges are thicker.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ _STYLE: Final[dict[str, Any]] = {
     "font.size": 8.0,
     "svg.hashsalt": "serp",  # names of clip paths: random without it
     "svg.fonttype": "none",  # text stays text: it can be searched and read aloud
-    "text.parse_math": False,  # a name with dollar signs is a name
+    "text.parse_math": False,  # names may contain dollar signs
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
 }
@@ -69,12 +69,12 @@ def draw_plan(plan: Plan, planner: MonitorReplanner, *, title: str = "Planning g
 
     Args:
         plan: The decision.
-        planner: Who made it. Where an action that it repeats is cut short by its precondition,
-            the edge is shaded as if it were not; the numbers are the plan's own.
-        title: Heads the picture.
+        planner: The planner of the decision. If a precondition cuts a repeated action short, the
+            edge is shaded as if it were not; the numbers are those of the plan.
+        title: Title of the picture.
 
     Returns:
-        A figure of its own, known to no global state of matplotlib.
+        A figure that is not registered with pyplot.
     """
     graph, forecast = plan.graph, plan.forecast
     labels = {
@@ -149,7 +149,7 @@ def _draw_branches(axes: Axes, layout: PlanLayout, top: float) -> None:
             [Curve.MOVETO, Curve.CURVE4, Curve.CURVE4, Curve.CURVE4, Curve.LINETO],
         )
         axes.add_patch(
-            PathPatch(curve, fill=False, capstyle="butt", joinstyle="round", **_looks(branch))
+            PathPatch(curve, fill=False, capstyle="butt", joinstyle="round", **_line_style(branch))
         )
         axes.plot(x1, y1, zorder=3, **{"markeredgewidth": 0, **_mark(branch)})
         if branch.label:
@@ -157,8 +157,8 @@ def _draw_branches(axes: Axes, layout: PlanLayout, top: float) -> None:
     axes.plot(_MARGIN, top + layout.root, "o", color=_INK, markersize=7.0, zorder=3)
 
 
-def _looks(branch: Branch) -> dict[str, Any]:
-    """Return how the line of a branch is drawn."""
+def _line_style(branch: Branch) -> dict[str, Any]:
+    """Return the style of the line of a branch."""
     if branch.chosen:
         dashes: Any = (0, (2, 0.8)) if branch.unsafe else "solid"
         return {"color": _RED if branch.harmful else _BLUE, "linewidth": 3.4, "linestyle": dashes}
@@ -171,7 +171,7 @@ def _looks(branch: Branch) -> dict[str, Any]:
 
 
 def _mark(branch: Branch) -> dict[str, Any]:
-    """Return how the state at the end of a branch is drawn."""
+    """Return the style of the marker at the end of a branch."""
     if branch.unsafe:
         return _CROSS
     if branch.end in _MARKS:
@@ -260,7 +260,7 @@ def _foot(
 
 
 def _wrapped(before: str, items: list[str], wide: int, most: int, between: str = ", ") -> list[str]:
-    """Return items in at most so many lines, the rest of them counted."""
+    """Return items in at most `most` lines, ending with the number of items left out."""
     lines: list[str] = []
     line, count = before, 0
     for item in items:
@@ -282,7 +282,7 @@ def _write(axes: Axes, lines: list[str], y: float) -> None:
 
 
 def _legend(layout: PlanLayout, plan: Plan) -> list[Line2D]:
-    """Return an entry for each look that occurs."""
+    """Return an entry for each style that occurs."""
     branches = layout.branches
     safe = [branch for branch in branches if not branch.harmful]
     high = [branch.total for branch in safe if branch.promise >= 0.5]
@@ -297,11 +297,11 @@ def _legend(layout: PlanLayout, plan: Plan) -> list[Line2D]:
     if any(branch.unsafe for branch in branches):
         entries.append(_line("unsafe", linewidth=1.2, linestyle=_UNSAFE_DASHES, **_CROSS))
     if any(branch.risky for branch in branches):
-        looks = {"color": _RED, "linewidth": 1.2, "linestyle": _RISKY_DASHES}
-        entries.append(_line("risk not accepted", **looks))
+        style = {"color": _RED, "linewidth": 1.2, "linestyle": _RISKY_DASHES}
+        entries.append(_line("risk not accepted", **style))
     if any(branch.doomed for branch in branches):
-        looks = {"color": _RED, "linewidth": 1.2, "linestyle": _DOOMED_DASHES}
-        entries.append(_line("unsafe later, whatever follows", **looks))
+        style = {"color": _RED, "linewidth": 1.2, "linestyle": _DOOMED_DASHES}
+        entries.append(_line("unsafe later, whatever follows", **style))
     for end, text in (
         ("ended", "the task ends"),
         ("elsewhere", "the same state as another here"),
@@ -313,15 +313,15 @@ def _legend(layout: PlanLayout, plan: Plan) -> list[Line2D]:
 
 
 def _legend_columns(entries: list[Line2D], width: float) -> int:
-    """Return how many entries stand beside each other: all of them, where they fit."""
+    """Return the number of columns of the legend: one per entry if they fit."""
     widths = [_CHARACTER * len(str(entry.get_label())) + 0.75 for entry in entries]
     if sum(widths) <= width:
         return len(widths)
     return max(1, int(width / max(widths)))
 
 
-def _line(label: str, **looks: Any) -> Line2D:
-    return Line2D([], [], label=label, **{"markeredgewidth": 0, **looks})
+def _line(label: str, **style: Any) -> Line2D:
+    return Line2D([], [], label=label, **{"markeredgewidth": 0, **style})
 
 
 def _span(totals: list[float]) -> str:

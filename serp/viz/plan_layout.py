@@ -1,8 +1,8 @@
-"""What of a planning graph a picture shows, and where: the geometry of `serp.viz.plan_drawing`.
+"""The layout of a planning graph for `serp.viz.plan_drawing`.
 
-A graph is laid out as a tree from left to right: a column a layer, a row a leaf, everything else
-amid what follows it. Equal states of a layer are one node of the graph; what follows such a node is
-shown once, behind the best edge that reaches it, and the other edges end there.
+A graph is laid out as a tree from left to right: one column per layer, one row per leaf; an inner
+node is centred on its children. Equal states of a layer are one node; its children are shown once,
+behind the best edge that reaches it, and the other edges end there.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     import networkx as nx
 
 MAX_EDGES: Final = 160
-"""Edges that are shown at most: five actions three deep are 155."""
+"""Largest number of edges shown; five actions to depth three are 155."""
 MAX_FAN: Final = 24
-"""Edges out of one state that are shown at most, the best ones."""
+"""Largest number of edges shown out of one state; the best ones are shown."""
 
 _LONGEST = 26  # characters of a label
 _DENSITIES = ((72, 0.175, 7.0), (130, 0.13, 6.0))  # up to so many rows: inches, size of labels
@@ -35,7 +35,7 @@ _TURN = 0.45  # inches in which an edge turns from its source to the row of its 
 
 @dataclass(eq=False)
 class Branch:
-    """An edge of the graph with its looks and its place; positions in inches.
+    """An edge of the graph with its style and its position in inches.
 
     Attributes:
         source, target: Nodes.
@@ -88,13 +88,13 @@ class Branch:
 
 @dataclass(frozen=True)
 class PlanLayout:
-    """What is shown, and where; in inches.
+    """The edges to show, with positions in inches.
 
     Attributes:
-        branches: From the root on, each before those that follow it.
-        root: Height of the root.
-        width, height: Of the graph.
-        size: Of the labels, in points.
+        branches: The edges, each before its children.
+        root: Vertical position of the root.
+        width, height: Size of the graph.
+        size: Font size of the labels, points.
     """
 
     branches: list[Branch]
@@ -105,12 +105,12 @@ class PlanLayout:
 
 
 def lay_out(graph: nx.MultiDiGraph, weight: float, labels: Mapping[int, str]) -> PlanLayout:
-    """Choose what to show of a planning graph, and place it.
+    """Choose the edges of a planning graph to show, and place them.
 
     Args:
         graph: See `PlanningGraph.to_networkx`.
-        weight: What a reward one edge later is worth.
-        labels: Action → label of its edge out of the root; other edges bear their name.
+        weight: Discount per edge.
+        labels: Action → label of its edge out of the root; other edges have the action's name.
     """
     first, branches = _select(graph, _leaving(graph, weight))
     _set_promise(branches)
@@ -211,7 +211,7 @@ def _select(
 def _set_promise(branches: Sequence[Branch]) -> None:
     safe = [b.total for b in branches if not b.harmful]
     totals = sorted(filter(math.isfinite, safe)) or [0.0]
-    # One disaster among the branches must not make all others look alike.
+    # A single very low return must not make all others look alike.
     high, low = totals[-1], totals[len(totals) // 5]
     if low == high:
         low = totals[0]

@@ -18,11 +18,11 @@ _QUALITY = 20  # libx264's constant rate factor: 0 is lossless, 51 is worst
 
 
 def find_ffmpeg() -> str:
-    """Return the ffmpeg that imageio-ffmpeg brings along; it runs as a process of its own.
+    """Return the path of the ffmpeg executable of imageio-ffmpeg.
 
     Raises:
         MissingExtra: Imageio-ffmpeg is not installed.
-        RunError: It brings none for this machine.
+        RunError: It has none for this machine.
     """
     try:
         from imageio_ffmpeg import get_ffmpeg_exe
@@ -37,11 +37,10 @@ def find_ffmpeg() -> str:
 def write_mp4(path: Path, frames: Iterable[Frame]) -> int:
     """Write an MP4; return the number of its frames.
 
-    Its frames follow each other as fast as the first one goes, one a second at least; what stands
-    longer is repeated.
+    The duration of the first frame, at most 1 s, gives the frame rate; longer frames are repeated.
 
     Args:
-        path: The file, whatever its name ends in.
+        path: The file, with any suffix.
         frames: At least one, of even width and height.
 
     Raises:
@@ -70,7 +69,7 @@ def write_mp4(path: Path, frames: Iterable[Frame]) -> int:
             count = _feed(process.stdin, itertools.chain([first], rest), float(rate))
             process.stdin.close()
             process.wait()
-        except BrokenPipeError:  # it ended before its time, and says why below
+        except BrokenPipeError:  # it ended early; the reason is read below
             process.wait()
         finally:
             with contextlib.suppress(BrokenPipeError):
@@ -87,7 +86,7 @@ def write_mp4(path: Path, frames: Iterable[Frame]) -> int:
 
 
 def _feed(pipe: IO[bytes], frames: Iterable[Frame], rate: float) -> int:
-    """Send frames, each as often as it takes; return how many were sent."""
+    """Send frames, repeated for their duration; return the number sent."""
     due, count = 0.0, 0
     for frame in frames:
         due += frame.seconds * rate

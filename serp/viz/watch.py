@@ -1,4 +1,4 @@
-"""Watching a trained policy: in a window, or on a film in a file."""
+"""Shows a trained policy in a window, or writes a film of it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from serp.viz.video import find_ffmpeg, write_mp4
 from serp.viz.window import Window
 
 KINDS: Final = (".gif", ".mp4")
-"""What the name of a film ends in."""
+"""Suffixes of films."""
 OnEpisode = Callable[[EpisodeResult], None]
 
 
@@ -27,9 +27,9 @@ class FilmFile(NamedTuple):
 
     Attributes:
         path: The file.
-        frames: How many it has.
-        seconds: How long it lasts.
-        size: Bytes.
+        frames: Number of frames.
+        seconds: Duration.
+        size: Size in bytes.
     """
 
     path: Path
@@ -41,11 +41,11 @@ class FilmFile(NamedTuple):
 def write_film(
     run: Run, path: Path, settings: FilmSettings, on_episode: OnEpisode | None = None
 ) -> FilmFile:
-    """Play a run's policy and write a film of it; nothing is left where that fails.
+    """Play a run's policy and write a film of it; a failure leaves no file.
 
     Args:
         run: The run.
-        path: The file, whose name ends in one of `KINDS`; replaced where it exists.
+        path: The file, with one of the suffixes `KINDS`; an existing one is replaced.
         settings: How the film is made.
         on_episode: Called at the end of each episode.
 
@@ -58,7 +58,7 @@ def write_film(
     if kind not in KINDS:
         raise SerpError(f"{path}: a film is a GIF or an MP4; name a file that ends in one of them")
     if kind == ".mp4":
-        find_ffmpeg()  # before a minute is spent on pictures
+        find_ffmpeg()  # fails before the pictures are made
     write = write_gif if kind == ".gif" else write_mp4
     seconds = 0.0
 
@@ -80,7 +80,7 @@ def write_film(
 def show_film(
     run: Run, settings: FilmSettings, title: str, on_episode: OnEpisode | None = None
 ) -> bool:
-    """Play a run's policy in a window; return whether it was shown to its end.
+    """Play a run's policy in a window; return whether all of it was shown.
 
     Raises:
         MissingExtra: Pygame is not installed.
@@ -108,7 +108,7 @@ def _filmed(
 
 @contextlib.contextmanager
 def _no_screen() -> Iterator[None]:
-    """Let environments that draw with SDL look for no screen, unless the user says which."""
+    """Let environments that draw with SDL use no screen, unless the user sets a driver."""
     name = "SDL_VIDEODRIVER"
     if name in os.environ:
         yield

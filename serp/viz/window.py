@@ -1,4 +1,4 @@
-"""Shows frames in a window (pygame), each for as long as it stands."""
+"""Shows frames in a pygame window."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from serp.errors import MissingExtra, SerpError
 from serp.viz.film import Frame
 
 FASTEST: Final = 60.0
-"""Frames a second."""
-_SHARE = 0.8  # of the screen's height, at most, for the pictures
+"""Largest number of frames per second."""
+_SHARE = 0.8  # largest share of the screen's height for the pictures
 _ADVICE = "write a file instead: --out FILE.gif"
 _NO_SCREEN = ("dummy", "offscreen")  # SDL's drivers that show nothing
 
@@ -27,7 +27,7 @@ class NoDisplay(SerpError):
 
 
 def require_display() -> None:
-    """Make sure that a window can be opened, as far as the environment variables say.
+    """Check by the environment variables that a window can be opened.
 
     Raises:
         MissingExtra: Pygame is not installed.
@@ -83,13 +83,13 @@ class Window:
         self._pygame.display.quit()
 
     def show(self, frames: Iterable[Frame]) -> bool:
-        """Show frames; return whether all of them were shown, the window not closed before."""
+        """Show frames; return whether all were shown before the window was closed."""
         due = time.monotonic()
         for frame in frames:
             self._draw(frame)
             due += frame.seconds
             now = time.monotonic()
-            due = max(due, now)  # what was slow is not caught up with
+            due = max(due, now)  # delays are not made up for
             while (now := time.monotonic()) < due:
                 paused = self._wait(due - now)
                 if paused is None:
@@ -116,7 +116,7 @@ class Window:
         pygame.display.flip()
 
     def _wait(self, seconds: float) -> float | None:
-        """Wait for so long or for a key; return how long it paused, None when it is closed."""
+        """Wait for a time or a key; return the time of a pause, None if the window is closed."""
         pygame = self._pygame
         event = (
             pygame.event.wait(round(1000 * seconds)) if seconds >= 0.001 else pygame.event.poll()

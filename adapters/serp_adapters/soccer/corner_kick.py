@@ -21,9 +21,9 @@ from serp_envs.soccer.timing import DECISION
 from serp_envs.soccer.world import REACH
 
 HORIZON: Final = 6.0
-"""No ball that is kicked rolls for longer, s."""
+"""Longest time that a kicked ball rolls, s."""
 ROUND: Final = (CONTACT + STAND_MARGIN) / NAO.sideways
-"""What it takes the opponent to walk round the ball, facing it, s per rad."""
+"""Time that the opponent needs to walk round the ball, facing it, s per rad."""
 
 _AHEAD: Final = np.arange(0.0, HORIZON + 0.5 * TIME_STEP, TIME_STEP)
 
@@ -41,16 +41,16 @@ def until_met(x: Numbers, y: Numbers, vx: Numbers, vy: Numbers, gap: float) -> N
     """Return the seconds until a robot has the ball, if it walks straight to meet it.
 
     Args:
-        x: Of the ball from the robot, m. Several robots take an axis in front.
+        x: Position of the ball relative to the robot, m. A leading axis is for several robots.
         y: See `x`.
-        vx: Of the ball, m/s. Rolling slows it down.
+        vx: Velocity of the ball, m/s; rolling slows it down.
         vy: See `vx`.
-        gap: How near the robot has to come to the ball, from middle to middle, m.
+        gap: Distance between the centres of robot and ball at which the robot has it, m.
 
     Returns:
-        As the environment computes it (`serp_envs.soccer.rolling.meeting`), in steps of 0.2 s as
-        long as the ball rolls: 0 for a ball in reach; for a robot that is too late for the rolling
-        ball, its walk to where the ball comes to rest.
+        The time, as the environment computes it (`serp_envs.soccer.rolling.meeting`), in steps of
+        0.2 s while the ball rolls; 0 for a ball in reach. For a robot that cannot reach the rolling
+        ball, the time of its walk to where the ball comes to rest.
     """
     speed, slowing = np.hypot(vx, vy)[..., None], SPL_2020.ball_deceleration
     rolls = np.where(speed < STILL, 0.0, speed / slowing)
@@ -81,7 +81,7 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
         * ball-in: seconds until the robot has the ball in reach, if it goes to meet it;
         * shot-in: seconds until the opponent can shoot: it goes to meet the ball, walks round it
           until it is behind it as seen from the goal, and winds up;
-        * robot-to-mark: to the place between opponent and goal from which it is marked, m;
+        * robot-to-mark: distance to the place between opponent and goal that marks it, m;
         * robot-to-opponent: m;
         * off-line: angle at the ball between the robot and the middle of the goal, 0 to π;
         * goal-open: share of the goal outside the robot's shadow as seen from the ball, 0 to 1,

@@ -17,13 +17,13 @@ from serp_envs.soccer.observation import FAR, MIRROR, NEAR
 from serp_envs.soccer.timing import DECISION
 
 FREE_ANGLE: Final = 0.2
-"""A side is free when the opponent is this far over on the other one, rad at the ball …"""
+"""A side is free if the opponent is at least this far on the other side, rad at the ball."""
 FREE_DISTANCE: Final = 0.6
-"""… or this far from the ball, m."""
+"""Both sides are free if the opponent is farther than this from the ball, m."""
 LINED_ANGLE: Final = 0.5
-"""Robot, ball and opponent are in a line when they are within ± this of one, rad at the ball."""
+"""Largest deviation of the opponent from the line through robot and ball, rad at the ball."""
 SHOT_RANGE: Final = 3.0
-"""A shot from nearer than this to the middle of the goal is a danger, m."""
+"""Largest distance to the middle of the goal from which a shot is dangerous, m."""
 
 
 def make_env(**options: Any) -> gym.Env[Any, Any]:
@@ -44,8 +44,8 @@ def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     Returns:
         float64 of shape `(..., 11)`, in the order of the domain file; truth values are 0 and 1:
 
-        * free left, free right: a ball pushed there gets past the opponent, because that is over on
-          the other side of the line from the robot through the ball, or far away;
+        * free left, free right: a ball pushed there gets past the opponent, which is on the other
+          side of the line from the robot through the ball, or far away;
         * lined: the opponent is on that line, behind the ball;
         * in-range: the ball is less than 3 m from the middle of the goal;
         * pushed left, pushed right: 0, they last only within a step;

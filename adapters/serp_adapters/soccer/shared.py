@@ -1,4 +1,4 @@
-"""What both soccer tasks use: the share of the goal that is open, and how the tasks are trained."""
+"""Shared by both soccer tasks: the open share of the goal, and the settings of training."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.robot import NAO
 
 Numbers: TypeAlias = NDArray[np.floating[Any]]
-"""A number for each observation, in any shape."""
+"""One number per observation, of any shape."""
 
 CONTACT: Final = NAO.radius + SPL_2020.ball_radius
-"""Distance between the middles of a robot and a ball that it touches, m. The middle of the ball
-cannot pass the robot's nearer than this, so the robot's shadow on the goal is so wide, too."""
+"""Distance between the centres of a robot and a ball that it touches, m. The ball cannot pass the
+robot at a smaller distance, so this is also half the width of the robot's shadow."""
 
 
 PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
@@ -39,11 +39,11 @@ PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
 def open_share(robot_to_ball: Numbers, off_line: Numbers, half_goal: Numbers) -> Numbers:
     """Return the share of the goal outside the robot's shadow as seen from the ball.
 
-    An approximation: the goal is taken to be perpendicular to the line to the ball, and what is
-    open on the far side of a robot on the line is not counted.
+    An approximation: the goal is assumed to be perpendicular to the line to the ball, and the part
+    that is open on the other side of a robot on the line is not counted.
 
     Args:
-        robot_to_ball: m.
+        robot_to_ball: Distance, m.
         off_line: Angle at the ball between the robot and the middle of the goal, 0 to π.
         half_goal: Half the angle that the goal takes up at the ball, above 0.
 

@@ -1,4 +1,4 @@
-"""Curves of one trial, and the same of several seeds on one grid so that they can be averaged."""
+"""Curves of a trial, and curves of several seeds on a common grid."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from serp.runs.summary import moving_mean
 Array = NDArray[np.float64]
 
 GRID: Final = 200
-"""Points of a curve at most."""
+"""Largest number of points of a curve."""
 
 
 class Curves(NamedTuple):
@@ -22,7 +22,7 @@ class Curves(NamedTuple):
 
     Attributes:
         x: `[G]`.
-        y: `[seeds, G]`, all finite; no rows where nothing was measured.
+        y: `[seeds, G]`, all finite; no rows if nothing was measured.
     """
 
     x: Array
@@ -30,7 +30,7 @@ class Curves(NamedTuple):
 
 
 class Checkpoints(NamedTuple):
-    """Evaluations of the learner alone in the course of a training.
+    """Evaluations of the learner, without planner and veto, during a training.
 
     Attributes:
         env_steps: `[C]`, rising: env steps of training before each.
@@ -82,8 +82,8 @@ def training_curves(records: Sequence[Record], env_steps: int) -> Curves:
 def episode_curves(records: Sequence[Record]) -> Curves:
     """Return training returns over episodes, smoothed over 20.
 
-    They end with the seed that has the fewest episodes: beyond it, an average would be over the
-    trials with short episodes alone.
+    They end with the seed that has the fewest episodes: beyond it, only trials with short episodes
+    would be averaged.
     """
     played = [record for record in records if len(record.episodes["return"])]
     count = min((len(record.episodes["return"]) for record in played), default=0)

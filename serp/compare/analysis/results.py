@@ -1,4 +1,4 @@
-"""The finished trials of a comparison with everything that is measured of them."""
+"""The finished trials of a comparison and their measures."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from serp.compare.records import Record, Trial
 Array = NDArray[np.float64]
 
 ENOUGH: Final = 5
-"""Intervals over fewer seeds than these are rough: they tend to be too narrow."""
+"""Number of seeds below which intervals are rough; they tend to be too narrow."""
 
 
 class Results:
@@ -34,14 +34,14 @@ class Results:
 
     Args:
         records: Of finished trials, in any order; some may be missing.
-        metadata: What the comparison was asked for.
+        metadata: The metadata of the comparison.
 
     Attributes:
         metadata: As given.
         records: In the order of algorithms, variants (the base first) and seeds.
         measured: Trial → name of a measure → value; see `serp.compare.analysis.measures`.
         undecided: Trial → measures of the threshold that it has too few episodes for.
-        missing: Trials that were asked for and are not there.
+        missing: Requested trials that are not finished.
     """
 
     def __init__(self, records: Iterable[Record], metadata: ComparisonMetadata) -> None:

@@ -1,9 +1,9 @@
 """Statistics of a few seeds: interquartile means, bootstrap intervals, censored times.
 
-Means of a handful of training runs say little without an interval. The interquartile mean (mean of
-the middle half) with percentile intervals from a stratified bootstrap is what Agarwal et al., *Deep
-Reinforcement Learning at the Edge of the Statistical Precipice* (NeurIPS 2021, arXiv:2108.13264),
-recommend: robust against one lucky or failed run, and less wasteful than the median.
+Agarwal et al., *Deep Reinforcement Learning at the Edge of the Statistical Precipice* (NeurIPS
+2021, arXiv:2108.13264), recommend the interquartile mean (mean of the middle half) with percentile
+intervals from a stratified bootstrap: it is robust against outliers, and more efficient than the
+median.
 
 Values that are NaN were not measured and are left out. Results do not depend on the order of the
 seeds. The generator has a fixed seed, so that equal data give equal intervals. The intervals are
@@ -234,8 +234,8 @@ def _interval(strata: Sequence[Array], statistic: Callable[[Sequence[Array]], Ar
 def _bootstrap(
     strata: Sequence[Array], statistic: Callable[[Sequence[Array]], Array], *, resamples: int
 ) -> tuple[Array, Array]:
-    """Return the ends of the percentile interval; strata `[..., seeds]` are resampled alone."""
-    # A stratum of one seed stays as it is: scipy wants two, and twice the same is the same.
+    """Return the ends of the percentile interval; each stratum `[..., seeds]` is resampled."""
+    # A stratum of one seed is constant; scipy needs at least two values.
     whole = [stratum if stratum.shape[-1] > 1 else None for stratum in strata]
     resampled = [stratum for stratum in whole if stratum is not None]
 

@@ -1,4 +1,4 @@
-"""One algorithm on several domain files for the same task: how bad may the model be?
+"""Results of one algorithm on several domain files for the same task.
 
 For every domain file (a *variant*): the return of the planner that uses it, the results of learning
 with it, and whether these are worse than those of learning without a planner.
@@ -28,11 +28,11 @@ class Check(NamedTuple):
     """A difference that must not be too far below 0.
 
     Attributes:
-        to: What was compared with.
-        difference: Of the means, with its 95 % interval; NaN where it was not measured.
-        limit: Below which it must not be.
-        verdict: `holds` where the whole interval is above the limit, `does not hold` where it is
-            below, `undecided` where the limit is inside.
+        to: The algorithm compared with.
+        difference: Difference of the means, with its 95 % interval; NaN if it was not measured.
+        limit: Smallest acceptable difference.
+        verdict: `holds` if the whole interval is above the limit, `does not hold` if it is below,
+            `undecided` if the limit is inside.
     """
 
     to: str
@@ -108,8 +108,10 @@ def _row(results: Results, ours: str, variant: str) -> VariantRow:
     planner_early = results.known(PLANNER, EARLY, variant)
     if not len(planner_early):
         planner_early = planner_returns(results, variant)
-    rivals = {PLANNER: planner_early, DQN: plain_early}
-    better = max(rivals, key=lambda name: rivals[name].mean() if len(rivals[name]) else -np.inf)
+    references = {PLANNER: planner_early, DQN: plain_early}
+    better = max(
+        references, key=lambda name: references[name].mean() if len(references[name]) else -np.inf
+    )
     final_difference = difference([final], [_plain(results, "final_learner", variant)], mean)
     return VariantRow(
         variant=variant,
@@ -120,7 +122,7 @@ def _row(results: Results, ours: str, variant: str) -> VariantRow:
         final=results.estimate(ours, "final_learner", variant),
         final_check=_check(DQN, final_difference, FINAL_MARGIN * results.range),
         early_check=_check(
-            better, difference([early], [rivals[better]], mean), EARLY_MARGIN * results.range
+            better, difference([early], [references[better]], mean), EARLY_MARGIN * results.range
         ),
     )
 

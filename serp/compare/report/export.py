@@ -1,4 +1,4 @@
-"""Every number of a comparison for programs: three CSV tables and one JSON object."""
+"""Exports every number of a comparison: three CSV tables and one JSON object."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LEADING = ("algorithm", "variant", "seed")
 
 
 def measures_csv(results: Results) -> str:
-    """Return a row a trial, a column a measure; empty if nothing was measured, `inf` for never."""
+    """Return a row per trial, a column per measure; empty if not measured, `inf` for never."""
     names = [measure.name for measure in results.table]
     rows = (
         [*trial, *(_cell(values.get(name)) for name in names)]

@@ -19,13 +19,13 @@ _MARKERS: Final = ("o", "s", "^", "D", "v")
 
 
 class LineStyle(NamedTuple):
-    """Style in which an algorithm is drawn.
+    """The style of an algorithm in figures.
 
     Attributes:
-        colour: Of line, band and marker.
-        dash: Style of its line, as matplotlib takes it.
-        marker: Of its points.
-        width: Of its line, in points: the first algorithm's is the widest.
+        colour: Colour of line, band and marker.
+        dash: Line style of matplotlib.
+        marker: Marker of matplotlib.
+        width: Line width in points; the first algorithm's is the largest.
     """
 
     colour: str

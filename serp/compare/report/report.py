@@ -1,4 +1,4 @@
-"""The report of a comparison: one page that can be read alone, its figures, all its numbers."""
+"""The report of a comparison: a self-contained page, its figures and all its numbers."""
 
 from __future__ import annotations
 

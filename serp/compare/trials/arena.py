@@ -1,4 +1,4 @@
-"""Evaluating a policy: several environments side by side, so that a network sees batches."""
+"""Evaluation of a policy in several environments at once, so that networks compute batches."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Act = Callable[[Sequence[Vector], NDArray[np.float64]], Sequence[Decision]]
 """(states, inputs `[B, F]`) → a decision for each."""
 
 _MOST = 20
-"""Environments side by side: more make a network's batch hardly cheaper."""
+"""Number of environments; larger batches are hardly faster."""
 
 
 class Arena:
@@ -30,8 +30,8 @@ class Arena:
 
     Args:
         task: The task.
-        agent: Perceives observations.
-        episodes: Episodes of an evaluation at most.
+        agent: Converts observations to states and inputs.
+        episodes: Largest number of episodes of an evaluation.
         seed: Seed of the environments: every evaluation plays the same episodes.
     """
 
@@ -53,10 +53,10 @@ class Arena:
 
         Args:
             act: The policy.
-            episodes: How many.
+            episodes: Number of episodes.
             policy: Its name.
-            env_steps: Env steps of training before.
-            trained_in: Where the learner was trained; running statistics are taken from there.
+            env_steps: Env steps of training before the evaluation.
+            trained_in: The task of the training; its running statistics are used.
         """
         statistics = trained_in.environment_state()
         for task in self._tasks:

@@ -1,4 +1,4 @@
-"""What an algorithm is like, for the table of what differs."""
+"""Characteristics of an algorithm, for the report's table of differences."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ _NOT_OF_TRAINING: Final = (
 def characteristics_of(
     algorithm: Algorithm, settings: Settings, source: Source
 ) -> Mapping[str, str]:
-    """Return what an algorithm of ours is like: name → text.
+    """Return the characteristics of one of serp's algorithms: name → text.
 
     Args:
-        algorithm: Which.
+        algorithm: The algorithm.
         settings: All its settings.
-        source: Whose reward it learns from.
+        source: The source of the reward that it learns from.
     """
     planner = settings.planner
     plan = f"lookahead, depth {planner.depth}, {planner.repeat} control periods an edge"
@@ -46,13 +46,13 @@ def characteristics_of(
         vetoes += ", and what leads there within the lookahead"
     if settings.arbiter.r_min is not None:
         vetoes += f", reward below {settings.arbiter.r_min:g}"
-    alone = algorithm.kind == "baseline"
+    baseline = algorithm.kind == "baseline"
     return {
         "learner": "none" if algorithm.kind == "planner" else f"DQN, preset {algorithm.preset}",
         "learned from": "none" if algorithm.kind == "planner" else REWARDS[source],
-        "planner": "none" if alone else plan,
+        "planner": "none" if baseline else plan,
         "who acts": _who_acts(algorithm, settings),
-        "vetoes": "none" if alone else vetoes,
+        "vetoes": "none" if baseline else vetoes,
     }
 
 

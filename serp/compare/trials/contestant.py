@@ -1,4 +1,4 @@
-"""An algorithm that is being trained: what a trial needs to know of it."""
+"""Contestants: algorithms in training, in the form that a trial uses."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ class Contestant(Protocol):
     """An algorithm with a task and a seed.
 
     Attributes:
-        agent: Perceives; its guarded arbiter holds the vetoes.
-        characteristics: Name → text, for the table of what differs.
+        agent: Converts observations; its guarded arbiter has the vetoes.
+        characteristics: Name → text, for the report's table of differences.
     """
 
     agent: Agent
     characteristics: Mapping[str, str]
 
     def train(self, env_steps: int, on_step: OnStep) -> None:
-        """Train for at least so many env steps, unless `on_step` raises."""
+        """Train for at least this number of env steps, unless `on_step` raises."""
 
     def greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the greedy actions `[B]` of the learner alone."""
+        """Return the learner's greedy actions `[B]`, without planner and veto."""
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
         """Decide greedily within the vetoes."""
@@ -75,7 +75,7 @@ class _Own:
     ) -> None:
         self.agent = Agent(task, settings, seed, baseline=algorithm.kind == "baseline")
         self._trainer = Trainer(task, settings, seed, agent=self.agent)
-        self._trainer.prepare()  # what is read from disk for the first step is no training
+        self._trainer.prepare()  # loading compiled code does not count as training
         self.characteristics = characteristics_of(algorithm, settings, self._trainer.judge.source)
 
     def train(self, env_steps: int, on_step: OnStep) -> None:
@@ -91,7 +91,7 @@ class _Own:
         return learner.greedy_batch(inputs, np.stack([base for base in bases if base is not None]))
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
-        return self.agent.guarded.decide_greedily(state, self.agent.before(x))
+        return self.agent.guarded.decide_greedily(state, self.agent.proposer(x))
 
 
 class _External:
@@ -132,7 +132,7 @@ class _External:
 
     @contextlib.contextmanager
     def _blamed(self) -> Iterator[None]:
-        """Say who failed, whatever it raised: it is not ours."""
+        """Raise a RunError that names the algorithm for whatever it raises."""
         try:
             yield
         except SerpError:

@@ -18,20 +18,20 @@ from serp.training.rollout import Rollout, training_seed
 
 
 class ExternalEnv(gym.Env[NDArray[np.float32], np.int64]):
-    """A task as a plain environment, with the protocol of serp's own learner.
+    """A task as a Gymnasium environment, with the protocol of serp's own learner.
 
-    Observations are the learner's input (observation, grounded state or both, as
-    `training.inputs` says) as float32 `[F]`; the reward is the one that is learned from; episodes
-    begin with the same seeds as in our own training; actions are 0 ... E-1. Nothing is refused.
+    Observations are the learner's input (observation, grounded state or both, by
+    `training.inputs`) as float32 `[F]`; the reward is the one that is learned from; episodes
+    begin with the same seeds as in serp's training; actions are 0 ... E-1. Nothing is refused.
 
     Args:
         task: The task.
-        agent: Perceives, and forecasts what is predicted unsafe.
+        agent: Converts observations, and forecasts steps to count unsafe ones.
         seed: Seed of the training; a seed given to `reset` is ignored.
         on_step: Called with every env step.
 
     Attributes:
-        judge: Says what a step is worth.
+        judge: Judges the steps.
     """
 
     def __init__(self, task: BoundTask, agent: Agent, seed: int, on_step: OnStep) -> None:

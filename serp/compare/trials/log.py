@@ -1,4 +1,4 @@
-"""What is written down of a training, whoever trains."""
+"""The log of a training, for every kind of algorithm."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ class Log:
 
     Args:
         available: `[E]` actions that the model does not know and that may be executed.
-        unit: Name of the counter in the environment's info that is written down as `unit`.
-        counters: Names of the counters that are written down as `info.<name>`.
-        clock: Seconds, monotonic; compilation is no part of training.
+        unit: Name of the counter in the environment's info that is logged as `unit`.
+        counters: Names of the counters that are logged as `info.<name>`.
+        clock: Monotonic clock, seconds; by default without compilation.
 
     Attributes:
         env_steps: Env steps so far.
-        rows: Of the episodes that have ended: an `EpisodeRow` and the value of each counter.
-        pauses: Seconds that were spent on something else than training.
+        rows: For each complete episode an `EpisodeRow` and the value of each counter.
+        pauses: Seconds that were not training.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Log:
 
     @contextmanager
     def paused(self) -> Any:
-        """Leave what happens inside out of the time of training."""
+        """Exclude the body from the time of training."""
         begin = self._clock()
         try:
             yield
@@ -65,7 +65,7 @@ class Log:
             self.pauses += self._clock() - begin
 
     def step(self, step: StepRecord) -> None:
-        """Write an env step down."""
+        """Log an env step."""
         self.env_steps += 1
         decision = step.decision
         if decision.unsafe:
@@ -108,5 +108,5 @@ def _counted(info: dict[str, Any], name: str) -> float:
 
 
 def _number(value: Any) -> int:
-    """Return the number of a unit; 0 where it is counted by something else."""
+    """Return the number of a unit; 0 if it is not a number."""
     return int(real(single(value)) or 0)

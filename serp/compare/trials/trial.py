@@ -32,12 +32,12 @@ from serp.tasks.watchdog import Watchdog
 
 
 class _Spent(Exception):
-    """The budget is spent: whoever trains is interrupted in the middle of an episode."""
+    """The budget is spent; this interrupts the training in the middle of an episode."""
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What a trial has found.
+    """The results of a trial.
 
     Attributes:
         log: The episodes of training.
@@ -56,9 +56,9 @@ def trial_settings(algorithm: Algorithm, task: Task, changes: Changes) -> Settin
     """Return the settings of an algorithm on a task.
 
     Args:
-        algorithm: Which; what it changes itself stands whatever the user changes.
+        algorithm: The algorithm; its own changes override those of the user.
         task: The task.
-        changes: What the user changes for all algorithms.
+        changes: The user's changes for all algorithms.
 
     Raises:
         SettingsError: A setting does not exist, or a value is out of range.
@@ -82,12 +82,12 @@ def run_trial(
     """Train and measure.
 
     Args:
-        trial: What it is of.
+        trial: The trial.
         algorithm: Its algorithm.
         task: The task, with the domain file of the variant.
         protocol: Budget and evaluations.
-        changes: What the user changes in the settings of all algorithms.
-        on_progress: Called with the env steps so far, some times a second at most.
+        changes: The user's changes to the settings of all algorithms.
+        on_progress: Called with the env steps so far, a few times per second at most.
 
     Raises:
         SerpError: Task, settings or environment are wrong.
@@ -174,7 +174,7 @@ class _Trial:
         if not protocol.due(log.env_steps):
             return
         last = log.env_steps >= protocol.env_steps
-        if last and self._external:  # it has yet to learn from the last steps, and then ends
+        if last and self._external:  # it still learns from the last steps, and then ends
             return
         self._evaluate(last=last)
         if last:
@@ -204,7 +204,7 @@ class _Trial:
     # Policies ----------------------------------------------------------------------------------
 
     def _greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> list[Decision]:
-        """Let the learner act; nothing is forecast, which would take most of the time."""
+        """Decide by the learner, without forecasts, which would take most of the time."""
         size = self._bound.actions.size
         actions = self._contestant.greedy(states, inputs)
         return [_not_forecast(int(action), size) for action in actions]
@@ -212,7 +212,7 @@ class _Trial:
     def _greedy_forecast(
         self, states: Sequence[Vector], inputs: NDArray[np.float64]
     ) -> list[Decision]:
-        """Let the learner act, and forecast what it does."""
+        """Decide by the learner, with forecasts."""
         actions = self._contestant.greedy(states, inputs)
         execute = self._contestant.agent.guarded.execute
         return [
@@ -228,7 +228,7 @@ class _Trial:
 
 
 def _not_forecast(action: int, size: int) -> Decision:
-    """Return the record of a choice of the learner of which nothing is predicted."""
+    """Return the decision for a choice of the learner without a forecast."""
     forecast = ActionForecast(
         choice=-1,
         ground=np.full(size, -1),

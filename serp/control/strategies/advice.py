@@ -1,4 +1,4 @@
-"""The planner's view of one env step, in the form that the learner uses."""
+"""The planner's forecasts of an env step as guidance for the learner."""
 
 from __future__ import annotations
 
@@ -11,11 +11,10 @@ from serp.planning.action_map import ActionForecast
 
 
 def values_of(forecast: ActionForecast, scale: float) -> NDArray[np.float32]:
-    """Return `[E]` what the best plan from each action on is worth, in units of Q.
+    """Return `[E]` the value of the best plan that begins with each action, in units of Q.
 
-    An action that the planner gives no value (it is not applicable, or not in the model) is worth
-    as much as the least of the others, and what float32 cannot hold as its largest number, so that
-    nothing is infinite.
+    An action without a value (it is not applicable, or not in the model) gets the smallest of the
+    other values. Values are clipped to the range of float32, so that all are finite.
     """
     value = forecast.value
     finite = np.isfinite(value)
@@ -34,14 +33,14 @@ def advice(
     scale: float,
     imitate: bool,
 ) -> Guidance:
-    """Return the planner's view of an env step.
+    """Return the planner's guidance for an env step.
 
     Args:
-        forecast: Of the state that was acted in.
+        forecast: Forecast for the state before the step.
         action: The executed environment action.
-        following: Forecast of the next state; None where the episode ended there.
-        scale: What planner's rewards are multiplied by to give units of Q.
-        imitate: Whether the planner's action is to be imitated in the state acted in.
+        following: Forecast for the next state; None if the episode ended there.
+        scale: Factor from the planner's values to units of Q.
+        imitate: Whether the learner is to imitate the planner's action before the step.
     """
     if following is None:
         next_action, next_values = -1, np.zeros(len(forecast.value), np.float32)

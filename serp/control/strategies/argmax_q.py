@@ -1,4 +1,4 @@
-"""Argmax over both proposals: whichever the learner values more (IBRL, Hu et al. 2024)."""
+"""Argmax over both proposals: the one with the larger Q (IBRL, Hu et al. 2024)."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from serp.planning.action_map import ActionForecast
 
 
 class ArgmaxQ(Strategy):
-    """Act, and value the next state, by the better of planner's and learner's proposal.
+    """Executes the better of the planner's and the learner's proposal, and bootstraps from it.
 
-    Imitation Bootstrapped Reinforcement Learning (Hu et al. 2024, arXiv 2311.02198), the planner in
-    the place of the imitation policy: the proposal with the larger value in the target network is
-    executed, and the value of a next state is that of the better proposal there. Where both are
-    worth the same, the planner acts.
+    Imitation Bootstrapped Reinforcement Learning (Hu et al. 2024, arXiv 2311.02198), with the
+    planner in place of the imitation policy: the proposal with the larger value in the target
+    network is executed, and the value of a next state is that of the better proposal there. If both
+    have the same value, the planner acts.
     """
 
     guided = GuidedLearning(bootstrap_guide=True)
 
     @property
     def choice(self) -> str:
-        """Both proposals."""
+        """In words: the better proposal."""
         return "the planner's or the learner's choice, whichever the learner values more"
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:

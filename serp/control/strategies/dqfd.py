@@ -1,4 +1,4 @@
-"""Learning from demonstrations: the planner shows, a margin loss holds on to it (DQfD)."""
+"""Learning from demonstrations of the planner, with a margin loss (DQfD, Hester et al. 2018)."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ class Demonstrations(Strategy):
     """The planner demonstrates for some env steps, then the learner acts.
 
     Deep Q-learning from Demonstrations (Hester et al. 2018, arXiv 1704.03732): on demonstrated
-    samples the planner's action is to be worth a margin more than any other, beside the TD loss.
-    With the Q-filter of Nair et al. (2018, arXiv 1709.10089) this holds only where the target
-    network does not know better. Demonstrations stay in the memory: `learner.protected_early` and
-    `learner.protected_share` say how many, and which share of a batch they and failing samples are.
+    samples a margin loss, in addition to the TD loss, makes the Q of the planner's action a margin
+    larger than that of any other. With the Q-filter of Nair et al. (2018, arXiv 1709.10089) the
+    margin loss applies only if the target network does not value another action more.
+    Demonstrations stay in the replay memory: `learner.protected_early` says how many, and
+    `learner.protected_share` which share of a batch they and failing samples have.
     """
 
     reads = ("guide.imitation_steps", "guide.margin")
@@ -44,22 +45,22 @@ class Demonstrations(Strategy):
 
     @property
     def turns(self) -> str:
-        """Whether the planner demonstrates."""
+        """In words: who acts now."""
         return "the planner's choice" if self._demonstrating else self.choice
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Let the planner act in the demonstration, then ask the learner."""
+        """Return None during the demonstration, then the learner's proposal."""
         return None if self._demonstrating else learner.propose(situation.explorable)
 
     def guidance(
         self, forecast: ActionForecast, action: int, following: ActionForecast | None
     ) -> Guidance | None:
-        """Return what was demonstrated."""
+        """Return the planner's action, to be imitated if it was demonstrated."""
         shown = self._demonstrating and action == forecast.choice
         return advice(forecast, action, following, scale=1.0, imitate=shown)
 
     def end_unit(self, unit: str) -> None:
-        """Count the steps."""
+        """Count env steps."""
         self._step += unit == "step"
 
     def state_dict(self) -> dict[str, Any]:

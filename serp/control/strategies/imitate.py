@@ -1,4 +1,4 @@
-"""Imitate, then learn: the planner is copied first, then left behind (LOKI, Cheng et al. 2018)."""
+"""Imitation of the planner, then reinforcement learning (LOKI, Cheng et al. 2018)."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from serp.settings import Settings
 
 
 class ImitateThenLearn(Strategy):
-    """K env steps of imitation, then reinforcement learning alone.
+    """K env steps of imitation, then reinforcement learning only.
 
     LOKI (Cheng et al. 2018, arXiv 1805.10413): K is drawn uniformly from the second half of
     `guide.imitation_steps`. Imitation is online, as in DAgger (Ross et al. 2011, arXiv 1011.0686):
     the planner acts with a probability that falls from 1 to 0 over the K steps, else the learner's
-    greedy choice is executed. The planner's choice in every state is learned by DQfD's margin loss
-    beside the TD loss; after K steps that is switched off.
+    greedy choice is executed. In these K steps the planner's choice in every state is learned by
+    DQfD's margin loss, in addition to the TD loss.
     """
 
     reads = ("guide.imitation_steps", "guide.margin")
@@ -44,18 +44,18 @@ class ImitateThenLearn(Strategy):
 
     @property
     def rho(self) -> float:
-        """The learner's share of the decisions."""
+        """The probability that the learner acts."""
         return self._step / self._end if self._imitating else 1.0
 
     @property
     def turns(self) -> str:
-        """Who acts with which probability."""
+        """In words: who acts with which probability."""
         if not self._imitating:
             return self.choice
         return f"with probability {1.0 - self.rho:.2f} the planner's choice, else the learner's"
 
     def forked(self, seed: np.random.SeedSequence) -> ImitateThenLearn:
-        """Return a copy with draws of its own."""
+        """Return a copy with its own random draws."""
         forked = copy.copy(self)
         forked._random = np.random.default_rng(seed)
         return forked
@@ -66,7 +66,7 @@ class ImitateThenLearn(Strategy):
         return float(self._imitating)
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Draw whose turn it is during imitation; then ask the learner."""
+        """Draw who acts during imitation; then return the learner's proposal."""
         if not self._imitating:
             return learner.propose(situation.explorable)
         return None if self._random.random() > self.rho else learner.propose_greedily()
@@ -78,7 +78,7 @@ class ImitateThenLearn(Strategy):
         return advice(forecast, action, following, scale=1.0, imitate=self._imitating)
 
     def end_unit(self, unit: str) -> None:
-        """Count the steps."""
+        """Count env steps."""
         self._step += unit == "step"
 
     def state_dict(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Jump-start: the planner begins every episode, the learner ends it (Uchendu et al. 2023)."""
+"""Jump-start: the planner acts first in every episode, then the learner (Uchendu et al. 2023)."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from serp.learning.dqn import Proposal
 from serp.settings import Settings
 
 _WINDOW: Final = 5
-"""Episodes that a mean is taken over."""
+"""Number of episodes per mean return."""
 
 
 class JumpStart(Strategy):
     """The planner acts in the first h steps of an episode, then the learner.
 
     Jump-Start Reinforcement Learning with a curriculum (Uchendu et al. 2023, arXiv 2204.02372): in
-    the first five episodes the planner acts alone; the longest of them gives h, their mean return
-    the mark. Whenever the mean return of five episodes is within the tolerance of the best such
-    mean so far, h shrinks by a stage. What the original evaluates apart are here the episodes of
-    training themselves, which cost no samples.
+    the first five episodes only the planner acts; h begins with the length of the longest of them.
+    Whenever the mean return of five episodes is within the tolerance of the best such mean so far,
+    h shrinks by a stage. The original uses separate evaluation episodes; here the training episodes
+    serve, which cost no samples.
     """
 
     reads = ("guide.jump_stages", "guide.jump_tolerance")
@@ -34,14 +34,14 @@ class JumpStart(Strategy):
         super().__init__(settings, seed, adapts=adapts)
         self._longest = 0
         self._stage = -1
-        """-1 while the planner acts alone."""
+        """-1 while only the planner acts."""
         self._best = -float("inf")
         self._recent: deque[float] = deque(maxlen=_WINDOW)
         self._step = 0
 
     @property
     def planned_steps(self) -> float:
-        """h: so many steps of an episode are the planner's."""
+        """h, the number of steps of an episode in which the planner acts."""
         if self._stage < 0:
             return float("inf")
         return self._longest * (1.0 - self._stage / self._settings.guide.jump_stages)
@@ -53,7 +53,7 @@ class JumpStart(Strategy):
 
     @property
     def turns(self) -> str:
-        """How long the planner acts."""
+        """In words: how long the planner acts."""
         steps = self.planned_steps
         if steps == float("inf"):
             return "the planner's choice"
@@ -62,13 +62,13 @@ class JumpStart(Strategy):
         return f"the planner's choice in the first {math.ceil(steps)} steps, then the learner's"
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Return None in the first h steps."""
+        """Return None in the first h steps, then the learner's proposal."""
         planners_turn = self._step < self.planned_steps
         self._step += 1
         return None if planners_turn else learner.propose(situation.explorable)
 
     def end_episode(self, return_: float, length: int) -> None:
-        """Shrink h where the returns have held."""
+        """Shrink h if the mean return has not dropped."""
         self._step = 0
         if self._stage < 0:
             self._longest = max(self._longest, length)

@@ -21,12 +21,12 @@ from serp.settings import Settings
 
 
 class Mixture(Strategy):
-    """The planner's turn with probability 1 - ρ, else the learner's (paper, Algorithm 1).
+    """The planner acts with probability 1 - ρ, else the learner (paper, Algorithm 1).
 
-    In the planner's turn the learner acts where all plans are worth the same, and where its
-    networks agree that its choice is better (`arbiter.confidence_margin`), unless the model has
-    predicted well. Where it has, the planner's choice is imitated (`arbiter.imitation_weight`;
-    Hester et al. 2018, arXiv 1704.03732).
+    In the planner's turn the learner acts if all plans have the same value, or if its networks
+    agree that its choice is better (`arbiter.confidence_margin`) and the model has not proven
+    reliable. While the model is reliable, the learner imitates the planner's choice
+    (`arbiter.imitation_weight`; Hester et al. 2018, arXiv 1704.03732).
     """
 
     reads = (
@@ -54,40 +54,40 @@ class Mixture(Strategy):
         return self._rho
 
     @property
-    def _asks_when_indifferent(self) -> bool:
+    def _learner_if_indifferent(self) -> bool:
         return self._settings.arbiter.indifferent == "learner"
 
     @property
     def turns(self) -> str:
-        """Who acts with which probability."""
+        """In words: who acts with which probability."""
         if self._rho >= 1.0:
             return self.choice
-        also = ["all plans are worth the same"] if self._asks_when_indifferent else []
+        also = ["all plans are worth the same"] if self._learner_if_indifferent else []
         if self._settings.arbiter.confidence_margin is not None:
             also.append("its networks agree that their own choice is better")
         text = f"with probability {1.0 - self._rho:.2f} the planner's choice, else the learner's"
         return text + (f"; the learner's also where {' or '.join(also)}" if also else "")
 
     def forked(self, seed: np.random.SeedSequence) -> Mixture:
-        """Return a copy with draws of its own."""
+        """Return a copy with its own random draws."""
         forked = copy.copy(self)
         forked._random = np.random.default_rng(seed)
         return forked
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Draw whose turn it is."""
+        """Draw whose turn it is; return the learner's proposal, or None."""
         self._model_reliable = situation.confidence is ModelConfidence.RELIABLE
         planners_turn = self._random.random() > self._rho
-        if planners_turn and not (self._asks_when_indifferent and situation.forecast.indifferent):
+        if planners_turn and not (self._learner_if_indifferent and situation.forecast.indifferent):
             return self._confident(situation, learner)
         explorable, admissible = situation.explorable, situation.admissible
         filtered = explorable is not None and explorable is not admissible
         if filtered and self._confident(situation, learner) is not None:
-            explorable = admissible  # plans that are known to mislead filter nothing
+            explorable = admissible  # the learner's choice is better than the plans that filter
         return learner.propose(explorable)
 
     def _confident(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Return the learner's own choice where its networks agree that it is better."""
+        """Return the learner's greedy choice if its networks agree that it is better; else None."""
         planned, margin = situation.forecast.choice, self._settings.arbiter.confidence_margin
         if margin is None or planned < 0 or situation.confidence is not ModelConfidence.OPEN:
             return None
@@ -106,14 +106,14 @@ class Mixture(Strategy):
     def guidance(
         self, forecast: ActionForecast, action: int, following: ActionForecast | None
     ) -> Guidance | None:
-        """Return what the planner would have done, to be imitated where it has a reason for it."""
+        """Return the planner's choice, to be imitated if the model is reliable."""
         if self.guided is None:
             return None
         imitate = self._model_reliable and not forecast.indifferent
         return advice(forecast, action, following, scale=1.0, imitate=imitate)
 
     def end_unit(self, unit: str) -> None:
-        """Let ρ grow if it grows by this unit."""
+        """Increase ρ if this is the unit by which it grows."""
         if unit == self._settings.arbiter.rho_unit:
             settings = self._settings.arbiter
             self._rho = min(settings.rho_max, self._rho + settings.rho_increment)

@@ -1,4 +1,4 @@
-"""Residual learning: Q is the planner's value plus what the network adds."""
+"""Residual learning: Q is the planner's value plus the network's output."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ class Residual(Strategy):
     """The learner acts on Q(s, a) = planner's value of a + network(s, a).
 
     Residual learning (Johannink et al. 2019, arXiv 1812.03201; Silver et al. 2018, arXiv
-    1812.06298) carried over from controls to values: the network learns what the planner's value
-    lacks. Without the network the policy is the planner's.
+    1812.06298), applied to values instead of controls: the network learns the error of the
+    planner's value. If its output is 0, the policy is the planner's.
     """
 
     guided = GuidedLearning(residual=True)
 
     @property
     def choice(self) -> str:
-        """With the planner's values."""
+        """In words: the learner's choice, which uses the planner's values."""
         return "the learner's choice, the planner's values a part of its own"
 
     baseline = choice
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal:
-        """Return the choice by the sum, with exploration."""
+        """Return the action with the largest sum, with exploration."""
         return learner.propose(situation.explorable, base=self.base(situation.forecast))
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal:
-        """Return the choice by the sum."""
+        """Return the action with the largest sum."""
         return learner.propose_greedily(base=self.base(situation.forecast))
 
     def base(self, forecast: ActionForecast) -> Values:
-        """Return `[E]` the planner's values: they are a part of this learner's Q."""
+        """Return `[E]` the planner's values."""
         return values_of(forecast, self._settings.learner.reward_scale)
 
     def guidance(

@@ -1,4 +1,4 @@
-"""Restrict: the learner chooses among the actions of good enough plans (DARLING)."""
+"""Restrict: the learner chooses among the actions of nearly optimal plans (DARLING)."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from serp.planning.action_map import ActionForecast
 
 
 class Restrict(Strategy):
-    """The learner acts, among the actions whose best plan is nearly as good as the best.
+    """The learner acts, limited to actions whose best plan is nearly as good as the best plan.
 
-    DARLING (Leonetti, Iocchi and Stone 2016, Artificial Intelligence 241) lets plans within a share
-    of the best one's cost decide which actions are reasonable. The restriction holds for choice,
-    exploration and the value of the next state.
+    In DARLING (Leonetti, Iocchi and Stone 2016, Artificial Intelligence 241) the actions of plans
+    whose cost is within a factor of the best one's are reasonable. The restriction applies to the
+    choice, to exploration and to the value of the next state.
     """
 
     reads = ("guide.restrict_slack",)
 
     @property
     def choice(self) -> str:
-        """With the restriction."""
+        """In words: the learner's choice, with the restriction."""
         return "the learner's choice among the actions of good enough plans"
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal:
@@ -40,7 +40,7 @@ class Restrict(Strategy):
         if not admissible.any():
             return admissible
         best = forecast.value[admissible].max()
-        if not np.isfinite(best):  # the model knows none of them, or their worth is no number
+        if not np.isfinite(best):  # the model knows none of them, or gives no finite value
             return admissible
         slack = self._settings.guide.restrict_slack
         reasonable: Mask = admissible & (forecast.value >= best - slack * abs(best))

@@ -1,7 +1,7 @@
-"""The base class of strategies: ways in which planner and learner share the decisions.
+"""The base class of strategies, which decide whether planner or learner proposes.
 
-A strategy only proposes; what it proposes passes `serp.control.arbiter.Arbiter`, so that
-the vetoes hold under every strategy.
+A strategy only proposes; `serp.control.arbiter.Arbiter` checks each proposal, so that the vetoes
+hold under every strategy.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ Seed = int | np.random.SeedSequence
 
 
 class Situation(NamedTuple):
-    """What a strategy knows of the state that is to be decided on.
+    """What a strategy knows of the current state.
 
     Attributes:
-        forecast: The planner's view.
+        forecast: The planner's forecast.
         admissible: `[E]` actions that no veto refuses.
         explorable: `[E]` actions to explore among; None for all.
-        confidence: How far the model can be relied on.
+        confidence: Confidence in the model.
     """
 
     forecast: ActionForecast
@@ -42,19 +42,19 @@ class Situation(NamedTuple):
 
 
 class Strategy:
-    """How planner and learner share the decisions. This base class always asks the learner.
+    """A rule for who proposes; in this base class it is always the learner.
 
     A strategy proposes; `serp.Arbiter` decides, so that the vetoes hold under every strategy. A
     subclass is found by name through the entry-point group `serp.strategies`.
 
     Args:
         settings: All settings.
-        seed: Seed of its draws, where it draws.
-        adapts: Whether the model adapts. One that does not is never known to predict well.
+        seed: Seed of random draws.
+        adapts: Whether the model adapts; a model that does not is never judged reliable.
 
     Attributes:
-        reads: The settings of its own, as `guide.margin`; other strategies do not read them.
-        guided: How the learner is to use what the planner says; None for not at all.
+        reads: Settings that only this strategy reads, such as `guide.margin`.
+        guided: How the learner uses the planner's guidance; None for not at all.
     """
 
     reads: ClassVar[tuple[str, ...]] = ()
@@ -65,7 +65,7 @@ class Strategy:
 
     @property
     def rho(self) -> float:
-        """The probability that the learner is asked next."""
+        """The probability that the learner makes the next proposal."""
         return 1.0
 
     @property
@@ -80,61 +80,59 @@ class Strategy:
 
     @property
     def turns(self) -> str:
-        """In words: what `propose` returns now, exploration left out."""
+        """In words: what `propose` returns now, without exploration."""
         return self.choice
 
     @property
     def margin_weight(self) -> float:
-        """Weight of the learner's imitation loss from now on."""
+        """Weight of the learner's imitation loss in the next updates."""
         return 0.0 if self.guided is None else self.guided.margin_weight
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Return the learner's proposal, or None where it is the planner's turn."""
+        """Return the learner's proposal, or None if it is the planner's turn."""
         return learner.propose(situation.explorable)
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Return what the trained policy does: as `propose`, without exploration or draw."""
+        """Return the trained policy's proposal, without exploration or random draws."""
         return learner.propose_greedily()
 
     def propose_baseline(self, situation: Situation, learner: Proposer) -> Proposal:
-        """Return what the learner does without planner and veto."""
+        """Return the learner's greedy choice, for execution without planner and veto."""
         return learner.propose_greedily(base=self.base(situation.forecast))
 
     def forked(self, seed: np.random.SeedSequence) -> Strategy:
-        """Return a copy that stands at the beginning of an episode.
-
-        What it is asked changes nothing here.
+        """Return an independent copy for the beginning of an episode.
 
         Args:
-            seed: Seed of its draws, where it draws.
+            seed: Seed of the copy's random draws.
         """
         return copy.copy(self)
 
     def base(self, forecast: ActionForecast) -> Values | None:
-        """Return `[E]` what belongs to the learner's Q beside its network; None for nothing."""
+        """Return `[E]` values that are added to the network's output; None for zeros."""
         return None
 
     def allowed(self, forecast: ActionForecast, admissible: Mask) -> Mask:
-        """Return `[E]` the actions that the value of a state is the best of."""
+        """Return `[E]` the actions over which the value of a state is maximised."""
         return admissible
 
     def guidance(
         self, forecast: ActionForecast, action: int, following: ActionForecast | None
     ) -> Guidance | None:
-        """Return what the planner said about one env step, where the learner uses it.
+        """Return the planner's guidance for an env step; None if the learner uses none.
 
         Args:
-            forecast: Of the state that was acted in.
+            forecast: Forecast for the state before the step.
             action: The executed environment action.
-            following: Forecast of the next state; None where the episode ended there.
+            following: Forecast for the next state; None if the episode ended there.
         """
         return None
 
     def end_unit(self, unit: str) -> None:
-        """Notice the end of a unit: `step`, `episode` or a counter of the environment."""
+        """Handle the end of a unit: `step`, `episode` or a counter of the environment."""
 
     def end_episode(self, return_: float, length: int) -> None:
-        """Notice the end of an episode of training."""
+        """Handle the end of an episode of training."""
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""

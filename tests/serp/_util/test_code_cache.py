@@ -54,7 +54,7 @@ def test_damaged_code_is_removed_compiled_anew_and_spoken_of(
     compile_native(generate_code(ground))
     (file,) = folder.iterdir()
     file.write_bytes(damage(file.read_bytes()))
-    with pytest.warns(Notice, match="was damaged; it is compiled anew"):
+    with pytest.warns(Notice, match="was damaged; it is compiled again"):
         assert compile_native(generate_code(ground)).cache_hits == 0
     assert list(folder.iterdir()) == [file]
     assert compile_native(generate_code(ground)).cache_hits == 1

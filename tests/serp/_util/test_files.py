@@ -163,7 +163,7 @@ def test_text_that_is_no_unicode_is_still_written(tmp_path):
 
 
 def test_failure_says_why_and_where(tmp_path):
-    with pytest.raises(RunError, match=r"summary\.json: No such file or directory\. No summary"):
+    with pytest.raises(RunError, match=r"summary\.json: No such file or directory\. There was no"):
         write_durably(tmp_path / "gone" / "summary.json", "x")
 
 
@@ -195,7 +195,7 @@ def test_write_that_fails_half_way_keeps_the_former_file(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", _WRITE_TOO_MUCH, str(path)], capture_output=True, text=True
     )
-    assert "File too large" in done.stdout and "The former report.md is kept whole" in done.stdout
+    assert "File too large" in done.stdout and "The previous report.md is unchanged" in done.stdout
     assert path.read_text() == "former"
     assert os.listdir(tmp_path) == ["report.md"]
 

@@ -63,7 +63,7 @@ def test_a_json_value_is_given_out_only_if_it_is_what_it_is_taken_for(value: Any
             if fits and isinstance(saved._meta, dict) and saved.has("v"):
                 assert given_out(saved) == value
             else:
-                with pytest.raises(RunError, match="the saved part cannot be taken over: v"):
+                with pytest.raises(RunError, match="the saved part cannot be restored: v"):
                     given_out(saved)
 
 

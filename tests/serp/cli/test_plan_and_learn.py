@@ -120,7 +120,7 @@ def test_mistakes_leave_nothing_behind(arguments: list[str], message: str, run: 
 def test_an_existing_run_is_left_alone(run: Run, trained: Path) -> None:
     before = {path: path.read_bytes() for path in trained.iterdir()}
     message = run(*TRAIN, f"--out={trained}", expect=1).stderr
-    assert "holds a run already" in message
+    assert "already holds a run" in message
     assert {path: path.read_bytes() for path in trained.iterdir()} == before
 
 

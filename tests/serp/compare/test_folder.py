@@ -38,7 +38,7 @@ def test_a_folder_that_holds_something_else_is_refused(
     (tmp_path / "domains").mkdir()
     (tmp_path / "domains" / "mine.pddl").write_text("mine")
     (tmp_path / name).write_text("mine")
-    with pytest.raises(RunError, match=f"holds {what}, no comparison"), writing(tmp_path):
+    with pytest.raises(RunError, match=f"holds {what}, not a comparison"), writing(tmp_path):
         pass
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["domains", name])
     assert (tmp_path / "domains" / "mine.pddl").read_text() == "mine"
@@ -83,7 +83,7 @@ def test_a_plan_is_read_as_it_was_written(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("{", "is damaged"),
-        ("{}", "is no plan of a comparison"),
+        ("{}", "is not the plan of a comparison"),
         ('{"conditions": {}}', "was written by another version of serp"),
         ('{"format": 3}', "was written by another version of serp"),
     ],
@@ -100,7 +100,7 @@ def test_the_domain_file_is_kept_as_it_was(tmp_path: Path) -> None:
     assert Path(str(kept.domain)) == tmp_path / "domains" / "walk.pddl"
     (tmp_path / "corridor.pddl").write_text(CORRIDOR.replace("decrease (x) 1", "decrease (x) 2"))
     assert kept.load().source.text == CORRIDOR
-    with pytest.raises(RunError, match="is not what the domain file `walk` says now"):
+    with pytest.raises(RunError, match="differs from the domain file `walk`"):
         keep_domain(tmp_path, "walk", task.load(), task)
     assert kept.load().source.text == CORRIDOR
 
@@ -112,7 +112,7 @@ def test_a_problem_file_is_kept_with_it_and_missed_when_it_is_gone(tmp_path: Pat
     assert kept.load().problem_source is not None
     assert keep_domain(tmp_path, "walk", task.load(), task) == kept
     beside.write_text(PROBLEM.replace("(= (x) 0)", "(= (x) 1)"))
-    with pytest.raises(RunError, match="walk-problem.pddl is not what"):
+    with pytest.raises(RunError, match="walk-problem.pddl differs from"):
         keep_domain(tmp_path, "walk", task.load(), task)
     beside.unlink()
     with pytest.raises(RunError, match="walk-problem.pddl is a problem file"):

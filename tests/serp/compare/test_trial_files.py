@@ -75,7 +75,7 @@ def test_a_trial_is_complete_with_its_last_file_and_replaces_half_a_trial(
     [
         ("trial.json", "{", "trial.json is damaged"),
         ("trial.json", "[]", "trial.json is damaged"),
-        ("trial.json", "{}", "trial.json is not what serp wrote"),
+        ("trial.json", "{}", "trial.json is damaged: counters is not a list"),
         ("episodes.csv", None, "episodes.csv"),
         ("episodes.csv", "episode\n1\n", "episodes.csv"),
         ("evaluations.csv", ",".join(EVALUATION_COLUMNS) + "\n1,learner,1,good,2,1,,0\n",

@@ -519,7 +519,7 @@ def test_a_state_that_does_not_fit_is_refused(chain: TransitionModel) -> None:
         ({}, {"steps": None}),
         ({}, {"compared": "many"}),
     ):
-        with pytest.raises(RunError, match="values of leaves cannot be taken over"):
+        with pytest.raises(RunError, match="leaf values cannot be restored"):
             scene(chain).leaf_values.load_state_dict({**arrays, **wrong}, {**meta, **told})
     for name in arrays:
         with pytest.raises(RunError, match=name):

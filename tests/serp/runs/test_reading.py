@@ -63,15 +63,15 @@ def test_wherever_the_file_is_cut_all_whole_rows_are_read_whatever_the_line_ends
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        (b"\n2,", b"\ntwo,", r"m:3: episode is 'two'; it has to be a whole number"),
-        (b"\n2,", b"\n,", r"m:3: episode is ''; it has to be a whole number"),
+        (b"\n2,", b"\ntwo,", r"m:3: episode is 'two'; it must be a whole number"),
+        (b"\n2,", b"\n,", r"m:3: episode is ''; it must be a whole number"),
         (b"\n2,", b"\n99999999999999999999,", r"m:3: episode is .* fit into 64 bits"),
         (b"\n2,", b"\n2,2,", r"m:3: 20 cells where the header has 19"),
         (b"\n2,", b"\n\n2,", r"m:3: 0 cells where the header has 19"),
         (b"\n2,23,", b'\n2,"23,', r"m:3: unexpected end of data"),
         (b"\n2,23,", b"\n2,\xff,", r"m:3: not UTF-8"),
-        (b",1,0,0.01,", b",yes,0,0.01,", r"m:2: terminated is 'yes'; it has to be 0 or 1"),
-        (b",0,0.01,", b",0,0.0.1,", r"m:2: rho is '0\.0\.1'; it has to be a number"),
+        (b",1,0,0.01,", b",yes,0,0.01,", r"m:2: terminated is 'yes'; it must be 0 or 1"),
+        (b",0,0.01,", b",0,0.0.1,", r"m:2: rho is '0\.0\.1'; it must be a number"),
         (b"episode,", b"epsiode,", r"m:1: the columns are not episode, env_steps"),
     ],
 )
@@ -100,5 +100,5 @@ def test_a_decision_that_was_changed_by_hand_is_named(tmp_path):
     row = dict.fromkeys(DECISIONS_COLUMNS, 0) | {"reason": "proposal accepted", "vetoed": "no"}
     with Table(tmp_path / "d", DECISIONS_COLUMNS) as table:
         table.append(tuple(row.values()))
-    with pytest.raises(RunError, match=r"d:2: vetoed is 'no'; it has to be 0 or 1"):
+    with pytest.raises(RunError, match=r"d:2: vetoed is 'no'; it must be 0 or 1"):
         count_decisions(tmp_path / "d")

@@ -51,7 +51,7 @@ def test_a_call_that_takes_long_is_said_while_it_hangs_and_once(tmp_path: Path) 
         task.step(1)
     assert task.call is None
     (line,) = said
-    assert "not come back for 0.05 s: reset, env step 1,234" in line
+    assert "not returned for 0.05 s: reset, env step 1,234" in line
 
 
 def test_what_comes_back_in_time_is_not_mentioned(tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_a_training_names_step_and_action(tmp_path: Path, monkeypatch: pytest.Mo
     lines: list[str] = []
 
     def note(self: Any, text: str) -> None:
-        if "not come back" in text:
+        if "not returned for" in text:
             lines.append(text)
             said.set()
 

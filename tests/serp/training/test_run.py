@@ -768,7 +768,7 @@ def test_an_older_agent_is_not_passed_off_as_the_newest(tmp_path: Path) -> None:
     assert train(corridor(tmp_path), out, episodes=3).notice is None
     (out / NEWEST).write_bytes(b"x")
     notice = load_run(out, corridor(tmp_path)).notice
-    assert notice is not None and notice.endswith("The agent is that of the one before it.")
+    assert notice is not None and notice.endswith("The agent is from the previous checkpoint.")
 
 
 # Numbers that are not finite ----------------------------------------------------------------------
@@ -792,7 +792,7 @@ class Huge(Corridor):
 @pytest.mark.parametrize(
     ("seen", "reward", "said"),
     [
-        ([0.0, 1e39], None, "the observation: entry 1 is 1e.39, more than the learner can take"),
+        ([0.0, 1e39], None, "the observation: entry 1 is 1e.39, too large for the learner"),
         ([0.0, np.nan], None, "the observation: entry 1 is nan"),
         ([-1e39, 0.0], None, "entry 0 is -1e.39"),
         (None, -1e39, "rewards such as -1e.39"),

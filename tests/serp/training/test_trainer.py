@@ -208,7 +208,7 @@ def test_a_saved_environment_needs_one_that_can_take_it_over(tmp_path: Path) -> 
 
     run = uninterrupted(tmp_path / "run", "default", 2)
     task = corridor(tmp_path, Forgetful)
-    with pytest.raises(RunError, match="cannot take over"):
+    with pytest.raises(RunError, match="cannot restore"):
         Trainer(task.bind(), settings_of(task, "default"), 3).load_state_dict(
             *run.trainer.state_dict()
         )
@@ -417,5 +417,5 @@ def test_only_what_the_learner_sees_has_to_fit_into_float32(tmp_path: Path) -> N
         if inputs == "observation":
             assert agent.perceive(seen)[0] == [1e39]
             continue
-        with pytest.raises(TaskError, match="fluent `x` is 1e.39, more than the learner can take"):
+        with pytest.raises(TaskError, match="fluent `x` is 1e.39, too large for the learner"):
             agent.perceive(seen)
