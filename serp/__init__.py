@@ -16,8 +16,8 @@ _HOMES = {
     "AdaptationSettings": "serp.settings",
     "Arbiter": "serp.control.arbiter",
     "ArbiterSettings": "serp.settings",
-    "Comparison": "serp.compare.study",
-    "ComparisonRequest": "serp.compare.study",
+    "Comparison": "serp.comparison.compare",
+    "ComparisonRequest": "serp.comparison.compare",
     "DQN": "serp.learning.dqn",
     "Decision": "serp.control.decision",
     "Diagnosis": "serp.diagnosis.diagnosis",
@@ -47,13 +47,13 @@ _HOMES = {
     "StateError": "serp.model.transition_model",
     "StepRecord": "serp.control.step_record",
     "Strategy": "serp.control.strategies.strategy",
-    "Symmetry": "serp.tasks.symmetry",
+    "Symmetry": "serp.tasks.declared_symmetry",
     "Task": "serp.tasks.task",
     "TaskError": "serp.errors",
     "TrainingSettings": "serp.settings",
     "TransitionModel": "serp.model.transition_model",
     "VetoPolicy": "serp.control.veto",
-    "compare": "serp.compare.study",
+    "compare": "serp.comparison.compare",
     "diagnose": "serp.diagnosis.diagnosis",
     "load_domain": "serp.model.loading",
     "load_run": "serp.training.run",
@@ -65,9 +65,9 @@ _HOMES = {
 __all__ = [*sorted(_HOMES), "__version__"]
 
 if TYPE_CHECKING:
-    from serp.compare.request import ComparisonRequest as ComparisonRequest
-    from serp.compare.study import Comparison as Comparison
-    from serp.compare.study import compare as compare
+    from serp.comparison.compare import Comparison as Comparison
+    from serp.comparison.compare import compare as compare
+    from serp.comparison.request import ComparisonRequest as ComparisonRequest
     from serp.control.arbiter import Arbiter as Arbiter
     from serp.control.decision import Decision as Decision
     from serp.control.protocols import Learner as Learner
@@ -106,8 +106,8 @@ if TYPE_CHECKING:
     from serp.settings import PlannerSettings as PlannerSettings
     from serp.settings import Settings as Settings
     from serp.settings import TrainingSettings as TrainingSettings
+    from serp.tasks.declared_symmetry import Symmetry as Symmetry
     from serp.tasks.registry import load_task as load_task
-    from serp.tasks.symmetry import Symmetry as Symmetry
     from serp.tasks.task import Task as Task
     from serp.training.evaluation import EvaluationResult as EvaluationResult
     from serp.training.plan_and_learn import plan_and_learn as plan_and_learn
@@ -118,14 +118,7 @@ if TYPE_CHECKING:
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module `serp` has no attribute `{name}`")
-    home = _HOMES[name]
-    module = import_module(home)
-    # Kept, and the names of the same home with it: the function `serp.compare` has the name of the
-    # package that it comes from, which the import has put in its place.
-    for other, place in _HOMES.items():
-        if place == home:
-            globals()[other] = getattr(module, other)
-    return globals()[name]
+    return getattr(import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -41,8 +41,8 @@ import pytest
 import serp
 from serp.cli import main
 from serp.cli.root import serp as group
-from serp.compare.algorithms import OWN, algorithm_entries
-from serp.compare.study import compare
+from serp.comparison.algorithms import OWN, algorithm_entries
+from serp.comparison.compare import compare
 from serp.control.decision import Actor, Reason
 from serp.model.facts import InstantiationBudget
 from serp.model.program import MAX_NATIVE_SIZE

@@ -14,7 +14,7 @@ from serp.adaptation.adapted_step import predict_all
 from serp.adaptation.feature_groups import Key
 from serp.adaptation.forecast_skill import ForecastSkill
 from serp.adaptation.group_learners import GroupLearners, Meta
-from serp.adaptation.step_recording import record, record_adapted, record_by_file
+from serp.adaptation.recording_kernels import record, record_adapted, record_by_file
 from serp.control.model_confidence import ModelConfidence
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.native import address_of
@@ -24,7 +24,7 @@ from serp.sysid.monitor import Monitor
 from serp.sysid.transitions import GOES_ON, TransitionMemory
 
 if TYPE_CHECKING:
-    from serp.adaptation.parameter_estimation import ParameterEstimation
+    from serp.adaptation.online_parameters import ParameterEstimation
 
 _GROWING: Final = 10
 """First episodes of an adapted model, in which its predictions are not judged."""
@@ -79,7 +79,7 @@ class ModelAdaptation:
                 self._learners = GroupLearners(adapted, seed, settings.nonlinear)
                 self.notice = self._learners.notice
             if settings.parameters:
-                from serp.adaptation.parameter_estimation import ParameterEstimation
+                from serp.adaptation.online_parameters import ParameterEstimation
 
                 self._estimation = ParameterEstimation(written)
         self.model: TransitionModel = self._adapted or written

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from serp.diagnosis.accuracy import Quantity, Steps, quantities_of, units_of
-from serp.diagnosis.estimation import findings
+from serp.diagnosis.analysis import findings
 from serp.diagnosis.findings import Findings
 from serp.diagnosis.patched_model import forecast_with
 from serp.diagnosis.recorded_run import Recorded, read_recorded

@@ -5,8 +5,8 @@ from __future__ import annotations
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, joined
 from serp.model.native import call_step, pointer_to
+from serp.planning.kernel_records import CompiledModel, Rules
 from serp.planning.preference import hazard, marked, rank_of
-from serp.planning.records import CompiledModel, Rules
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 

@@ -101,7 +101,7 @@ def _follow_native(
 ) -> Followed:
     from serp.model.native import address_of
     from serp.planning.edge_kernels import expand
-    from serp.planning.records import Rules
+    from serp.planning.kernel_records import Rules
 
     actions, width = len(model.actions), len(model.fluents)
     tried = len(nodes) * actions

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from serp.model.native import address_of
 from serp.model.transition_model import StateError, TransitionModel
 from serp.planning.forecast import Forecast
+from serp.planning.kernel_records import Rules, Scratch, room_for_actions
 from serp.planning.limits import Bound, edge_budget, node_budget
-from serp.planning.records import Rules, Scratch, room_for_actions
 from serp.planning.search_kernels import search
 from serp.settings import PlannerSettings
 

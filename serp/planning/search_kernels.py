@@ -14,10 +14,10 @@ from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import pointer_to
 from serp.planning.edge_kernels import edge
 from serp.planning.forecast import SAFE
+from serp.planning.kernel_records import CompiledModel, FirstActions, Rules, Scratch
 from serp.planning.leaf_value import value_at
 from serp.planning.limits import Bound
 from serp.planning.preference import path_score, rank_of
-from serp.planning.records import CompiledModel, FirstActions, Rules, Scratch
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -84,16 +84,16 @@ def _want_children(edges, actions, flags, periods, risk, child, best_steps):
 def search(model, rules, leaves, state, scratch, found):
     """Expand the planning graph of one state and find the best path of every first action.
 
-    Records are passed as plain tuples, see `serp.planning.records`.
+    Records are passed as plain tuples, see `serp.planning.kernel_records`.
 
     Args:
-        model: Values of `serp.planning.records.CompiledModel`.
-        rules: Values of `serp.planning.records.Rules`.
+        model: Values of `serp.planning.kernel_records.CompiledModel`.
+        rules: Values of `serp.planning.kernel_records.Rules`.
         leaves: Value function of the states that the last layer leads to, see
             `serp.planning.leaf_value`; empty: their values are 0.
         state: `[F]`.
-        scratch: Values of `serp.planning.records.Scratch`.
-        found: Values of `serp.planning.records.FirstActions`, written.
+        scratch: Values of `serp.planning.kernel_records.Scratch`.
+        found: Values of `serp.planning.kernel_records.FirstActions`, written.
 
     Returns:
         Chosen action, layers expanded, bound.

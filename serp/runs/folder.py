@@ -28,7 +28,7 @@ from serp.model.loading import problem_beside
 from serp.runs.checkpoint import DAMAGED, NEWEST, Checkpoint, load_newest, save_rotating
 from serp.runs.config import CONFIG, config_text, read_config
 from serp.runs.lock import LOCK, RunLock
-from serp.runs.placement import make_empty, occupied, remove_traces
+from serp.runs.new_folder import make_empty, occupied, remove_traces
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.runs.tables import Position, Table
 

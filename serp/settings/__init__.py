@@ -1,7 +1,7 @@
 """Settings: six sections, two presets, and how they are combined."""
 
-from serp.settings.base import Section
 from serp.settings.presets import PRESETS, resolve
+from serp.settings.section import Section
 from serp.settings.sections import (
     AdaptationSettings,
     ArbiterSettings,

@@ -10,7 +10,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field, model_validator
 
 from serp._util.numbers import COUNTED, SIZE
-from serp.settings.base import Section
+from serp.settings.section import Section
 
 MAX_PERIODS: Final = 10_000
 """Largest depth, and largest number of repetitions of an action."""

@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from serp._util.text import did_you_mean
 from serp.errors import SettingsError
-from serp.settings.base import Section, from_json
 from serp.settings.renamed import refuse_old_names
+from serp.settings.section import Section, from_json
 from serp.settings.sections import (
     AdaptationSettings,
     ArbiterSettings,

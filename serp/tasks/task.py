@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from serp.errors import TaskError
 from serp.model.loading import Domain, load_domain
 from serp.model.transition_model import TransitionModel
-from serp.tasks.symmetry import Symmetry
+from serp.tasks.declared_symmetry import Symmetry
 
 if TYPE_CHECKING:
     from serp.tasks.bound_task import BoundTask

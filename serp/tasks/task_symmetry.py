@@ -20,7 +20,7 @@ from serp.model.symmetry.automorphisms import find_symmetries
 from serp.model.symmetry.model_symmetry import ModelSymmetry, permuted_columns, violation
 from serp.model.symmetry.permutation import Asymmetry, symmetry_of
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.tasks.symmetry import Symmetry, as_permutation
+from serp.tasks.declared_symmetry import Symmetry, as_permutation
 
 if TYPE_CHECKING:
     from serp.planning.action_map import ActionMap

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Protocol
 from pydantic import Field
 
 from serp.errors import SettingsError
-from serp.settings.base import Section
+from serp.settings.section import Section
 
 End = Annotated[int, Field(ge=1)] | None
 

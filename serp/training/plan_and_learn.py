@@ -22,7 +22,7 @@ from serp.model.transition_model import StateError
 from serp.runs.checkpoint import NEWEST, PREVIOUS
 from serp.runs.config import CONFIG
 from serp.runs.folder import METRICS, RunFolder
-from serp.runs.placement import default_path, occupied
+from serp.runs.new_folder import default_path, occupied
 from serp.runs.reading import read_metrics
 from serp.runs.tensorboard import EventWriter, require_tensorboard
 from serp.settings import Settings, resolve

@@ -13,7 +13,7 @@ from serp.control.decision import Actor
 from serp.control.step_record import StepRecord
 from serp.model.explanation import why_unsafe
 from serp.model.flags import RISKY, UNSAFE
-from serp.settings.base import Section
+from serp.settings.section import Section
 from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
 from serp.training.evaluation import Episode, outcome_of, play

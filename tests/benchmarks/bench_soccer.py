@@ -27,9 +27,10 @@ from serp.control.arbiter import Arbiter
 from serp.planning.lookahead import Lookahead
 from serp.settings import resolve
 from serp.tasks.registry import load_task
-from serp_envs.soccer import CornerKickDefender, SoccerDefender, engine
+from serp_envs.soccer import CornerKickDefender, SoccerDefender
 from serp_envs.soccer.environment import SoccerEnv
-from serp_envs.soccer.timing import STEPS_PER_TICK
+from serp_envs.soccer.physics import pymunk_interface as engine
+from serp_envs.soccer.physics.periods import STEPS_PER_TICK
 
 TASKS: dict[str, Callable[[], SoccerEnv]] = {
     "soccer": SoccerDefender,

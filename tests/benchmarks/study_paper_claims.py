@@ -19,8 +19,8 @@ from pathlib import Path
 
 import numpy as np
 
-from serp.compare.analysis.statistics import Estimate, difference, mean, standard_deviation
-from serp.compare.report.formatting import estimate_text
+from serp.comparison.analysis.statistics import Estimate, difference, mean, standard_deviation
+from serp.comparison.report.formatting import estimate_text
 
 MARGIN = 0.05  # of the range of returns: what counts as similar, and as not below
 

@@ -13,7 +13,7 @@ from serp.model.transition_model import TransitionModel
 from serp.tasks.bound_task import BoundTask
 from serp_adapters.soccer import corner_kick
 from serp_envs.soccer.corner_kick import CornerKick
-from serp_envs.soccer.rolling import meeting
+from serp_envs.soccer.physics.rolling import meeting
 from tests.serp_adapters.test_soccer_tasks import planner_of
 
 Point = tuple[float, float]

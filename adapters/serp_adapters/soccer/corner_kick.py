@@ -12,13 +12,13 @@ import serp
 import serp_envs
 from serp_adapters.domains import domain_file
 from serp_adapters.soccer.shared import CONTACT, PROTOCOL, Numbers, open_share
-from serp_envs.soccer.attacker import ALIGNED_SHOT, STAND_MARGIN, WIND_UP
 from serp_envs.soccer.corner_kick import MARK_GAP, UNIT
 from serp_envs.soccer.fields import SPL_2020
-from serp_envs.soccer.robot import NAO
-from serp_envs.soccer.rolling import STILL, TIME_STEP, way
-from serp_envs.soccer.timing import DECISION
-from serp_envs.soccer.world import REACH
+from serp_envs.soccer.opponents.attacker import ALIGNED_SHOT, STAND_MARGIN, WIND_UP
+from serp_envs.soccer.physics.periods import DECISION
+from serp_envs.soccer.physics.robot import NAO
+from serp_envs.soccer.physics.rolling import STILL, TIME_STEP, way
+from serp_envs.soccer.physics.world import REACH
 
 HORIZON: Final = 6.0
 """Longest time that a kicked ball rolls, s."""
@@ -48,8 +48,8 @@ def until_met(x: Numbers, y: Numbers, vx: Numbers, vy: Numbers, gap: float) -> N
         gap: Distance between the centres of robot and ball at which the robot has it, m.
 
     Returns:
-        The time, as the environment computes it (`serp_envs.soccer.rolling.meeting`), in steps of
-        0.2 s while the ball rolls; 0 for a ball in reach. For a robot that cannot reach the rolling
+        The time, as the environment computes it (`serp_envs.soccer.physics.rolling.meeting`),
+        in steps of 0.2 s while the ball rolls; 0 for a ball in reach. For a robot that cannot reach the rolling
         ball, the time of its walk to where the ball comes to rest.
     """
     speed, slowing = np.hypot(vx, vy)[..., None], SPL_2020.ball_deceleration

@@ -14,7 +14,7 @@ from serp_adapters.domains import domain_file
 from serp_adapters.soccer.shared import PROTOCOL, open_share
 from serp_envs.soccer.fields import SPL_2020
 from serp_envs.soccer.observation import FAR, MIRROR, NEAR
-from serp_envs.soccer.timing import DECISION
+from serp_envs.soccer.physics.periods import DECISION
 
 FREE_ANGLE: Final = 0.2
 """A side is free if the opponent is at least this far on the other side, rad at the ball."""

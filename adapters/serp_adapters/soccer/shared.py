@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp_envs.soccer.fields import SPL_2020
-from serp_envs.soccer.robot import NAO
+from serp_envs.soccer.physics.robot import NAO
 
 Numbers: TypeAlias = NDArray[np.floating[Any]]
 """One number per observation, of any shape."""

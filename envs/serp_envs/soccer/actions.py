@@ -7,10 +7,10 @@ from typing import Final
 
 import numpy as np
 
-from serp_envs.soccer.geometry import wrap
-from serp_envs.soccer.robot import Robot
-from serp_envs.soccer.timing import ticks
-from serp_envs.soccer.world import World
+from serp_envs.soccer.physics.geometry import wrap
+from serp_envs.soccer.physics.periods import ticks
+from serp_envs.soccer.physics.robot import Robot
+from serp_envs.soccer.physics.world import World
 
 COVER_MARGIN: Final = 0.22
 """The covering robot stands contact + this from the ball, m."""

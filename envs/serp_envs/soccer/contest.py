@@ -10,13 +10,13 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from serp_envs.soccer import actions
-from serp_envs.soccer.approach import CONTEST_RADIUS, approach
-from serp_envs.soccer.attacker import Attacker
 from serp_envs.soccer.fields import Field
 from serp_envs.soccer.observation import SPACE, observe
+from serp_envs.soccer.opponents.approach import CONTEST_RADIUS, approach
+from serp_envs.soccer.opponents.attacker import Attacker
+from serp_envs.soccer.physics.periods import ticks
 from serp_envs.soccer.referee import Referee
 from serp_envs.soccer.scenario import Ruling, Scenario
-from serp_envs.soccer.timing import ticks
 
 GOAL: Final = Ruling("goal", -10.0, dead_time=15.0)
 SECURED: Final = Ruling("secured", 10.0, dead_time=5.0)

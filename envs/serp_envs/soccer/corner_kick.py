@@ -10,16 +10,16 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from serp_envs.soccer.actions import ball_in_front, charge
-from serp_envs.soccer.attacker import WIND_UP
-from serp_envs.soccer.corner_attack import CornerAttack
 from serp_envs.soccer.fields import Field
-from serp_envs.soccer.geometry import wrap
 from serp_envs.soccer.observation import FASTEST
+from serp_envs.soccer.opponents.attacker import WIND_UP
+from serp_envs.soccer.opponents.corner_attack import CornerAttack
+from serp_envs.soccer.physics.geometry import wrap
+from serp_envs.soccer.physics.periods import ticks
+from serp_envs.soccer.physics.robot import Robot
+from serp_envs.soccer.physics.rolling import meeting
 from serp_envs.soccer.referee import Referee
-from serp_envs.soccer.robot import Robot
-from serp_envs.soccer.rolling import meeting
 from serp_envs.soccer.scenario import Ruling, Scenario
-from serp_envs.soccer.timing import ticks
 
 GOAL: Final = Ruling("goal", -10.0, dead_time=15.0)
 CLEARED: Final = Ruling("cleared", 10.0, dead_time=5.0)

@@ -11,10 +11,10 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from serp_envs.soccer.clock import GameClock
-from serp_envs.soccer.pacing import Pacer
+from serp_envs.soccer.game_clock import GameClock
+from serp_envs.soccer.physics.periods import DECISION, TICK, TICKS_PER_DECISION
+from serp_envs.soccer.real_time import Pacer
 from serp_envs.soccer.scenario import PLAYING, Ruling, Scenario
-from serp_envs.soccer.timing import DECISION, TICK, TICKS_PER_DECISION
 
 if TYPE_CHECKING:
     from serp_envs.soccer.rendering import Viewer

@@ -9,8 +9,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from serp_envs.soccer.attacker import WIND_UP
-from serp_envs.soccer.world import World
+from serp_envs.soccer.opponents.attacker import WIND_UP
+from serp_envs.soccer.physics.world import World
 
 NEAR: Final = 0.5
 """The unit of the robots' places, m."""

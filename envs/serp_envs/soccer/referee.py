@@ -5,8 +5,8 @@ from __future__ import annotations
 from math import hypot
 from typing import Final
 
-from serp_envs.soccer.timing import TICK, ticks
-from serp_envs.soccer.world import World
+from serp_envs.soccer.physics.periods import TICK, ticks
+from serp_envs.soccer.physics.world import World
 
 SECURE_MARGIN: Final = 0.15
 """A ball is secured with the defender nearer than contact + this, m …"""

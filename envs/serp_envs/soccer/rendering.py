@@ -12,7 +12,7 @@ from gymnasium.error import DependencyNotInstalled
 from numpy.typing import NDArray
 
 from serp_envs.soccer.fields import Field
-from serp_envs.soccer.world import World
+from serp_envs.soccer.physics.world import World
 
 try:
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")

@@ -11,8 +11,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from serp_envs.soccer.fields import Field
-from serp_envs.soccer.geometry import goal_coverage
-from serp_envs.soccer.world import World
+from serp_envs.soccer.physics.geometry import goal_coverage
+from serp_envs.soccer.physics.world import World
 
 
 @dataclass(frozen=True, slots=True)

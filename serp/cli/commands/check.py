@@ -18,7 +18,7 @@ from serp.errors import MissingExtra, SerpError, TaskError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.lint.pairs import DomainFiles
+    from serp.lint.domain_pairs import DomainFiles
     from serp.model.loading import Domain
     from serp.pddl.source import DomainWarning
     from serp.tasks.task import Task
@@ -64,7 +64,7 @@ def command(
     Every file is checked, even where one before it is wrong. Warnings (what may have been
     forgotten, and what other PDDL tools refuse) leave the exit status 0.
     """
-    from serp.lint.pairs import DomainFiles, pairs
+    from serp.lint.domain_pairs import DomainFiles, pairs
 
     own = asked_own_task()
     if not domains and own is None:

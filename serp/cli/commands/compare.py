@@ -19,7 +19,7 @@ from serp.cli.options import (
 from serp.cli.output import ExampledCommand, open_console, print_result, print_table
 
 if TYPE_CHECKING:
-    from serp.compare.study import Comparison
+    from serp.comparison.compare import Comparison
 
 
 @click.command(
@@ -106,7 +106,7 @@ def command(
         "settings": parse_settings(assignments),
         "model_variants": _named(model_variants, "--model-variants"),
     }
-    from serp.compare.study import compare
+    from serp.comparison.compare import compare
     from serp.errors import Interrupted
 
     try:
@@ -188,7 +188,7 @@ def _seeds(ctx: click.Context, text: str | None) -> int | list[int] | None:
 
 
 def _list() -> None:
-    from serp.compare.algorithms import OWN, algorithm_entries
+    from serp.comparison.algorithms import OWN, algorithm_entries
 
     rows = [(name, algorithm.description) for name, algorithm in OWN.items()]
     rows += [(name, f"external ({e.value})") for name, e in algorithm_entries().items()]

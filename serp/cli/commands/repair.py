@@ -52,8 +52,8 @@ def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> Non
     if out is not None and not force:
         _refuse_to_replace(out)
 
+    from serp.diagnosis.analysis import findings
     from serp.diagnosis.diagnosis import make_diagnosis
-    from serp.diagnosis.estimation import findings
     from serp.diagnosis.recorded_run import read_recorded
     from serp.diagnosis.repair.repair import repair
 

@@ -17,7 +17,7 @@ from serp._util.terminal import bar, open_console, visible
 from serp.cli.failures import say
 from serp.cli.output import print_table
 from serp.cli.root import serp
-from serp.compare.progress import Display, RemainingTime
+from serp.comparison.progress import Display, RemainingTime
 from serp.training.progress_display import open_progress
 from tests.serp.training.test_progress import Terminal
 

@@ -6,7 +6,7 @@ import dataclasses
 
 import pytest
 
-from serp.compare.algorithms import find_algorithm, merged
+from serp.comparison.algorithms import find_algorithm, merged
 from serp.settings import resolve
 from serp.tasks.registry import load_task
 from serp.training.trainer import Trainer

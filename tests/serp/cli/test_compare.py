@@ -13,8 +13,8 @@ import pytest
 from click.testing import CliRunner
 
 from serp.cli.root import serp
-from serp.compare import workers
-from serp.compare.algorithms import OWN
+from serp.comparison import workers
+from serp.comparison.algorithms import OWN
 from tests.serp.cli.conftest import Run
 
 SETTINGS = [
@@ -36,7 +36,7 @@ COMPARE = ["compare", "--domain=cartpole", *TINY]
 
 @pytest.fixture(autouse=True)
 def _without_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("serp.compare.report.report.render", lambda figure, kind: b"<svg/>")
+    monkeypatch.setattr("serp.comparison.report.report.render", lambda figure, kind: b"<svg/>")
 
 
 @pytest.fixture(scope="session")
@@ -44,7 +44,7 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A tiny comparison."""
     out = tmp_path_factory.mktemp("comparisons") / "c"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.compare.report.report.render", lambda figure, kind: b"<svg/>")
+        patch.setattr("serp.comparison.report.report.render", lambda figure, kind: b"<svg/>")
         result = CliRunner().invoke(
             serp, [*COMPARE, "--algorithms=dqn,mrp", f"--out={out}", "--quiet"]
         )
@@ -128,7 +128,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> dict[str, Any]:
         found.update(options)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("serp.compare.study.compare", compare)
+    monkeypatch.setattr("serp.comparison.compare.compare", compare)
     result = CliRunner().invoke(serp, ["compare", "--domain=cartpole", *arguments])
     assert result.exit_code == (130 if found else 2)
     return found
@@ -260,12 +260,12 @@ def test_ctrl_c_keeps_what_is_complete_and_says_how_to_go_on(
         return here(jobs, pressed, stopped)
 
     here = workers.run_here
-    monkeypatch.setattr("serp.compare.study.run_here", pressing)
+    monkeypatch.setattr("serp.comparison.compare.run_here", pressing)
     arguments = [*COMPARE, "--algorithms=mrp,dqn"]
     stopped = run(*arguments, "--out=c", expect=130)
     assert "stopped with 1 of 2 trials complete in c" in stopped.stderr
     assert "Go on with the same command" in stopped.stderr
     assert Path("c/report.html").exists()
-    monkeypatch.setattr("serp.compare.study.run_here", here)
+    monkeypatch.setattr("serp.comparison.compare.run_here", here)
     run(*arguments, "--out=c", "--quiet")
     assert len(list(Path("c").rglob("trial.json"))) == 2

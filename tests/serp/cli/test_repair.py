@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from serp.cli.root import serp
-from serp.compare.algorithms import OWN
+from serp.comparison.algorithms import OWN
 from serp.runs.checkpoint import NEWEST, load, save
 from tests.serp.cli.conftest import Run
 

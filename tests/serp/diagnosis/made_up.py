@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp import load_domain
+from serp.diagnosis.analysis import findings
 from serp.diagnosis.diagnosis import make_diagnosis
-from serp.diagnosis.estimation import findings
 from serp.diagnosis.findings import (
     EffectTerm,
     Finding,

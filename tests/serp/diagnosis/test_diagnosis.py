@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from serp.diagnosis import export
 from serp.diagnosis.accuracy import WELL
+from serp.diagnosis.analysis import findings
 from serp.diagnosis.diagnosis import Diagnosis, make_diagnosis
-from serp.diagnosis.estimation import findings
 from serp.diagnosis.findings import Findings
 from serp.diagnosis.recorded_run import Recorded
 from serp.diagnosis.repair.repair import Repaired, repair

@@ -5,7 +5,7 @@ from __future__ import annotations
 from serp.sysid.added_effects import AddedEffect
 from serp.sysid.joint_fit import shared_effects
 from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel
-from tests.serp.diagnosis.test_estimation import FLEET, ROBOTS
+from tests.serp.diagnosis.test_analysis import FLEET, ROBOTS
 from tests.serp.sysid.rolls import DOMAINS, from_text
 
 UPWARDS = LiftedFluent("upwards", ())

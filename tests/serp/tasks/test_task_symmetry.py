@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 import serp
 from serp.errors import TaskError
 from serp.settings import Settings, resolve
+from serp.tasks.declared_symmetry import Symmetry
 from serp.tasks.registry import load_task
-from serp.tasks.symmetry import Symmetry
 from serp.tasks.task import Task
 from serp.tasks.task_symmetry import declared_symmetries, symmetry_group
 from serp.training.agent import Agent

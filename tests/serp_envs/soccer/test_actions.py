@@ -11,8 +11,8 @@ import pytest
 from serp_envs.soccer import CornerKickDefender, SoccerDefender, actions
 from serp_envs.soccer.environment import SoccerEnv
 from serp_envs.soccer.fields import FIELDS, SPL_2020, Field
-from serp_envs.soccer.robot import NAO
-from serp_envs.soccer.world import World
+from serp_envs.soccer.physics.robot import NAO
+from serp_envs.soccer.physics.world import World
 
 FAR_AWAY = (3.0, 2.0)
 

@@ -12,7 +12,7 @@ import pytest
 
 from serp_envs.soccer import CornerKickDefender, SoccerDefender
 from serp_envs.soccer.environment import SoccerEnv
-from serp_envs.soccer.geometry import wrap
+from serp_envs.soccer.physics.geometry import wrap
 
 Policy = Callable[[Mapping[str, Any]], int]
 Band = dict[str, tuple[float, float]]

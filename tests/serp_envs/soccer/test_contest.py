@@ -7,13 +7,13 @@ import math
 import numpy as np
 import pytest
 
-from serp_envs.soccer.attacker import Attacker
 from serp_envs.soccer.contest import Contest
 from serp_envs.soccer.fields import FIELDS, SPL_2020, Field
 from serp_envs.soccer.observation import MIRROR
+from serp_envs.soccer.opponents.attacker import Attacker
+from serp_envs.soccer.physics.robot import NAO
+from serp_envs.soccer.physics.world import Pose, World
 from serp_envs.soccer.referee import Referee
-from serp_envs.soccer.robot import NAO
-from serp_envs.soccer.world import Pose, World
 
 
 def placed(

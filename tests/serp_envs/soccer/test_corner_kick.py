@@ -10,9 +10,9 @@ import pytest
 from serp_envs import CornerKickDefender
 from serp_envs.soccer.corner_kick import CornerKick
 from serp_envs.soccer.fields import SPL_2020
+from serp_envs.soccer.physics.robot import NAO
+from serp_envs.soccer.physics.world import World
 from serp_envs.soccer.referee import Referee
-from serp_envs.soccer.robot import NAO
-from serp_envs.soccer.world import World
 
 
 def test_the_ball_lies_at_a_corner_of_the_own_side_until_it_is_kicked() -> None:

@@ -29,7 +29,7 @@ from tests.serp.diagnosis.made_up import (
     repaired_by,
     written,
 )
-from tests.serp.diagnosis.test_estimation import FLEET, ROBOTS
+from tests.serp.diagnosis.test_analysis import FLEET, ROBOTS
 from tests.serp.sysid.rolls import DOMAINS, DT, balance, cartpole, from_text, imagined
 from tests.serp.sysid.test_parameter_fit import CARTS
 

@@ -25,7 +25,7 @@ from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel, LiftedS
 from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.regression_data import predictions
 from tests.serp.diagnosis.made_up import found, kept, logic, parameter, predictions_with, written
-from tests.serp.diagnosis.test_estimation import FLEET, ROBOTS
+from tests.serp.diagnosis.test_analysis import FLEET, ROBOTS
 from tests.serp.sysid.rolls import DOMAINS, from_text
 from tests.serp.sysid.test_parameter_fit import CARTS
 

@@ -1,0 +1,1 @@
+"""The physics of robot soccer: pitch, ball, robots."""

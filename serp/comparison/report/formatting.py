@@ -1,0 +1,89 @@
+"""Numbers, estimates and seeds as a report shows them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+from serp.comparison.analysis.statistics import Estimate, Times
+
+NOTHING: Final = "–"
+
+
+def number(value: float | None) -> str:
+    """Return a number with three or four digits that count; a dash for none."""
+    if value is None or math.isnan(value):
+        return NOTHING
+    return _fixed(value, _decimals([value]))
+
+
+def estimate_text(found: Estimate | None, *, signed: bool = False) -> str:
+    """Return a value with its interval, if it has one, such as `482.1 [471.0, 495.2]`."""
+    if found is None or math.isnan(found.value):
+        return NOTHING
+    ends = [end for end in (found.low, found.high) if end is not None]
+    decimals = _decimals([found.value, *ends])
+    value = _fixed(found.value, decimals, signed=signed)
+    if len(ends) < 2:
+        return value
+    low, high = (_fixed(end, decimals, signed=signed) for end in ends)
+    return f"{value} [{low}, {high}]"
+
+
+def spread_text(mean: float, deviation: float) -> str:
+    """Return a mean with its deviation: `480.3 ± 12.1`."""
+    if math.isnan(mean):
+        return NOTHING
+    decimals = _decimals([mean, deviation])
+    return f"{_fixed(mean, decimals)} ± {_fixed(deviation, decimals)}"
+
+
+def times_text(found: Times) -> str:
+    """Return the median, its interval and how often it never happened.
+
+    Such as `12,000 [9,000, never], never in 3 of 10`, `never (8 of 10)` or `too few episodes`.
+    """
+    if not found.trials:
+        return "too few episodes" if found.too_few else NOTHING
+    few = f", too few episodes in {found.too_few}" if found.too_few else ""
+    if math.isinf(found.median) and (found.low is None or math.isinf(found.low)):
+        return f"never ({found.never} of {found.trials}){few}"
+    text = _time(found.median)
+    if found.low is not None and found.high is not None:
+        text += f" [{_time(found.low)}, {_time(found.high)}]"
+    if found.never:
+        text += f", never in {found.never} of {found.trials}"
+    return text + few
+
+
+def seeds_text(seeds: Sequence[int]) -> str:
+    """Return seeds as a range where they are one: `0 to 4`, `1, 7`."""
+    found = list(seeds)
+    if len(found) > 2 and found == list(range(found[0], found[0] + len(found))):
+        return f"{found[0]} to {found[-1]}"
+    return ", ".join(map(str, found))
+
+
+def _time(value: float) -> str:
+    return "never" if math.isinf(value) else f"{value:,.0f}"
+
+
+def _decimals(values: Sequence[float]) -> int:
+    """Return how many decimals leave the largest of some values about four digits, at least."""
+    size = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
+    if size == 0 or size >= 1000:
+        return 0
+    whole = [float(value).is_integer() for value in values if math.isfinite(value)]
+    if all(whole):
+        return 0
+    return min(4, max(1, 2 - math.floor(math.log10(size))))
+
+
+def _fixed(value: float, decimals: int, *, signed: bool = False) -> str:
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    text = f"{value:{'+' if signed else ''},.{decimals}f}"
+    if float(text.replace(",", "")) == 0:
+        text = text.lstrip("+-")
+    return text.replace("-", "−")

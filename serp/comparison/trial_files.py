@@ -1,0 +1,153 @@
+"""The files of complete trials.
+
+    comparison/trials/ALGORITHM/VARIANT/seed-N/episodes.csv, evaluations.csv, trial.json
+
+`trial.json` is written last: a trial without it was interrupted, and is run again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, get_type_hints
+
+import numpy as np
+
+from serp._util.files import make_inside, write_durably
+from serp._util.json_files import finite, json_text, read_json
+from serp.comparison.trial_records import (
+    EPISODE_COLUMNS,
+    EVALUATION_COLUMNS,
+    Columns,
+    EpisodeRow,
+    EvaluationRow,
+    Record,
+    Trial,
+)
+from serp.comparison.trials.trial import Measured
+from serp.errors import RunError
+from serp.runs.reading import read_rows
+from serp.runs.tables import Table
+
+_TRIALS: Final = "trials"
+_DONE: Final = "trial.json"
+_EPISODES: Final = "episodes.csv"
+_EVALUATIONS: Final = "evaluations.csv"
+_INFO: Final = "info."
+_LONGEST: Final = 100
+_ADVICE: Final = "Remove the folder of this trial to run it again."
+
+
+def trial_folder(folder: Path, trial: Trial) -> Path:
+    """Return the folder of a trial."""
+    names = (file_name(trial.algorithm), file_name(trial.variant), f"seed-{trial.seed}")
+    return folder.joinpath(_TRIALS, *names)
+
+
+def file_name(name: str) -> str:
+    """Return a unique file name for a name, valid on every file system."""
+    plain = re.sub(r"[^A-Za-z0-9_.=-]", "_", name)
+    if plain == name and len(name) <= _LONGEST and not plain.startswith("."):
+        return plain
+    return f"{plain[:_LONGEST]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+
+
+def digest(made_of: Mapping[str, Any]) -> str:
+    """Return a digest of JSON values."""
+    return hashlib.sha256(json.dumps(finite(made_of), sort_keys=True).encode()).hexdigest()
+
+
+def write_trial(
+    folder: Path,
+    trial: Trial,
+    measured: Measured,
+    metadata: Mapping[str, Any],
+    counters: Sequence[str],
+) -> None:
+    """Write a complete trial, replacing files of an interrupted one.
+
+    Args:
+        folder: The folder of the comparison.
+        trial: The trial.
+        measured: Its results.
+        metadata: JSON values, see `Record.metadata`.
+        counters: Names of the counters in the rows of the log.
+
+    Raises:
+        RunError: The write failed.
+    """
+    place = trial_folder(folder, trial)
+    try:
+        make_inside(folder, *place.parent.relative_to(folder).parts)
+        shutil.rmtree(place, ignore_errors=True)
+        place.mkdir()
+    except OSError as error:
+        raise RunError(f"cannot make {place}: {error.strerror or error}.") from error
+    with Table(place / _EPISODES, EPISODE_COLUMNS + tuple(_INFO + c for c in counters)) as table:
+        for row, counts in measured.log.rows:
+            table.append((*row, *counts))
+    with Table(place / _EVALUATIONS, EVALUATION_COLUMNS) as table:
+        for evaluation in measured.evaluations:
+            table.append(evaluation)
+    text = json_text(finite({**trial._asdict(), **metadata, "counters": list(counters)}))
+    write_durably(place / _DONE, text)
+
+
+def is_complete(folder: Path, trial: Trial) -> bool:
+    """Return whether a trial is complete."""
+    return (trial_folder(folder, trial) / _DONE).is_file()
+
+
+def read_metadata(folder: Path, trial: Trial) -> dict[str, Any]:
+    """Return the content of the `trial.json` of a complete trial.
+
+    Raises:
+        RunError: The file is damaged.
+    """
+    return read_json(trial_folder(folder, trial) / _DONE, _ADVICE)
+
+
+def read_trial(folder: Path, trial: Trial) -> Record:
+    """Return a complete trial.
+
+    Raises:
+        RunError: A file of it is missing or damaged.
+    """
+    place = trial_folder(folder, trial)
+    metadata = read_metadata(folder, trial)
+    counters = metadata.get("counters")
+    if not isinstance(counters, list):
+        raise RunError(f"{place / _DONE} is damaged: counters is not a list. {_ADVICE}")
+    info = [_INFO + str(name) for name in counters]
+    return Record(
+        trial=trial,
+        episodes=_read(place / _EPISODES, [*EPISODE_COLUMNS, *info], EpisodeRow),
+        evaluations=_read(place / _EVALUATIONS, list(EVALUATION_COLUMNS), EvaluationRow),
+        metadata=metadata,
+    )
+
+
+def _read(path: Path, columns: Sequence[str], row: Any) -> Columns:
+    kinds = {name.removesuffix("_"): kind for name, kind in get_type_hints(row).items()}
+    cells: dict[str, list[Any]] = {name: [] for name in columns}
+    for number, values in read_rows(path, columns):
+        for name, text in zip(columns, values, strict=True):
+            try:
+                cells[name].append(_parse(kinds.get(name, float), text))
+            except ValueError:
+                raise RunError(f"{path}:{number}: {name} is {text!r}. {_ADVICE}") from None
+    return {
+        name: np.array(values, dtype=_DTYPES[kinds.get(name, float)])
+        for name, values in cells.items()
+    }
+
+
+_DTYPES: Final[dict[type, Any]] = {int: np.int64, float: np.float64, bool: np.bool_, str: np.str_}
+
+
+def _parse(kind: type, text: str) -> Any:
+    return bool(int(text)) if kind is bool else kind(text)

@@ -1,0 +1,145 @@
+"""Contestants: algorithms in training, in the form that a trial uses."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.comparison.algorithms import Algorithm, ExternalAlgorithm
+from serp.comparison.trials.characteristics import REWARDS, characteristics_of
+from serp.comparison.trials.external_env import ExternalEnv
+from serp.control.decision import Decision
+from serp.control.step_record import OnStep, StepRecord
+from serp.errors import RunError, SerpError
+from serp.learning.dqn import Proposal
+from serp.model.transition_model import Vector
+from serp.settings import Settings
+from serp.tasks.bound_task import BoundTask
+from serp.training.agent import Agent
+from serp.training.trainer import Trainer
+
+
+class Contestant(Protocol):
+    """An algorithm with a task and a seed.
+
+    Attributes:
+        agent: Converts observations; its guarded arbiter has the vetoes.
+        characteristics: Name → text, for the report's table of differences.
+    """
+
+    agent: Agent
+    characteristics: Mapping[str, str]
+
+    def train(self, env_steps: int, on_step: OnStep) -> None:
+        """Train for at least this number of env steps, unless `on_step` raises."""
+
+    def greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the learner's greedy actions `[B]`, without planner and veto."""
+
+    def vetoed(self, state: Vector, x: Vector) -> Decision:
+        """Decide greedily within the vetoes."""
+
+
+def make_contestant(
+    algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
+) -> Contestant:
+    """Return an algorithm, ready to be trained.
+
+    Args:
+        algorithm: Which.
+        task: The task, in the environment to train in.
+        settings: All settings.
+        seed: Seed of everything random.
+    """
+    if algorithm.make_external is not None:
+        return _External(algorithm, task, Agent(task, settings, seed), seed)
+    return _Own(algorithm, task, settings, seed)
+
+
+class _Own:
+    """A contestant that `Trainer` trains.
+
+    Args:
+        algorithm: Which of our own.
+        task: The task, in the environment to train in.
+        settings: All settings.
+        seed: Seed of everything random.
+    """
+
+    def __init__(
+        self, algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
+    ) -> None:
+        self.agent = Agent(task, settings, seed, baseline=algorithm.kind == "baseline")
+        self._trainer = Trainer(task, settings, seed, agent=self.agent)
+        self._trainer.prepare()  # loading compiled code does not count as training
+        self.characteristics = characteristics_of(algorithm, settings, self._trainer.judge.source)
+
+    def train(self, env_steps: int, on_step: OnStep) -> None:
+        self._trainer.on_step = on_step
+        while self._trainer.env_steps < env_steps:
+            self._trainer.run_episode()
+
+    def greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
+        strategy, learner = self.agent.strategy, self.agent.learner
+        if strategy.guided is None or not strategy.guided.residual:
+            return learner.greedy_batch(inputs)
+        bases = [strategy.base(self.agent.guarded.forecast(state)) for state in states]
+        return learner.greedy_batch(inputs, np.stack([base for base in bases if base is not None]))
+
+    def vetoed(self, state: Vector, x: Vector) -> Decision:
+        return self.agent.guarded.decide_greedily(state, self.agent.proposer(x))
+
+
+class _External:
+    """An external algorithm, which trains itself in the environment that it is given."""
+
+    def __init__(self, algorithm: Algorithm, task: BoundTask, agent: Agent, seed: int) -> None:
+        self.agent = agent
+        self._on_step: OnStep | None = None
+        env = ExternalEnv(task, agent, seed, self._notice)
+        assert algorithm.make_external is not None
+        self._name = algorithm.name
+        with self._blamed():
+            self._algorithm: ExternalAlgorithm = algorithm.make_external(env, task.name, seed)
+        self.characteristics: Mapping[str, str] = {
+            "learned from": REWARDS[env.judge.source],
+            **self._algorithm.characteristics,
+        }
+
+    def _notice(self, step: StepRecord) -> None:
+        if self._on_step is not None:
+            self._on_step(step)
+
+    def train(self, env_steps: int, on_step: OnStep) -> None:
+        self._on_step = on_step
+        self._algorithm.learn(env_steps)
+
+    def greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
+        with self._blamed():
+            actions: NDArray[Any] = np.asarray(self._algorithm.act(inputs.astype(np.float32)))
+            size = self.agent.learner.action_count
+            whole = actions.dtype.kind in "iu" and actions.shape == (len(inputs),)
+            if not whole or (actions < 0).any() or (actions >= size).any():
+                raise ValueError(
+                    f"act returned {actions!r}; {len(inputs)} whole numbers 0 ... {size - 1} are "
+                    "wanted"
+                )
+            return actions.astype(np.int64)
+
+    @contextlib.contextmanager
+    def _blamed(self) -> Iterator[None]:
+        """Raise a RunError that names the algorithm for whatever it raises."""
+        try:
+            yield
+        except SerpError:
+            raise
+        except Exception as error:
+            raise RunError(f"`{self._name}` failed: {type(error).__name__}: {error}") from error
+
+    def vetoed(self, state: Vector, x: Vector) -> Decision:
+        action = int(self.greedy([state], x[np.newaxis])[0])
+        return self.agent.guarded.judge_proposal(state, Proposal(action, False, None))

@@ -1,0 +1,112 @@
+"""The log of a training, for every kind of algorithm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.compile_time import working_time
+from serp._util.numbers import real
+from serp.comparison.trial_records import EpisodeRow
+from serp.control.step_record import StepRecord
+from serp.errors import TaskError
+from serp.tasks.env_checks import single
+from serp.training.evaluation import outcome_of
+
+
+class Log:
+    """Collects the rows of the episodes of one training.
+
+    Args:
+        available: `[E]` actions that the model does not know and that may be executed.
+        unit: Name of the counter in the environment's info that is logged as `unit`.
+        counters: Names of the counters that are logged as `info.<name>`.
+        clock: Monotonic clock, seconds; by default without compilation.
+
+    Attributes:
+        env_steps: Env steps so far.
+        rows: For each complete episode an `EpisodeRow` and the value of each counter.
+        pauses: Seconds that were not training.
+    """
+
+    def __init__(
+        self,
+        available: NDArray[np.bool_],
+        unit: str,
+        counters: Sequence[str],
+        clock: Callable[[], float] = working_time,
+    ) -> None:
+        self._available = available
+        self._unit = unit
+        self._counters = tuple(counters)
+        self._clock = clock
+        self._begin = clock()
+        self.pauses = 0.0
+        self.env_steps = 0
+        self.rows: list[tuple[EpisodeRow, tuple[float, ...]]] = []
+        self._avoidable = 0
+
+    @property
+    def seconds(self) -> float:
+        """Seconds of training."""
+        return self._clock() - self._begin - self.pauses
+
+    @contextmanager
+    def paused(self) -> Any:
+        """Exclude the body from the time of training."""
+        begin = self._clock()
+        try:
+            yield
+        finally:
+            self.pauses += self._clock() - begin
+
+    def step(self, step: StepRecord) -> None:
+        """Log an env step."""
+        self.env_steps += 1
+        decision = step.decision
+        if decision.unsafe:
+            # The same condition as in the guarantee of the arbiter.
+            self._avoidable += bool((decision.forecast.unflagged | self._available).any())
+        if step.last:
+            self._end_episode(step)
+
+    def _end_episode(self, last: StepRecord) -> None:
+        info, totals = last.info, last.episode
+        counts = totals.decisions.numbers()
+        row = EpisodeRow(
+            episode=len(self.rows) + 1,
+            env_steps=self.env_steps,
+            unit=_number(info.get(self._unit, 0)),
+            return_=totals.return_,
+            learner_return=totals.learner_return,
+            length=totals.length,
+            terminated=totals.terminated,
+            outcome=outcome_of(info),
+            unsafe=counts["unsafe_executed"],
+            avoidable_unsafe=self._avoidable,
+            vetoes=counts["vetoes"],
+            planner_steps=counts["planner_steps"],
+            seconds=self.seconds,
+        )
+        self.rows.append((row, tuple(_counted(info, name) for name in self._counters)))
+        self._avoidable = 0
+
+
+def _counted(info: dict[str, Any], name: str) -> float:
+    found = single(info.get(name, 0))
+    value = real(int(found) if isinstance(found, bool) else found)
+    if value is None:
+        raise TaskError(
+            f"the task counts `{name}`, but the environment's info has {info[name]!r} there; a "
+            "finite number is wanted"
+        )
+    return float(value)
+
+
+def _number(value: Any) -> int:
+    """Return the number of a unit; 0 if it is not a number."""
+    return int(real(single(value)) or 0)

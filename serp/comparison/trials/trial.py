@@ -1,0 +1,254 @@
+"""One trial: train one algorithm with one seed on one domain file, and measure it."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.terminal import visible
+from serp._util.threads import one_thread
+from serp.comparison.algorithms import Algorithm, Changes, merged
+from serp.comparison.protocol import ComparisonProtocol
+from serp.comparison.trial_records import EvaluationRow, Trial
+from serp.comparison.trials.arena import Act, Arena
+from serp.comparison.trials.contestant import Contestant, make_contestant
+from serp.comparison.trials.log import Log
+from serp.control.decision import Actor, Decision, Reason
+from serp.control.step_record import StepRecord
+from serp.errors import Notice, RunError, SerpError
+from serp.learning.dqn import Proposal
+from serp.model.transition_model import Vector
+from serp.planning.action_map import ActionForecast
+from serp.planning.forecast import SAFE
+from serp.settings import Settings, resolve
+from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import Task
+from serp.tasks.watchdog import Watchdog
+
+
+class _Spent(Exception):
+    """The budget is spent; this interrupts the training in the middle of an episode."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The results of a trial.
+
+    Attributes:
+        log: The episodes of training.
+        evaluations: The episodes of all evaluations.
+        characteristics: Name → text: those of the algorithm.
+        seconds: Seconds of training and of evaluation.
+    """
+
+    log: Log
+    evaluations: list[EvaluationRow]
+    characteristics: dict[str, str]
+    seconds: dict[str, float]
+
+
+def trial_settings(algorithm: Algorithm, task: Task, changes: Changes) -> Settings:
+    """Return the settings of an algorithm on a task.
+
+    Args:
+        algorithm: The algorithm; its own changes override those of the user.
+        task: The task.
+        changes: The user's changes for all algorithms.
+
+    Raises:
+        SettingsError: A setting does not exist, or a value is out of range.
+    """
+    return resolve(algorithm.preset, task.settings, merged(changes, algorithm.changes))
+
+
+def unit_of(task: Task) -> str:
+    """Return the unit that the paper counts iterations of a task in, such as `game`."""
+    return resolve("paper", task.settings).arbiter.rho_unit
+
+
+def run_trial(
+    trial: Trial,
+    algorithm: Algorithm,
+    task: Task,
+    protocol: ComparisonProtocol,
+    changes: Changes,
+    on_progress: Callable[[int], None],
+) -> Measured:
+    """Train and measure.
+
+    Args:
+        trial: The trial.
+        algorithm: Its algorithm.
+        task: The task, with the domain file of the variant.
+        protocol: Budget and evaluations.
+        changes: The user's changes to the settings of all algorithms.
+        on_progress: Called with the env steps so far, a few times per second at most.
+
+    Raises:
+        SerpError: Task, settings or environment are wrong.
+    """
+    settings = trial_settings(algorithm, task, changes)
+    with one_thread(), task.bind() as bound:
+        contestant = make_contestant(algorithm, bound, settings, trial.seed)
+        return _Trial(algorithm, contestant, bound, protocol, on_progress).run()
+
+
+class _Trial:
+    def __init__(
+        self,
+        algorithm: Algorithm,
+        contestant: Contestant,
+        bound: BoundTask,
+        protocol: ComparisonProtocol,
+        on_progress: Callable[[int], None],
+    ) -> None:
+        self._algorithm = algorithm
+        self._contestant = contestant
+        self._bound = bound
+        self._protocol = protocol
+        self._on_progress = on_progress
+        self._next_progress = 0.0
+        self._evaluations: list[EvaluationRow] = []
+        available = contestant.agent.guarded.vetoes.available
+        self._log = Log(available, unit_of(bound.task), bound.task.counters)
+        self._watchdog = Watchdog(
+            bound,
+            contestant.agent.settings.training.slow_step_seconds,
+            lambda: self._log.env_steps + 1,
+            lambda line: warnings.warn(visible(line), Notice, stacklevel=2),
+        )
+        most = max(protocol.evaluation_episodes, protocol.final_episodes)
+        self._arena = Arena(bound.task, contestant.agent, most, protocol.evaluation_seed)
+
+    def run(self) -> Measured:
+        try:
+            with self._watchdog:
+                self._train()
+        finally:
+            self._arena.close()
+        log = self._log
+        return Measured(
+            log,
+            self._evaluations,
+            dict(self._contestant.characteristics),
+            {"training": log.seconds, "evaluation": log.pauses},
+        )
+
+    def _train(self) -> None:
+        protocol, log, name = self._protocol, self._log, self._algorithm.name
+        try:
+            self._contestant.train(protocol.env_steps, self._after_step)
+        except _Spent:
+            pass
+        except SerpError:
+            raise
+        except Exception as error:
+            if not self._external:
+                raise
+            raise RunError(f"`{name}` failed: {type(error).__name__}: {error}") from error
+        if self._external:
+            if log.env_steps < protocol.env_steps:
+                raise RunError(
+                    f"`{name}` made {log.env_steps} env steps of {protocol.env_steps} and ended"
+                )
+            self._evaluate(last=True)
+
+    @property
+    def _external(self) -> bool:
+        return self._algorithm.kind == "external"
+
+    def _after_step(self, step: StepRecord) -> None:
+        log, protocol = self._log, self._protocol
+        if log.env_steps >= protocol.env_steps:
+            raise _Spent
+        log.step(step)
+        now = time.monotonic()
+        if now >= self._next_progress:
+            self._next_progress = now + 0.3
+            self._on_progress(log.env_steps)
+        if not protocol.due(log.env_steps):
+            return
+        last = log.env_steps >= protocol.env_steps
+        if last and self._external:  # it still learns from the last steps, and then ends
+            return
+        self._evaluate(last=last)
+        if last:
+            raise _Spent
+
+    def _evaluate(self, *, last: bool) -> None:
+        with self._log.paused():
+            self._evaluate_now(last=last)
+
+    def _evaluate_now(self, *, last: bool) -> None:
+        protocol = self._protocol
+        if self._algorithm.kind == "planner":
+            if last:
+                self._play("planner", self._plan, protocol.final_episodes)
+            return
+        if not last:
+            self._play("learner", self._greedy, protocol.evaluation_episodes)
+            return
+        self._play("learner", self._greedy_forecast, protocol.final_episodes)
+        self._play("vetoed", self._vetoed, protocol.final_episodes)
+
+    def _play(self, policy: str, act: Act, episodes: int) -> None:
+        self._evaluations += self._arena.play(
+            act, episodes, policy=policy, env_steps=self._log.env_steps, trained_in=self._bound
+        )
+
+    # Policies ----------------------------------------------------------------------------------
+
+    def _greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> list[Decision]:
+        """Decide by the learner, without forecasts, which would take most of the time."""
+        size = self._bound.actions.size
+        actions = self._contestant.greedy(states, inputs)
+        return [_not_forecast(int(action), size) for action in actions]
+
+    def _greedy_forecast(
+        self, states: Sequence[Vector], inputs: NDArray[np.float64]
+    ) -> list[Decision]:
+        """Decide by the learner, with forecasts."""
+        actions = self._contestant.greedy(states, inputs)
+        execute = self._contestant.agent.guarded.execute
+        return [
+            execute(state, Proposal(int(action), False, None))
+            for state, action in zip(states, actions, strict=True)
+        ]
+
+    def _vetoed(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> list[Decision]:
+        return list(map(self._contestant.vetoed, states, inputs))
+
+    def _plan(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> list[Decision]:
+        return list(map(self._contestant.agent.guarded.plan, states))
+
+
+def _not_forecast(action: int, size: int) -> Decision:
+    """Return the decision for a choice of the learner without a forecast."""
+    forecast = ActionForecast(
+        choice=-1,
+        ground=np.full(size, -1),
+        value=np.full(size, -np.inf),
+        path_risk=np.zeros(size),
+        safe_steps=np.full(size, SAFE),
+        reward=np.zeros(size),
+        flags=np.zeros(size, dtype=np.int64),
+    )
+    return Decision(
+        action=action,
+        executed_by=Actor.LEARNER,
+        reason=Reason.ACCEPTED,
+        proposed=action,
+        proposed_by=Actor.LEARNER,
+        rho=1.0,
+        predicted_reward=np.nan,
+        unsafe=False,
+        risk=np.nan,
+        proposal_unsafe=False,
+        admissible=np.ones(size, dtype=np.bool_),
+        forecast=forecast,
+    )

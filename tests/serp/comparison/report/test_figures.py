@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from serp._util.figures import render
+from serp.comparison.analysis.results import Results
+from serp.comparison.analysis.variants import variant_rows
+from serp.comparison.report.charts import estimates_chart, variants_chart
+from serp.comparison.report.figures import pictures
+from serp.comparison.report.line_styles import line_styles
+from tests.serp.comparison.made_up import metadata, record, records, trial
+
+
+def made(found, **more):
+    return Results(found, metadata(found, **more))
+
+
+def with_variants():
+    return records() + [
+        trial(name, seed, level, variant="wrong", planner=20.0 if name == "mrp" else None)
+        for name, level in (("serp", 70.0), ("mrp", 20.0))
+        for seed in range(3)
+    ]
+
+
+def names(found, **more):
+    return [picture.name for picture in pictures(made(found, **more))]
+
+
+def test_there_is_a_picture_for_everything_that_was_measured():
+    assert names(records()) == [
+        "training-paper", "training", "training-episodes", "learner", "estimates"
+    ]  # fmt: skip
+    assert names(with_variants())[-1] == "variants"
+    games = [record([1.0, 2.0, 3.0], units=[0, 1, 2])]
+    assert "training-units" in names(games, unit="game")
+    assert names([]) == []
+
+
+def test_curves_show_every_algorithm_with_its_band():
+    found = records()
+    paper, *others = pictures(made(found))
+    for picture in (paper, *others[:2]):
+        assert "mean of 20 episodes" in picture.figure.axes[0].get_ylabel()
+    (axes,) = paper.figure.axes
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    assert set(lines) == {"serp", "mrp", "dqn", "threshold"}
+    assert len(axes.collections) == 3
+    assert lines["serp"].get_xdata()[-1] == 600
+    ours = [r.episodes["return"][-20:].mean() for r in found if r.trial.algorithm == "serp"]
+    assert lines["serp"].get_ydata()[-1] == pytest.approx(np.mean(ours))
+    (legend,) = paper.figure.legends
+    assert [text.get_text() for text in legend.get_texts()][:3] == ["serp", "mrp", "dqn"]
+
+
+def test_the_learners_picture_shows_the_planner_alone():
+    learner = next(p for p in pictures(made(records())) if p.name == "learner")
+    lines = {line.get_label(): line for line in learner.figure.axes[0].get_lines()}
+    assert "mrp" not in lines
+    assert lines["planner alone"].get_ydata()[0] == pytest.approx(50, abs=2)
+
+
+def with_seeds(count, level):
+    levels = {"serp": level, "dqn": level - 1, "mrp": level}
+    found = records(seeds=range(count), levels=levels)
+    return [*found, *(trial("serp", s, level, variant="wrong") for s in range(count))]
+
+
+@pytest.mark.parametrize("seeds", [2, 5])
+def test_a_figure_of_few_seeds_says_so(seeds):
+    for picture in pictures(made(with_seeds(seeds, 90.0))):
+        assert ("Few seeds (2)" in picture.figure.get_supxlabel()) == (seeds < 5)
+
+
+@pytest.mark.parametrize(("level", "cut"), [(900.0, True), (-900.0, True), (0.5, False)])
+def test_an_axis_that_does_not_show_0_says_so(level, cut):
+    for picture in pictures(made(with_seeds(2, level), threshold=None)):
+        marked = False
+        for axes in picture.figure.axes:
+            for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+                if "return" not in axis.get_label_text():
+                    continue
+                shows_0 = min(limits) <= 0 <= max(limits)
+                assert ("(axis cut)" in axis.get_label_text()) == (not shows_0)
+                marked |= not shows_0
+        assert ("axis cut" in picture.caption) == marked
+        assert marked == cut or picture.name != "training"
+
+
+def test_a_chart_of_estimates_has_a_point_for_each_known_value():
+    chart = estimates_chart(made(records()))
+    counts = [len(axes.containers) for axes in chart.axes]
+    assert counts == [3, 2, 2, 0]  # the planner has no learner, nobody was evaluated with vetoes
+
+
+def test_variants_stand_over_the_worth_of_their_planner():
+    results = made(with_variants())
+    final, area = variants_chart(results).axes
+    for axes, name in ((final, "final"), (area, "area")):
+        points = [container.lines[0].get_xydata()[0] for container in axes.containers]
+        expected = [(row.planner.value, getattr(row, name).value) for row in variant_rows(results)]
+        assert np.allclose(points, expected)
+        assert "dqn, no planner" in axes.get_legend_handles_labels()[1]
+
+
+def test_one_seed_one_episode_and_any_name_are_drawn():
+    for found in ([record([1.0])], [record([])], records(seeds=[0])):
+        for picture in pictures(made(found)):
+            picture.figure.draw_without_rendering()
+    found = [trial("$a_b$ <x>", seed, 3.0) for seed in range(2)]
+    assert b"<x>" not in render(pictures(made(found))[0].figure, "svg")
+
+
+def test_every_algorithm_has_a_style_of_its_own():
+    styles = line_styles([f"algorithm {i}" for i in range(28)])
+    assert len({(style.colour, str(style.dash)) for style in styles.values()}) == 28

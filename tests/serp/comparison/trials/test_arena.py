@@ -1,0 +1,141 @@
+"""Evaluating side by side: what one episode after another gives, only faster."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from gymnasium.wrappers import NormalizeObservation, TimeLimit
+
+from serp.comparison.trial_records import EvaluationRow
+from serp.comparison.trials.arena import Act, Arena
+from serp.settings import resolve
+from serp.tasks.bound_task import BoundTask
+from serp.tasks.task import Task
+from serp.training.evaluation import evaluate
+from serp.training.trainer import Trainer
+from tests.serp.comparison.contest import Walk, walk
+
+SEED = 11
+
+
+def trained(task: Task, episodes: int = 4, **changes: Any) -> tuple[Trainer, BoundTask]:
+    bound = task.bind()
+    trainer = Trainer(bound, resolve("default", task.settings, changes), 2)
+    for _ in range(episodes):
+        trainer.run_episode()
+    return trainer, bound
+
+
+def acting(trainer: Trainer) -> dict[str, Act]:
+    """Policies as a trial plays them."""
+    agent = trainer.agent
+
+    def learner(states: Any, inputs: Any) -> Any:
+        return [agent.decide_as_baseline(*seen) for seen in zip(states, inputs, strict=True)]
+
+    def mixed(states: Any, inputs: Any) -> Any:
+        return list(map(agent.decide_greedily, states, inputs))
+
+    def planner(states: Any, inputs: Any) -> Any:
+        return list(map(agent.arbiter.plan, states))
+
+    return {"learner": learner, "serp": mixed, "planner": planner}
+
+
+def play(task: Task, trainer: Trainer, bound: BoundTask, policy: str, n: int) -> Any:
+    arena = Arena(task, trainer.agent, n, SEED)
+    try:
+        return arena.play(acting(trainer)[policy], n, policy=policy, env_steps=7, trained_in=bound)
+    finally:
+        arena.close()
+
+
+def equal(rows: list[EvaluationRow], task: Task, trainer: Trainer, policy: Any) -> None:
+    with task.bind() as own:
+        expected = evaluate(trainer.agent, own, policy, episodes=len(rows), seed=SEED)
+    assert tuple(row.return_ for row in rows) == expected.returns
+    assert tuple(row.length for row in rows) == expected.lengths
+    assert sum(row.terminated for row in rows) == expected.terminated
+    assert [row.episode for row in rows] == list(range(1, len(rows) + 1))
+    assert {(row.policy, row.env_steps) for row in rows} == {(policy, 7)}
+    assert sum(row.unsafe for row in rows) == expected.unsafe_executed
+
+
+@pytest.mark.parametrize("policy", ["learner", "serp", "planner"])
+@pytest.mark.parametrize("episodes", [1, 7, 53])
+def test_side_by_side_equals_one_after_another(tmp_path: Path, policy: str, episodes: int) -> None:
+    """With more episodes than environments too."""
+    task = walk(tmp_path)
+    trainer, bound = trained(task)
+    before = str(trainer.agent.state_dict()[1])
+    rows = play(task, trainer, bound, policy, episodes)
+    equal(rows, task, trainer, policy)
+    assert str(trainer.agent.state_dict()[1]) == before  # nothing was drawn
+    assert all((row.outcome != "") == row.terminated for row in rows)
+
+
+def test_every_evaluation_plays_the_same_episodes(tmp_path: Path) -> None:
+    task = walk(tmp_path)
+    trainer, bound = trained(task)
+    act = acting(trainer)["planner"]
+    arena = Arena(task, trainer.agent, 25, SEED)
+    played = [
+        arena.play(act, n, policy="planner", env_steps=0, trained_in=bound) for n in (25, 3, 25)
+    ]
+    arena.close()
+    assert played[0] == played[2]
+    assert played[1] == played[0][:3]
+
+
+def test_an_episode_that_never_ends_is_cut_as_in_training(tmp_path: Path) -> None:
+    class Endless(Walk):
+        def step(self, action: int) -> Any:
+            seen, reward, _, _, info = super().step(action)
+            self.x = max(-1, min(1, self.x))
+            return seen, reward, False, False, info
+
+    task = walk(tmp_path, Endless)
+    trainer, bound = trained(task, 1, training={"episode_steps": 17})
+    rows = play(task, trainer, bound, "planner", 3)
+    assert [(row.length, row.terminated) for row in rows] == [(17, False)] * 3
+
+
+def test_what_the_learner_learned_to_see_is_what_it_sees(tmp_path: Path) -> None:
+    """Running statistics are those of training, and of no evaluation."""
+    counts: list[float] = []
+
+    class Seen(NormalizeObservation):
+        def reset(self, **options: Any) -> Any:
+            counts.append(self.obs_rms.count)
+            return super().reset(**options)
+
+    task = walk(
+        tmp_path,
+        lambda: Seen(TimeLimit(Walk(), 9)),
+        ground=lambda seen: {"x": round(float(seen[0]), 1)},
+    )
+    trainer, bound = trained(task)
+    trained_on = bound.env.get_wrapper_attr("obs_rms").count
+    arena = Arena(task, trainer.agent, 4, SEED)
+    act = acting(trainer)["learner"]
+    for _ in range(2):
+        counts.clear()
+        arena.play(act, 4, policy="learner", env_steps=0, trained_in=bound)
+        assert counts == [trained_on] * 4
+    arena.close()
+    assert bound.env.get_wrapper_attr("obs_rms").count == trained_on
+
+
+def test_its_environments_are_closed(tmp_path: Path) -> None:
+    closed: list[str] = []
+
+    class Closing(Walk):
+        def close(self) -> None:
+            closed.append("closed")
+
+    task = walk(tmp_path, Closing)
+    trainer, _ = trained(task)
+    Arena(task, trainer.agent, 3, SEED).close()
+    assert closed == ["closed"] * 3

@@ -1,0 +1,65 @@
+"""The learner alone: whatever it wants is done, and counted all the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.control.decision import Actor, Reason
+from serp.learning.dqn import Proposal
+from serp.settings import resolve
+from serp.training.agent import Agent
+from tests.serp.comparison.contest import episodes_of, measured, walk
+
+LEFT = 0
+
+
+def baseline(folder: Path, **arbiter: Any) -> Agent:
+    task = walk(folder).bind()
+    settings = resolve("default", task.task.settings, {"arbiter": arbiter})
+    return Agent(task, settings, 0, baseline=True)
+
+
+def test_nothing_is_refused_and_danger_is_counted(tmp_path: Path) -> None:
+    agent = baseline(tmp_path, r_min=100.0, unmodelled="veto")
+    state, _ = agent.perceive(np.array([-2.0, 0.0]))
+    for exploratory in (False, True):
+        proposal = Proposal(LEFT, exploratory, None)
+        decision = agent.arbiter.judge_proposal(state, proposal)
+        assert decision.action == decision.proposed == LEFT
+        assert decision.reason is Reason.ACCEPTED
+        assert not decision.vetoed
+        assert decision.unsafe
+        assert decision.executed_by is (Actor.EXPLORATION if exploratory else Actor.LEARNER)
+        assert decision.admissible.all()
+        assert agent.guarded.execute(state, proposal).action == LEFT
+        assert agent.guarded.judge_proposal(state, proposal).action != LEFT
+
+
+def test_it_explores_among_all_actions_and_asks_no_planner(tmp_path: Path) -> None:
+    agent = baseline(tmp_path, rho=0.0, rho_increment=0.0, exploration_slack=0.0)
+    state, x = agent.perceive(np.array([0.0, 0.0]))
+    decisions = [agent.decide(state, x) for _ in range(300)]
+    explored = {d.action for d in decisions if d.executed_by is Actor.EXPLORATION}
+    assert explored == {0, 1, 2, 3}
+    assert {d.proposed_by for d in decisions} == {Actor.EXPLORATION}  # epsilon begins at 1
+
+
+@pytest.mark.parametrize("algorithm", ["dqn", "dqn-paper"])
+def test_plain_dqn_refuses_nothing_whatever_comes_of_it(tmp_path: Path, algorithm: str) -> None:
+    rows = [row for row, _ in measured(tmp_path, algorithm).log.rows]
+    assert sum(row.vetoes for row in rows) == sum(row.planner_steps for row in rows) == 0
+    assert sum(row.avoidable_unsafe for row in rows) > 0
+
+
+@pytest.mark.parametrize("algorithm", ["dqn", "mrp"])
+def test_settings_of_the_guide_do_not_reach_what_has_none(tmp_path: Path, algorithm: str) -> None:
+    plain = measured(tmp_path, algorithm)
+    for strategy in ("restrict", "residual", "dqfd"):
+        changes = {"guide": {"strategy": strategy}}
+        guided = measured(tmp_path, algorithm, changes=changes)
+        assert episodes_of(guided) == episodes_of(plain)
+        assert guided.evaluations == plain.evaluations

@@ -1,0 +1,164 @@
+"""What is written down of a training: sums over the steps of each episode."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.comparison.trials.log import Log
+from serp.control.arbiter import Arbiter
+from serp.control.decision import Actor, Decision, Reason
+from serp.control.step_record import EpisodeTotals, StepRecord
+from serp.errors import TaskError
+from serp.learning.dqn import Proposal
+from serp.settings import resolve
+from serp.training.evaluation import outcome_of
+from serp.training.trainer import Trainer
+from tests.serp.comparison.contest import walk
+from tests.serp.control.records import step_record
+
+UNKNOWN = 3  # the action that the domain does not mention
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def arbiter(folder: Path, **settings: Any) -> Arbiter:
+    task = walk(folder).bind()
+    return Trainer(
+        task, resolve("default", task.task.settings, {"arbiter": settings}), 0
+    ).agent.arbiter
+
+
+def tell(log: Log, steps: Iterable[StepRecord]) -> None:
+    """Let a log write steps down, added up by episode."""
+    totals = EpisodeTotals()
+    for step in steps:
+        counted = step._replace(number=totals.length + 1, episode=totals)
+        totals.add(counted)
+        log.step(counted)
+        if step.last:
+            totals = EpisodeTotals()
+
+
+def stepped(
+    decision: Decision, reward: float = 1.0, *, last: bool = False, **info: Any
+) -> StepRecord:
+    return step_record(decision, env_reward=reward, reward=10 * reward, terminated=last, info=info)
+
+
+def decisions(folder: Path) -> dict[str, Decision]:
+    """A decision of each kind."""
+    guard = arbiter(folder)
+    middle, brink = np.array([0.0]), np.array([-2.0])
+    right, left = Proposal(1, False, None), Proposal(0, False, None)
+    found = {
+        "planner": guard.plan(middle),
+        "learner": guard.judge_proposal(middle, right),
+        "vetoed": guard.judge_proposal(brink, left),
+        "unsafe": guard.judge_proposal(middle, right)._replace(
+            action=0, unsafe=True, forecast=guard.forecast(brink)
+        ),
+    }
+    assert found["vetoed"].reason is Reason.UNSAFE
+    assert found["vetoed"].executed_by is Actor.PLANNER
+    return found
+
+
+@pytest.mark.parametrize("slips", [2, np.float32(2), np.array([2]), True, 2.0])
+def test_counters_may_be_any_numbers(tmp_path: Path, slips: Any) -> None:
+    log, done = Log(np.zeros(4, bool), "game", ("slips",)), decisions(tmp_path)["planner"]
+    for game in (3, float("nan"), "third"):
+        tell(log, [stepped(done, last=True, slips=slips, game=game)])
+    assert [row.unit for row, _ in log.rows] == [3, 0, 0]
+    assert {counted for _, counted in log.rows} == {(float(np.sum(slips)),)}
+
+
+@pytest.mark.parametrize("slips", ["2", None, float("nan"), 1j, np.zeros(2)])
+def test_a_counter_that_is_no_number_is_named(tmp_path: Path, slips: Any) -> None:
+    log, done = Log(np.zeros(4, bool), "game", ("slips",)), decisions(tmp_path)["planner"]
+    with pytest.raises(TaskError, match="the task counts `slips`, but .*a finite number is wanted"):
+        tell(log, [stepped(done, last=True, slips=slips)])
+
+
+def test_an_episode_is_the_sum_of_its_steps(tmp_path: Path) -> None:
+    clock, seen = Clock(), decisions(tmp_path)
+    log = Log(arbiter(tmp_path).vetoes.available, "game", ["slips"], clock)
+
+    def steps() -> Iterator[StepRecord]:
+        for k, name in enumerate(("planner", "learner", "vetoed", "unsafe")):
+            clock.now += 2.0
+            yield stepped(seen[name], k + 1.0, last=k == 3, game=4, slips=7 + k, outcome="pit")
+        with log.paused():
+            clock.now += 50.0
+        clock.now += 1.0
+        yield stepped(seen["learner"], last=True)
+
+    tell(log, steps())
+    (first, slips), (second, none) = log.rows
+    assert first == (1, 4, 4, 10.0, 100.0, 4, True, "pit", 1, 1, 1, 2, 8.0)
+    assert slips == (10.0,)
+    assert (second.episode, second.env_steps, second.length) == (2, 5, 1)
+    assert (second.return_, second.outcome, second.unit) == (1.0, "", 0)
+    assert second.seconds == log.seconds == 9.0
+    assert none == (0.0,)
+    assert (log.env_steps, log.pauses) == (5, 50.0)
+
+
+def test_unsafe_counts_as_avoidable_while_there_was_something_else(tmp_path: Path) -> None:
+    made = decisions(tmp_path)["unsafe"]
+    only = made.forecast._replace(flags=np.array([made.forecast.flags[0]] * 3 + [0]))
+    actions = arbiter(tmp_path).actions
+    for forecast, avoidable in ((made.forecast, 1), (only, 1)):  # `dance` is not predicted
+        log = Log(~actions.modelled, "step", ())
+        tell(log, [stepped(made._replace(forecast=forecast), last=True)])
+        assert log.rows[0][0].avoidable_unsafe == avoidable
+    known = type(actions)(actions.model, 3)  # in this environment there is no such action
+    log = Log(~known.modelled, "step", ())
+    lost = only._replace(flags=only.flags[:3])
+    tell(log, [stepped(made._replace(forecast=lost), last=True)])
+    assert (log.rows[0][0].unsafe, log.rows[0][0].avoidable_unsafe) == (1, 0)
+
+
+def test_an_episode_that_is_cut_short_ends_too_and_one_that_runs_is_not_written(
+    tmp_path: Path,
+) -> None:
+    made = decisions(tmp_path)["learner"]
+    log = Log(arbiter(tmp_path).vetoes.available, "step", ())
+    tell(log, [stepped(made)._replace(truncated=True)])
+    tell(log, [stepped(made)])
+    ((row, _),) = log.rows
+    assert not row.terminated
+    assert log.env_steps == 2
+
+
+@pytest.mark.parametrize(
+    ("value", "unit"), [(3, 3), (3.0, 3), (np.int32(3), 3), (np.array([3]), 3), ("third", 0)]
+)
+def test_the_unit_is_a_whole_number_or_nothing(tmp_path: Path, value: Any, unit: int) -> None:
+    log = Log(arbiter(tmp_path).vetoes.available, "game", ())
+    tell(log, [stepped(decisions(tmp_path)["learner"], last=True, game=value)])
+    assert log.rows[0][0].unit == unit
+
+
+def test_the_outcome_is_a_text_or_nothing() -> None:
+    assert outcome_of({"outcome": "goal"}) == "goal"
+    assert outcome_of({"outcome": 3}) == outcome_of({}) == ""
+
+
+def test_time_of_what_failed_is_left_out_too(tmp_path: Path) -> None:
+    clock = Clock()
+    log = Log(arbiter(tmp_path).vetoes.available, "step", (), clock)
+    with pytest.raises(ValueError, match="no"), log.paused():
+        clock.now += 5.0
+        raise ValueError("no")
+    assert log.seconds == 0.0

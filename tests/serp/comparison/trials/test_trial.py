@@ -1,0 +1,263 @@
+"""One trial: its budget, its evaluations, and that one does not hang on the other."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from serp.comparison.trials.trial import Measured, unit_of
+from serp.errors import EnvironmentFailure, Notice, RunError, SettingsError
+from serp.tasks.registry import load_task
+from serp.training.agent import Agent
+from serp.training.precompile import precompile
+from tests.serp.comparison.contest import (
+    GUIDED,
+    OWN,
+    PROTOCOL,
+    Walk,
+    episodes_of,
+    measured,
+    walk,
+)
+from tests.serp.sample_tasks import CableCut, Corridor
+
+SWIFT = {"guide": {"jump_stages": 2, "jump_tolerance": 5.0, "imitation_steps": 40}}
+"""So that planner and learner both act within a small budget."""
+
+
+@pytest.fixture(scope="module")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Measured]:
+    """Trials that several tests look at."""
+    folder = tmp_path_factory.mktemp("trials")
+
+    @functools.cache
+    def get(algorithm: str, seed: int = 0) -> Measured:
+        return measured(folder, algorithm, seed=seed, changes=SWIFT)
+
+    return get
+
+
+Once = Callable[..., Measured]
+
+
+def found(measured: Measured) -> Any:
+    """What was found, but for the time it took."""
+    return episodes_of(measured), measured.evaluations, measured.characteristics
+
+
+def test_a_step_that_hangs_is_a_notice(tmp_path: Path) -> None:
+    class Slow(Walk):
+        def step(self, action: int) -> Any:
+            if self.made == 4:
+                time.sleep(0.2)
+            return super().step(action)
+
+    changes = {"training": {"slow_step_seconds": 0.05}}
+    with pytest.warns(Notice, match=r"0.05 s: step with action .*, env step 5\. "):
+        measured(tmp_path, "mrp", task=walk(tmp_path, Slow), changes=changes)
+
+
+@pytest.mark.parametrize("algorithm", OWN)
+def test_equal_seeds_give_equal_records_and_others_give_others(
+    tmp_path: Path, algorithm: str, once: Once
+) -> None:
+    one, other = once(algorithm, 1), once(algorithm, 2)
+    same = measured(tmp_path, algorithm, seed=1, changes=SWIFT)
+    assert found(one) == found(same)
+    assert found(one)[0] != found(other)[0]
+
+
+@pytest.mark.parametrize("algorithm", [*OWN, "drawing"])
+def test_evaluations_change_nothing_in_training(
+    tmp_path: Path, algorithm: str, external: None, once: Once
+) -> None:
+    often = dataclasses.replace(
+        PROTOCOL, evaluate_every=7, evaluation_episodes=5, evaluation_seed=1
+    )
+    runs = [measured(tmp_path, algorithm, protocol=often, changes=SWIFT), once(algorithm)]
+    assert episodes_of(runs[0]) == episodes_of(runs[1])
+    assert len(runs[0].evaluations) > len(runs[1].evaluations) or algorithm == "mrp"
+
+
+@pytest.mark.parametrize("algorithm", [*OWN, "drawing", "greedy"])
+def test_the_budget_is_met_exactly(tmp_path: Path, algorithm: str, external: None) -> None:
+    made = 0
+
+    class Counting(Walk):
+        def step(self, action: int) -> Any:
+            nonlocal made
+            made += self.counted
+            return super().step(action)
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.counted = not environments
+            environments.append(self)
+
+    environments: list[Any] = []  # the first is trained in, the others are evaluated in
+    result = measured(tmp_path, algorithm, task=walk(tmp_path, Counting), changes=SWIFT)
+    rows = [row for row, _ in result.log.rows]
+    assert result.log.env_steps == PROTOCOL.env_steps
+    assert made == PROTOCOL.env_steps + (algorithm == "greedy")  # its last is not counted
+    assert rows[-1].env_steps == sum(row.length for row in rows) <= PROTOCOL.env_steps
+    assert [row.env_steps for row in rows] == sorted({row.env_steps for row in rows})
+    assert [row.episode for row in rows] == list(range(1, len(rows) + 1))
+
+
+@pytest.mark.parametrize("algorithm", [*OWN, "drawing"])
+def test_what_is_evaluated_when(algorithm: str, external: None, once: Once) -> None:
+    rows = once(algorithm).evaluations
+    played: dict[tuple[int, str], list[int]] = {}
+    for row in rows:
+        played.setdefault((row.env_steps, row.policy), []).append(row.episode)
+    some, all_ = [1, 2, 3], [1, 2, 3, 4]
+    if algorithm == "mrp":
+        assert played == {(130, "planner"): all_}
+    else:
+        assert played == {
+            (50, "learner"): some,
+            (100, "learner"): some,
+            (130, "learner"): all_,
+            (130, "vetoed"): all_,
+        }
+    vetoed = [row for row in rows if row.policy in ("vetoed", "planner")]
+    assert sum(row.unsafe for row in vetoed) == 0
+
+
+@pytest.mark.parametrize("algorithm", [*GUIDED, "mrp"])
+def test_nothing_unsafe_is_done_by_a_guided_one_while_it_can_be_avoided(
+    algorithm: str, once: Once
+) -> None:
+    rows = [row for seed in range(3) for row, _ in once(algorithm, seed).log.rows]
+    assert sum(row.avoidable_unsafe for row in rows) == 0
+    if algorithm == "mrp":
+        assert all(row.planner_steps == row.length for row in rows)
+        assert all(row.vetoes == 0 for row in rows)
+
+
+def test_the_planner_alone_is_the_planner_whatever_is_set(tmp_path: Path) -> None:
+    changes: Any = {
+        "arbiter": {"rho": 1.0, "indifferent": "learner"},
+        "guide": {"strategy": "argmax-q"},
+        "training": {"random_steps": 50},
+        "learner": {"members": 3},
+    }
+    plain, changed = measured(tmp_path, "mrp"), measured(tmp_path, "mrp", changes=changes)
+    assert found(changed) == found(plain)
+
+
+def test_settings_of_the_user_reach_the_learner_and_the_algorithms_own_stand(
+    tmp_path: Path,
+) -> None:
+    paths = [
+        measured(tmp_path, "dqn", changes={"learner": {"epsilon_start": epsilon}})
+        for epsilon in (0.0, 1.0)
+    ]
+    assert episodes_of(paths[0]) != episodes_of(paths[1])
+    overridden = measured(tmp_path, "jump-start", changes={"guide": {"strategy": "restrict"}})
+    assert found(overridden) == found(measured(tmp_path, "jump-start"))
+    with pytest.raises(SettingsError, match="did you mean `learner`"):
+        measured(tmp_path, "dqn", changes={"lerner": {"members": 1}})
+
+
+def test_counters_units_and_returns_are_the_environments(tmp_path: Path) -> None:
+    task = walk(tmp_path, Corridor, settings={
+        **walk(tmp_path).settings, "paper": {"arbiter": {"rho_unit": "game"}},
+    })  # fmt: skip
+    assert unit_of(task) == "game"
+    for algorithm in ("serp", "serp-paper", "dqn", "mrp"):
+        rows = [row for row, _ in measured(tmp_path, algorithm, task=task).log.rows]
+        # 30 ticks of the clock; a step takes one, and so does a reset.
+        assert [row.unit for row in rows] == [(row.env_steps + row.episode) // 30 for row in rows]
+    slips = [counts for _, counts in measured(tmp_path).log.rows]
+    assert all(len(counts) == 1 for counts in slips)
+    assert sum(counts[0] for counts in slips) > 0
+
+
+def test_an_external_one_is_evaluated_at_the_end_when_it_has_learned(
+    tmp_path: Path, external: None
+) -> None:
+    rows = measured(tmp_path, "drawing").evaluations
+    # Before it has learned it waits, and walks to the goal after that.
+    assert {row.outcome for row in rows if row.env_steps < PROTOCOL.env_steps} == {""}
+    last = [row for row in rows if row.env_steps == PROTOCOL.env_steps]
+    assert {row.outcome for row in last} == {"goal"}
+    assert {row.policy for row in last} == {"learner", "vetoed"}
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "message"),
+    [
+        ("lazy", "`lazy` made 120 env steps of 130 and ended"),
+        ("faulty", "`faulty` failed: ValueError: expected scalar type Float"),
+        ("absent", "it needs more memory than there is"),
+    ],
+)
+def test_what_goes_wrong_in_an_external_one_is_told(
+    tmp_path: Path, algorithm: str, message: str, external: None
+) -> None:
+    with pytest.raises(RunError, match=message):
+        measured(tmp_path, algorithm)
+
+
+def test_what_goes_wrong_in_the_environment_is_told_and_environments_are_closed(
+    tmp_path: Path,
+) -> None:
+    opened, closed = [], []
+
+    class Closing(CableCut):
+        def __init__(self, at: int) -> None:
+            super().__init__(Walk(), at)
+            opened.append(self)
+
+        def close(self) -> None:
+            closed.append(self)
+            super().close()
+
+    with pytest.raises(EnvironmentFailure, match="cable cut"):
+        measured(tmp_path, task=walk(tmp_path, lambda: Closing(20)))
+    assert len(opened) > 1
+    assert set(map(id, opened)) == set(map(id, closed))
+
+
+def test_progress_is_told(tmp_path: Path) -> None:
+    steps: list[int] = []
+    measured(tmp_path, on_progress=steps.append)
+    assert steps[0] == 1
+    assert steps == sorted(steps)
+
+
+def test_time_of_training_and_of_evaluation_are_told_apart(tmp_path: Path) -> None:
+    begin = time.perf_counter()
+    seconds = measured(tmp_path, "dqn").seconds
+    assert min(seconds.values()) > 0
+    assert sum(seconds.values()) <= time.perf_counter() - begin
+
+
+def test_a_training_begins_when_what_it_calls_is_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seconds = []
+
+    def rehearsing(agent: Agent) -> None:
+        begin = time.perf_counter()
+        precompile(agent)
+        time.sleep(0.2)
+        seconds.append(time.perf_counter() - begin)
+
+    monkeypatch.setattr("serp.training.trainer.precompile", rehearsing)
+    begin = time.perf_counter()
+    found = measured(tmp_path, "dqn").seconds
+    (took,) = seconds
+    assert took + sum(found.values()) <= time.perf_counter() - begin
+
+
+def test_games_are_counted_in_soccer_under_every_preset() -> None:
+    assert unit_of(load_task("soccer")) == "game"
+    assert unit_of(load_task("cartpole")) == "episode"

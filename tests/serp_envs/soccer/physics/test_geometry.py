@@ -1,0 +1,56 @@
+"""Angles, lanes, shadows, against hand-computed situations and rays."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from serp_envs.soccer.physics.geometry import goal_coverage, wrap
+
+
+@given(st.floats(-3 * math.pi, 3 * math.pi))
+def test_wrapping_keeps_the_direction(angle: float) -> None:
+    wrapped = wrap(angle)
+    assert abs(wrapped) <= math.pi + 1e-12
+    assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
+    assert math.sin(wrapped) == pytest.approx(math.sin(angle), abs=1e-9)
+
+
+def test_a_robot_behind_the_ball_covers_nothing_and_one_in_front_of_it_all() -> None:
+    assert goal_coverage(-2.0, 0.0, -1.5, 0.0, 0.2, -4.5, 0.75) == 0.0
+    assert goal_coverage(-4.0, 0.0, -4.2, 0.0, 0.2, -4.5, 0.75) == 1.0
+    assert goal_coverage(-4.6, 0.0, -4.8, 0.0, 0.2, -4.5, 0.75) == 0.0
+
+
+def test_coverage_of_a_robot_on_the_line_to_the_goal() -> None:
+    expected = math.asin(0.2 / 0.5) / math.atan2(0.75, 2.5)
+    assert goal_coverage(-2.0, 0.0, -2.5, 0.0, 0.2, -4.5, 0.75) == 1.0
+    assert expected > 1.0
+    expected = math.asin(0.2 / 1.5) / math.atan2(0.75, 2.5)
+    assert goal_coverage(-2.0, 0.0, -3.5, 0.0, 0.2, -4.5, 0.75) == pytest.approx(expected)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    ball=st.tuples(st.floats(-4.3, 0.0), st.floats(-2.8, 2.8)),
+    robot=st.tuples(st.floats(-4.5, 0.0), st.floats(-2.8, 2.8)),
+)
+def test_coverage_is_the_share_of_rays_that_meet_the_robot(
+    ball: tuple[float, float], robot: tuple[float, float]
+) -> None:
+    (bx, by), (rx, ry) = ball, robot
+    if math.hypot(bx - rx, by - ry) < 0.21:
+        return
+    low = math.atan2(-0.75 - by, -4.5 - bx) % (2 * math.pi)
+    high = math.atan2(0.75 - by, -4.5 - bx) % (2 * math.pi)
+    rays = np.linspace(low, high, 4001)
+    along = (rx - bx) * np.cos(rays) + (ry - by) * np.sin(rays)
+    aside = np.abs((ry - by) * np.cos(rays) - (rx - bx) * np.sin(rays))
+    share = float(np.mean((along > 0.0) & (aside < 0.2)))
+    assert goal_coverage(bx, by, rx, ry, 0.2, -4.5, 0.75) == pytest.approx(share, abs=2e-3)
+    mirrored = goal_coverage(bx, -by, rx, -ry, 0.2, -4.5, 0.75)
+    assert mirrored == pytest.approx(goal_coverage(bx, by, rx, ry, 0.2, -4.5, 0.75))
