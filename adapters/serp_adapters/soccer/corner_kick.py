@@ -49,8 +49,8 @@ def until_met(x: Numbers, y: Numbers, vx: Numbers, vy: Numbers, gap: float) -> N
 
     Returns:
         The time, as the environment computes it (`serp_envs.soccer.physics.rolling.meeting`),
-        in steps of 0.2 s while the ball rolls; 0 for a ball in reach. For a robot that cannot reach the rolling
-        ball, the time of its walk to where the ball comes to rest.
+        in steps of 0.2 s while the ball rolls; 0 for a ball in reach. For a robot that cannot
+        reach the rolling ball, the time of its walk to where the ball comes to rest.
     """
     speed, slowing = np.hypot(vx, vy)[..., None], SPL_2020.ball_deceleration
     rolls = np.where(speed < STILL, 0.0, speed / slowing)

@@ -15,8 +15,8 @@ class SoccerDefender(SoccerEnv):
     The robot soccer task of the SErP paper, section 4.2: two robots of the Standard Platform
     League, seen from above, in a contest for the ball. The defender learns; the attacker follows a
     fixed policy (`serp_envs.soccer.opponents.attacker`). The physics is pymunk's in steps of
-    0.02 s, a walk is limited to 0.25 m/s forward, 0.15 back, 0.20 sideways, 1.66 rad/s. Metres, seconds, radians;
-    the origin is the centre spot, the defended goal at x = −4.5.
+    0.02 s, a walk is limited to 0.25 m/s forward, 0.15 back, 0.20 sideways, 1.66 rad/s.
+    Metres, seconds, radians; the origin is the centre spot, the defended goal at x = −4.5.
 
     An episode is one contest. It begins when both robots are within 0.70 m of the ball; how they
     got there is part of `reset`.

@@ -312,7 +312,7 @@ def test_what_cannot_change_is_refused(copy: Path, options: Any, message: str) -
 def test_an_edited_domain_file_is_refused(copy: Path) -> None:
     edited = CORRIDOR.replace("decrease (reward) 5", "decrease (reward) 6")
     (copy / "corridor.pddl").write_text(edited)
-    with pytest.raises(RunError, match="`walk` says now: it was edited"):
+    with pytest.raises(RunError, match="differs from the domain file `walk`, which was edited"):
         again(copy)
     (copy / "corridor.pddl").write_text(CORRIDOR)
     again(copy)
