@@ -7,6 +7,7 @@ comparison = serp.compare(
     algorithms=["serp", "mrp", "dqn"],
     seeds=1,
     env_steps=400,
+    evaluate_every=200,
     evaluation_episodes=2,
     final_episodes=2,
     out="runs/comparison",

@@ -20,7 +20,7 @@ class Forecast(NamedTuple):
 
     Attributes:
         choice: The first action of the best path; -1 where no action is applicable. At every node
-            actions are ordered as in `serp.planning.preference`: by rank, then by the least
+            actions are ordered by rank (safe before risky before unsafe), then by the least
             `path_risk`, the largest `safe_steps`, the largest `value`, and the order of the file.
         value: `[A]` discounted sum of rewards of the best path that begins with each action, plus
             the value of its last state where `Lookahead.leaves` is set; -inf where not applicable.

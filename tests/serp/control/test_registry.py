@@ -60,7 +60,10 @@ def test_a_strategy_of_another_package_is_made_by_its_name(installed: None) -> N
     ("name", "said"),
     [
         ("jump-strat", "guide.strategy: there is no strategy `jump-strat`; did you mean `jump-st"),
-        ("no-strategy", "guide.strategy: `no-strategy` is .*NoStrategy.*, no subclass of .*Strat"),
+        (
+            "no-strategy",
+            "guide.strategy: `no-strategy` is .*NoStrategy.*, which is not a subclass of .*Strat",
+        ),
         ("not-there", r"`not-there` \(my_strategies:Nothing\) cannot be loaded: AttributeError"),
     ],
 )

@@ -149,7 +149,7 @@ def test_the_first_of_the_best_promises_most(tmp_path: Path) -> None:
         assert not branch.chosen or branch.total == pytest.approx(plan.reward)
 
 
-@examples(60)
+@examples(30)
 @given(models_with_states(PLANNABLE, count=1))
 def test_any_graph_can_be_laid_out(drawn: tuple[Generated, Any]) -> None:
     generated, (state,) = drawn
