@@ -9,7 +9,6 @@ from serp.errors import SettingsError
 _SECTIONS: Final = {"correction": "adaptation"}
 _SETTINGS: Final = {
     ("adaptation", "tries"): "min_visits",
-    ("correction", "tries"): "min_visits",
     ("arbiter", "surety"): "confidence_margin",
     ("arbiter", "imitation"): "imitation_weight",
     ("arbiter", "broken_promises"): "max_lookahead_failures",
