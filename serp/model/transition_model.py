@@ -206,6 +206,14 @@ class TransitionModel(StateSpace):
         """Return the compiled C callback of `step` (numba), compiling it when first called."""
         return self._program.native
 
+    def native_outcomes(self) -> Any:
+        """Return the compiled C callback that gives all outcomes of a step; None for one outcome.
+
+        It has the arguments of `native_step` and returns the number of outcomes. For each, `out`
+        receives F + 3 numbers: the next state, the reward, the flags and the probability.
+        """
+        return None
+
     def native_flow(self) -> Any:
         """Return the same for effects and processes only, without events, goal and metric."""
         return self._program.native_flow

@@ -1,0 +1,200 @@
+"""The closed planning graph: all states that can be reached, and the best action in each.
+
+Equal states are one node, so that the graph of a finite task is finite, and a plan sees to its end.
+The graph is solved by value iteration and kept: while the world stays inside it, a decision is a
+look-up.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
+from serp.model.native import address_of
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning import closed_kernels as kernels
+from serp.planning.closed_kernels import ALIKE, OUTCOMES, Counters, GraphArrays
+from serp.planning.forecast import Forecast
+from serp.planning.kernel_records import room_for_actions
+from serp.planning.limits import Bound
+from serp.settings import PlannerSettings
+
+MAX_EDGES: Final = 400_000
+"""Most edges of a graph; with this many, expansion and solution take about a second."""
+MAX_NUMBERS: Final = 20_000_000
+"""Most numbers in the states of a graph: 160 MB."""
+_SMALLEST: Final = 256
+"""Nodes that the arrays have room for at first."""
+_AT = Counters()
+
+
+class ClosedGraph:
+    """A planning graph in which all equal states are one node.
+
+    Args:
+        model: The transition model.
+        settings: Discount and accepted risk.
+        max_edges: Most edges.
+    """
+
+    def __init__(
+        self, model: TransitionModel, settings: PlannerSettings, max_edges: int = MAX_EDGES
+    ) -> None:
+        self._model = model
+        self._settings = settings
+        self._width = len(model.fluents)
+        self._actions = len(model.actions)
+        self._max_edges = max_edges
+        self._max_nodes = max(1, MAX_NUMBERS // max(1, self._width))
+        self._room = np.empty(OUTCOMES * (self._width + 3))
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all nodes."""
+        self._allocate(_SMALLEST, _SMALLEST, _SMALLEST)
+        self._unit = 0.0
+
+    @property
+    def nodes(self) -> int:
+        """Number of states."""
+        return int(self._arrays.counters[_AT.nodes])
+
+    @property
+    def expanded(self) -> int:
+        """Number of states whose actions were followed."""
+        return int(self._arrays.counters[_AT.expanded])
+
+    @property
+    def edges(self) -> int:
+        """Number of edges."""
+        return int(self._arrays.counters[_AT.edges])
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything that can be reached is in the graph."""
+        return self.nodes == self.expanded
+
+    def grow(self, state: Vector) -> None:
+        """Add a state `[F]` and what can be reached from it, and solve the graph.
+
+        Where the graph becomes too large, some nodes are left unexpanded, those with the most
+        actions on the way to them.
+        """
+        if self.nodes == self._arrays.digest.shape[0]:
+            self._enlarge()
+        kernels.add_root(self._arrays_tuple, state)
+        expand = self._expand_native if self._model.compiles else self._expand_interpreted
+        while not expand() and self._enlarge():
+            pass
+        discount = self._settings.discount
+        allowed = np.empty(self._arrays.action.shape[0], dtype=np.uint8)
+        kernels.solve(self._arrays_tuple, discount, allowed)
+        self._unit = ALIKE * kernels.largest_value(self._arrays_tuple)
+
+    def forecast(self, state: Vector) -> Forecast | None:
+        """Return the forecast for a state `[F]`.
+
+        Returns:
+            None where the state is not in the graph, or its best policy leaves the graph.
+        """
+        arrays = self._arrays
+        node = kernels.find(self._arrays_tuple, state)
+        if node < 0 or not arrays.inside[node]:
+            return None
+        found = room_for_actions(self._actions)
+        choice = kernels.look_up(
+            self._arrays_tuple, node, self._settings.discount, self._unit, found
+        )
+        if arrays.undefined[node]:
+            flags, values = found[4], state.tolist()
+            for action in np.flatnonzero(flags == 0).tolist():
+                flags[action] = self._model.transition(values, action)[1]
+        depth = int(arrays.layer[node])
+        bound = Bound.EXHAUSTED if self.complete else Bound.NODES
+        return Forecast(choice, *found, depth, bound)
+
+    # Expansion ---------------------------------------------------------------------------------
+
+    def _expand_native(self) -> bool:
+        """Expand nodes; return whether all are expanded."""
+        model = self._model
+        outcomes = model.native_outcomes()
+        ended = kernels.expand(
+            (address_of(model.native_step()), model.data, model.dt),
+            np.intp(0) if outcomes is None else address_of(outcomes),
+            self._actions, self._settings.accepted_risk, self._arrays_tuple, self._room,
+        )  # fmt: skip
+        return bool(ended == kernels.DONE)
+
+    def _expand_interpreted(self) -> bool:
+        """Do the same in CPython, for models too large to be compiled."""
+        arrays, accepted = self._arrays, self._settings.accepted_risk
+        counters, width = arrays.counters, self._width
+        while counters[_AT.expanded] < counters[_AT.nodes]:
+            node = int(counters[_AT.expanded])
+            if not kernels.has_room(self._arrays_tuple, self._actions):
+                return False
+            state = arrays.states[node * width : (node + 1) * width].tolist()
+            layer = int(arrays.layer[node]) + 1
+            arrays.undefined[node] = 0
+            for action in range(self._actions):
+                target, flags = self._model.transition(state, action)
+                if not flags & APPLICABLE:
+                    arrays.undefined[node] |= bool(flags & UNDEFINED)
+                    continue
+                reward = target.pop()
+                kernels.add_edge(self._arrays_tuple, action, flags, accepted)
+                kernels.add_outcome(
+                    self._arrays_tuple, np.array(target), reward, flags & TERMINAL, 1.0, layer
+                )
+            kernels.close_node(self._arrays_tuple)
+        return True
+
+    # Memory ------------------------------------------------------------------------------------
+
+    def _allocate(self, nodes: int, edges: int, outcomes: int) -> None:
+        most = self._actions * OUTCOMES
+        nodes, outcomes = nodes + most, outcomes + most
+        edges += self._actions
+        size = 2
+        while size < 2 * nodes:
+            size *= 2
+        self._arrays = GraphArrays(
+            counters=np.zeros(len(_AT), dtype=np.int64),
+            table=np.full(size, -1, dtype=np.int32),
+            states=np.zeros(nodes * self._width),
+            digest=np.zeros(nodes, dtype=np.uint64),
+            layer=np.zeros(nodes, dtype=np.int32),
+            first_edge=np.zeros(nodes + 1, dtype=np.int64),
+            undefined=np.zeros(nodes, dtype=np.uint8),
+            action=np.zeros(edges, dtype=np.int32),
+            flags=np.zeros(edges, dtype=np.int64),
+            reward=np.zeros(edges),
+            hazard=np.zeros(edges),
+            first_outcome=np.zeros(edges + 1, dtype=np.int64),
+            target=np.zeros(outcomes, dtype=np.int32),
+            chance=np.zeros(outcomes),
+            value=np.zeros(nodes),
+            risk=np.zeros(nodes),
+            steps=np.zeros(nodes, dtype=np.int64),
+            best=np.zeros(nodes, dtype=np.int64),
+            inside=np.zeros(nodes, dtype=np.uint8),
+        )
+        self._arrays_tuple = tuple(self._arrays)
+
+    def _enlarge(self) -> bool:
+        """Double the arrays that are nearly full; return False where the graph is too large."""
+        if self.edges >= self._max_edges or self.nodes >= self._max_nodes:
+            return False
+        old = self._arrays
+        sizes = [2 * len(column) for column in (old.digest, old.action, old.target)]
+        self._allocate(*sizes)
+        new = self._arrays
+        for name, column in old._asdict().items():
+            if name != "table":
+                getattr(new, name)[: len(column)] = column
+        kernels.rehash(self._arrays_tuple)
+        return True

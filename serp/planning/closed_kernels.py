@@ -1,0 +1,526 @@
+"""The compiled loops of the closed planning graph: expansion, and value iteration over it.
+
+Equal states are one node, however they are reached. Nodes are expanded in the order in which they
+were found. Where the model counts outcomes, an edge leads to several nodes, each with its
+probability. Records are passed as plain tuples, see `serp.planning.kernel_records`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.compilation import cached_njit
+from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
+from serp.model.native import call_step, pointer_to
+from serp.planning.forecast import SAFE
+from serp.planning.kernel_records import FirstActions
+from serp.planning.preference import hazard, marked, path_score, rank_of
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+OUTCOMES = 16
+"""Most outcomes of one edge."""
+ENDED = -1
+"""In place of the node that an outcome leads to: the task ends."""
+DONE, FULL = 0, 1
+"""What ended an expansion: every node is expanded, or the arrays are full."""
+
+_MAX_SWEEPS = 3_000
+_PRECISION = 1e-9
+"""Value iteration ends where no value changed by more than this fraction of the largest."""
+ALIKE = 1e-7
+"""Values that differ by less than this fraction of the largest are equal."""
+
+_hazard = cached_njit(nogil=True, forceinline=True)(hazard)
+_marked = cached_njit(nogil=True, forceinline=True)(marked)
+_rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
+_path_score = cached_njit(nogil=True, forceinline=True)(path_score)
+
+
+class Counters(NamedTuple):
+    """Positions in `GraphArrays.counters`."""
+
+    nodes: int = 0
+    expanded: int = 1
+    edges: int = 2
+    outcomes: int = 3
+
+
+_AT = Counters()
+_NODES, _EXPANDED, _EDGES, _OUTCOMES = _AT
+
+
+class GraphArrays(NamedTuple):
+    """A closed planning graph of up to N nodes, E edges and O outcomes.
+
+    Attributes:
+        counters: int64, see `Counters`.
+        table: Hash table of the states, a power of two of at least 2 N; -1 for an empty slot.
+        states: Flat `[N * F]`.
+        digest: `[N]` hashes of the states.
+        layer: `[N]` edges from the state that the node was first reached from.
+        first_edge: `[N + 1]`.
+        undefined: `[N]` whether the result of an action is undefined.
+        action, flags, reward, hazard: `[E]` of edges; `hazard` is 0 where the risk is accepted.
+        first_outcome: `[E + 1]`.
+        target: `[O]` node that an outcome leads to, or `ENDED`.
+        chance: `[O]` its probability.
+        value, risk, steps: `[N]` of the best policy, see `Forecast`.
+        best: `[N]` its edge; -1 where no action is applicable.
+        inside: `[N]` whether it stays among expanded nodes.
+    """
+
+    counters: NDArray[np.int64]
+    table: NDArray[np.int32]
+    states: NDArray[np.float64]
+    digest: NDArray[np.uint64]
+    layer: NDArray[np.int32]
+    first_edge: NDArray[np.int64]
+    undefined: NDArray[np.uint8]
+    action: NDArray[np.int32]
+    flags: NDArray[np.int64]
+    reward: NDArray[np.float64]
+    hazard: NDArray[np.float64]
+    first_outcome: NDArray[np.int64]
+    target: NDArray[np.int32]
+    chance: NDArray[np.float64]
+    value: NDArray[np.float64]
+    risk: NDArray[np.float64]
+    steps: NDArray[np.int64]
+    best: NDArray[np.int64]
+    inside: NDArray[np.uint8]
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _digest_of(row, width):
+    digest = np.uint64(0xCBF29CE484222325)
+    for i in range(width):
+        bits = np.float64(row[i] + 0.0).view(np.uint64)  # -0.0 equals 0.0
+        digest = (digest ^ bits) * np.uint64(0x9E3779B97F4A7C15)
+        digest ^= digest >> np.uint64(29)
+    digest ^= digest >> np.uint64(32)
+    digest *= np.uint64(0x9E3779B97F4A7C15)
+    digest ^= digest >> np.uint64(29)
+    return digest
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _slot_of(graph, row, digest, width):
+    """Return the slot of the node with a state, or the empty slot for it."""
+    mask = graph.table.shape[0] - 1
+    slot = np.int64(digest & np.uint64(mask))
+    while graph.table[slot] >= 0:
+        node = np.int64(graph.table[slot])
+        if graph.digest[node] == digest:
+            equal = True
+            for i in range(width):
+                if graph.states[node * width + i] != row[i]:
+                    equal = False
+                    break
+            if equal:
+                break
+        slot = (slot + 1) & mask
+    return slot
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _node_of(graph, row, width, layer):
+    """Return the node with a state, adding it where there is none."""
+    digest = _digest_of(row, width)
+    slot = _slot_of(graph, row, digest, width)
+    if graph.table[slot] >= 0:
+        return np.int64(graph.table[slot])
+    node = graph.counters[_NODES]
+    graph.counters[_NODES] = node + 1
+    graph.table[slot] = node
+    graph.digest[node] = digest
+    graph.layer[node] = layer
+    for i in range(width):
+        graph.states[node * width + i] = row[i]
+    return node
+
+
+@cached_njit(nogil=True)
+def find(arrays, state):
+    """Return the node with a state `[F]`; -1 if there is none."""
+    graph = GraphArrays(*arrays)
+    width = state.shape[0]
+    return np.int64(graph.table[_slot_of(graph, state, _digest_of(state, width), width)])
+
+
+@cached_njit(nogil=True)
+def add_root(arrays, state):
+    """Return the node with a state `[F]`, adding it where there is none; there must be room."""
+    return _node_of(GraphArrays(*arrays), state, state.shape[0], 0)
+
+
+@cached_njit(nogil=True)
+def rehash(arrays):
+    """Fill an empty table with all nodes."""
+    graph = GraphArrays(*arrays)
+    mask = graph.table.shape[0] - 1
+    for node in range(graph.counters[_NODES]):
+        slot = np.int64(graph.digest[node] & np.uint64(mask))
+        while graph.table[slot] >= 0:
+            slot = (slot + 1) & mask
+        graph.table[slot] = node
+
+
+@cached_njit(nogil=True)
+def add_edge(arrays, action, flags, accepted):
+    """Add an edge out of the node that is being expanded; its outcomes follow by `add_outcome`."""
+    graph = GraphArrays(*arrays)
+    _add_edge(graph, action, flags, accepted)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _add_edge(graph, action, flags, accepted):
+    edge = graph.counters[_EDGES]
+    graph.counters[_EDGES] = edge + 1
+    danger = _hazard(flags, accepted)
+    graph.action[edge] = action
+    graph.flags[edge] = _marked(flags, danger)
+    graph.hazard[edge] = danger
+    graph.reward[edge] = 0.0
+    graph.first_outcome[edge + 1] = graph.counters[_OUTCOMES]
+
+
+@cached_njit(nogil=True)
+def add_outcome(arrays, row, reward, terminal, chance, layer):
+    """Add an outcome, the state `row` `[F]`, to the newest edge."""
+    _add_outcome(GraphArrays(*arrays), row, row.shape[0], reward, terminal, chance, layer)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _add_outcome(graph, row, width, reward, terminal, chance, layer):
+    edge = graph.counters[_EDGES] - 1
+    outcome = graph.counters[_OUTCOMES]
+    graph.counters[_OUTCOMES] = outcome + 1
+    graph.first_outcome[edge + 1] = outcome + 1
+    graph.reward[edge] += chance * reward
+    graph.chance[outcome] = chance
+    graph.target[outcome] = ENDED
+    if not terminal:
+        graph.target[outcome] = _node_of(graph, row, width, layer)
+
+
+@cached_njit(nogil=True)
+def close_node(arrays):
+    """End the expansion of a node; the next one follows."""
+    _close_node(GraphArrays(*arrays))
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _close_node(graph):
+    node = graph.counters[_EXPANDED]
+    graph.counters[_EXPANDED] = node + 1
+    graph.first_edge[node + 1] = graph.counters[_EDGES]
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _has_room(graph, actions):
+    """Whether the arrays have room for all edges and outcomes of one node."""
+    count = graph.counters
+    most = actions * OUTCOMES
+    return (
+        count[_NODES] + most <= graph.digest.shape[0]
+        and count[_EDGES] + actions <= graph.action.shape[0]
+        and count[_OUTCOMES] + most <= graph.target.shape[0]
+    )
+
+
+@cached_njit(nogil=True)
+def has_room(arrays, actions):
+    """Return whether there is room for all edges and outcomes of one node."""
+    return _has_room(GraphArrays(*arrays), actions)
+
+
+@cached_njit(nogil=True)
+def expand(model, branches, actions, accepted, arrays, room):
+    """Expand nodes until all are expanded or the arrays are full.
+
+    Args:
+        model: Values of `serp.planning.kernel_records.CompiledModel`.
+        branches: Address of the compiled function that gives all outcomes of a step, see
+            `TransitionModel.native_outcomes`; 0 where the model has one outcome a step.
+        actions: Number of actions A.
+        accepted: Accepted risk.
+        arrays: Values of `GraphArrays`.
+        room: Flat, `OUTCOMES` rows of F + 3 numbers: states, then reward, flags and probability.
+
+    Returns:
+        `DONE` or `FULL`.
+    """
+    graph = GraphArrays(*arrays)
+    address, data, dt = model
+    theta = pointer_to(data, 0)
+    width = graph.states.shape[0] // graph.digest.shape[0]
+    while graph.counters[_EXPANDED] < graph.counters[_NODES]:
+        if not _has_room(graph, actions):
+            return FULL
+        node = graph.counters[_EXPANDED]
+        layer = graph.layer[node] + 1
+        graph.undefined[node] = 0
+        source, out = pointer_to(graph.states, node * width), pointer_to(room, 0)
+        for action in range(actions):
+            for i in range(width):
+                out[i] = source[i]
+            out[width] = 0.0
+            flags = call_step(address, source, action, theta, dt, out)
+            if not flags & APPLICABLE:
+                if flags & UNDEFINED:
+                    graph.undefined[node] = 1
+                continue
+            _add_edge(graph, action, flags, accepted)
+            if branches == 0:
+                _add_outcome(graph, out, width, out[width], flags & TERMINAL, 1.0, layer)
+                continue
+            expected = out[width]
+            count = call_step(branches, source, action, theta, dt, out)
+            for k in range(count):
+                row = pointer_to(room, k * (width + 3))
+                ended = np.int64(row[width + 1]) & TERMINAL
+                _add_outcome(graph, row, width, 0.0, ended, row[width + 2], layer)
+            graph.reward[graph.counters[_EDGES] - 1] = expected
+        _close_node(graph)
+    return DONE
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _risk_through(graph, edge, node, discount):
+    """Return the discounted risk of an edge and what follows it."""
+    danger, following, own = graph.hazard[edge], 0.0, 0.0
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        target = graph.target[k]
+        if target == node:
+            own += graph.chance[k]
+        elif target >= 0:
+            following += graph.chance[k] * graph.risk[target]
+    left = (1.0 - danger) * discount
+    return (danger + left * following) / max(1.0 - left * own, _PRECISION)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _value_through(graph, edge, node, discount):
+    """Return the value of an edge and what follows it."""
+    following, own = 0.0, 0.0
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        target = graph.target[k]
+        if target == node:
+            own += graph.chance[k]
+        elif target >= 0:
+            following += graph.chance[k] * graph.value[target]
+    total = graph.reward[edge] + discount * following
+    if discount * own < 1.0 - _PRECISION:
+        return total / (1.0 - discount * own)
+    return total + graph.value[node]
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _steps_through(graph, edge):
+    """Return the control periods before the first risk on an edge and what follows it."""
+    if graph.hazard[edge] > 0.0:
+        return np.int64(0)
+    least = np.int64(SAFE)
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        target = graph.target[k]
+        if target >= 0 and graph.steps[target] < least:
+            least = graph.steps[target]
+    return least if least == SAFE else least + 1
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _best_rank(graph, node):
+    rank = np.int64(3)
+    for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
+        rank = min(rank, np.int64(_rank_of(graph.flags[edge])))
+    return rank
+
+
+@cached_njit(nogil=True)
+def solve(arrays, discount, allowed):
+    """Find the best policy of every node, by value iteration.
+
+    The order of preferences is that of `serp.planning.preference`; the risks of later steps are
+    discounted, as rewards are (lexicographic value iteration: Wray, Zilberstein & Mouaddib, AAAI
+    2015). Nodes that are not expanded have value and risk 0.
+
+    Args:
+        arrays: Values of `GraphArrays`; values and risks are continued from.
+        discount: Weight of a reward one control period later.
+        allowed: `[E]` uint8, scratch memory.
+    """
+    graph = GraphArrays(*arrays)
+    nodes, expanded = graph.counters[_NODES], graph.counters[_EXPANDED]
+    for node in range(nodes):
+        graph.best[node] = -1
+        graph.risk[node] = 0.0
+        graph.steps[node] = SAFE
+        graph.inside[node] = 1 if node < expanded else 0
+        if node >= expanded:
+            graph.value[node] = 0.0
+    for node in range(expanded):
+        lowest = _best_rank(graph, node)
+        start, end = graph.first_edge[node], graph.first_edge[node + 1]
+        for edge in range(start, end):
+            allowed[edge] = np.int64(_rank_of(graph.flags[edge])) == lowest
+        if start == end:
+            graph.value[node] = 0.0
+            graph.risk[node] = 1.0 if graph.undefined[node] else 0.0
+            graph.steps[node] = 0 if graph.undefined[node] else SAFE
+    _solve_risks(graph, expanded, discount, allowed)
+    _solve_values(graph, expanded, discount, allowed)
+    _mark_inside(graph, expanded)
+
+
+@cached_njit(nogil=True)
+def _solve_risks(graph, expanded, discount, allowed):
+    """Find the least risks, and leave only the edges that have them."""
+    risky = False
+    for edge in range(graph.counters[_EDGES]):
+        risky = risky or graph.hazard[edge] > 0.0
+    for node in range(expanded):
+        risky = risky or graph.risk[node] > 0.0
+    if not risky:
+        return
+    for sweep in range(_MAX_SWEEPS):
+        change = 0.0
+        for k in range(expanded):
+            node = k if sweep % 2 else expanded - 1 - k
+            start, end = graph.first_edge[node], graph.first_edge[node + 1]
+            if start == end:
+                continue
+            least = 2.0
+            for edge in range(start, end):
+                if allowed[edge]:
+                    least = min(least, _risk_through(graph, edge, node, discount))
+            change = max(change, abs(least - graph.risk[node]))
+            graph.risk[node] = least
+        if change <= _PRECISION:
+            break
+    for node in range(expanded):
+        for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
+            if allowed[edge]:
+                danger = _risk_through(graph, edge, node, discount)
+                allowed[edge] = danger <= graph.risk[node] + ALIKE
+        if graph.risk[node] <= ALIKE:
+            graph.risk[node] = 0.0
+    for sweep in range(_MAX_SWEEPS):
+        changed = False
+        for k in range(expanded):
+            node = k if sweep % 2 else expanded - 1 - k
+            start, end = graph.first_edge[node], graph.first_edge[node + 1]
+            if start == end or graph.risk[node] == 0.0:
+                continue
+            longest = np.int64(-1)
+            for edge in range(start, end):
+                if allowed[edge]:
+                    longest = max(longest, _steps_through(graph, edge))
+            if longest != graph.steps[node]:
+                graph.steps[node] = longest
+                changed = True
+        if not changed:
+            break
+
+
+@cached_njit(nogil=True)
+def _solve_values(graph, expanded, discount, allowed):
+    for sweep in range(_MAX_SWEEPS):
+        change, largest = 0.0, 0.0
+        for k in range(expanded):
+            node = k if sweep % 2 else expanded - 1 - k
+            start, end = graph.first_edge[node], graph.first_edge[node + 1]
+            if start == end:
+                continue
+            most = -np.inf
+            for edge in range(start, end):
+                if allowed[edge]:
+                    most = max(most, _value_through(graph, edge, node, discount))
+            change = max(change, abs(most - graph.value[node]))
+            largest = max(largest, abs(most))
+            graph.value[node] = most
+        if change <= _PRECISION * largest:
+            break
+    unit = ALIKE * largest
+    for node in range(expanded):
+        most, best = -np.inf, np.int64(-1)
+        for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
+            if allowed[edge]:
+                value = _value_through(graph, edge, node, discount)
+                if best < 0 or value > most + unit:
+                    most, best = value, edge
+        graph.best[node] = best
+
+
+@cached_njit(nogil=True)
+def _mark_inside(graph, expanded):
+    """Mark the nodes whose best policy never leads to a node that is not expanded."""
+    changed = True
+    while changed:
+        changed = False
+        for k in range(expanded):
+            node = expanded - 1 - k
+            edge = graph.best[node]
+            if edge < 0 or not graph.inside[node]:
+                continue
+            for outcome in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+                target = graph.target[outcome]
+                if target >= 0 and not graph.inside[target]:
+                    graph.inside[node] = 0
+                    changed = True
+                    break
+
+
+@cached_njit(nogil=True)
+def look_up(arrays, node, discount, unit, found):
+    """Write the forecast for one expanded node; return the chosen action.
+
+    Args:
+        arrays: Values of `GraphArrays`, solved.
+        node: The node.
+        discount: As in `solve`.
+        unit: Values are rounded to multiples of this.
+        found: Values of `FirstActions`, written; flags of actions that are not applicable are left.
+    """
+    graph = GraphArrays(*arrays)
+    first = FirstActions(*found)
+    for action in range(first.value.shape[0]):
+        first.value[action] = -np.inf
+        first.path_risk[action] = 1.0
+        first.safe_steps[action] = -1
+        first.reward[action] = 0.0
+        first.flags[action] = 0
+    choice = np.int64(-1)
+    best = _path_score(0, 0.0, SAFE, 0.0)
+    for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
+        action = graph.action[edge]
+        value = _value_through(graph, edge, node, discount)
+        if unit > 0.0:
+            value = np.round(value / unit) * unit
+        danger = _risk_through(graph, edge, node, discount)
+        if danger <= ALIKE:
+            danger = 0.0
+        else:
+            danger = np.round(danger / ALIKE) * ALIKE
+        steps = _steps_through(graph, edge) if danger > 0.0 else np.int64(SAFE)
+        flags = graph.flags[edge]
+        first.value[action], first.path_risk[action] = value, danger
+        first.safe_steps[action], first.flags[action] = steps, flags
+        first.reward[action] = graph.reward[edge]
+        score = _path_score(np.int64(_rank_of(flags)), danger, steps, value)
+        if choice < 0 or score > best:
+            choice, best = np.int64(action), score
+    return choice
+
+
+@cached_njit(nogil=True)
+def largest_value(arrays):
+    """Return the largest absolute value of a node."""
+    graph = GraphArrays(*arrays)
+    largest = 0.0
+    for node in range(graph.counters[_NODES]):
+        largest = max(largest, abs(graph.value[node]))
+    return largest
