@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 _GROWING: Final = 10
 """First episodes of an adapted model, in which its predictions are not judged."""
+_REVISIONS: Final = 20.0
+"""A model that learns counts as changed when it has seen a twentieth more env steps."""
 _RELEARNED: Final = 500
 """Newest transitions per ground action that are learned again when parameters change."""
 
@@ -159,6 +162,12 @@ class ModelAdaptation:
         if self._learners is not None and flows:
             self._learners.learn(state, action, next_state, self._flow, self._settled)
             adapted.buffer.active = self._learners.active or adapted.buffer.revised
+        adapted.revision = self._revision if adapted.buffer.active else 0
+
+    @property
+    def _revision(self) -> int:
+        """A number that grows with every twentieth part of the env steps."""
+        return 1 + int(_REVISIONS * math.log(max(1, self.experience.seen)))
 
     def _estimate_parameters(self) -> None:
         """Estimate the parameters; if they change, learn the residual anew."""
@@ -208,6 +217,8 @@ class ModelAdaptation:
             self._adapted.buffer.restore(part_of(arrays, "parameter_buffer"))
         for name, part in self._parts().items():
             part.load_state_dict(*saved.part(name))
+        if self._adapted is not None and self._adapted.buffer.active:
+            self._adapted.revision = self._revision
 
     def _parts(self) -> dict[str, TransitionMemory | Monitor | ForecastSkill | GroupLearners]:
         """Return the saved parts by name."""

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from serp.adaptation import adapted_step as kernels
 from serp.adaptation.feature_groups import FeatureGroup, feature_groups_of
+from serp.adaptation.outcome_branches import adapted_outcomes
 from serp.adaptation.parameter_buffer import ParameterBuffer
 from serp.model.emit import Site
 from serp.model.flags import UNSAFE, risk_of
@@ -33,6 +34,7 @@ class AdaptedModel(TransitionModel):
         written: As above.
         feature_groups: Feature groups of every ground action.
         buffer: The memory that the compiled step reads; writing to it changes the model.
+        revision: As in `TransitionModel`.
     """
 
     def __init__(self, written: TransitionModel) -> None:
@@ -60,6 +62,10 @@ class AdaptedModel(TransitionModel):
     def native_step(self) -> Any:
         """Return the compiled C callback of the adapted step."""
         return kernels.adapted_step()
+
+    def native_outcomes(self) -> Any:
+        """Return the compiled C callback of all outcomes; see `TransitionModel.native_outcomes`."""
+        return adapted_outcomes()
 
     def replace(
         self, *, theta: ArrayLike | None = None, dt: float | None = None

@@ -41,7 +41,7 @@ def finite(values, width):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _outcomes_of(buffer, group):
+def outcomes_of(buffer, group):
     """Return the offset of a group's outcome counts from the buffer; 0 where it has none."""
     return int(buffer[int(buffer[group + b.G_SHARED]) + b.S_OUTCOMES])
 
@@ -55,7 +55,7 @@ def _differs(buffer, action, state):
     groups, first = int(buffer[table]), int(buffer[table + 1])
     if buffer[b.STOCHASTIC] != 0.0:
         for v in range(groups):
-            if _outcomes_of(buffer, first + v * b.GROUP) != 0:
+            if outcomes_of(buffer, first + v * b.GROUP) != 0:
                 return True
     for v in range(groups):
         group = first + v * b.GROUP
@@ -88,7 +88,7 @@ def apply_likeliest(buffer, action, state, out, away, kind, probabilities):
     group = int(buffer[table + 1])
     counted, which = 0, 0
     for v in range(int(buffer[table])):
-        where = _outcomes_of(buffer, group)
+        where = outcomes_of(buffer, group)
         if where != 0:
             counted += 1
             counts = advanced(buffer, where)
@@ -126,7 +126,7 @@ def weigh_outcomes(
     reward = out[width]
     expected, alike = reward, 1.0
     for _ in range(int(buffer[table])):
-        where = _outcomes_of(buffer, group)
+        where = outcomes_of(buffer, group)
         if where != 0:
             counts = advanced(buffer, where)
             inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
@@ -156,7 +156,8 @@ def weigh_outcomes(
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _adapted_step(state, action, buffer, dt, out):
+def adapted_row(state, action, buffer, dt, out):
+    """Predict the adapted step."""
     revised = buffer[b.REVISED] != 0.0
     if buffer[b.ACTIVE] == 0.0 or not (revised or _differs(buffer, action, state)):
         return call_step(
@@ -255,7 +256,7 @@ def _settle_outcomes(buffer, action, state, flow_flags, dt, out, room):
 
 
 def _step(state, action, buffer, dt, out):
-    return _adapted_step(state, action, buffer, dt, out)
+    return adapted_row(state, action, buffer, dt, out)
 
 
 @functools.cache
@@ -282,7 +283,7 @@ def probabilities_row(buffer, action, state, position):
     """Return the probability of each outcome, `[KINDS]`, of the group at a position, on arrays."""
     base, probabilities = pointer_to(buffer, 0), np.zeros(o.KINDS)
     group = int(base[int(base[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
-    where = _outcomes_of(base, group)
+    where = outcomes_of(base, group)
     if base[b.STOCHASTIC] != 0.0 and where != 0:
         _probabilities_within(
             base, where, int(base[group + b.G_INPUTS]), pointer_to(state, 0), probabilities
@@ -305,9 +306,7 @@ def _apply_within(buffer, action, state, out, away, kind, probabilities):
 @cached_njit(nogil=True)
 def step_row(buffer, action, state, dt, out):
     """Predict the adapted step on arrays; `out` `[F + 1]` begins with the state, then 0."""
-    return _adapted_step(
-        pointer_to(state, 0), action, pointer_to(buffer, 0), dt, pointer_to(out, 0)
-    )
+    return adapted_row(pointer_to(state, 0), action, pointer_to(buffer, 0), dt, pointer_to(out, 0))
 
 
 @cached_njit(nogil=True)
@@ -342,5 +341,5 @@ def predict_all(buffer, action, state, dt, rows):
         rows[2 * row + i] = rows[row + i]
     if flow & APPLICABLE:
         call_step(int(base[b.SETTLE]), source, flow, parameters, dt, pointer_to(rows, 2 * row))
-    adapted = _adapted_step(source, action, base, dt, pointer_to(rows, 3 * row))
+    adapted = adapted_row(source, action, base, dt, pointer_to(rows, 3 * row))
     return written, flow, adapted

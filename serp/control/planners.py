@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from serp.control.protocols import Planner
 from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.far_sight import ClosedGraphPlanner
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
@@ -36,3 +37,8 @@ class GraphPlanner:
 def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:
     """Return the faster lookahead that supports a model; both give the same decisions."""
     return Lookahead(model, settings) if model.compiles else GraphPlanner(model, settings)
+
+
+def closed_graph(model: TransitionModel, settings: PlannerSettings) -> Planner:
+    """Return the planner that sees to the end of a finite task."""
+    return ClosedGraphPlanner(model, settings, lookahead(model, settings))

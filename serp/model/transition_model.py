@@ -66,7 +66,10 @@ class TransitionModel(StateSpace):
         theta: θ, float64 `[P]`; the reward for reaching the goal follows from the other entries.
         dt: Control period.
         initial_state: `[F]` where the problem gives a value to every fluent, else None.
+        revision: A number that changes whenever predictions may have changed noticeably.
     """
+
+    revision: int = 0
 
     def __init__(
         self, ground: GroundModel, *, dt: float = 1.0, theta: ArrayLike | None = None

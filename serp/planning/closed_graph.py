@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import address_of
@@ -26,6 +25,8 @@ MAX_EDGES: Final = 400_000
 """Most edges of a graph; with this many, expansion and solution take about a second."""
 MAX_NUMBERS: Final = 20_000_000
 """Most numbers in the states of a graph: 160 MB."""
+_JUDGED_FROM, _NEVER_MET = 4_096, 0.98
+"""Expansion ends if, after so many edges, this fraction of them leads to new states."""
 _SMALLEST: Final = 256
 """Nodes that the arrays have room for at first."""
 _AT = Counters()
@@ -88,7 +89,8 @@ class ClosedGraph:
         kernels.add_root(self._arrays_tuple, state)
         expand = self._expand_native if self._model.compiles else self._expand_interpreted
         while not expand() and self._enlarge():
-            pass
+            if self.edges >= _JUDGED_FROM and self.nodes > _NEVER_MET * self.edges:
+                break  # edges that hardly ever lead to a known state will not close the graph
         discount = self._settings.discount
         allowed = np.empty(self._arrays.action.shape[0], dtype=np.uint8)
         kernels.solve(self._arrays_tuple, discount, allowed)

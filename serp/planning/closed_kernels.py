@@ -278,13 +278,11 @@ def expand(model, branches, actions, accepted, arrays, room):
             if branches == 0:
                 _add_outcome(graph, out, width, out[width], flags & TERMINAL, 1.0, layer)
                 continue
-            expected = out[width]
             count = call_step(branches, source, action, theta, dt, out)
             for k in range(count):
                 row = pointer_to(room, k * (width + 3))
                 ended = np.int64(row[width + 1]) & TERMINAL
-                _add_outcome(graph, row, width, 0.0, ended, row[width + 2], layer)
-            graph.reward[graph.counters[_EDGES] - 1] = expected
+                _add_outcome(graph, row, width, row[width], ended, row[width + 2], layer)
         _close_node(graph)
     return DONE
 

@@ -1,0 +1,116 @@
+"""The compiled function that gives all outcomes of an adapted step, with their probabilities."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+from serp._util.compilation import cached_cfunc, cached_njit
+from serp.adaptation import outcome_kernels as o
+from serp.adaptation import parameter_buffer as b
+from serp.adaptation.adapted_step import adapted_row, finite, outcomes_of
+from serp.adaptation.outcome_kernels import apply_outcome, likeliest
+from serp.adaptation.residual.prediction import add_residual
+from serp.model.flags import APPLICABLE, TERMINAL
+from serp.model.native import STEP_SIGNATURE, advanced, call_step, stack_room
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+MOST = 16
+"""Most outcomes of a step; `serp.planning.closed_kernels.OUTCOMES` rows hold them."""
+_RARE = 1e-3
+"""Less likely outcomes are left out."""
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _one_outcome(state, action, buffer, dt, out, width):
+    """Write the step that the model predicts as its only outcome."""
+    for i in range(width):
+        out[i] = state[i]
+    out[width] = 0.0
+    out[width + 1] = adapted_row(state, action, buffer, dt, out)
+    out[width + 2] = 1.0
+    return 1
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _branch(buffer, group, state, out, count, row, width, probabilities):
+    """Split every outcome found so far by the counted outcomes of a group; return their number."""
+    counts = advanced(buffer, outcomes_of(buffer, group))
+    inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
+    likeliest(counts, inputs, state, probabilities)
+    before = count
+    for source in range(before):
+        old = advanced(out, source * row)
+        left = old[width + 2]
+        for kind in range(1, int(counts[o.T_KINDS])):
+            chance = old[width + 2] * probabilities[kind]
+            if chance < _RARE or count == MOST:
+                continue
+            new = advanced(out, count * row)
+            for i in range(row):
+                new[i] = old[i]
+            apply_outcome(counts, kind, inputs, state, new)
+            new[width + 2] = chance
+            count += 1
+        old[width + 2] = left * probabilities[0]
+    return count
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _outcomes(state, action, buffer, dt, out):
+    width = int(buffer[b.WIDTH])
+    row = width + 3
+    table = int(buffer[b.TABLE]) + 2 * action
+    groups, first = int(buffer[table]), int(buffer[table + 1])
+    counted = False
+    if buffer[b.ACTIVE] != 0.0 and buffer[b.STOCHASTIC] != 0.0:
+        for v in range(groups):
+            counted = counted or outcomes_of(buffer, first + v * b.GROUP) != 0
+    if not counted:
+        return _one_outcome(state, action, buffer, dt, out, width)
+    parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
+    for i in range(width):
+        out[i] = state[i]
+    out[width] = 0.0
+    flow = call_step(int(buffer[b.FLOW]), state, action, parameters, dt, out)
+    if not flow & APPLICABLE:
+        return _one_outcome(state, action, buffer, dt, out, width)
+    add_residual(buffer, action, state, out)
+    if not finite(out, width):
+        return _one_outcome(state, action, buffer, dt, out, width)
+    out[width + 2] = 1.0
+    count = 1
+    probabilities = stack_room()
+    for v in range(groups):
+        group = first + v * b.GROUP
+        if outcomes_of(buffer, group) != 0:
+            count = _branch(buffer, group, state, out, count, row, width, probabilities)
+    kept, total = 0, 0.0
+    for k in range(count):
+        source, target = advanced(out, k * row), advanced(out, kept * row)
+        if source[width + 2] < _RARE:
+            continue
+        for i in range(row):
+            target[i] = source[i]
+        flags = call_step(int(buffer[b.SETTLE]), state, flow, parameters, dt, target)
+        if not flags & APPLICABLE:
+            for i in range(width + 1):
+                target[i] = source[i]
+            flags = flow & ~TERMINAL
+        target[width + 1] = flags
+        total += target[width + 2]
+        kept += 1
+    for k in range(kept):
+        out[k * row + width + 2] /= total
+    return kept
+
+
+def _step(state, action, buffer, dt, out):
+    return _outcomes(state, action, buffer, dt, out)
+
+
+@functools.cache
+def adapted_outcomes() -> Any:
+    """Return the compiled C callback; see `TransitionModel.native_outcomes`."""
+    return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(_step)

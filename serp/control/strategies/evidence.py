@@ -1,0 +1,166 @@
+"""Hand-over by evidence: an episode is led by planner or learner, as their returns suggest."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from scipy import special
+
+from serp._util.saved_state import Saved
+from serp.control.model_confidence import ModelConfidence
+from serp.control.protocols import Proposer
+from serp.control.strategies.advice import advice
+from serp.control.strategies.strategy import Seed, Situation, Strategy
+from serp.learning.dqn import Proposal
+from serp.learning.guidance import Guidance, GuidedLearning
+from serp.planning.action_map import ActionForecast
+from serp.settings import Settings
+
+_MEMORY: Final = 0.95
+"""Weight of the past in the evidence, per episode."""
+
+
+class Returns:
+    """The returns of the episodes that one of the two led, the newest with the most weight.
+
+    Attributes:
+        count: Sum of the weights.
+        mean: Weighted mean.
+        squares: Weighted sum of squared deviations from it.
+    """
+
+    def __init__(self) -> None:
+        self.count = self.mean = self.squares = 0.0
+
+    def fade(self) -> None:
+        """Reduce the weight of everything so far."""
+        self.count *= _MEMORY
+        self.squares *= _MEMORY
+
+    def add(self, value: float) -> None:
+        """Add a return with weight 1."""
+        self.count += 1.0
+        off = value - self.mean
+        self.mean += off / self.count
+        self.squares += off * (value - self.mean)
+
+    def with_prior(self, worst: float) -> tuple[float, float]:
+        """Return count and mean, with one more episode that went as badly as the worst one."""
+        count = self.count + 1.0
+        return count, (self.count * self.mean + worst) / count
+
+
+class Evidence(Strategy):
+    """Planner or learner leads a whole episode: the learner with the probability that it is better.
+
+    That probability is ρ. It follows from the returns of the episodes that each has led, of which
+    old ones count less (discounted Thompson sampling: Raj & Kalyani 2017, arXiv 1707.09727). Before
+    the learner has led an episode it is taken to be as bad as the worst episode so far. While the
+    planner leads, the learner acts where all plans have the same value. The trained policy is
+    the lead that is more probably the better one.
+    """
+
+    reads = ("arbiter.imitation_weight",)
+
+    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
+        super().__init__(settings, seed, adapts=adapts)
+        weight = settings.arbiter.imitation_weight
+        if adapts and weight > 0.0:
+            self.guided = GuidedLearning(margin_weight=weight, q_filter=False)
+        self.planner, self.learner = Returns(), Returns()
+        self._worst = math.inf
+        self._leads = False
+        self._model_reliable = False
+        self._random = np.random.default_rng(seed)
+
+    @property
+    def rho(self) -> float:
+        """ρ, the probability that the learner's lead is worth more than the planner's."""
+        if self.planner.count == 0.0:
+            return 0.0
+        planner, learner = self.planner, self.learner
+        (n, mean), (m, other) = planner.with_prior(self._worst), learner.with_prior(self._worst)
+        freedom = max(1.0, planner.count + learner.count - 2.0)
+        variance = (planner.squares + learner.squares) / max(1.0, planner.count + learner.count)
+        spread = math.sqrt(variance * (1.0 / n + 1.0 / m))
+        if spread <= 1e-9 * max(abs(mean), abs(other)):
+            return float(other > mean)
+        return float(special.stdtr(freedom, (other - mean) / spread))
+
+    @property
+    def choice(self) -> str:
+        """In words: what `propose_greedily` returns."""
+        return "the learner's choice" if self.rho > 0.5 else "the planner's choice"
+
+    @property
+    def turns(self) -> str:
+        """In words: who leads with which probability."""
+        return f"the learner leads an episode with probability {self.rho:.2f}, else the planner"
+
+    def forked(self, seed: np.random.SeedSequence) -> Evidence:
+        """Return a copy that draws its own lead."""
+        forked = copy.copy(self)
+        forked._random = np.random.default_rng(seed)
+        forked._leads = bool(forked._random.random() < self.rho)
+        return forked
+
+    def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
+        """Return the learner's proposal if it leads, or all plans are alike; else None."""
+        self._model_reliable = situation.confidence is ModelConfidence.RELIABLE
+        if self._leads or situation.forecast.indifferent:
+            return learner.propose(situation.explorable)
+        return None
+
+    def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
+        """Return the proposal of the better lead, without exploration or random draws."""
+        if self.rho > 0.5 or situation.forecast.indifferent:
+            return learner.propose_greedily()
+        return None
+
+    def guidance(
+        self, forecast: ActionForecast, action: int, following: ActionForecast | None
+    ) -> Guidance | None:
+        """Return the planner's choice, to be imitated if the model is reliable."""
+        if self.guided is None:
+            return None
+        imitate = self._model_reliable and not forecast.indifferent
+        return advice(forecast, action, following, scale=1.0, imitate=imitate)
+
+    def end_episode(self, return_: float, length: int) -> None:
+        """Add the return to the evidence, and draw who leads the next episode."""
+        self._worst = min(self._worst, return_)
+        self.planner.fade()
+        self.learner.fade()
+        (self.learner if self._leads else self.planner).add(return_)
+        self._leads = bool(self._random.random() < self.rho)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {
+            "planner": vars(self.planner).copy(),
+            "learner": vars(self.learner).copy(),
+            "worst": None if self._worst == math.inf else self._worst,
+            "leads": self._leads,
+            "random": self._random.bit_generator.state,
+        }
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        saved = Saved("strategy", {}, meta)
+        for name, returns in (("planner", self.planner), ("learner", self.learner)):
+            part = Saved(name, {}, saved.part(name)[1])
+            returns.count = part.real("count", 0.0, math.inf)
+            returns.mean = part.real("mean", -math.inf, math.inf)
+            returns.squares = part.real("squares", 0.0, math.inf)
+        known = meta.get("worst") is not None
+        self._worst = saved.real("worst", -math.inf, math.inf) if known else math.inf
+        self._leads = saved.truth("leads")
+        self._random.bit_generator.state = saved.generator_state("random", self._random)
