@@ -4,7 +4,8 @@
 ; where they were meant to go; this file says that they go where they were meant to.
 
 (define (domain frozen-lake)
-  (:requirements :strips :typing :conditional-effects :numeric-fluents)
+  (:requirements :strips :typing :conditional-effects :disjunctive-preconditions
+    :numeric-fluents :time)
 
   (:predicates
     (terminal))

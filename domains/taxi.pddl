@@ -2,7 +2,8 @@
 ; another one. Everything is in this file; rewards are those of the environment.
 
 (define (domain taxi)
-  (:requirements :strips :typing :negative-preconditions :conditional-effects :numeric-fluents)
+  (:requirements :strips :typing :disjunctive-preconditions :negative-preconditions
+    :numeric-fluents)
 
   (:types place)
 

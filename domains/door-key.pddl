@@ -1,0 +1,48 @@
+; Door and key: a robot on a grid fetches a key, opens the locked door in a wall and goes to the goal in
+; the lower right corner. Everything is in this file; where wall, door and key are, the robot sees.
+
+(define (domain door-key)
+  (:requirements :strips :typing :disjunctive-preconditions :negative-preconditions
+    :numeric-fluents :time)
+
+  (:predicates (has-key) (open) (terminal))
+
+  (:functions
+    (x) (y)                ; cells from the upper left corner; 0 and 7 are walls
+    (dx) (dy)              ; what lies one cell ahead: 1, 0 is to the right, 0, 1 is down
+    (key-x) (key-y)        ; while nobody has it
+    (wall) (door)          ; the wall's x, and the door's y
+    (reward))
+
+  (:action left
+    :parameters ()
+    :precondition (and)
+    :effect (and (assign (dx) (dy)) (assign (dy) (- 0 (dx)))))
+
+  (:action right
+    :parameters ()
+    :precondition (and)
+    :effect (and (assign (dx) (- 0 (dy))) (assign (dy) (dx))))
+
+  (:action forward
+    :parameters ()
+    :precondition (and
+      (> (+ (x) (dx)) 0) (< (+ (x) (dx)) 7) (> (+ (y) (dy)) 0) (< (+ (y) (dy)) 7)
+      (or (not (= (+ (x) (dx)) (wall))) (and (open) (= (+ (y) (dy)) (door))))
+      (or (has-key) (not (and (= (+ (x) (dx)) (key-x)) (= (+ (y) (dy)) (key-y))))))
+    :effect (and (increase (x) (dx)) (increase (y) (dy))))
+
+  (:action pick-up
+    :parameters ()
+    :precondition (and (not (has-key)) (= (+ (x) (dx)) (key-x)) (= (+ (y) (dy)) (key-y)))
+    :effect (has-key))
+
+  (:action toggle
+    :parameters ()
+    :precondition (and (has-key) (not (open)) (= (+ (x) (dx)) (wall)) (= (+ (y) (dy)) (door)))
+    :effect (open))
+
+  (:event goal
+    :parameters ()
+    :precondition (and (= (x) 6) (= (y) 6))
+    :effect (and (increase (reward) 1) (terminal))))
