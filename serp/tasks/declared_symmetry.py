@@ -54,11 +54,7 @@ class Symmetry:
 
 
 def as_permutation(mapping: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return a mapping completed to a permutation.
-
-    Raises:
-        ValueError: Two things have the same image, or it is not a mapping.
-    """
+    """Return a mapping completed to a permutation; a ValueError says why there is none."""
     if not isinstance(mapping, Mapping):
         raise ValueError(f"expected a mapping such as {{'left': 'right'}}, not {mapping!r}")
     whole = dict(mapping)

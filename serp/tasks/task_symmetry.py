@@ -16,9 +16,9 @@ import numpy as np
 from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.learning.symmetry_group import Element, SymmetryGroup
-from serp.model.symmetry.automorphisms import find_symmetries
+from serp.model.symmetry.exchanges import find_exchanges
 from serp.model.symmetry.model_symmetry import ModelSymmetry, permuted_columns, violation
-from serp.model.symmetry.permutation import Asymmetry, symmetry_of
+from serp.model.symmetry.permutation import Asymmetry, Permutations
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.tasks.declared_symmetry import Symmetry, as_permutation
 
@@ -49,16 +49,7 @@ class TaskSymmetry:
     signs: tuple[float, ...] | None
 
     def check_grounding(self, task: BoundTask, observation: Vector, state: Vector) -> None:
-        """Check that grounding the mirrored observation gives the mirrored state.
-
-        Args:
-            task: The task.
-            observation: The flat observation.
-            state: Its grounding.
-
-        Raises:
-            TaskError: The mirrored observation's state is not the mirrored state.
-        """
+        """Check that grounding the mirror image of a flat observation gives that of its state."""
         if self.columns is None or self.signs is None:
             return
         mirrored = task.observations.raw(observation[list(self.columns)] * np.array(self.signs))
@@ -74,11 +65,7 @@ class TaskSymmetry:
             )
 
     def element(self, inputs: str) -> Element | None:
-        """Return the symmetry of the learner's input; None if it is unknown.
-
-        Args:
-            inputs: `observation`, `state` or `both`, as in the settings of the training.
-        """
+        """Return the symmetry of the learner's input (`training.inputs`); None if unknown."""
         state = Element(self.model.columns, self.model.signs, self.actions)
         if inputs == "state":
             return state
@@ -98,13 +85,8 @@ def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tupl
     """Return the symmetries that a task declares and its domain has.
 
     The expert may edit the domain file on one side only, which is not an error. A symmetry that the
-    file does not have is therefore left out.
-
-    Returns:
-        The symmetries, and a line with the reason for each that was left out.
-
-    Raises:
-        TaskError: A declaration is wrong for every domain.
+    file does not have is left out; the second result has a line with the reason for each. A
+    declaration that is wrong for every domain is a TaskError.
     """
     declared = task.task.symmetries
     if not isinstance(declared, Sequence) or not all(isinstance(s, Symmetry) for s in declared):
@@ -116,10 +98,10 @@ def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tupl
         try:
             found.append(_resolve(task, symmetry))
         except _Unfit as error:
-            left_out.append(f"The symmetry {error.name} is not used: {error}")
-        except _Wrong as error:
+            left_out.append(f"The symmetry {symmetry} is not used: {error}")
+        except ValueError as error:
             raise TaskError(
-                f"task {task.name}: symmetry {number} ({error.name}): {error}; {_ADVICE}"
+                f"task {task.name}: symmetry {number} ({symmetry!r}): {error}; {_ADVICE}"
             ) from None
     return tuple(found), tuple(left_out)
 
@@ -129,16 +111,11 @@ def symmetry_group(
 ) -> SymmetryGroup | None:
     """Return the symmetries of the learner's inputs and actions; None if there are none.
 
-    If the learner's input is the state, symmetries found in the domain file are added.
-
-    Args:
-        task: The task.
-        declared: What `declared_symmetries` returned.
-        inputs: `observation`, `state` or `both`.
+    If the learner's input is the state, objects that can be exchanged in the domain file are added.
     """
     elements = [e for s in declared if (e := s.element(inputs)) is not None]
     if inputs == "state":
-        for model in find_symmetries(task.model.ground).generators:
+        for model in find_exchanges(task.model.ground).symmetries:
             try:
                 actions = _environment_actions(task.actions, model, {})
             except _Wrong:  # not declared by the user, so it is left out silently
@@ -150,10 +127,8 @@ def symmetry_group(
     return group if len(group) > 1 else None
 
 
-class _Wrong(Exception):
+class _Wrong(ValueError):
     """A declared symmetry is wrong for every domain."""
-
-    name = ""
 
 
 class _Unfit(_Wrong):
@@ -161,25 +136,15 @@ class _Unfit(_Wrong):
 
 
 def _resolve(task: BoundTask, symmetry: Symmetry) -> TaskSymmetry:
-    try:
-        objects, pairs = as_permutation(symmetry.objects), as_permutation(symmetry.actions)
-    except ValueError as error:
-        wrong = _Wrong(str(error))
-        wrong.name = repr(symmetry)
-        raise wrong from None
-    name = str(symmetry)
-    try:
-        model = _model_symmetry(task.model, objects, pairs, symmetry.flip)
-        contradiction = violation(task.model, model)
-        if contradiction is not None:
-            raise _Unfit(f"the domain contradicts it: {contradiction}")
-        numbers = {a: b for a, b in pairs.items() if not isinstance(a, str)}
-        actions = _environment_actions(task.actions, model, numbers)
-        columns, signs = _of_observation(task.observation_size, symmetry)
-    except _Wrong as error:
-        error.name = name
-        raise
-    return TaskSymmetry(name, model, actions, columns, signs)
+    objects, pairs = as_permutation(symmetry.objects), as_permutation(symmetry.actions)
+    model = _model_symmetry(task.model, objects, pairs, symmetry.flip)
+    contradiction = violation(task.model, model)
+    if contradiction is not None:
+        raise _Unfit(f"the domain contradicts it: {contradiction}")
+    numbers = {a: b for a, b in pairs.items() if not isinstance(a, str)}
+    actions = _environment_actions(task.actions, model, numbers)
+    columns, signs = _of_observation(task.observation_size, symmetry)
+    return TaskSymmetry(str(symmetry), model, actions, columns, signs)
 
 
 def _model_symmetry(
@@ -196,6 +161,11 @@ def _model_symmetry(
                 f"no fluent or action of the domain is about an object `{name}`; "
                 f"{did_you_mean(str(name), known) or 'none is about any object'}"
             )
+    if not flip and not pairs:
+        try:
+            return Permutations(model.ground).symmetry(objects)
+        except Asymmetry as error:
+            raise _Unfit(f"the domain contradicts it: {error}") from None
     columns = permuted_columns(model.fluents, objects)
     if not isinstance(columns, tuple):
         raise _Unfit(f"fluent `{columns.name}` has no mirror image")
@@ -209,26 +179,14 @@ def _model_symmetry(
         if not index[name].numeric:
             raise _Wrong(f"`{name}` is true or false and has no sign")
         signs[index[name].index] = -1.0
-    actions = _ground_actions(model, objects, pairs, plain=not flip)
-    return ModelSymmetry(
-        {o: i for o, i in objects.items() if o != i}, columns, tuple(signs), actions
-    )
+    moved = {o: i for o, i in objects.items() if o != i}
+    return ModelSymmetry(moved, columns, tuple(signs), _ground_actions(model, objects, pairs))
 
 
 def _ground_actions(
-    model: TransitionModel,
-    objects: Mapping[str, str],
-    pairs: Mapping[str | int, str | int],
-    *,
-    plain: bool,
+    model: TransitionModel, objects: Mapping[str, str], pairs: Mapping[str | int, str | int]
 ) -> tuple[int, ...]:
     """Return the image of every ground action."""
-    if plain and not pairs:
-        try:
-            return symmetry_of(model.ground, objects).actions
-        except Asymmetry as error:
-            where = f"{error.place}: " if error.place else ""
-            raise _Unfit(f"the domain contradicts it: {where}{error.what}") from None
     named = {(a.schema, a.arguments): k for k, a in enumerate(model.actions)}
     images = []
     for action in model.actions:

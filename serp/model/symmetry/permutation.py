@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from itertools import pairwise
 
 from serp.model import ground as g
+from serp.model.symmetry.canonical import Canonical
 from serp.model.symmetry.model_symmetry import ModelSymmetry, permuted_columns
-from serp.model.symmetry.numbering import Numbering, Seen
 from serp.pddl.source import Place
 from serp.pddl.syntax import Change
 
@@ -15,99 +15,64 @@ _ADDITIVE = (Change.INCREASE, Change.DECREASE)
 
 
 class Asymmetry(Exception):
-    """A permutation is not a symmetry.
-
-    Attributes:
-        what: The reason, in words.
-        place: Where in the files, if anywhere.
-    """
+    """A permutation is not a symmetry."""
 
     def __init__(self, what: str, place: Place | None = None) -> None:
-        super().__init__(what)
-        self.what = what
-        self.place = place
+        super().__init__(f"{place}: {what}" if place else what)
 
 
-def symmetry_of(ground: g.GroundModel, objects: Mapping[str, str]) -> ModelSymmetry:
-    """Return the symmetry that a permutation of objects defines.
+class Permutations:
+    """Permutations of the objects of one model.
 
-    Args:
-        ground: The model.
-        objects: Object → its image; objects that are left out stay.
-
-    Raises:
-        Asymmetry: It does not map the model onto itself.
-    """
-    return Items(ground).apply(objects)
-
-
-class Items:
-    """The items of a model, ready for permutations to be applied.
-
-    Args:
-        ground: The model.
-        max_work: Most expressions that are visited; None: no limit.
-
-    Attributes:
-        numbering: Numbers of all visited expressions.
-        schemas: Actions, processes and events.
-        mentions: The objects that each of them refers to.
-        static: (symbol, *objects) of a stated fact that never changes → its value.
+    The model is a set of items (actions, processes, events, goal, metric, static values) over
+    fluents over objects. A permutation is a symmetry when it maps items onto items that mean the
+    same. Initial values do not count, since they do not change the effects of actions.
     """
 
-    def __init__(self, ground: g.GroundModel, max_work: int | None = None) -> None:
+    def __init__(self, ground: g.GroundModel) -> None:
         self.ground = ground
-        self.numbering = Numbering(ground, max_work)
+        self.theta = [p.value for p in ground.parameters]
         self.schemas = ground.schemas
         self.static = {tuple(name.split()): value for name, value in ground.static.items()}
-        self.same: Seen = int
-        self.numbers = [self.numbering.schema(s, self.same) for s in self.schemas]
+        self.same = Canonical(self.theta, int)
+        self.forms = [self.same.schema(schema) for schema in self.schemas]
         self.named = {(s.kind, s.schema, s.arguments): k for k, s in enumerate(self.schemas)}
         self.mentions = [self._mentions(schema) for schema in self.schemas]
-        self.plain: dict[int, list[int]] = {}
-        """Number → schemas without parameters that have it: they are interchangeable."""
+        self.plain: dict[Hashable, list[int]] = {}
+        """Form → schemas without parameters that have it: they are interchangeable."""
         for k, schema in enumerate(self.schemas):
             if not schema.arguments:
-                self.plain.setdefault(self.numbers[k], []).append(k)
+                self.plain.setdefault(self.forms[k], []).append(k)
 
     def _mentions(self, schema: g.GroundSchema) -> frozenset[str]:
         touched = {f for f in (*g.reads(schema), *g.writes(schema)) if f >= 0}
         fluents = self.ground.fluents
         return frozenset(schema.arguments).union(*(fluents[f].arguments for f in touched))
 
-    @property
-    def objects(self) -> list[str]:
-        """Every object that fluents, items or static values name, in the order of appearance."""
-        found: dict[str, None] = {}
-        for fluent in self.ground.fluents:
-            found.update(dict.fromkeys(fluent.arguments))
-        for schema in self.schemas:
-            found.update(dict.fromkeys(schema.arguments))
-        for _, *arguments in self.static:
-            found.update(dict.fromkeys(arguments))
-        return list(found)
-
-    def apply(self, objects: Mapping[str, str]) -> ModelSymmetry:
-        """Return the symmetry that a permutation of objects defines.
+    def symmetry(self, objects: Mapping[str, str]) -> ModelSymmetry:
+        """Return the symmetry that a permutation defines; objects that are left out stay.
 
         Raises:
-            Asymmetry: It is not a symmetry.
+            Asymmetry: It does not map the model onto itself.
         """
-        fluents = self.ground.fluents
-        self.numbering.count(len(fluents) + len(self.schemas))
-        columns = permuted_columns(fluents, objects)
+        columns = permuted_columns(self.ground.fluents, objects)
         if isinstance(columns, g.Fluent):
             raise Asymmetry(f"fluent `{columns.name}` has no mirror image")
-        places = [0] * len(fluents)
+        places = [0] * len(columns)
         for column, source in enumerate(columns):
             places[source] = column
         for key, value in self.static.items():
             image = (key[0], *(objects.get(o, o) for o in key[1:]))
             if self.static.get(image) != value:
                 raise Asymmetry(f"({' '.join(key)}) is {value:g}, ({' '.join(image)}) is not")
-        images = self._images(objects, places.__getitem__)
+        mirrored = Canonical(self.theta, places.__getitem__)
+        images = self._images(objects, mirrored.schema)
         self._same_order_of_events(images)
-        self._same_goal_and_metric(places.__getitem__)
+        goal, metric = self.ground.goal, self.ground.metric
+        if goal is not None and mirrored.test(goal) != self.same.test(goal):
+            raise Asymmetry("the goal is not its own mirror image")
+        if metric is not None and mirrored.value(metric.value) != self.same.value(metric.value):
+            raise Asymmetry("the metric is not its own mirror image", metric.place)
         return ModelSymmetry(
             objects={name: image for name, image in objects.items() if name != image},
             columns=columns,
@@ -115,7 +80,9 @@ class Items:
             actions=tuple(images[: len(self.ground.actions)]),
         )
 
-    def _images(self, objects: Mapping[str, str], places: Seen) -> list[int]:
+    def _images(
+        self, objects: Mapping[str, str], mirrored: Callable[[g.GroundSchema], Hashable]
+    ) -> list[int]:
         """Return the image of every schema."""
         moved = {name for name, image in objects.items() if name != image}
         images = list(range(len(self.schemas)))
@@ -124,8 +91,7 @@ class Items:
                 continue
             arguments = tuple(objects.get(o, o) for o in schema.arguments)
             image = self.named.get((schema.kind, schema.schema, arguments))
-            number = self.numbering.schema(schema, places)
-            if image is None or self.numbers[image] != number:
+            if image is None or self.forms[image] != mirrored(schema):
                 mirror = " ".join((schema.schema, *arguments))
                 raise Asymmetry(
                     f"{schema.kind.value} `{schema.name}` and `{mirror}` are not mirror images",
@@ -136,7 +102,7 @@ class Items:
             first = self.schemas[members[0]]
             if moved.isdisjoint(self.mentions[members[0]]):
                 continue
-            others = self.plain.get(self.numbering.schema(first, places), [])
+            others = self.plain.get(mirrored(first), [])
             if len(others) != len(members):
                 raise Asymmetry(
                     f"{first.kind.value} `{first.name}` has no mirror image", first.place
@@ -156,9 +122,8 @@ class Items:
         if all(a < b for a, b in pairwise(order)):
             return
         for i, later in enumerate(order):
-            self.numbering.count(len(order) - i)
             for j in range(i + 1, len(order)):
-                if order[j] < later and self.numbers[order[j]] != self.numbers[later]:
+                if order[j] < later and self.forms[order[j]] != self.forms[later]:
                     one, other = self.schemas[start + i], self.schemas[start + j]
                     if not _independent(one, other):
                         raise Asymmetry(
@@ -166,15 +131,6 @@ class Items:
                             "images fire in the opposite order, and the order matters",
                             other.place,
                         )
-
-    def _same_goal_and_metric(self, places: Seen) -> None:
-        goal, metric, number = self.ground.goal, self.ground.metric, self.numbering
-        if goal is not None and number.test(goal, places) != number.test(goal, self.same):
-            raise Asymmetry("the goal is not its own mirror image")
-        if metric is not None and (
-            number.value(metric.value, places) != number.value(metric.value, self.same)
-        ):
-            raise Asymmetry("the metric is not its own mirror image", metric.place)
 
 
 def _independent(one: g.GroundSchema, other: g.GroundSchema) -> bool:
