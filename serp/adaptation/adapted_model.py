@@ -42,7 +42,7 @@ class AdaptedModel(TransitionModel):
         self.feature_groups: tuple[tuple[FeatureGroup, ...], ...] = tuple(
             feature_groups_of(self.ground, action) for action in self.actions
         )
-        callbacks = (program.native, program.native_flow, program.native_settle)
+        callbacks = [program.native(part) for part in ("step", "flow", "settle")]
         events = (effect for event in self.ground.events for effect in event.effects)
         self.buffer = ParameterBuffer(
             self.feature_groups,
@@ -95,19 +95,19 @@ class AdaptedModel(TransitionModel):
         flags = self.transition(values, action)[1] if self.buffer.active else UNSAFE
         if flags & UNSAFE:
             return self.written.trace(state, action)
-        found = self._trace(values, action, -1, 0)
+        found = self._trace_outcome(values, action, -1, 0)
         if risk_of(flags) == 0.0 or found[1] & UNSAFE:
             return found
         most = 0.0
         for group in range(len(self.feature_groups[action])):
             p = kernels.probabilities_row(self.data, action, np.array(values), group)
             for kind in np.flatnonzero(p > most).tolist():
-                other = self._trace(values, action, group, kind)
+                other = self._trace_outcome(values, action, group, kind)
                 if other[1] & UNSAFE and p[kind] > most:
                     found, most = other, p[kind]
         return found
 
-    def _trace(
+    def _trace_outcome(
         self, state: list[float], action: int, group: int, kind: int
     ) -> tuple[list[Site], int]:
         """Trace a step in which one feature group (-1: none) has a certain outcome."""
@@ -117,5 +117,4 @@ class AdaptedModel(TransitionModel):
             kernels.adapt_row(self.data, action, np.array(state), changed, group, kind)
             out[:] = changed.tolist()
 
-        parameters = self.buffer.parameters.tolist()
-        return self._program.trace(state, action, parameters, self.dt, adapt)
+        return self._trace(state, action, self.buffer.parameters.tolist(), adapt)

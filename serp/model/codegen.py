@@ -168,10 +168,9 @@ class _Generator(EffectEmitter):
             with self.under(self.truth(self.model.goal, result, None)):
                 self.body.append(assign("terminal", constant(True)))
                 if self.model.goal_rewarded:
-                    worth = self.model.goal_worth
                     gained: ast.expr = constant(1.0)
-                    if worth is not None:
-                        value = self.value(g.ParameterRef(worth.parameter), result)
+                    if self.model.goal_parameter is not None:
+                        value = entry("theta", self.model.goal_parameter)
                         gained = ast.BinOp(variable("reward"), ast.Add(), value)
                     self.body.append(assign("reward", gained))
         self.require_finite(variable("reward"), Site("undefined", None, None))

@@ -222,8 +222,8 @@ def _summary(domain: Domain) -> Iterator[str]:
     rewarded = changing(REWARD_TARGET)
     good = []
     if ground.goal_rewarded:
-        worth = ground.goal_worth
-        good.append(f"the goal, worth {1.0 if worth is None else model.theta[worth.parameter]:g}")
+        worth = 1.0 if ground.goal_parameter is None else model.theta[ground.goal_parameter]
+        good.append(f"the goal, worth {worth:g}")
     if ground.metric is not None:
         good.append(f"the problem's metric, {ground.metric.place.text}")
     rewarded = "; ".join(good) or rewarded
