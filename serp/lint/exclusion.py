@@ -25,10 +25,6 @@ def contradiction(tests: Iterable[g.Test], theta: Sequence[float]) -> Pair | Non
     """Return two tests that cannot hold together, or None where none are found.
 
     Both are the same where one test contradicts itself.
-
-    Args:
-        tests: A conjunction.
-        theta: The values of the parameters.
     """
     known = _Known(theta)
     later: list[g.AnyOf] = []

@@ -17,11 +17,7 @@ SCHEMAS = (":action", ":process", ":event", ":constraint")
 
 @dataclass(frozen=True)
 class LintSubject:
-    """A domain that was loaded, hence free of errors.
-
-    Attributes:
-        domain: The domain with its problem.
-    """
+    """A domain that was loaded, hence free of errors."""
 
     domain: Domain
 

@@ -85,12 +85,7 @@ def _answer() -> None:
 
 
 def refused_by_unified_planning(domain: Source, problem: Source | None) -> DomainWarning | None:
-    """Return what unified-planning's `PDDLReader` refuses, or None for nothing.
-
-    Args:
-        domain: The domain file.
-        problem: The problem file, if there is one.
-    """
+    """Return what unified-planning's `PDDLReader` refuses, or None for nothing."""
     error = _reading_error(domain.text, None)
     source = domain
     if error is None and problem is not None:

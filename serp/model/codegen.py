@@ -247,10 +247,6 @@ def load_function(generated: Generated, filename: str = "") -> Callable[..., int
     """Turn a generated tree into a Python function.
 
     The tree is compiled as it is; no program text is involved.
-
-    Args:
-        generated: What to load.
-        filename: Shown in tracebacks; compiled code is kept under it.
     """
     # numba finds the environment of a cached function through the module's name.
     namespace: dict[str, Any] = {"__builtins__": {}, "__name__": __name__}

@@ -41,11 +41,7 @@ class InstantiationBudget:
         self.work = 0
 
     def count_binding(self, place: Place) -> None:
-        """Count one binding of a variable.
-
-        Raises:
-            DomainError: There are too many.
-        """
+        """Count one binding of a variable."""
         self.work += 1
         if self.work > self.bindings:
             raise DomainError(
@@ -56,11 +52,7 @@ class InstantiationBudget:
             )
 
     def count_instance(self, schema: x.Schema, facts: Facts) -> None:
-        """Count one ground action, process or event.
-
-        Raises:
-            DomainError: There are too many.
-        """
+        """Count one ground action, process or event."""
         self.instances += 1
         if self.instances > self.ground_schemas:
             bindings = 1
@@ -75,11 +67,7 @@ class InstantiationBudget:
             )
 
     def check_fluents(self, count: int, declaration: x.Declaration) -> None:
-        """Check a number of fluents against the limit.
-
-        Raises:
-            DomainError: There are too many.
-        """
+        """Check a number of fluents against the limit."""
         if count > self.fluents:
             raise DomainError(
                 f"the domain has more than {self.fluents} fluents over these objects",
@@ -148,11 +136,7 @@ class Facts:
         return key[0] in self.varying or key in self.free
 
     def free_missing_numbers(self) -> None:
-        """Let functions vary that have effects but no value in `:init`; they start at 0.
-
-        Raises:
-            DomainError: There are too many.
-        """
+        """Let functions vary that have effects but no value in `:init`; they start at 0."""
         for declaration in self.domain.declarations.values():
             if declaration.numeric and declaration.name in self.changed - self.varying:
                 for key in self.keys_of(declaration):
@@ -183,11 +167,7 @@ class Facts:
     def quantify(
         self, parameters: tuple[x.SchemaParameter, ...], binding: Binding, place: Place
     ) -> Iterator[Binding]:
-        """Yield the binding, extended by every choice of objects for the parameters.
-
-        Raises:
-            DomainError: Too many bindings have been tried.
-        """
+        """Yield the binding, extended by every choice of objects for the parameters."""
         names = [p.name for p in parameters]
         for chosen in itertools.product(*(self.objects_of(p.types) for p in parameters)):
             self.budget.count_binding(place)

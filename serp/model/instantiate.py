@@ -47,10 +47,6 @@ def instantiate(
             although `:init` states them and no effect changes them.
         max_ground_schemas: Most ground actions, processes and events together. The limit is four
             times as high for fluents, and 20 times as high for bindings that are tried.
-
-    Raises:
-        DomainError: There are more instances or fluents than the limits allow, a number is read
-            that has no value, or the metric contradicts `(reward)`.
     """
     facts = Facts(domain, problem, supplied, InstantiationBudget(max_ground_schemas))
     return _Instantiation(facts, problem).run()

@@ -29,9 +29,6 @@ def reachable(facts: Facts) -> dict[str, list[Binding]]:
 
     Returns:
         Name of a schema → the bindings of its parameters, in the order of the files.
-
-    Raises:
-        DomainError: There are more instances, fluents or bindings than the budget allows.
     """
     return _Reachability(facts).run()
 

@@ -19,9 +19,6 @@ def refuse_contradictions(effects: tuple[Effect, ...]) -> None:
 
     Effects whose conditions or objects differ may exclude each other: what they come to is found
     out when they are applied.
-
-    Raises:
-        DomainError: Two effects always contradict each other.
     """
     changes: dict[tuple[str, ...], list[ChangeFunction]] = {}
     for effect in effects:

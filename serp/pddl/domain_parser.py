@@ -43,11 +43,7 @@ _CONSTRAINT = ":constraint"
 
 
 def parse_domain(source: Source) -> DomainSyntax:
-    """Parse a domain file.
-
-    Raises:
-        DomainError: Anything in it is malformed, unknown or not supported.
-    """
+    """Parse a domain file."""
     name, top, sections = read_definition(source, "domain")
     single: dict[str, Group] = {}
     schema_groups: list[Group] = []

@@ -24,11 +24,7 @@ def is_number(node: Node) -> bool:
 
 
 def parse_number(node: Node) -> Number:
-    """Parse a numeric literal.
-
-    Raises:
-        DomainError: It is something else, or too large for a float64.
-    """
+    """Parse a numeric literal."""
     if isinstance(node, Word) and (slip := slips.decimal_comma(node)):
         raise slip
     if not isinstance(node, Word) or not _NUMBER.match(node.text):
@@ -54,11 +50,7 @@ def as_function(node: Node, scope: Scope) -> Node:
 
 
 def parse_expression(node: Node, scope: Scope) -> Expression:
-    """Parse a numeric expression.
-
-    Raises:
-        DomainError: It is malformed or uses something unknown.
-    """
+    """Parse a numeric expression."""
     node = as_function(node, scope)
     if isinstance(node, Word):
         if is_number(node):

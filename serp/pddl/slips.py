@@ -155,12 +155,7 @@ def in_effect(group: Group, declared: Declared) -> DomainError | None:
 
 
 def several_under(key: str, nodes: Sequence[Node]) -> DomainError:
-    """Return the error of several forms where a field takes one.
-
-    Args:
-        key: `:precondition` or `:effect`.
-        nodes: The forms, two or more.
-    """
+    """Return the error of several forms where a field takes one."""
     first, last = nodes[0].place, nodes[-1].place
     return DomainError(
         f"`{key}` takes one form, found {len(nodes)}",
@@ -171,13 +166,7 @@ def several_under(key: str, nodes: Sequence[Node]) -> DomainError:
 
 
 def several_after(group: Group, at: int, problem: str) -> DomainError:
-    """Return the error of a form whose items from one position on have to be one.
-
-    Args:
-        group: Such as `(when condition effect effect)`.
-        at: The position of the first of them.
-        problem: What is wrong.
-    """
+    """Return the error of a form whose items from one position on have to be one."""
     if len(group.items) <= at + 1 or any(isinstance(node, Word) for node in group.items[at:]):
         return DomainError(problem, group.place)
     kept = " ".join(written(node) for node in group.items[:at])

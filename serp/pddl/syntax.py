@@ -225,13 +225,7 @@ class ObjectDeclaration:
 
 
 def is_subtype(type_name: str, ancestor: str, parents: Mapping[str, str]) -> bool:
-    """Whether a type is the ancestor or below it.
-
-    Args:
-        type_name: A declared type, or `object`.
-        ancestor: Another, or the same.
-        parents: Type → parent; `object` is not a key.
-    """
+    """Whether a type is the ancestor or below it."""
     while type_name != ancestor and type_name in parents:
         type_name = parents[type_name]
     return ancestor in (type_name, OBJECT)

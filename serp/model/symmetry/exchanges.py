@@ -40,10 +40,6 @@ def find_exchanges(ground: g.GroundModel, max_work: int = MAX_WORK) -> Exchanges
     """Find the pairs of objects whose exchange maps a model onto itself; deterministic.
 
     Exchangeability is an equivalence, so each object is compared with one of each class.
-
-    Args:
-        ground: The model.
-        max_work: Most fluents and schemas that are mirrored.
     """
     permutations = Permutations(ground)
     each = len(ground.fluents) + len(ground.schemas)

@@ -50,11 +50,7 @@ class Permutations:
         return frozenset(schema.arguments).union(*(fluents[f].arguments for f in touched))
 
     def symmetry(self, objects: Mapping[str, str]) -> ModelSymmetry:
-        """Return the symmetry that a permutation defines; objects that are left out stay.
-
-        Raises:
-            Asymmetry: It does not map the model onto itself.
-        """
+        """Return the symmetry that a permutation defines; objects that are left out stay."""
         columns = permuted_columns(self.ground.fluents, objects)
         if isinstance(columns, g.Fluent):
             raise Asymmetry(f"fluent `{columns.name}` has no mirror image")
