@@ -11,7 +11,7 @@ from serp.model.loading import Domain
 from serp.pddl.sexpr import Group, Node, Word, read_group
 from serp.pddl.source import DomainError
 
-SCHEMAS = (":action", ":process", ":event", ":constraint")
+SCHEMAS = (":action", ":process", ":event")
 """Sections that define an action, a process or an event."""
 
 

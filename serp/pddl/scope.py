@@ -28,7 +28,10 @@ INSTEAD = {
         (":derived", ":axiom"),
         "write the condition itself where it is used, or an event that sets the predicate",
     ),
-    ":constraints": "write an event that sets `(unsafe)` where a constraint is broken",
+    **dict.fromkeys(
+        (":constraint", ":constraints"),
+        "write an event that sets `(unsafe)` where a constraint is broken",
+    ),
     "preference": "write `(increase (reward) ...)` under a `when`, or as an event",
     "timed": "write a function as a clock, which a process increases, and an event",
     **dict.fromkeys((":method", ":task"), "write actions only; the planner chooses among them"),

@@ -142,6 +142,13 @@ class Change(Enum):
     SCALE_UP = "scale-up"
     SCALE_DOWN = "scale-down"
 
+    @property
+    def group(self) -> str:
+        """`assign`, `add` or `scale`: additions commute, and so do scalings."""
+        if self is Change.ASSIGN:
+            return "assign"
+        return "add" if self in (Change.INCREASE, Change.DECREASE) else "scale"
+
 
 @dataclass(frozen=True, slots=True)
 class SetPredicate:

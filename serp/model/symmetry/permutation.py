@@ -9,9 +9,6 @@ from serp.model import ground as g
 from serp.model.symmetry.canonical import Canonical
 from serp.model.symmetry.model_symmetry import ModelSymmetry, permuted_columns
 from serp.pddl.source import Place
-from serp.pddl.syntax import Change
-
-_ADDITIVE = (Change.INCREASE, Change.DECREASE)
 
 
 class Asymmetry(Exception):
@@ -135,14 +132,7 @@ def _independent(one: g.GroundSchema, other: g.GroundSchema) -> bool:
         return False
     ways: dict[int, set[Hashable]] = {}
     for effect in (*one.effects, *other.effects):
-        ways.setdefault(effect.target, set()).add(_way(effect))
+        way = effect.value if isinstance(effect, g.SetBoolean) else effect.change.group
+        ways.setdefault(effect.target, set()).add(way)
     shared = g.writes(one) & g.writes(other)
-    return all(len(ways[t]) == 1 and ways[t] != {Change.ASSIGN} for t in shared)
-
-
-def _way(effect: g.GroundEffect) -> Hashable:
-    if isinstance(effect, g.SetBoolean):
-        return effect.value
-    if effect.change in _ADDITIVE:
-        return "add"
-    return effect.change if effect.change is Change.ASSIGN else "scale"
+    return all(len(ways[t]) == 1 and ways[t] != {"assign"} for t in shared)
