@@ -193,18 +193,10 @@ def conjuncts(condition: x.Condition | None) -> Iterator[x.Condition]:
         yield condition
 
 
-def nested_effects(effects: tuple[x.Effect, ...]) -> Iterator[x.Effect]:
-    """Yield effects and the effects nested in them."""
-    for effect in effects:
-        yield effect
-        if isinstance(effect, x.When | x.ForallEffect):
-            yield from nested_effects(effect.effects)
-
-
 def _changed_names(domain: x.DomainSyntax) -> set[str]:
     names: set[str] = set()
     for schema in domain.schemas:
-        for effect in nested_effects(schema.effects):
+        for effect in x.nested_effects(schema.effects):
             if isinstance(effect, x.SetPredicate):
                 names.add(effect.atom.name)
             elif isinstance(effect, x.ChangeFunction):

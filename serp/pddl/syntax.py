@@ -6,7 +6,7 @@ point at it. Names follow PDDL 2.1 (Fox & Long, 2003) and PDDL+ (Fox & Long, 200
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -278,3 +278,34 @@ class ProblemSyntax:
     place: Place
     has_init: bool
     """Whether there is an `:init`, so that what it does not state is false."""
+
+
+# Walks -----------------------------------------------------------------------------------------
+
+
+def nested_effects(effects: tuple[Effect, ...]) -> Iterator[Effect]:
+    """Yield effects and the effects nested in them."""
+    for effect in effects:
+        yield effect
+        if isinstance(effect, When | ForallEffect):
+            yield from nested_effects(effect.effects)
+
+
+def nested_conditions(condition: Condition | None) -> Iterator[Condition]:
+    """Yield a condition and the conditions nested in it; nothing for None."""
+    if condition is not None:
+        yield condition
+    match condition:
+        case Connective(_, operands):
+            for operand in operands:
+                yield from nested_conditions(operand)
+        case Quantified(_, _, body):
+            yield from nested_conditions(body)
+
+
+def conditions_of(schema: Schema) -> Iterator[Condition]:
+    """Yield every condition in a precondition and in effects, however it is nested."""
+    yield from nested_conditions(schema.precondition)
+    for effect in nested_effects(schema.effects):
+        if isinstance(effect, When):
+            yield from nested_conditions(effect.condition)
