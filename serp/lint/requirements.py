@@ -41,7 +41,8 @@ def _missing_requirements(subject: LintSubject) -> Iterator[DomainWarning]:
 
 def _needs(syntax: x.DomainSyntax) -> dict[str, None]:
     """Return the requirements that a domain makes use of, in order."""
-    parameters = [p for s in (*syntax.schemas, *syntax.declarations.values()) for p in s.parameters]
+    parameters = [p for s in syntax.schemas for p in s.parameters]
+    parameters += [p for d in syntax.declarations.values() for p in d.parameters]
     general = {
         ":typing": syntax.parents or any(p.types != (x.OBJECT,) for p in parameters),
         ":numeric-fluents": any(d.numeric for d in syntax.declarations.values()),

@@ -1,8 +1,7 @@
 """Symmetries of a task, checked against the domain and against observations.
 
 In a task with a symmetry every sample counts twice: what was learned on the left applies on the
-right. The symmetry of the model often follows from the domain file (`left` and `right` are two
-objects with the same properties); that of the raw observation must be declared by the task.
+right. A task declares which objects are exchanged and how the raw observation is mirrored.
 """
 
 from __future__ import annotations
@@ -16,11 +15,9 @@ import numpy as np
 from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.learning.symmetry_group import Element, SymmetryGroup
-from serp.model.symmetry.exchanges import find_exchanges
-from serp.model.symmetry.model_symmetry import ModelSymmetry, permuted_columns, violation
-from serp.model.symmetry.permutation import Asymmetry, Permutations
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.tasks.declared_symmetry import Symmetry, as_permutation
+from serp.tasks.model_symmetry import ModelSymmetry, violation
 
 if TYPE_CHECKING:
     from serp.planning.action_map import ActionMap
@@ -109,18 +106,8 @@ def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tupl
 def symmetry_group(
     task: BoundTask, declared: Iterable[TaskSymmetry], inputs: str
 ) -> SymmetryGroup | None:
-    """Return the symmetries of the learner's inputs and actions; None if there are none.
-
-    If the learner's input is the state, objects that can be exchanged in the domain file are added.
-    """
+    """Return the symmetries of the learner's inputs and actions; None if there are none."""
     elements = [e for s in declared if (e := s.element(inputs)) is not None]
-    if inputs == "state":
-        for model in find_exchanges(task.model.ground).symmetries:
-            try:
-                actions = _environment_actions(task.actions, model, {})
-            except _Wrong:  # not declared by the user, so it is left out silently
-                continue
-            elements.append(Element(model.columns, model.signs, actions))
     if not elements:
         return None
     group = SymmetryGroup(len(elements[0].columns), task.actions.size, elements)
@@ -161,14 +148,13 @@ def _model_symmetry(
                 f"no fluent or action of the domain is about an object `{name}`; "
                 f"{did_you_mean(str(name), known) or 'none is about any object'}"
             )
-    if not flip and not pairs:
-        try:
-            return Permutations(model.ground).symmetry(objects)
-        except Asymmetry as error:
-            raise _Unfit(f"the domain contradicts it: {error}") from None
-    columns = permuted_columns(model.fluents, objects)
-    if not isinstance(columns, tuple):
-        raise _Unfit(f"fluent `{columns.name}` has no mirror image")
+    place = {fluent.key: fluent.index for fluent in model.fluents}
+    columns = [0] * len(place)
+    for fluent in model.fluents:
+        image = place.get((fluent.symbol, *_exchanged(fluent.arguments, objects)))
+        if image is None:
+            raise _Unfit(f"fluent `{fluent.name}` has no mirror image")
+        columns[image] = fluent.index
     if isinstance(flip, str) or not isinstance(flip, Sequence):
         raise _Wrong(f"flip must be names of fluents, not {flip!r}")
     signs = [1.0] * len(columns)
@@ -179,8 +165,11 @@ def _model_symmetry(
         if not index[name].numeric:
             raise _Wrong(f"`{name}` is true or false and has no sign")
         signs[index[name].index] = -1.0
-    moved = {o: i for o, i in objects.items() if o != i}
-    return ModelSymmetry(moved, columns, tuple(signs), _ground_actions(model, objects, pairs))
+    return ModelSymmetry(tuple(columns), tuple(signs), _ground_actions(model, objects, pairs))
+
+
+def _exchanged(arguments: tuple[str, ...], objects: Mapping[str, str]) -> tuple[str, ...]:
+    return tuple(objects.get(o, o) for o in arguments)
 
 
 def _ground_actions(
@@ -190,8 +179,7 @@ def _ground_actions(
     named = {(a.schema, a.arguments): k for k, a in enumerate(model.actions)}
     images = []
     for action in model.actions:
-        arguments = tuple(objects.get(o, o) for o in action.arguments)
-        image = named.get((action.schema, arguments))
+        image = named.get((action.schema, _exchanged(action.arguments, objects)))
         if image is None:
             raise _Unfit(f"action `{action.name}` has no mirror image")
         images.append(image)

@@ -192,7 +192,6 @@ def _fit(task: Task, *, asked: bool) -> tuple[str | None, list[DomainWarning]]:
 
 def _summary(domain: Domain) -> Iterator[str]:
     from serp.model.ground import REWARD_TARGET, TERMINAL_TARGET, UNSAFE_TARGET
-    from serp.model.symmetry.exchanges import find_exchanges
 
     model = domain.model
     ground = model.ground
@@ -233,8 +232,3 @@ def _summary(domain: Domain) -> Iterator[str]:
     if ground.goal is not None:
         ends = "the problem's goal" + ("" if ends == "nothing" else f", {ends}")
     yield f"terminal: {ends}"
-    exchanges = find_exchanges(ground)
-    for symmetry in exchanges.described():
-        yield f"symmetry: {symmetry}"
-    if not exchanges.complete:
-        yield "symmetry: the search was stopped, there may be more"
