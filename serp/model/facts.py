@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from serp.pddl import syntax as x
@@ -24,11 +25,8 @@ _RAISE = (
 class InstantiationBudget:
     """Limits on the size of a domain, and counters of what instantiation produces.
 
-    Args:
-        ground_schemas: Most ground actions, processes and events together.
-
     Attributes:
-        ground_schemas: As above.
+        ground_schemas: Most ground actions, processes and events together.
         fluents: Most fluents, four times as many.
         bindings: Most bindings that are tried, 20 times as many.
     """
@@ -55,9 +53,7 @@ class InstantiationBudget:
         """Count one ground action, process or event."""
         self.instances += 1
         if self.instances > self.ground_schemas:
-            bindings = 1
-            for parameter in schema.parameters:
-                bindings *= len(facts.objects_of(parameter.types))
+            bindings = math.prod(len(facts.objects_of(p.types)) for p in schema.parameters)
             raise DomainError(
                 f"the domain instantiates to more than {self.ground_schemas} ground actions, "
                 f"processes and events; `{schema.name}` has up to {bindings} over these objects",
@@ -84,16 +80,10 @@ class Facts:
     (`serp.model.reachability` computes it). In an *observed* one any state is possible: a fact is
     constant if `:init` states it, no effect changes it and no observation supplies it.
 
-    Args:
-        domain: The parsed domain.
-        problem: The parsed problem, if there is one.
-        supplied: None for a closed world, which needs a problem with an `:init`; else the names of
-            the fluents that are known to be observed, such as `door-open hall`.
-        budget: Counts fluents and bindings.
+    `supplied` is None for a closed world, which needs a problem with an `:init`; else the names of
+    the fluents that are known to be observed, such as `door-open hall`.
 
     Attributes:
-        domain: The parsed domain.
-        budget: The budget.
         objects: All objects.
         true: The predicates that hold at the start.
         values: The numbers at the start.
