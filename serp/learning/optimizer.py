@@ -15,9 +15,8 @@ import torch
 
 from serp.learning.kernels import compiled
 
-_BETA1 = 0.9
-_BETA2 = 0.999
-_EPSILON = 1e-8
+_BETA1, _BETA2, _EPSILON = 0.9, 0.999, 1e-8
+_DECAY1, _DECAY2 = np.float32(_BETA1), np.float32(_BETA2)
 
 
 class Adam:
@@ -50,8 +49,6 @@ class Adam:
         self.first: npt.NDArray[np.float32] = torch.zeros_like(parameters).numpy()
         self.second: npt.NDArray[np.float32] = torch.zeros_like(parameters).numpy()
         self._learning_rate = learning_rate
-        self._beta1 = np.float32(_BETA1)
-        self._beta2 = np.float32(_BETA2)
         self._largest_norm = np.float32(math.inf if largest_norm is None else largest_norm)
         self.steps = 0
 
@@ -61,30 +58,16 @@ class Adam:
         spread = math.sqrt((1.0 - _BETA2) / (1.0 - _BETA2**self.steps))
         rate = self._learning_rate * (1.0 - _BETA1) / (1.0 - _BETA1**self.steps) / spread
         _adam(
-            self._parameters,
-            self._gradient,
-            self.first,
-            self.second,
-            self._beta1,
-            self._beta2,
-            np.float32(rate),
-            np.float32(_EPSILON / spread),
-            self._largest_norm,
-        )
+            self._parameters, self._gradient, self.first, self.second,
+            np.float32(rate), np.float32(_EPSILON / spread), self._largest_norm,
+        )  # fmt: skip
 
 
 @compiled
 def _adam(
-    parameters: Any,
-    gradient: Any,
-    first: Any,
-    second: Any,
-    beta1: Any,
-    beta2: Any,
-    rate: Any,
-    epsilon: Any,
-    largest_norm: Any,
-) -> None:
+    parameters: Any, gradient: Any, first: Any, second: Any,
+    rate: Any, epsilon: Any, largest_norm: Any,
+) -> None:  # fmt: skip
     """Do one step in place.
 
     All arrays are ``[E, P]``. The gradient of each member is first scaled down to a Euclidean norm
@@ -100,6 +83,6 @@ def _adam(
         factor = largest_norm / norm if norm > largest_norm else np.float32(1.0)
         for i in range(count):
             slope = g[i] * factor
-            m[i] = beta1 * m[i] + slope
-            v[i] = beta2 * v[i] + slope * slope
+            m[i] = _DECAY1 * m[i] + slope
+            v[i] = _DECAY2 * v[i] + slope * slope
             p[i] -= rate * m[i] / (np.sqrt(v[i]) + epsilon)

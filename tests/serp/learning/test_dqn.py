@@ -403,7 +403,7 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(
         (lambda a, m: m["replay"]["pending_guide"].pop(), "pending_guide"),
         (lambda a, m: m["replay"].update(pending_guide=[[A, 0.0]] * 2), "pending_guide"),
         (lambda a, m: m["replay"].update(sizes=[99, 0, 0]), "sizes"),
-        (lambda a, m: m["replay"].update(recent=[[0, 99, 0]]), "recent"),
+        (lambda a, m: m["replay"].update(recent=[[99, 0]]), "recent"),
     ],
 )  # fmt: skip
 def test_a_broken_state_is_refused_and_changes_nothing(spoil: Any, message: str) -> None:
