@@ -18,14 +18,6 @@ from serp.settings import LearnerSettings
 class QLearning:
     """The network of a learner, its target network, and their gradient updates.
 
-    Args:
-        input_size: Numbers in one input, F ≥ 1.
-        action_count: Actions, A ≥ 1.
-        settings: The learner's settings.
-        rng: Draws the initial weights.
-        guided: How it learns from a guide; None: it does not. For residual learning every Q-value
-            is initially zero, by the last layer.
-
     Attributes:
         online: The network that learns.
         target: The target network; without one the same object as `online`.
@@ -47,7 +39,7 @@ class QLearning:
         norm, members = settings.layer_norm, settings.members
         self.online = QNetwork(sizes, layer_norm=norm, members=members, rng=rng)
         if guided is not None and guided.residual:
-            self.online.zero_output()
+            self.online.zero_output()  # Q is the guide's value at first
         # Without a target network the network itself values the next state (paper, equation 3).
         self.target = self.online
         if settings.has_target:

@@ -19,13 +19,9 @@ _TWO = np.float32(2.0)
 
 
 class TDGradient:
-    """Forward and backward passes of one gradient update.
+    """Forward and backward passes of one gradient update of `online`.
 
-    Args:
-        online: The network.
-        target: The target network; the same network if there is none.
-        settings: The learner's settings.
-        guided: How it learns from a guide; None: it does not.
+    `target` is the same network if there is no target network.
     """
 
     def __init__(

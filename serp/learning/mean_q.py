@@ -11,12 +11,7 @@ from serp.learning.symmetry_group import SymmetryGroup
 
 
 class MeanQ:
-    """Computes Q-values of networks of one shape.
-
-    Args:
-        network: A network of that shape.
-        symmetry: The group over which Q is averaged; None: no averaging.
-    """
+    """Computes Q of networks of one shape, averaged over a group; None: no averaging."""
 
     def __init__(self, network: QNetwork, symmetry: SymmetryGroup | None) -> None:
         self._input_size, self._action_count = network.sizes[0], network.sizes[-1]
@@ -34,19 +29,7 @@ class MeanQ:
         x: npt.NDArray[np.floating],
         base: npt.NDArray[np.floating] | None,
     ) -> type_F32:
-        """Return Q of every action.
-
-        Args:
-            network: The network.
-            x: One input ``[F]`` or a batch ``[B, F]``.
-            base: ``[A]`` or ``[B, A]``, added; None: nothing.
-
-        Returns:
-            ``[A]`` or ``[B, A]``, float32; a new array.
-
-        Raises:
-            ValueError: The input or `base` has another shape.
-        """
+        """Return Q of every action plus `base`; see `DQN.q_values`."""
         if x.ndim not in (1, 2) or x.shape[-1] != self._input_size:
             raise ValueError(
                 f"an input must have shape ({self._input_size},) or (batch, {self._input_size}), "

@@ -16,12 +16,7 @@ from serp.learning.samples import SampleSpec, type_F32
 class PendingStep:
     """A step that waits for the rewards of later steps.
 
-    Attributes:
-        observation: float32 ``[F]`` before the action; a copy.
-        action: The executed action.
-        guide_action, guide_value: The guide's advice; see `Guidance`.
-        reward: Discounted sum of the rewards so far.
-        failing: Whether a failure followed.
+    `reward` is the discounted sum so far, and `failing` whether a failure followed.
     """
 
     observation: type_F32
@@ -33,12 +28,7 @@ class PendingStep:
 
 
 class PendingSteps:
-    """The pending steps, at most n, the oldest first.
-
-    Args:
-        n_step: Rewards summed, ≥ 1.
-        discount: γ.
-    """
+    """The pending steps, at most `n_step`, the oldest first."""
 
     def __init__(self, n_step: int, discount: float) -> None:
         self._n_step = n_step

@@ -2,15 +2,12 @@
 
 All parameters are stored in one flat float32 torch tensor, so that the optimiser, the copy to a
 target network and a checkpoint are single operations. The arithmetic runs on NumPy views of that
-memory: NumPy's matrix products and the compiled loops of `serp.learning.kernels`, with all results
-in preallocated buffers. For networks of this size that is several times faster than torch's
-autograd, in which calls cost more than arithmetic. `serp.learning.export` returns an ordinary
-`torch.nn.Module` with equal outputs.
+memory: NumPy's matrix products and the compiled loops of `serp.learning.kernels`, in preallocated
+buffers. For networks of this size that is several times faster than torch's autograd, in which
+calls cost more than arithmetic.
 
-Threads: OpenBLAS uses one thread up to 64 × 64 × 64; larger layers or batches are faster with
-several threads on idle cores, and slower on busy ones. The caller sets the number of NumPy's
-threads (OPENBLAS_NUM_THREADS in the environment) and torch's (``torch.set_num_threads(1)``; torch
-only copies here).
+Threads: OpenBLAS uses one thread up to 64 × 64 × 64; the caller sets the number of NumPy's threads
+(OPENBLAS_NUM_THREADS in the environment) and of torch's, which only copies here.
 
 Determinism: equal parameters, inputs of equal shape and an equal number of BLAS threads give equal
 bits on one kind of machine. A single row and the same row in a batch agree only to float32
@@ -77,10 +74,9 @@ class Workspace:
     """Preallocated buffers for forward and backward passes over batches of one size.
 
     Attributes:
-        batch: The batch size.
         q: ``[members, batch, A]``, the result of the last forward pass.
-        q_gradient: ``[members, batch, A]``; the caller writes dloss/dq here before
-            `QNetwork.backward`, which may overwrite it.
+        q_gradient: Likewise; the caller writes dloss/dq here before `QNetwork.backward`, which may
+            overwrite it.
     """
 
     def __init__(self, network: QNetwork, batch: int) -> None:
@@ -103,7 +99,6 @@ class QNetwork:
             None: all parameters are 0 (a target network).
 
     Attributes:
-        sizes: As given.
         parameters: float32 tensor ``[E, P]``: member by member, layer by layer the weights
             ``[inputs, outputs]``, the bias and, under LayerNorm, gain and shift.
         gradient: float32 tensor ``[E, P]``, written by `backward`.
@@ -159,7 +154,7 @@ class QNetwork:
             work: Buffers for that batch size.
 
         Returns:
-            `work.q`, ``[members, batch, A]``: valid until the next call.
+            `work.q`, valid until the next call.
         """
         if inputs.ndim == 3:
             inputs = _squeezed(inputs)
@@ -176,11 +171,7 @@ class QNetwork:
         return work.q
 
     def backward(self, work: Workspace) -> None:
-        """Write the gradient of a loss into `gradient`.
-
-        Args:
-            work: The workspace of the last `forward`, with dloss/dq in `work.q_gradient`.
-        """
+        """Write the gradient of a loss into `gradient`; `work` is that of the last `forward`."""
         flat = self._flat_gradient
         kernels.add_bias_backward(work.q_gradient, flat, self.layers[-1].bias)
         for i in range(len(self.layers) - 1, 0, -1):

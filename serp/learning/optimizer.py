@@ -20,7 +20,7 @@ _DECAY1, _DECAY2 = np.float32(_BETA1), np.float32(_BETA2)
 
 
 class Adam:
-    """The Adam optimiser, in place.
+    """The Adam optimiser, in place, with the paper's β₁, β₂ and ε.
 
     The moments are stored without their factors (1 − β₁) and (1 − β₂), which are part of the step
     size instead: less arithmetic with the same result.
@@ -28,12 +28,11 @@ class Adam:
     Args:
         parameters: Contiguous float32 tensor ``[members, P]``, changed by `step`.
         gradient: Likewise, read by `step`.
-        learning_rate: The step size α > 0; β₁ = 0.9, β₂ = 0.999, ε = 1e-8 as in the paper.
+        learning_rate: The step size α > 0.
         largest_norm: Each member's gradient is scaled down to this Euclidean norm; None: never.
 
     Attributes:
-        first: Σ β₁ᵗ⁻ⁱ gᵢ, float32 ``[members, P]``.
-        second: Σ β₂ᵗ⁻ⁱ gᵢ², float32 ``[members, P]``.
+        first, second: Σ β₁ᵗ⁻ⁱ gᵢ and Σ β₂ᵗ⁻ⁱ gᵢ², float32 ``[members, P]``.
         steps: Number of steps.
     """
 
@@ -68,11 +67,7 @@ def _adam(
     parameters: Any, gradient: Any, first: Any, second: Any,
     rate: Any, epsilon: Any, largest_norm: Any,
 ) -> None:  # fmt: skip
-    """Do one step in place.
-
-    All arrays are ``[E, P]``. The gradient of each member is first scaled down to a Euclidean norm
-    of at most `largest_norm`.
-    """
+    """Do one step in place; all arrays are ``[E, P]``."""
     members, count = parameters.shape
     for e in range(members):
         p, g, m, v = parameters[e], gradient[e], first[e], second[e]

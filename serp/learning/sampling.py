@@ -13,15 +13,9 @@ from serp.learning.symmetry_group import SymmetryGroup
 
 
 class Sampler:
-    """Draws batches; each column is drawn from a range of rows. Memory is allocated once.
+    """Draws E batches of B columns; each column is drawn from a range of rows of `store`.
 
-    Args:
-        store: The rows.
-        spec: Their shape.
-        shape: Batches per draw, E ≥ 1, and columns of a batch, B ≥ 1.
-        rng: Draws the samples; used exclusively by the sampler.
-        symmetry: Every sample drawn is replaced by its image under an element of it, drawn
-            uniformly; None: samples stay as they are.
+    Memory is allocated once. The other arguments are those of `ReplayBuffer`.
     """
 
     def __init__(
