@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, sin
+from math import cos, pi, sin
 from typing import Final
 
 import numpy as np
 import pymunk
 
 from serp_envs.soccer.fields import Field
-from serp_envs.soccer.physics import pymunk_interface as engine
+from serp_envs.soccer.physics.geometry import wrap
+from serp_envs.soccer.physics.periods import PHYSICS_STEP, STEPS_PER_TICK
 from serp_envs.soccer.physics.robot import Robot, Walk
 
 ITERATIONS: Final = 10
@@ -33,7 +34,9 @@ class World:
     """
 
     __slots__ = (
-        "_engine",
+        "_ball",
+        "_bodies",
+        "_space",
         "ball_vx",
         "ball_vy",
         "ball_x",
@@ -67,16 +70,13 @@ class World:
         """The same distance, of a ball that it can just kick, m."""
         self.tick = 0
         """Ticks since the situation started."""
-        space = pymunk.Space()
+        space = self._space = pymunk.Space()
         space.iterations = ITERATIONS
-        body = _add_ball(space, field, ball)
+        self._ball = _add_ball(space, field, ball)
         bodies = [_add_robot(space, walk, pose) for pose in poses]
         _add_posts(space, field)
-        self._engine = engine.ENGINE(space, body, bodies)
-        self.robots = tuple(
-            Robot(walk, self._engine.driver(number), field.max_x, field.max_y)
-            for number in range(len(bodies))
-        )
+        self._bodies = [body for body, _ in bodies]
+        self.robots = tuple(Robot(walk, control, field.max_x, field.max_y) for _, control in bodies)
         """The robots in the order of their poses."""
         self.kicked_by: Robot | None = None
         """Who kicked the ball last."""
@@ -84,14 +84,19 @@ class World:
 
     def advance(self) -> None:
         """Simulate one tick and update positions and velocities."""
-        self._engine.advance()
+        for _ in range(STEPS_PER_TICK):
+            self._space.step(PHYSICS_STEP)
         self.tick += 1
         self.update()
 
     def update(self) -> None:
         """Copy positions, headings and the ball's velocity from the physics."""
-        self.ball_x, self.ball_y, self.ball_vx, self.ball_vy = self._engine.ball()
-        self._engine.place(self.robots)
+        self.ball_x, self.ball_y = self._ball.position
+        self.ball_vx, self.ball_vy = self._ball.velocity
+        for robot, body in zip(self.robots, self._bodies, strict=True):
+            robot.x, robot.y = body.position
+            angle = body.angle
+            robot.heading = angle if -pi <= angle <= pi else wrap(angle % (2.0 * pi))
 
     def kick(
         self,
@@ -111,7 +116,7 @@ class World:
         self.kicked_by = by
         speed *= rng.uniform(1.0 - KICK_SPREAD, 1.0 + KICK_SPREAD)
         self.ball_vx, self.ball_vy = speed * cos(direction), speed * sin(direction)
-        self._engine.kick(self.ball_vx, self.ball_vy)
+        self._ball.velocity = (self.ball_vx, self.ball_vy)
 
 
 def _add_ball(space: pymunk.Space, field: Field, position: tuple[float, float]) -> pymunk.Body:
