@@ -37,15 +37,6 @@ def test_energy_is_what_the_engine_gives(position: float, velocity: float, force
     assert energy(after) - energy(before) == pytest.approx(given, abs=0.4)
 
 
-def test_a_car_that_coasts_keeps_its_energy() -> None:
-    motion = Motion(-1.0, 0.0)
-    kept = [energy(motion)]
-    for _ in range(200):
-        motion = advance(motion, 0.0)
-        kept.append(energy(motion))
-    assert np.ptp(kept) < 0.1
-
-
 def test_the_road_goes_down_to_the_valley_and_up_to_the_top() -> None:
     assert height(-0.5) == -0.25
     assert height(TOP) == pytest.approx(1.0 / math.sqrt(6.0))
@@ -53,10 +44,6 @@ def test_the_road_goes_down_to_the_valley_and_up_to_the_top() -> None:
     assert slope(0.0) == pytest.approx(1.0, abs=1e-4)
     assert all(height(b) < height(a) for a, b in pairwise(np.linspace(-2.0, -0.5, 50)))
     assert all(height(b) > height(a) for a, b in pairwise(np.linspace(-0.5, 1.0, 50)))
-
-
-def test_a_car_rests_in_the_valley() -> None:
-    assert advance(Motion(-0.5, 0.0), 0.0) == (-0.5, 0.0)
 
 
 def test_an_episode_starts_at_rest_about_the_valley_and_ends_at_the_top() -> None:
@@ -77,18 +64,6 @@ def test_an_episode_starts_at_rest_about_the_valley_and_ends_at_the_top() -> Non
 def test_no_constant_force_gets_it_up() -> None:
     for action in range(3):
         assert returns(ID, lambda *_, action=action: action, 10) == [-200.0] * 10
-
-
-def test_one_run_up_is_not_enough() -> None:
-    """From the highest place that the engine alone gets to, the other side is still too high."""
-    motion = Motion(START[0], 0.0)
-    for _ in range(100):
-        motion = advance(motion, FORCES[0])
-        if motion.velocity > 0.0:
-            break
-    for _ in range(100):
-        motion = advance(motion, FORCES[2])
-        assert motion.position < TOP
 
 
 def test_it_is_solved_by_run_ups_and_not_by_chance() -> None:

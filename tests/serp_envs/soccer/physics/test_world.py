@@ -7,9 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from serp_envs.soccer import SoccerDefender
 from serp_envs.soccer.fields import FIELDS, SPL_2020, Field, field_named
-from serp_envs.soccer.physics import pymunk_interface as engine
 from serp_envs.soccer.physics.robot import NAO
 from serp_envs.soccer.physics.world import World
 
@@ -79,24 +77,6 @@ def test_a_shot_does_not_pass_a_robot() -> None:
         world.advance()
     assert world.ball_vx > -1e-9
     assert world.ball_x > -0.82  # touching, and a little overlap
-
-
-@pytest.mark.skipif(not engine.NATIVE, reason="this pymunk has one way in")
-def test_both_engines_agree_bit_for_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    def contests() -> list[bytes]:
-        env = SoccerDefender()
-        seen = [env.reset(seed=5)[0].tobytes()]
-        for step in range(400):
-            observation, _, terminated, truncated, _ = env.step(step * 7 % 5)
-            seen.append(observation.tobytes())
-            if terminated or truncated:
-                seen.append(env.reset()[0].tobytes())
-        return seen
-
-    monkeypatch.setattr(engine, "ENGINE", engine.Native)
-    native = contests()
-    monkeypatch.setattr(engine, "ENGINE", engine.Portable)
-    assert contests() == native
 
 
 def test_an_unknown_field_is_refused_with_the_known_ones() -> None:
