@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from math import atan2, cos, sin, sqrt
 from typing import Final
 
-import pymunk
-
+from serp_envs.soccer.physics import chipmunk
 from serp_envs.soccer.physics.geometry import wrap
 from serp_envs.soccer.physics.periods import TICK
 
@@ -63,7 +62,7 @@ class Robot:
         "y",
     )
 
-    def __init__(self, walk: Walk, control: pymunk.Body, max_x: float, max_y: float) -> None:
+    def __init__(self, walk: Walk, control: chipmunk.Handle, max_x: float, max_y: float) -> None:
         """Create a robot whose bodies are in the physics already.
 
         Targets beyond ± `max_x` and ± `max_y` are taken to be there.
@@ -85,8 +84,8 @@ class Robot:
         self._drive(0.0, 0.0, 0.0)
 
     def _drive(self, vx: float, vy: float, turn: float) -> None:
-        self._control.velocity = (vx, vy)
-        self._control.angular_velocity = turn
+        chipmunk.set_velocity(self._control, (vx, vy))
+        chipmunk.set_turn(self._control, turn)
 
     def go_to(self, x: float, y: float, face_x: float, face_y: float, pace: float = 1.0) -> None:
         """Walk straight towards (x, y) with the face towards (face_x, face_y).

@@ -10,6 +10,7 @@ import numpy as np
 import pymunk
 
 from serp_envs.soccer.fields import Field
+from serp_envs.soccer.physics import chipmunk
 from serp_envs.soccer.physics.geometry import wrap
 from serp_envs.soccer.physics.periods import PHYSICS_STEP, STEPS_PER_TICK
 from serp_envs.soccer.physics.robot import Robot, Walk
@@ -50,6 +51,11 @@ class World:
         "tick",
     )
 
+    ball_x: float
+    ball_y: float
+    ball_vx: float
+    ball_vy: float
+
     def __init__(
         self, field: Field, walk: Walk, ball: tuple[float, float], poses: Sequence[Pose]
     ) -> None:
@@ -72,11 +78,13 @@ class World:
         """Ticks since the situation started."""
         space = self._space = pymunk.Space()
         space.iterations = ITERATIONS
-        self._ball = _add_ball(space, field, ball)
+        self._ball = _add_ball(space, field, ball)._body
         bodies = [_add_robot(space, walk, pose) for pose in poses]
         _add_posts(space, field)
-        self._bodies = [body for body, _ in bodies]
-        self.robots = tuple(Robot(walk, control, field.max_x, field.max_y) for _, control in bodies)
+        self._bodies = [body._body for body, _ in bodies]
+        self.robots = tuple(
+            Robot(walk, control._body, field.max_x, field.max_y) for _, control in bodies
+        )
         """The robots in the order of their poses."""
         self.kicked_by: Robot | None = None
         """Who kicked the ball last."""
@@ -84,18 +92,21 @@ class World:
 
     def advance(self) -> None:
         """Simulate one tick and update positions and velocities."""
+        step, space = chipmunk.step, self._space._space
         for _ in range(STEPS_PER_TICK):
-            self._space.step(PHYSICS_STEP)
+            step(space, PHYSICS_STEP)
         self.tick += 1
         self.update()
 
     def update(self) -> None:
         """Copy positions, headings and the ball's velocity from the physics."""
-        self.ball_x, self.ball_y = self._ball.position
-        self.ball_vx, self.ball_vy = self._ball.velocity
+        place, velocity = chipmunk.position(self._ball), chipmunk.velocity(self._ball)
+        self.ball_x, self.ball_y = place.x, place.y
+        self.ball_vx, self.ball_vy = velocity.x, velocity.y
         for robot, body in zip(self.robots, self._bodies, strict=True):
-            robot.x, robot.y = body.position
-            angle = body.angle
+            place = chipmunk.position(body)
+            robot.x, robot.y = place.x, place.y
+            angle = chipmunk.angle(body)
             robot.heading = angle if -pi <= angle <= pi else wrap(angle % (2.0 * pi))
 
     def kick(
@@ -116,7 +127,7 @@ class World:
         self.kicked_by = by
         speed *= rng.uniform(1.0 - KICK_SPREAD, 1.0 + KICK_SPREAD)
         self.ball_vx, self.ball_vy = speed * cos(direction), speed * sin(direction)
-        self._ball.velocity = (self.ball_vx, self.ball_vy)
+        chipmunk.set_velocity(self._ball, (self.ball_vx, self.ball_vy))
 
 
 def _add_ball(space: pymunk.Space, field: Field, position: tuple[float, float]) -> pymunk.Body:
