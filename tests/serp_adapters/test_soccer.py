@@ -92,9 +92,6 @@ def test_a_side_is_free_when_the_opponent_is_on_the_other_or_far(
     assert found == (left, right, lined)
 
 
-def test_in_range_ends_at_three_metres(model: TransitionModel) -> None:
-    at = [fluents(model, (0.3, 0), (-0.3, 0), to_goal)["in-range"] for to_goal in (2.99, 3.01)]
-    assert at == [1.0, 0.0]
 
 
 def test_grounding_agrees_with_the_poses_of_info(task: BoundTask) -> None:

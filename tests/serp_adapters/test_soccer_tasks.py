@@ -113,9 +113,6 @@ def test_a_batch_grounds_like_its_rows(kind: Kind, seen: Vector) -> None:
     assert not batch[:, kind.momentary].any()  # they last within a step only
 
 
-def test_every_fluent_of_real_play_is_a_state(task: BoundTask, seen: Vector) -> None:
-    for row in seen[::7].astype(np.float32):
-        task.ground(row)  # as training does: raises on what is no state
 
 
 @pytest.mark.parametrize("name", KINDS)
