@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from serp.control.arbiter import Arbiter
-from serp.control.registry import make_planner
-from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
 from serp_adapters import cliff
 
@@ -87,8 +84,6 @@ def test_every_step_is_one_of_gymnasiums_table_and_a_fall_shows_its_cell(
     assert task.model.judge(task.ground(35), 2, task.ground(GOAL))[1:] == (False, True)
 
 
-
-
 def test_grounding_is_row_and_column(task: BoundTask) -> None:
     for cell in range(48):
         row, column = task.ground(cell)
@@ -124,10 +119,6 @@ def test_the_goal_ends_an_episode_without_a_fall(task: BoundTask, table: Table) 
         reached += terminated
         assert reward == -1
     assert (fallen, reached) == (0, 30)
-
-
-
-
 
 
 def test_a_walk_is_cut_off_in_the_end(task: BoundTask) -> None:

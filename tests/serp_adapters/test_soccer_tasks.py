@@ -113,8 +113,6 @@ def test_a_batch_grounds_like_its_rows(kind: Kind, seen: Vector) -> None:
     assert not batch[:, kind.momentary].any()  # they last within a step only
 
 
-
-
 @pytest.mark.parametrize("name", KINDS)
 @settings(max_examples=200, deadline=None)
 @given(data=st.data())

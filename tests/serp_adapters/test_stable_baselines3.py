@@ -82,8 +82,6 @@ def test_updates_after_a_last_whole_rollout_are_made() -> None:
         assert learner._model._n_updates == epochs
 
 
-
-
 @pytest.mark.parametrize(("name", "task"), CASES)
 def test_equal_seeds_give_equal_learners_whatever_happens_beside(name: str, task: str) -> None:
     played = []
@@ -145,8 +143,6 @@ def test_it_acts_on_batches_greedily_also_while_it_learns(name: str) -> None:
     other = Sign()
     MAKERS[name](other, "cartpole", 2).learn(300)
     assert other.actions == watched  # asking has changed nothing
-
-
 
 
 def test_settings_that_are_not_adapted_are_the_defaults() -> None:

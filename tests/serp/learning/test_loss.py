@@ -121,20 +121,6 @@ def test_loss_and_gradient_are_those_of_the_definition(
     np.testing.assert_allclose(gradient, of_autograd, rtol=1e-5, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=100)
-@given(q_filter=st.booleans(), huber=st.booleans(), seed=st.integers(0, 10_000))
-def test_a_guide_that_nothing_is_learned_from_changes_no_bit(
-    q_filter: bool, huber: bool, seed: int
-) -> None:
-    q, batch = draw(seed)
-    for array in q.values():
-        array += np.random.default_rng(seed).standard_normal(array.shape).astype(np.float32)
-    loss, gradient = compiled(q, batch, None, huber)
-    guided_loss, guided_gradient = compiled(q, batch, GuidedLearning(q_filter=q_filter), huber)
-    assert guided_loss == loss
-    np.testing.assert_array_equal(guided_gradient, gradient)
-
-
 # Which network says what: Q is the same in every state, online [0, 2, 8], target [0, 4, 1].
 ONLINE, TARGET = [0.0, 2.0, 8.0], [0.0, 4.0, 1.0]
 FREE: dict[str, Any] = {

@@ -109,18 +109,6 @@ def test_start_is_that_of_torch_linear_in_distribution() -> None:
         assert abs(values.mean()) < bound / 10
 
 
-def test_members_start_apart_and_do_not_mix() -> None:
-    network = QNetwork((3, 8, 2), layer_norm=True, members=2, rng=np.random.default_rng(0))
-    x = np.random.default_rng(1).standard_normal((5, 3)).astype(np.float32)
-    work = Workspace(network, 5)
-    before = network.forward(x, work).copy()
-    assert not np.array_equal(before[0], before[1])
-    network.parameters[1] += 1.0
-    after = network.forward(x, work)
-    np.testing.assert_array_equal(after[0], before[0])
-    assert not np.array_equal(after[1], before[1])
-
-
 @pytest.mark.parametrize("kind", TARGETS)
 def test_the_target_network_follows_as_the_settings_say(kind: str) -> None:
     settings = LearnerSettings(hidden=(8,), **TARGETS[kind])

@@ -61,15 +61,6 @@ def test_a_robot_turns_no_faster_than_it_can_and_arrives() -> None:
     assert headings[-1] == pytest.approx(math.pi, abs=0.02)
 
 
-def test_targets_outside_the_carpet_mean_its_edge() -> None:
-    world = World(SPL_2020, NAO, (0.0, 0.0), ((5.0, 3.5, 0.0), FAR[1]))
-    robot = world.robots[0]
-    for _ in range(100):
-        robot.go_to(9.0, 9.0, 20.0, 3.5)
-        world.advance()
-    assert (robot.x, robot.y) == pytest.approx((5.2, 3.7), abs=0.01)
-
-
 def test_a_shot_does_not_pass_a_robot() -> None:
     world = World(SPL_2020, NAO, (0.0, 0.0), ((-1.0, 0.0, 0.0), FAR[1]))
     world.kick(math.pi, 1.5, np.random.default_rng(0))
