@@ -101,7 +101,6 @@ class ModelAdaptation:
         self._episodes += ending != GOES_ON
         if action < 0:
             self.experience.add(state, action, next_state, ending, reward)
-            self.monitor.observe(state, action, self._step)
         elif self._adapted is None:
             self._record((state, action, next_state, ending, reward))
         else:
@@ -141,7 +140,7 @@ class ModelAdaptation:
             ends = bool(flags & TERMINAL)
             self._step[:] = [*out, ends] if flags & APPLICABLE else [*state, 0.0, 0.0]
             compared, followed = record(log, transition, head, row, skill.steps)
-        self.monitor.note(row, compared)
+        self.monitor.skipped += not compared
         skill.steps += followed
 
     def _record_and_learn(
@@ -154,7 +153,7 @@ class ModelAdaptation:
             adapted.data, adapted.dt, self._rows, self._alike, self.visits, log, transition,
             self.experience.advance(), row, skill.steps,
         )  # fmt: skip
-        self.monitor.note(row, compared)
+        self.monitor.skipped += not compared
         skill.steps += followed
         if self._learners is not None and flows:
             self._learners.learn(state, action, next_state, self._flow, self._settled)
