@@ -222,11 +222,7 @@ class Monitor:
         return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Continue from what `state_dict` returned.
-
-        Raises:
-            RunError: It belongs to another domain, or is incomplete; this monitor is unchanged.
-        """
+        """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         saved, width = Saved("monitor", arrays, meta), self._width
         saved.equal("actions", len(self._actions), "continue with the task it was saved with")
         saved.equal("fluents", width, "continue with the task it was saved with")

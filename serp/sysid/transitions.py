@@ -19,7 +19,7 @@ _CAPACITY: Final = 20_000
 _MAX_NUMBERS: Final = 8_000_000
 """Most transitions that are kept, and most numbers in their states and next states: 64 MB."""
 
-Ring = tuple[Vector, NDArray[np.int64], Vector, NDArray[np.int8], Vector]
+Ring = tuple[NDArray[Any], ...]
 
 
 @cached_njit(nogil=True)
@@ -138,12 +138,7 @@ class TransitionMemory:
         return arrays, {"capacity": self._capacity, "seen": self.seen}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Continue from what `state_dict` returned.
-
-        Raises:
-            RunError: It has other fluents or another capacity, or is incomplete; this memory is
-                unchanged.
-        """
+        """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         saved, capacity = Saved("experience", arrays, meta), self._capacity
         saved.equal("capacity", capacity, "continue with the task it was saved with")
         seen = saved.whole("seen")
