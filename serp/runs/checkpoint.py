@@ -2,7 +2,7 @@
 
 The file is an ordinary safetensors file. Its metadata has one entry, ``serp``, a JSON object::
 
-    {"format": 6, "sha256": "<digest of the content>", "meta": {...}}
+    {"format": 7, "sha256": "<digest of the content>", "meta": {...}}
 
 It is one entry because safetensors writes several in no fixed order; equal states give equal bytes.
 Integers of any size stay exact (a PCG64 state has 128 bits). NaN and the infinities, which JSON
@@ -27,7 +27,7 @@ from safetensors import SafetensorError
 from serp._util.files import aside_of, read_regular, replaced_durably, write_durably, write_flushed
 from serp.errors import RunError
 
-FORMAT = 6
+FORMAT = 7
 NEWEST = "checkpoint.safetensors"
 PREVIOUS = "checkpoint-previous.safetensors"
 DAMAGED = "checkpoint-damaged.safetensors"

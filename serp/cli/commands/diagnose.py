@@ -179,11 +179,8 @@ def _worst_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
     """Yield the worst step of each pair of action and fluent, most of the range first."""
     model = diagnosis.recorded.model
 
-    def size(row: MonitorRow) -> float:
-        return row.worst[0].error / (row.scale or 1.0)
-
-    for row in sorted((row for row in diagnosis.observed if row.worst), key=lambda r: -size(r)):
-        case = row.worst[0]
+    cases = [(row, row.worst) for row in diagnosis.observed if row.worst is not None]
+    for row, case in sorted(cases, key=lambda pair: -pair[1].error / (pair[0].scale or 1.0)):
         state = ""
         if case.state is not None:
             values = list(model.values(case.state).items())
