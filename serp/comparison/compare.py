@@ -66,7 +66,7 @@ def compare(task: Task | str | None = None, **request: Unpack[ComparisonRequest]
     Args:
         task: The task, the name of an installed one, or a domain file that belongs to one. None:
             that of the comparison in `out`.
-        **request: Options, see `serp.ComparisonRequest`.
+        **request: Options, see `ComparisonRequest`.
 
     Raises:
         SerpError: Task, settings or folder are wrong, or a trial failed. Complete trials are kept,

@@ -166,7 +166,7 @@ def test_a_full_disk_says_what_is_kept_and_how_to_go_on(tmp_path: Path, whole: W
         saves += 1
         if saves == 4:  # from here on the table meets a full disk
             full = os.open("/dev/full", os.O_WRONLY)
-            os.dup2(full, self.metrics._file)
+            os.dup2(full, self.metrics._file.fileno())
             os.close(full)
         return saved(self, *state)
 
