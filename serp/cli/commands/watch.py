@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,7 @@ from serp.cli.output import ExampledCommand, open_console
 from serp.training.policies import Policy
 
 if TYPE_CHECKING:
-    from serp.viz.film import EpisodeResult
+    from serp.control.step_record import StepRecord
 
 _GIF_WIDTH = 640
 _FILM_FPS = {".gif": 50.0, ".mp4": 60.0}
@@ -73,11 +74,9 @@ def command(
 
     with needs_extra("watch", "watching a policy"):
         from serp.viz.film import FilmSettings
-        from serp.viz.watch import show_film, write_film
-        from serp.viz.window import require_display
+        from serp.viz.film_files import write_film
+        from serp.viz.window import show_film
 
-    if out is None:
-        require_display()
     most = _FILM_FPS.get(kind, 60.0)
     settings = FilmSettings(
         policy=policy,
@@ -91,18 +90,20 @@ def command(
     if out is None:
         show_film(loaded, settings, f"{loaded.task.name}, policy {policy}, {run}", _report)
         return
-    written = write_film(loaded, out, settings, _report)
-    open_console().print(
-        f"{out}: {plural(written.frames, 'frame')}, {written.seconds:.1f} s, "
-        f"{written.size / 1e6:.2f} MB"
-    )
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
+    write_film(loaded, out, settings, _report)
+    open_console().print(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
 
 
-def _report(result: EpisodeResult) -> None:
+def _report(number: int, last: StepRecord) -> None:
     """Say what came of an episode, while the next one is played."""
-    unsafe = f", {plural(result.unsafe, 'unsafe action')} executed" if result.unsafe else ""
+    from serp.training.evaluation import outcome_of
+
+    totals, counts = last.episode, last.episode.decisions
+    outcome = f"{outcome_of(last.info)}, " if outcome_of(last.info) else ""
+    unsafe = f", {plural(counts.unsafe_executed, 'unsafe action')} executed"
     say(
-        f"episode {result.number}: {result.outcome and result.outcome + ', '}"
-        f"return {readable(result.total)} in "
-        f"{plural(result.steps, 'step')}, {plural(result.vetoes, 'proposal')} refused{unsafe}"
+        f"episode {number}: {outcome}return {readable(totals.return_)} in "
+        f"{plural(last.number, 'step')}, {plural(counts.vetoes, 'proposal')} refused"
+        + (unsafe if counts.unsafe_executed else "")
     )
