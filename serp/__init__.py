@@ -17,7 +17,6 @@ _HOMES = {
     "Arbiter": "serp.control.arbiter",
     "ArbiterSettings": "serp.settings",
     "Comparison": "serp.comparison.compare",
-    "ComparisonRequest": "serp.comparison.compare",
     "DQN": "serp.learning.dqn",
     "Decision": "serp.control.decision",
     "Diagnosis": "serp.diagnosis.diagnosis",
@@ -67,7 +66,6 @@ __all__ = [*sorted(_HOMES), "__version__"]
 if TYPE_CHECKING:
     from serp.comparison.compare import Comparison as Comparison
     from serp.comparison.compare import compare as compare
-    from serp.comparison.request import ComparisonRequest as ComparisonRequest
     from serp.control.arbiter import Arbiter as Arbiter
     from serp.control.decision import Decision as Decision
     from serp.control.protocols import Learner as Learner
