@@ -18,7 +18,7 @@ from serp._util.terminal import bar, open_console, visible
 from serp.cli.failures import say
 from serp.cli.output import print_table
 from serp.cli.root import serp
-from serp.comparison.progress import Display, RemainingTime
+from serp.comparison.progress import Display
 from serp.training.budget import Budget
 from serp.training.progress import Progress
 from tests.serp.training.test_progress import Terminal
@@ -62,7 +62,7 @@ def test_no_way_out_passes_control_characters_or_markup_on(
     for stream in (terminal, lines):
         Progress(SimpleNamespace(env_steps=0), Budget(), "", stream=stream).note(HOSTILE)  # type: ignore[arg-type]
     say(HOSTILE, head="Error: ")
-    with Display(RemainingTime([], 1, 1), 0, quiet=False) as display:
+    with Display([], 1, quiet=False) as display:
         display.say(HOSTILE)
     error = capsys.readouterr().err
     assert error.count(SHOWN) == 2
