@@ -11,63 +11,47 @@ from typing import TYPE_CHECKING, Any
 
 __version__ = "0.2.0.dev0"
 
-_HOMES = {
-    "ActionMap": "serp.planning.action_map",
-    "AdaptationSettings": "serp.settings",
-    "Arbiter": "serp.control.arbiter",
-    "ArbiterSettings": "serp.settings",
-    "Comparison": "serp.comparison.compare",
-    "ComparisonRequest": "serp.comparison.compare",
-    "DQN": "serp.learning.dqn",
-    "Decision": "serp.control.decision",
-    "Diagnosis": "serp.diagnosis.diagnosis",
-    "Domain": "serp.model.loading",
-    "DomainError": "serp.pddl.source",
-    "EvaluationResult": "serp.training.evaluation",
-    "Forecast": "serp.planning.forecast",
-    "GuideSettings": "serp.settings",
-    "Learner": "serp.control.protocols",
-    "LearnerSettings": "serp.settings",
-    "Lookahead": "serp.planning.lookahead",
-    "MonitorReplanner": "serp.planning.replanner",
-    "NoVeto": "serp.control.veto",
-    "Outcome": "serp.model.transition_model",
-    "Plan": "serp.planning.replanner",
-    "Planner": "serp.control.protocols",
-    "PlannerSettings": "serp.settings",
-    "PlanningGraph": "serp.planning.graph",
-    "Proposal": "serp.learning.dqn",
-    "Repaired": "serp.diagnosis.repair.repair",
-    "Run": "serp.training.run",
-    "RunError": "serp.errors",
-    "SerpError": "serp.errors",
-    "Settings": "serp.settings",
-    "SettingsError": "serp.errors",
-    "Situation": "serp.control.strategies.strategy",
-    "StateError": "serp.model.transition_model",
-    "StepRecord": "serp.control.step_record",
-    "Strategy": "serp.control.strategies.strategy",
-    "Symmetry": "serp.tasks.declared_symmetry",
-    "Task": "serp.tasks.task",
-    "TaskError": "serp.errors",
-    "TrainingSettings": "serp.settings",
-    "TransitionModel": "serp.model.transition_model",
-    "VetoPolicy": "serp.control.veto",
-    "compare": "serp.comparison.compare",
-    "diagnose": "serp.diagnosis.diagnosis",
-    "load_domain": "serp.model.loading",
-    "load_run": "serp.training.run",
-    "load_task": "serp.tasks.registry",
-    "plan_and_learn": "serp.training.plan_and_learn",
-    "repair": "serp.diagnosis.repair.repair",
+_NAMES = {
+    "serp.comparison.compare": ("Comparison", "compare"),
+    "serp.control.arbiter": ("Arbiter",),
+    "serp.control.decision": ("Decision",),
+    "serp.control.protocols": ("Learner", "Planner"),
+    "serp.control.step_record": ("StepRecord",),
+    "serp.control.strategies.strategy": ("Situation", "Strategy"),
+    "serp.control.veto": ("NoVeto", "VetoPolicy"),
+    "serp.diagnosis.diagnosis": ("Diagnosis", "diagnose"),
+    "serp.diagnosis.repair.repair": ("repair",),
+    "serp.errors": ("RunError", "SerpError", "SettingsError", "TaskError"),
+    "serp.learning.dqn": ("DQN", "Proposal"),
+    "serp.model.loading": ("Domain", "load_domain"),
+    "serp.model.transition_model": ("TransitionModel",),
+    "serp.pddl.source": ("DomainError",),
+    "serp.planning.forecast": ("Forecast",),
+    "serp.planning.lookahead": ("Lookahead",),
+    "serp.planning.replanner": ("MonitorReplanner", "Plan"),
+    "serp.settings": (
+        "AdaptationSettings",
+        "ArbiterSettings",
+        "GuideSettings",
+        "LearnerSettings",
+        "PlannerSettings",
+        "Settings",
+        "TrainingSettings",
+    ),
+    "serp.tasks.declared_symmetry": ("Symmetry",),
+    "serp.tasks.registry": ("load_task",),
+    "serp.tasks.task": ("Task",),
+    "serp.training.plan_and_learn": ("plan_and_learn",),
+    "serp.training.run": ("Run", "load_run"),
 }
+"""Module → the public names that it defines."""
+_HOMES = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [*sorted(_HOMES), "__version__"]
 
 if TYPE_CHECKING:
     from serp.comparison.compare import Comparison as Comparison
     from serp.comparison.compare import compare as compare
-    from serp.comparison.request import ComparisonRequest as ComparisonRequest
     from serp.control.arbiter import Arbiter as Arbiter
     from serp.control.decision import Decision as Decision
     from serp.control.protocols import Learner as Learner
@@ -79,7 +63,6 @@ if TYPE_CHECKING:
     from serp.control.veto import VetoPolicy as VetoPolicy
     from serp.diagnosis.diagnosis import Diagnosis as Diagnosis
     from serp.diagnosis.diagnosis import diagnose as diagnose
-    from serp.diagnosis.repair.repair import Repaired as Repaired
     from serp.diagnosis.repair.repair import repair as repair
     from serp.errors import RunError as RunError
     from serp.errors import SerpError as SerpError
@@ -89,13 +72,9 @@ if TYPE_CHECKING:
     from serp.learning.dqn import Proposal as Proposal
     from serp.model.loading import Domain as Domain
     from serp.model.loading import load_domain as load_domain
-    from serp.model.transition_model import Outcome as Outcome
-    from serp.model.transition_model import StateError as StateError
     from serp.model.transition_model import TransitionModel as TransitionModel
     from serp.pddl.source import DomainError as DomainError
-    from serp.planning.action_map import ActionMap as ActionMap
     from serp.planning.forecast import Forecast as Forecast
-    from serp.planning.graph import PlanningGraph as PlanningGraph
     from serp.planning.lookahead import Lookahead as Lookahead
     from serp.planning.replanner import MonitorReplanner as MonitorReplanner
     from serp.planning.replanner import Plan as Plan
@@ -109,7 +88,6 @@ if TYPE_CHECKING:
     from serp.tasks.declared_symmetry import Symmetry as Symmetry
     from serp.tasks.registry import load_task as load_task
     from serp.tasks.task import Task as Task
-    from serp.training.evaluation import EvaluationResult as EvaluationResult
     from serp.training.plan_and_learn import plan_and_learn as plan_and_learn
     from serp.training.run import Run as Run
     from serp.training.run import load_run as load_run

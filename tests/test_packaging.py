@@ -14,6 +14,8 @@ from pathlib import Path
 
 import pytest
 
+import serp
+
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = {
     "serp": ROOT / "serp",
@@ -121,6 +123,10 @@ def test_wheel_and_source_distribution_carry_the_licence(built: Path, wheel: Pat
         held = archive.extractfile(name)
         assert held is not None
         assert held.read() == licence
+
+
+def test_the_citation_is_of_this_version() -> None:
+    assert f"\nversion: {serp.__version__}\n" in (ROOT / "CITATION.cff").read_text()
 
 
 # The installation, used from another directory

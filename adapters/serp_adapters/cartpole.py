@@ -2,41 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 import gymnasium as gym
-import numpy as np
-from numpy.typing import NDArray
 
 import serp
-import serp_envs
-from serp_adapters.domains import domain_file
+from serp_adapters.domains import as_observed, domain_file
 
 CONTROL_PERIOD = 0.02
 """Seconds between two decisions (Gymnasium's `tau`)."""
-
-
-def make_env(**options: Any) -> gym.Env[Any, Any]:
-    """Return the environment, with the time limit of 500 steps."""
-    serp_envs.register()
-    return gym.make("serp/CartPole-v0", **options)
-
-
-def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Return cart position (m), cart velocity (m/s), pole angle (rad), pole velocity (rad/s).
-
-    The observation has them in the order of the domain file.
-    """
-    return np.asarray(observation, dtype=np.float64)
 
 
 def task() -> serp.Task:
     """Return the task."""
     return serp.Task(
         name="cartpole",
-        make_env=make_env,
+        make_env=partial(gym.make, "serp_envs:serp/CartPole-v0"),
         domain=domain_file("cartpole"),
-        ground=ground,
+        # Cart position (m) and velocity (m/s), pole angle (rad) and velocity (rad/s).
+        ground=as_observed,
         actions={"push-left": 0, "push-right": 1},
         dt=CONTROL_PERIOD,
         # A fall costs more than any step can gain, so this threshold refuses falls alone.

@@ -2,39 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
+from functools import partial
 
 import gymnasium as gym
-import numpy as np
-from numpy.typing import NDArray
 
 import serp
-import serp_envs
-from serp_adapters.domains import domain_file
+from serp_adapters.domains import as_observed, domain_file
 from serp_envs.landing import CONTROL_PERIOD
-
-
-def make_env(**options: Any) -> gym.Env[Any, Any]:
-    """Return the environment, with the time limit of 200 steps."""
-    serp_envs.register()
-    return gym.make("serp/Landing-v0", **options)
-
-
-def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Return offset and height (m), velocity sideways and upwards (m/s) of the lander.
-
-    The observation has them in the order of the domain file.
-    """
-    return np.asarray(observation, dtype=np.float64)
 
 
 def task() -> serp.Task:
     """Return the task."""
     return serp.Task(
         name="landing",
-        make_env=make_env,
+        make_env=partial(gym.make, "serp_envs:serp/Landing-v0"),
         domain=domain_file("landing"),
-        ground=ground,
+        # Offset and height (m), velocity sideways and upwards (m/s) of the lander.
+        ground=as_observed,
         actions={"fall": 0, "push-left": 1, "push-right": 2, "brake": 3},
         dt=CONTROL_PERIOD,
         settings={

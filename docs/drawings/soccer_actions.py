@@ -18,8 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-import serp_envs
-
 SEED = 22
 MOVES = (("cover-goal", 0), ("side-advance left", 1), ("frontal-contrast", 3))
 WIDTH = 360
@@ -37,8 +35,7 @@ class Frame(NamedTuple):
 
 def frames(action: int, decisions: int) -> list[Frame]:
     """Return the pictures of an action held for some decisions, or until the contest ends."""
-    serp_envs.register()
-    env = gymnasium.make("serp/SoccerDefender-v0", render_mode="rgb_array")
+    env = gymnasium.make("serp_envs:serp/SoccerDefender-v0", render_mode="rgb_array")
     _, info = env.reset(seed=SEED)
     seen = [frame(env, info)]
     for _ in range(decisions):

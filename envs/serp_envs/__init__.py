@@ -28,7 +28,6 @@ __all__ = [
     "Landing",
     "SoccerDefender",
     "SwingUp",
-    "register",
 ]
 
 _ENVIRONMENTS: Final[dict[str, dict[str, Any]]] = {
@@ -67,14 +66,5 @@ def __getattr__(name: str) -> Any:
     return getattr(soccer, name)
 
 
-def register() -> None:
-    """Register the environments of this package that are missing in Gymnasium's registry.
-
-    Importing the package does this. Call it again after the registry was cleared.
-    """
-    for name, specification in _ENVIRONMENTS.items():
-        if name not in gymnasium.registry:
-            gymnasium.register(id=name, **specification)
-
-
-register()
+for _name, _specification in _ENVIRONMENTS.items():
+    gymnasium.register(id=_name, **_specification)

@@ -1,9 +1,8 @@
-"""The cart-pole of Gymnasium with the limits of the SErP paper, and exact snapshots."""
+"""The cart-pole of Gymnasium with the limits of the SErP paper."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, SupportsInt
 
 import numpy as np
@@ -13,9 +12,6 @@ from numpy.typing import NDArray
 
 START_BOUND = 0.05
 """Each component of an initial state lies within ± this many metres, m/s, radians, rad/s."""
-
-_SNAPSHOT = ("angle_limit", "track_limit", "state", "steps_beyond_terminated", "np_random")
-"""The keys of a snapshot."""
 
 
 class CartPole(CartPoleEnv):
@@ -79,11 +75,6 @@ class CartPole(CartPoleEnv):
 
     Rendering needs pygame: `pip install 'serp[watch]'`.
 
-    ## Snapshots
-
-    `state_dict` and `load_state_dict` save and continue an episode in the middle, exactly.
-    They do not include wrappers: the steps counted by `TimeLimit` are not saved.
-
     ## Version history
 
     * v0: first release.
@@ -91,9 +82,6 @@ class CartPole(CartPoleEnv):
     Raises:
         ValueError: A limit is outside its range.
     """
-
-    steps_beyond_terminated: int | None  # type: ignore[assignment]
-    """Steps since the episode ended, counted by Gymnasium; None before."""
 
     def __init__(
         self,
@@ -150,52 +138,6 @@ class CartPole(CartPoleEnv):
         observation, reward, terminated, truncated, _ = super().step(action)  # type: ignore[no-untyped-call]
         return observation, reward, terminated, truncated, self._info()
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return all that the rest of the episode and later episodes depend on.
-
-        Returns:
-            Plain JSON values: the limits, the state in float64, and the state of the generator.
-        """
-        return {
-            "angle_limit": self.theta_threshold_radians,
-            "track_limit": self.x_threshold,
-            "state": None if self.state is None else [float(value) for value in self.state],
-            "steps_beyond_terminated": self.steps_beyond_terminated,
-            "np_random": self.np_random.bit_generator.state,
-        }
-
-    def load_state_dict(self, snapshot: Mapping[str, Any]) -> None:
-        """Continue where `state_dict` was called, on this object or on another.
-
-        Args:
-            snapshot: What `state_dict` returned, also after conversion to JSON and back.
-
-        Raises:
-            ValueError: It is not a snapshot of this environment, or one with other limits. The
-                environment is then unchanged.
-        """
-        if set(snapshot) != set(_SNAPSHOT):
-            raise ValueError(f"a snapshot of CartPole has {_SNAPSHOT}, not {tuple(snapshot)}")
-        limits = (snapshot["angle_limit"], snapshot["track_limit"])
-        own = (self.theta_threshold_radians, self.x_threshold)
-        if limits != own:
-            raise ValueError(
-                f"the snapshot is of an environment with angle_limit, track_limit = {limits}, "
-                f"and this one has {own}"
-            )
-        state, beyond = snapshot["state"], snapshot["steps_beyond_terminated"]
-        if state is not None:
-            state = _state_array(state)
-        if beyond is not None and not (isinstance(beyond, int) and beyond >= 0):
-            raise ValueError(f"steps_beyond_terminated must be null or a count, not {beyond!r}")
-        generator = self.np_random.bit_generator
-        try:
-            generator.state = snapshot["np_random"]
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise ValueError(f"np_random is not a state of {type(generator).__name__}") from error
-        self.state = state
-        self.steps_beyond_terminated = beyond
-
     def _info(self) -> dict[str, Any]:
         assert self.state is not None
         x, _, theta, _ = self.state
@@ -203,18 +145,3 @@ class CartPole(CartPoleEnv):
             "fallen": bool(abs(theta) > self.theta_threshold_radians),
             "off_track": bool(abs(x) > self.x_threshold),
         }
-
-
-def _state_array(values: Any) -> NDArray[np.float64]:
-    """Return the four components of the state in a snapshot.
-
-    Raises:
-        ValueError: They are not four finite numbers.
-    """
-    try:
-        state = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"the state must be four numbers, not {values!r}") from error
-    if state.shape != (4,) or not np.isfinite(state).all():
-        raise ValueError(f"the state must be four finite numbers, not {values!r}")
-    return state

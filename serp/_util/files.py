@@ -132,26 +132,28 @@ def write_durably(path: Path, content: bytes | str) -> None:
     Raises:
         RunError: The write failed; the previous file is unchanged.
     """
-    with replaced_durably(path) as aside:
-        write_flushed(aside, content)
+    write_together({path: content})
 
 
-def write_together(contents: Mapping[Path, str]) -> None:
-    """Replace several files, none of them before all new ones are flushed to the disk.
+def write_together(contents: Mapping[Path, bytes | str]) -> None:
+    """Replace several files, none of them before all new ones are written.
 
     Args:
-        contents: File → its text, written as UTF-8.
+        contents: File → its content, text as UTF-8.
 
     Raises:
         RunError: A write failed, or one of the files is a folder. All files are unchanged, unless
-            a replacement failed: then the files before it are new.
+            a replacement failed: then some of them are new.
     """
     for path in contents:
         if path.is_dir():
             raise RunError(f"cannot write {path}: it is a folder. Give the name of a file.")
     with contextlib.ExitStack() as stack:
-        for path, text in contents.items():
-            write_flushed(stack.enter_context(replaced_durably(path)), text)
+        for path, content in contents.items():
+            aside = stack.enter_context(replaced_durably(path))
+            if isinstance(content, str):
+                content = content.encode("utf-8", "backslashreplace")
+            aside.write_bytes(content)
 
 
 @contextlib.contextmanager
@@ -189,24 +191,6 @@ def replaced_durably(path: Path) -> Iterator[Path]:
 def aside_of(path: Path) -> Path:
     """Return where the next version of `path` is written: in the same folder."""
     return path.with_name(path.name + ".aside")
-
-
-def write_flushed(path: Path, content: bytes | str) -> None:
-    """Write an existing file in place and flush it to the disk."""
-    data = content.encode("utf-8", "backslashreplace") if isinstance(content, str) else content
-    file = open_regular(path, os.O_WRONLY)
-    try:
-        write_all(file, data)
-        os.fsync(file)
-    finally:
-        os.close(file)
-
-
-def write_all(file: int, content: bytes) -> None:
-    """Write all of `content` to a descriptor, in as many writes as the system needs."""
-    rest = memoryview(content)
-    while rest:
-        rest = rest[os.write(file, rest) :]
 
 
 def sync_folder(folder: Path) -> None:

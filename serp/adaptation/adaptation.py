@@ -38,11 +38,6 @@ _RELEARNED: Final = 500
 class ModelAdaptation:
     """Records every env step, compares it with the model, and adapts the model.
 
-    Args:
-        written: The model as written.
-        settings: See `AdaptationSettings`.
-        seed: Seed of the random features.
-
     Attributes:
         model: The model to plan with: the adapted one, or `written` where nothing is adapted.
         experience: The newest transitions.
@@ -90,21 +85,14 @@ class ModelAdaptation:
     def observe(
         self, state: Vector, action: int, next_state: Vector, ending: int, reward: float = 0.0
     ) -> None:
-        """Record an env step and learn from it.
+        """Record an env step and learn from it; the arguments are those of `TransitionMemory.add`.
 
-        Args:
-            state: `[F]` before the action.
-            action: Ground action; -1 where the model knows none.
-            next_state: `[F]` observed after it, before any reset.
-            ending: How the step ended: `GOES_ON`, `CUT_OFF` or `OVER` of
-                `serp.sysid.transitions`.
-            reward: Reward of the step, in the unit of the file's rewards.
+        `next_state` is that before any reset, the reward in the unit of the file's rewards.
         """
         ending = int(ending)  # one type for compiled code
         self._episodes += ending != GOES_ON
         if action < 0:
             self.experience.add(state, action, next_state, ending, reward)
-            self.monitor.observe(state, action, self._step)
         elif self._adapted is None:
             self._record((state, action, next_state, ending, reward))
         else:
@@ -144,7 +132,7 @@ class ModelAdaptation:
             ends = bool(flags & TERMINAL)
             self._step[:] = [*out, ends] if flags & APPLICABLE else [*state, 0.0, 0.0]
             compared, followed = record(log, transition, head, row, skill.steps)
-        self.monitor.note(row, compared)
+        self.monitor.skipped += not compared
         skill.steps += followed
 
     def _record_and_learn(
@@ -157,7 +145,7 @@ class ModelAdaptation:
             adapted.data, adapted.dt, self._rows, self._alike, self.visits, log, transition,
             self.experience.advance(), row, skill.steps,
         )  # fmt: skip
-        self.monitor.note(row, compared)
+        self.monitor.skipped += not compared
         skill.steps += followed
         if self._learners is not None and flows:
             self._learners.learn(state, action, next_state, self._flow, self._settled)
@@ -205,11 +193,7 @@ class ModelAdaptation:
         return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It belongs to another domain, or is damaged.
-        """
+        """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         saved = Saved("adaptation", arrays, meta)
         self.visits[:] = saved.array("visits", np.int64, self.visits.shape, 0, MOST)
         self._episodes = saved.whole("episodes")

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from serp.adaptation import adapted_step as kernels
 from serp.adaptation.feature_groups import FeatureGroup, feature_groups_of
 from serp.adaptation.outcome_branches import adapted_outcomes
+from serp.adaptation.outcome_kernels import KINDS
 from serp.adaptation.parameter_buffer import ParameterBuffer
 from serp.model.emit import Site
 from serp.model.flags import UNSAFE, risk_of
@@ -27,11 +28,8 @@ class AdaptedModel(TransitionModel):
     sets it; everything else is a risk (`serp.model.flags.risk_of`): the probability that the file's
     events flag an outcome.
 
-    Args:
-        written: The model as written.
-
     Attributes:
-        written: As above.
+        written: The model as written.
         feature_groups: Feature groups of every ground action.
         buffer: The memory that the compiled step reads; writing to it changes the model.
         revision: As in `TransitionModel`.
@@ -44,7 +42,7 @@ class AdaptedModel(TransitionModel):
         self.feature_groups: tuple[tuple[FeatureGroup, ...], ...] = tuple(
             feature_groups_of(self.ground, action) for action in self.actions
         )
-        callbacks = (program.native, program.native_flow, program.native_settle)
+        callbacks = [program.native(part) for part in ("step", "flow", "settle")]
         events = (effect for event in self.ground.events for effect in event.effects)
         self.buffer = ParameterBuffer(
             self.feature_groups,
@@ -86,10 +84,10 @@ class AdaptedModel(TransitionModel):
 
     def precompile(self, state: Vector) -> None:
         """Compile the functions for predicting and tracing a step, by one call in a state `[F]`."""
-        row, out = np.array(state), np.array([*state, 0.0])
+        row, out, scratch = np.array(state), np.array([*state, 0.0]), np.empty(KINDS)
         kernels.step_row(self.data, 0, row, self.dt, out)
-        kernels.probabilities_row(self.data, 0, row, 0)
-        kernels.adapt_row(self.data, 0, row, out, 0, 0)
+        kernels.weigh_row(self.data, 0, row, 0, scratch)
+        kernels.adapt_row(self.data, 0, row, out, 0, 0, scratch)
 
     def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
         """Return which precondition failed, or which effects, rates and events took part.
@@ -101,27 +99,28 @@ class AdaptedModel(TransitionModel):
         flags = self.transition(values, action)[1] if self.buffer.active else UNSAFE
         if flags & UNSAFE:
             return self.written.trace(state, action)
-        found = self._trace(values, action, -1, 0)
+        found = self._trace_outcome(values, action, -1, 0)
         if risk_of(flags) == 0.0 or found[1] & UNSAFE:
             return found
         most = 0.0
         for group in range(len(self.feature_groups[action])):
-            p = kernels.probabilities_row(self.data, action, np.array(values), group)
+            p = np.zeros(KINDS)
+            kernels.weigh_row(self.data, action, np.array(values), group, p)
             for kind in np.flatnonzero(p > most).tolist():
-                other = self._trace(values, action, group, kind)
+                other = self._trace_outcome(values, action, group, kind)
                 if other[1] & UNSAFE and p[kind] > most:
                     found, most = other, p[kind]
         return found
 
-    def _trace(
+    def _trace_outcome(
         self, state: list[float], action: int, group: int, kind: int
     ) -> tuple[list[Site], int]:
         """Trace a step in which one feature group (-1: none) has a certain outcome."""
 
         def adapt(state: list[float], action: int, out: list[float]) -> None:
             changed = np.array(out)
-            kernels.adapt_row(self.data, action, np.array(state), changed, group, kind)
+            before, scratch = np.array(state), np.empty(KINDS)
+            kernels.adapt_row(self.data, action, before, changed, group, kind, scratch)
             out[:] = changed.tolist()
 
-        parameters = self.buffer.parameters.tolist()
-        return self._program.trace(state, action, parameters, self.dt, adapt)
+        return self._trace(state, action, self.buffer.parameters.tolist(), adapt)

@@ -70,16 +70,10 @@ def _differs(buffer, action, state):
 
 @cached_njit(nogil=True, forceinline=True)
 def apply_likeliest(buffer, action, state, out, away, kind, probabilities):
-    """Apply the likeliest counted outcome of each group; optionally another one for one group.
+    """Apply the likeliest counted outcome of each group to `out`; `kind` for the group `away`.
 
-    Args:
-        buffer: The buffer.
-        action: Ground action.
-        state: `[F]` before it.
-        out: `[F]` after effects, processes and residual; receives the outcomes.
-        away: Position of the group whose outcome is `kind`; -1 for none.
-        kind: See `away`.
-        probabilities: `[KINDS]`, receives those of the last group with counts.
+    `out` `[F]` is the state after effects, processes and residual; `away` is the position of a
+    group, -1 for none. `probabilities` `[KINDS]` receives those of the last group with counts.
 
     Returns:
         The number of groups with counts, and the outcome of the last of these.
@@ -103,24 +97,28 @@ def apply_likeliest(buffer, action, state, out, away, kind, probabilities):
 
 
 @cached_njit(nogil=True)
-def weigh_outcomes(
-    buffer, action, state, flowed, usual, other, probabilities, first, flow_flags, dt, unsafe, out
-):  # fmt: skip
-    """Replace the reward by its expectation over all counted outcomes; return the risk.
+def _settle_within(buffer, action, state, flow_flags, dt, out, room):
+    """Apply the likeliest outcomes and then events; the reward is expected over all outcomes.
 
     Groups are varied one at a time: their outcomes are assumed to be independent.
 
-    `flowed` `[F + 1]` is the result of effects, processes and residual, `flow_flags` its flags,
-    `usual` the same with the likeliest outcomes; `out` is the result of events on `usual`, `unsafe`
-    whether they flag it. If only one group has counts, `first` is its likeliest outcome and
-    `probabilities` `[KINDS]` are its own; otherwise `first` is -1 and `probabilities` is scratch
-    memory, as is `other` `[F + 1]`. Only the reward of `out` is changed.
-
     Returns:
-        The probability, in [0, 1], that events flag the step unsafe.
+        Flags of the likeliest outcome, and the probability that events flag the step unsafe.
     """
     width = int(buffer[b.WIDTH])
     parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
+    # The result of effects, processes and residual; the same with the likeliest outcomes.
+    flowed, usual = room, advanced(room, width + 1)
+    other, probabilities = advanced(room, 2 * (width + 1)), advanced(room, 3 * (width + 1))
+    for i in range(width + 1):
+        flowed[i] = out[i]
+    counted, likeliest_of_all = apply_likeliest(buffer, action, state, out, -1, 0, probabilities)
+    for i in range(width + 1):
+        usual[i] = out[i]
+    flags = call_step(int(buffer[b.SETTLE]), state, flow_flags, parameters, dt, out)
+    unsafe = flags & UNSAFE != 0
+    if counted == 0 or not flags & APPLICABLE:
+        return flags, 1.0 if unsafe else 0.0
     table = int(buffer[b.TABLE]) + 2 * action
     group = int(buffer[table + 1])
     reward = out[width]
@@ -130,7 +128,9 @@ def weigh_outcomes(
         if where != 0:
             counts = advanced(buffer, where)
             inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
-            most = first if first >= 0 else likeliest(counts, inputs, state, probabilities)
+            most = likeliest_of_all  # and the probabilities are its own, if no other has counts
+            if counted > 1:
+                most = likeliest(counts, inputs, state, probabilities)
             different = 0.0
             for kind in range(int(counts[o.T_KINDS])):
                 p = probabilities[kind]
@@ -141,9 +141,9 @@ def weigh_outcomes(
                 restore_counted(counts, inputs, flowed, other)
                 if kind > 0:
                     apply_outcome(counts, kind, inputs, state, other)
-                flags = call_step(int(buffer[b.SETTLE]), state, flow_flags, parameters, dt, other)
-                undefined = flags & UNDEFINED != 0
-                flagged = flags & UNSAFE != 0
+                changed = call_step(int(buffer[b.SETTLE]), state, flow_flags, parameters, dt, other)
+                undefined = changed & UNDEFINED != 0
+                flagged = changed & UNSAFE != 0
                 if flagged != unsafe and (flagged or not undefined):
                     different += p
                 if not undefined and math.isfinite(other[width]):
@@ -152,7 +152,22 @@ def weigh_outcomes(
         group += b.GROUP
     if math.isfinite(expected):
         out[width] = expected
-    return alike if unsafe else 1.0 - alike
+    return flags, alike if unsafe else 1.0 - alike
+
+
+@cached_njit(nogil=True)
+def _settle_on_heap(buffer, action, state, flow_flags, dt, out, room):
+    # Pointers into an array keep it alive only where the array is an argument.
+    return _settle_within(buffer, action, state, flow_flags, dt, out, pointer_to(room, 0))
+
+
+@cached_njit(nogil=True)
+def _settle_outcomes(buffer, action, state, flow_flags, dt, out):
+    """Call `_settle_within` with scratch memory: on the stack, unless the state is too long."""
+    size = 3 * (int(buffer[b.WIDTH]) + 1) + o.KINDS
+    if size <= STACK:
+        return _settle_within(buffer, action, state, flow_flags, dt, out, stack_room())
+    return _settle_on_heap(buffer, action, state, flow_flags, dt, out, np.empty(size))
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -189,70 +204,12 @@ def adapted_row(state, action, buffer, dt, out):
         if buffer[b.STOCHASTIC] == 0.0:
             flags = call_step(int(buffer[b.SETTLE]), state, flags, parameters, dt, out)
             risk = 1.0 if flags & UNSAFE else 0.0
-        elif _room_for(width) <= STACK:
-            flags, risk = _settle_outcomes(buffer, action, state, flags, dt, out, stack_room())
         else:
-            flags, risk = _settle_many(buffer, action, state, flags, dt, out)
+            flags, risk = _settle_outcomes(buffer, action, state, flags, dt, out)
     if not known:
         flagged = flags & UNSAFE
     flags = flags & ~UNSAFE | flagged
     return _with_risk(flags, risk) if flags & APPLICABLE and not flagged else flags
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _room_for(width):
-    return 3 * (width + 1) + o.KINDS
-
-
-@cached_njit(nogil=True)
-def _settle_many(buffer, action, state, flow_flags, dt, out):
-    """Call `_settle_outcomes` for states too long for the stack."""
-    room = np.empty(_room_for(int(buffer[b.WIDTH])))
-    return _settle_within(buffer, action, state, flow_flags, dt, out, room)
-
-
-@cached_njit(nogil=True)
-def _settle_within(buffer, action, state, flow_flags, dt, out, room):
-    # Pointers into an array keep it alive only where the array is an argument.
-    return _settle_outcomes(buffer, action, state, flow_flags, dt, out, pointer_to(room, 0))
-
-
-@cached_njit(nogil=True)
-def _settle_outcomes(buffer, action, state, flow_flags, dt, out, room):
-    """Apply the likeliest outcomes and then events, and weigh the other outcomes.
-
-    Returns:
-        Flags of the likeliest outcome, and the risk of the step.
-    """
-    width = int(buffer[b.WIDTH])
-    parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
-    flowed, usual = room, advanced(room, width + 1)
-    other, probabilities = advanced(room, 2 * (width + 1)), advanced(room, 3 * (width + 1))
-    for i in range(width + 1):
-        flowed[i] = out[i]
-    counted, first = apply_likeliest(buffer, action, state, out, -1, 0, probabilities)
-    for i in range(width + 1):
-        usual[i] = out[i]
-    flags = call_step(int(buffer[b.SETTLE]), state, flow_flags, parameters, dt, out)
-    unsafe = flags & UNSAFE != 0
-    if counted == 0 or not flags & APPLICABLE:
-        return flags, 1.0 if unsafe else 0.0
-    if counted > 1:
-        first = -1
-    return flags, weigh_outcomes(
-        buffer,
-        action,
-        state,
-        flowed,
-        usual,
-        other,
-        probabilities,
-        first,
-        flow_flags,
-        dt,
-        unsafe,
-        out,
-    )
 
 
 def _step(state, action, buffer, dt, out):
@@ -266,7 +223,7 @@ def adapted_step() -> Any:
 
 
 @cached_njit(nogil=True)
-def adapt_row(buffer, action, state, out, away, kind):
+def adapt_row(buffer, action, state, out, away, kind, probabilities):
     """Apply the residual and then outcomes by `apply_likeliest`, on arrays."""
     base, source, target = pointer_to(buffer, 0), pointer_to(state, 0), pointer_to(out, 0)
     before = out.copy()
@@ -274,33 +231,18 @@ def adapt_row(buffer, action, state, out, away, kind):
     if not finite(target, state.shape[0]):
         out[:] = before
     if base[b.STOCHASTIC] != 0.0:
-        probabilities = np.empty(o.KINDS)
-        _apply_within(base, action, source, target, away, kind, probabilities)
+        apply_likeliest(base, action, source, target, away, kind, pointer_to(probabilities, 0))
 
 
 @cached_njit(nogil=True)
-def probabilities_row(buffer, action, state, position):
-    """Return the probability of each outcome, `[KINDS]`, of the group at a position, on arrays."""
-    base, probabilities = pointer_to(buffer, 0), np.zeros(o.KINDS)
+def weigh_row(buffer, action, state, position, probabilities):
+    """Write the probability of each outcome `[KINDS]` of the group at a position, on arrays."""
+    base = pointer_to(buffer, 0)
     group = int(base[int(base[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
     where = outcomes_of(base, group)
     if base[b.STOCHASTIC] != 0.0 and where != 0:
-        _probabilities_within(
-            base, where, int(base[group + b.G_INPUTS]), pointer_to(state, 0), probabilities
-        )
-    return probabilities
-
-
-@cached_njit(nogil=True)
-def _probabilities_within(buffer, where, inputs, state, probabilities):
-    likeliest(
-        advanced(buffer, where), advanced(buffer, inputs), state, pointer_to(probabilities, 0)
-    )
-
-
-@cached_njit(nogil=True)
-def _apply_within(buffer, action, state, out, away, kind, probabilities):
-    apply_likeliest(buffer, action, state, out, away, kind, pointer_to(probabilities, 0))
+        counts, inputs = advanced(base, where), advanced(base, int(base[group + b.G_INPUTS]))
+        likeliest(counts, inputs, pointer_to(state, 0), pointer_to(probabilities, 0))
 
 
 @cached_njit(nogil=True)
@@ -311,15 +253,10 @@ def step_row(buffer, action, state, dt, out):
 
 @cached_njit(nogil=True)
 def predict_all(buffer, action, state, dt, rows):
-    """Predict one step in four variants.
+    """Predict one step in four variants, into the rows of a flat array `[4 · (F + 1)]`.
 
-    Args:
-        buffer: The buffer, as an array.
-        action: Ground action.
-        state: `[F]`.
-        dt: Control period.
-        rows: Flat `[4 · (F + 1)]`; receives the step of the file; effects and processes with the
-            parameters in use (the flow); the same after events; and the adapted step.
+    The step of the file; effects and processes with the parameters in use (the flow); the same
+    after events; and the adapted step. `buffer` is an array.
 
     Returns:
         Flags of the file's step, of the flow and of the adapted step.

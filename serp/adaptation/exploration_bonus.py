@@ -14,11 +14,9 @@ from serp.planning.preference import free_of_risk
 
 
 class ExplorationBonus:
-    """Makes a planner prefer actions with few visits.
+    """Makes a planner prefer actions with fewer visits than `min_visits`; 0: no preference.
 
-    Args:
-        visits: `[A]` how often each ground action was observed; updated by its owner.
-        min_visits: Visits from which on an action counts as known; 0: no preference.
+    `visits` `[A]` counts how often each ground action was observed; its owner updates it.
     """
 
     def __init__(self, visits: NDArray[np.int64], min_visits: int) -> None:

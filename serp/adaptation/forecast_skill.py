@@ -24,14 +24,9 @@ _NEGLIGIBLE: Final = 1e-3
 
 @cached_njit(nogil=True)
 def update_means(state, predicted, observed, steps, means):  # type: ignore[no-untyped-def]
-    """Add a step to the means; return 1, or 0 if it is skipped: NaN, or squares overflow.
+    """Add a step to the means `[3, F]`; return 1, or 0 if it is skipped: NaN, or squares overflow.
 
-    Args:
-        state: `[F]` before the step.
-        predicted: `[F]`.
-        observed: `[F]`.
-        steps: Number of earlier steps.
-        means: See `ForecastSkill`.
+    All states are `[F]`; `steps` is the number of earlier steps.
     """
     for i in range(state.shape[0]):
         off, moved = observed[i] - predicted[i], observed[i] - state[i]
@@ -52,12 +47,9 @@ class ForecastSkill:
     It is 1 minus the mean squared error over the mean squared change (Murphy, Monthly Weather
     Review 116, 1988): 1 for perfect predictions, 0 if "nothing changes" is as good.
 
-    Args:
-        fluents: Width of a state, F.
-
     Attributes:
         means: `[3, F]` moving averages of squared errors and changes, mean squared change of all
-            steps; see `update_means`.
+            steps.
         steps: Number of env steps in them.
     """
 
@@ -83,11 +75,7 @@ class ForecastSkill:
         return {"means": self.means.copy()}, {"steps": self.steps}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It belongs to another domain, or is damaged.
-        """
+        """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         saved = Saved("forecast skill", arrays, meta)
         means = saved.array("means", np.float64, self.means.shape, low=0.0)
         self.means[:], self.steps = means, saved.whole("steps")

@@ -30,11 +30,6 @@ class GroupLearners:
     (who reaches the ball first?); if only one of two can be adapted, their difference is
     misleading, however small the one-step errors are. So if less than half of the change of some
     fluent can be predicted, the file is used without residuals and counts.
-
-    Args:
-        model: The model that is adapted.
-        seed: Seed of the random features.
-        nonlinear: Whether residuals may use random features.
     """
 
     def __init__(self, model: AdaptedModel, seed: np.random.SeedSequence, nonlinear: bool) -> None:
@@ -42,7 +37,10 @@ class GroupLearners:
         self._seed = seed
         self._nonlinear = nonlinear
         self._groups = {group.key: group for groups in model.feature_groups for group in groups}
-        self._columns = [[_Columns(group) for group in groups] for groups in model.feature_groups]
+        self._columns = [
+            [(g.key, np.array(g.inputs), np.array(g.targets, np.int64)) for g in groups]
+            for groups in model.feature_groups
+        ]
         self._numeric = np.array([fluent.numeric for fluent in model.fluents], dtype=np.bool_)
         symbols: dict[str, list[int]] = {}
         for fluent in model.fluents:
@@ -95,12 +93,8 @@ class GroupLearners:
     ) -> None:
         """Learn from an env step, unless it holds NaN or huge numbers.
 
-        Args:
-            state: `[F]` before it.
-            action: Ground action.
-            next_state: `[F]` observed.
-            flow: `[F]` predicted by effects and processes, with the parameters in use.
-            settled: `[F]` the same after events.
+        All states are `[F]`; `flow` is predicted by effects and processes, with the parameters in
+        use, and `settled` is the same after events.
         """
         if not update_whole(state, next_state, self._numeric, self._whole):
             return
@@ -108,10 +102,9 @@ class GroupLearners:
         # Where an event changes a fluent, the result of effects and processes is not observed.
         observed = flow == settled
         counted = self._buffer.stochastic
-        for group in self._columns[action]:
-            key, targets = group.key, group.targets
+        for key, inputs, targets in self._columns[action]:
             counts = self._counts[key]
-            if not counts.learn(group.inputs, state, settled, next_state, self._whole):
+            if not counts.learn(inputs, state, settled, next_state, self._whole):
                 self._whole[targets] = False
                 self._share_wholeness()
             shared = self._buffer.shared[key]
@@ -120,7 +113,7 @@ class GroupLearners:
                 counted = True
             if key in self._residuals:
                 self._used[key] = self._residuals[key].learn(
-                    state[group.inputs],
+                    state[inputs],
                     next_state[targets] - flow[targets],
                     observed[targets],
                     next_state[targets] - state[targets],
@@ -160,11 +153,7 @@ class GroupLearners:
         return arrays, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned; the owner restored the buffer before.
-
-        Raises:
-            RunError: It belongs to another domain, or is damaged.
-        """
+        """Restore what `state_dict` returned, after the buffer; `RunError` if it does not fit."""
         saved = Saved("adaptation", arrays, meta)
         self._whole[:] = saved.array("whole", np.bool_, self._whole.shape)
         self._wholes = int(np.count_nonzero(self._whole))
@@ -189,12 +178,3 @@ class GroupLearners:
 def _learnable(group: FeatureGroup) -> bool:
     """Return whether the statistics of a group are small enough to be solved in every step."""
     return (1 + MODES) * len(group.targets) * (1 + len(group.inputs)) ** 2 <= _MAX_STATISTICS
-
-
-class _Columns:
-    """A feature group with its columns as arrays."""
-
-    def __init__(self, group: FeatureGroup) -> None:
-        self.key = group.key
-        self.inputs = np.array(group.inputs, dtype=np.int64)
-        self.targets = np.array(group.targets, dtype=np.int64)

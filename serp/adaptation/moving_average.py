@@ -10,10 +10,5 @@ _EARLY = 3.0
 
 @cached_njit(nogil=True)
 def rate_of(samples, memory):  # type: ignore[no-untyped-def]
-    """Return the weight of the next sample in a moving average.
-
-    Args:
-        samples: Number of earlier samples.
-        memory: Weight of the past in the long run, per step.
-    """
+    """Return the weight of the next sample; `memory` is that of the past in the long run."""
     return max(1.0 - memory, _EARLY / (_EARLY + samples))

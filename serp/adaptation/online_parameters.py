@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.model.transition_model import TransitionModel, Vector
-from serp.sysid.parameter_dependencies import parameter_dependencies
-from serp.sysid.parameter_fit import ParameterEstimator, estimate_parameters
+from serp.sysid.parameter_fit import ParameterEstimator, estimate_parameters, function_columns
 from serp.sysid.regression_data import predictions, usable_rows
 from serp.sysid.transitions import TransitionMemory
 
@@ -42,17 +41,14 @@ class ParameterEstimation:
 
     Parameters that change the fluents of one function are adopted together, and only if estimates
     from earlier transitions predict later ones better than the parameters in use.
-
-    Args:
-        written: The model as written; its compiled code is used if there is any.
     """
 
     def __init__(self, written: TransitionModel) -> None:
         self._written = written
-        compiled = written if written.compiled else None
-        self._estimator = ParameterEstimator(written.ground, written.dt, compiled)
+        self._estimator = ParameterEstimator(written)
+        self._columns = function_columns(written.ground)
         self._owned: dict[str, list[int]] = {}
-        for dependency in parameter_dependencies(written.ground):
+        for dependency in self._estimator.dependencies:
             self._owned.setdefault(dependency.symbol, []).append(dependency.parameter.index)
 
     @staticmethod
@@ -61,12 +57,7 @@ class ParameterEstimation:
         return seen >= _FIRST and seen & (seen - 1) == 0
 
     def reconsider(self, experience: TransitionMemory, theta: Vector) -> Vector:
-        """Return the parameters to use from now on.
-
-        Args:
-            experience: The transitions.
-            theta: `[P]` parameters in use.
-        """
+        """Return the parameters to use from now on, instead of `theta` `[P]`."""
         states, next_states = experience.states[-_NEWEST:], experience.next_states[-_NEWEST:]
         actions = experience.actions[-_NEWEST:]
         first = int(_FITTED * len(actions))
@@ -79,7 +70,7 @@ class ParameterEstimation:
         )
         adopted = theta.copy()
         for symbol, owned in self._owned.items():
-            columns = list(self._estimator.symbols.get(symbol, ()))
+            columns = self._columns.get(symbol, [])
             known = [k for k in owned if np.isfinite(errors[k])]
             if not known:
                 continue
@@ -109,7 +100,7 @@ class ParameterEstimation:
         self, states: Vector, actions: Actions, next_states: Vector, theta: Vector
     ) -> tuple[Vector, Vector]:
         model = self._written.replace(theta=theta)
-        return estimate_parameters(model, states, actions, next_states, estimator=self._estimator)
+        return estimate_parameters(self._estimator, model, states, actions, next_states)
 
     def _errors(
         self, candidates: Sequence[Vector], states: Vector, actions: Actions, next_states: Vector

@@ -73,17 +73,10 @@ class OutcomeCounts:
         observed: Vector,
         whole: NDArray[np.bool_],
     ) -> bool:
-        """Count a sample.
+        """Count a sample; return False where there are too many different outcomes to count.
 
-        Args:
-            inputs: `[d]` columns of the feature group.
-            state: `[F]`.
-            written: `[F]` predicted by the file.
-            observed: `[F]`.
-            whole: `[F]` bool: whether a fluent has always been a whole number.
-
-        Returns:
-            False where there are too many different outcomes to count.
+        `inputs` `[d]` are columns of the feature group in states `[F]`: before, `written` (as the
+        file predicts) and `observed`. `whole` `[F]`: whether a fluent has always been whole.
         """
         if self._given_up:
             return False
@@ -123,10 +116,7 @@ class OutcomeCounts:
     # State -------------------------------------------------------------------------------------
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Return arrays and JSON values that `load_state_dict` restores exactly.
-
-        Only the counts are saved; the layout and the hash table follow from them.
-        """
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: dict[str, NDArray[Any]] = {
             "places": self._places.copy(),
             "others": self._others.copy(),
@@ -134,7 +124,6 @@ class OutcomeCounts:
         }
         if self.table is not None:
             arrays |= {name: part.copy() for name, part in _parts(self.table).items()}
-            arrays["codes"] = _codes(self.table)
         return arrays, {
             "samples": self._samples,
             "strays": self._strays,
@@ -142,11 +131,7 @@ class OutcomeCounts:
         }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It belongs to another feature group, or is damaged.
-        """
+        """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         saved = Saved("outcome counts", arrays, meta)
         places, others = (self._positions(saved, name) for name in ("places", "others"))
         scores = saved.array("scores", np.float64, self._scores.shape)
@@ -170,60 +155,51 @@ class OutcomeCounts:
         """Return a new table with the saved counts."""
         table = new_table(places, self._context, others)
         codes = saved.array("codes", np.float64, (-1,), 0, MOST - 1)
-        rows = 1 + len(codes)
-        if rows > c.ROWS or len(np.unique(codes)) != len(codes) or (codes % 1.0).any():
+        rows = len(codes)
+        if not 1 <= rows <= c.ROWS or len(np.unique(codes[1:])) < rows - 1 or (codes % 1.0).any():
             raise saved.wrong("codes are not distinct whole numbers, or too many")
         kinds = len(saved.array("changes", np.float64, (-1, len(places)), low=None))
         if not 1 <= kinds <= c.KINDS:
             raise saved.wrong(f"changes are of {kinds} outcomes")
         table[c.T_KINDS], table[c.T_ROWS] = kinds, rows
-        shapes = {name: part.shape for name, part in _parts(table).items()}
         for name, part in _parts(table).items():
             low = None if name == "changes" else 0.0
-            part[:] = saved.array(name, np.float64, shapes[name], low)
-        totals = _parts(table)["totals"]
-        if not totals[0] > 0.0:  # probabilities are counts divided by it
+            part[:] = saved.array(name, np.float64, part.shape, low)
+        if not table[int(table[c.T_TOTALS])] > 0.0:  # probabilities are counts divided by it
             raise saved.wrong("totals are of no sample")
-        for row, code in enumerate(codes, start=1):
-            c.enter(table, code, row)
+        for row in range(1, rows):
+            c.enter(table, codes[row], row)
         return table
 
 
 def _parts(table: Vector) -> dict[str, Vector]:
-    """Return views of changes `[K, D]`, counts `[R, KINDS]` and totals `[R]`."""
+    """Return views of what is saved of R rows: the layout and the hash table follow from it."""
     kinds, rows, columns = (int(table[k]) for k in (c.T_KINDS, c.T_ROWS, c.T_COLUMNS))
-    changes, counts, totals = (int(table[k]) for k in (c.T_CHANGES, c.T_COUNTS, c.T_TOTALS))
-    return {
-        "changes": table[changes : changes + kinds * columns].reshape(kinds, columns),
-        "counts": table[counts : counts + rows * c.KINDS].reshape(rows, c.KINDS),
-        "totals": table[totals : totals + rows],
+    shapes = {
+        "changes": (c.T_CHANGES, (kinds, columns)),
+        "codes": (c.T_CODES, (rows,)),
+        "counts": (c.T_COUNTS, (rows, c.KINDS)),
+        "totals": (c.T_TOTALS, (rows,)),
     }
-
-
-def _codes(table: Vector) -> Vector:
-    """Return the codes of the contexts, `[R - 1]`, in the order of their rows."""
-    codes, slots = int(table[c.T_CODES]), int(table[c.T_SLOTS])
-    rows = table[slots : slots + c.SLOTS].astype(np.int64)
-    found = np.zeros(int(table[c.T_ROWS]))
-    found[rows] = table[codes : codes + c.SLOTS]
-    return found[1:]
+    return {
+        name: table[int(table[start]) :][: int(np.prod(shape))].reshape(shape)
+        for name, (start, shape) in shapes.items()
+    }
 
 
 def new_table(
     places: NDArray[np.int64], predicates: NDArray[np.int64], others: NDArray[np.int64]
 ) -> Vector:
-    """Return an empty table.
+    """Return an empty table for the counted fluents at some positions within the inputs.
 
-    Args:
-        places: `[D]` positions of the counted fluents within the group's inputs.
-        predicates: Positions of the predicates of a context.
-        others: Positions of the whole numbers of a narrower context.
+    `predicates` are the positions of a context, `others` those of the whole numbers of a narrower
+    one.
     """
     parts = {
         c.T_PLACES: len(places),
         c.T_CONTEXT: len(predicates) + len(others),
         c.T_CHANGES: c.KINDS * len(places),
-        c.T_CODES: c.SLOTS,
+        c.T_CODES: c.ROWS,
         c.T_SLOTS: c.SLOTS,
         c.T_COUNTS: c.ROWS * c.KINDS,
         c.T_TOTALS: c.ROWS,
@@ -235,9 +211,6 @@ def new_table(
         at += size
     table[c.T_COLUMNS], table[c.T_KINDS], table[c.T_ROWS] = len(places), 1, 1
     table[c.T_PREDICATES], table[c.T_COUNT] = len(predicates), len(predicates) + len(others)
-    start = int(table[c.T_PLACES])
-    table[start : start + len(places)] = places
-    start = int(table[c.T_CONTEXT])
-    table[start : start + len(predicates)] = predicates
-    table[start + len(predicates) : start + len(predicates) + len(others)] = others
+    for start, positions in ((c.T_PLACES, places), (c.T_CONTEXT, [*predicates, *others])):
+        table[int(table[start]) :][: len(positions)] = positions
     return table

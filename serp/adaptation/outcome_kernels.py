@@ -1,7 +1,7 @@
 """The compiled loops of outcome counts, the same for every domain.
 
 A table is one float64 array, so that the compiled adapted step can read it by its address:
-header, columns, context, changes, hash table, counts, totals.
+header, columns, context, changes, codes, hash table of the rows, counts, totals.
 """
 
 from __future__ import annotations
@@ -50,8 +50,10 @@ def _find(table, code):
     """Return the slot of a context's code: its own, or the free slot for it."""
     codes, slots = int(table[T_CODES]), int(table[T_SLOTS])
     slot = int(code) & (SLOTS - 1)
-    while table[slots + slot] != 0.0 and table[codes + slot] != code:
+    row = int(table[slots + slot])
+    while row != 0 and table[codes + row] != code:
         slot = (slot + 1) & (SLOTS - 1)
+        row = int(table[slots + slot])
     return slot
 
 
@@ -128,15 +130,10 @@ def restore_counted(table, inputs, before, out):
 def count(table, inputs, state, written, observed, loss, rate, most):
     """Update the losses with a new sample, and then count it.
 
-    Args:
-        table: A table, as an array.
-        inputs: `[d]` columns of the feature group.
-        state: `[F]`.
-        written: `[F]` predicted by the file.
-        observed: `[F]`.
-        loss: `[2]` moving averages of the Brier scores of the file and of the counts.
-        rate: Weight of this sample in them.
-        most: Counts of a context are halved beyond that, to follow an environment that drifts.
+    `inputs` are the columns of the group in the `state` before, the one `written`, which the file
+    predicts, and the one `observed`. `loss` `[2]` are moving averages of the Brier scores of the
+    file and of the counts, `rate` the weight of this sample in them. Counts of a context are halved
+    beyond `most`, to follow an environment that drifts.
 
     Returns:
         Whether the outcome is one of the distinguished ones.
@@ -191,7 +188,7 @@ def count(table, inputs, state, written, observed, loss, rate, most):
 def enter(table, code, row):
     """Assign a row of counts to the code of a context."""
     slot = _find(table, code)
-    table[int(table[T_CODES]) + slot] = code
+    table[int(table[T_CODES]) + row] = code
     table[int(table[T_SLOTS]) + slot] = row
 
 

@@ -7,7 +7,7 @@ adaptation at once. Whole numbers (addresses, offsets) are floats too; they are 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,21 +39,14 @@ FILE, LINEAR, NONLINEAR, OWN = range(4)
 """The predictor of a fluent in a mode: the file only, or the file with a linear model, a linear
 model with random features, or a separate linear model of the mode."""
 
-_T = TypeVar("_T", bound=int)
 
+def _entry(index: int, kind: Callable[[float], int]) -> Any:
+    """Return a property that is stored as one float64 of the owner's `_header`."""
 
-class _Entry(Generic[_T]):
-    """An attribute that is stored as one float64 of the owner's `_header`."""
+    def write(owner: Any, value: int) -> None:
+        owner._header[index] = value
 
-    def __init__(self, index: int, kind: Callable[[float], _T]) -> None:
-        self._index = index
-        self._kind = kind
-
-    def __get__(self, owner: Any, _: type | None = None) -> _T:
-        return self._kind(owner._header[self._index])
-
-    def __set__(self, owner: Any, value: _T) -> None:
-        owner._header[self._index] = value
+    return property(lambda owner: kind(owner._header[index]), write)
 
 
 class GroupParameters:
@@ -72,8 +65,8 @@ class GroupParameters:
         fourier: Random features in use: 0 or `FOURIER`.
     """
 
-    modes = _Entry(S_MODES, int)
-    fourier = _Entry(S_FOURIER, int)
+    modes = _entry(S_MODES, int)
+    fourier = _entry(S_FOURIER, int)
 
     def __init__(self, buffer: Vector, start: int, group: FeatureGroup) -> None:
         self._header = buffer[start : start + SHARED]
@@ -86,21 +79,21 @@ class GroupParameters:
             self._header[name] = at
             parts[name] = buffer[at : at + size].reshape(shape)
             at += size
-        self.end = at
         self._header[S_BITS] = len(group.bits)
         parts[S_POSITIONS][:] = group.bits
-        self.codes, self.kinds, self.linear = parts[S_CODES], parts[S_KINDS], parts[S_LINEAR]
+        self.kinds, self.codes, self.linear = parts[S_KINDS], parts[S_CODES], parts[S_LINEAR]
         self.centre, self.shrink = parts[S_CENTRE], parts[S_SHRINK]
         self.frequency, self.phase = parts[S_FREQUENCY], parts[S_PHASE]
         self.amplitude = parts[S_AMPLITUDE]
+        self._weights = buffer[int(self._header[S_KINDS]) : at]
 
     @staticmethod
     def _shapes(group: FeatureGroup) -> dict[int, tuple[int, ...]]:
         depth, count = len(group.inputs), len(group.targets)
         return {
-            S_CODES: (1 + MODES,),
             S_POSITIONS: (len(group.bits),),
             S_KINDS: (1 + MODES, count),
+            S_CODES: (1 + MODES,),
             S_LINEAR: (2 + MODES, count, 1 + depth),
             S_CENTRE: (depth,),
             S_SHRINK: (depth,),
@@ -140,36 +133,20 @@ class GroupParameters:
         self.modes = self.fourier = 0
 
     def contents(self) -> Arrays:
-        """Return the published weights, without outcome counts."""
-        sizes = np.array([self.modes, self.fourier])
-        return {"sizes": sizes, **{name: getattr(self, name).copy() for name in self._SAVED}}
-
-    def checked(self, arrays: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
-        """Check what `contents` returned, and return it.
-
-        Raises:
-            RunError: It belongs to another group, or is damaged.
-        """
-        saved = Saved("adaptation", arrays, {})
-        modes, fourier = saved.array("sizes", np.int64, (2,), 0, max(MODES, FOURIER)).tolist()
-        for name in self._SAVED:
-            array = saved.array(name, np.float64, getattr(self, name).shape)
-            if name == "kinds" and not np.isin(array, (FILE, LINEAR, NONLINEAR, OWN)).all():
-                raise saved.wrong("kinds are out of range")
-        if modes > MODES or fourier not in (0, FOURIER):
-            raise saved.wrong(f"there are {modes} modes and {fourier} random features")
-        return arrays
+        """Return what is published, without outcome counts."""
+        return {"sizes": np.array([self.modes, self.fourier]), "weights": self._weights.copy()}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Publish the result of `checked`; the owner of the outcome counts restores these."""
-        for name in self._SAVED:
-            getattr(self, name)[:] = arrays[name]
-        self.modes, self.fourier = arrays["sizes"].tolist()
+        """Publish what `contents` returned; the owner of the outcome counts restores these."""
+        saved = Saved("adaptation", arrays, {})
+        modes, fourier = saved.array("sizes", np.int64, (2,), 0, FOURIER).tolist()
+        weights = saved.array("weights", np.float64, self._weights.shape)
+        kinds = weights[: self.kinds.size]
+        if modes > MODES or fourier % FOURIER or not np.isin(kinds, range(1 + OWN)).all():
+            raise saved.wrong("modes, random features or predictors are out of range")
+        self._weights[:] = weights
+        self.modes, self.fourier = modes, fourier
         self.outcomes = None
-
-    _SAVED: Final = (
-        "codes", "kinds", "linear", "centre", "shrink", "frequency", "phase", "amplitude",
-    )  # fmt: skip
 
 
 class ParameterBuffer:
@@ -192,10 +169,10 @@ class ParameterBuffer:
         revised: Whether parameters in use differ from those written.
     """
 
-    active = _Entry(ACTIVE, bool)
-    enabled = _Entry(ENABLED, bool)
-    stochastic = _Entry(STOCHASTIC, bool)
-    revised = _Entry(REVISED, bool)
+    active = _entry(ACTIVE, bool)
+    enabled = _entry(ENABLED, bool)
+    stochastic = _entry(STOCHASTIC, bool)
+    revised = _entry(REVISED, bool)
 
     def __init__(
         self,
@@ -205,45 +182,37 @@ class ParameterBuffer:
         flagging: bool,
         addresses: Iterable[float],
     ) -> None:
-        flat = [group for of_action in groups for group in of_action]
-        keys = {group.key: group for group in flat}
-        size = HEADER + 2 * len(theta) + 2 * len(groups)
-        size += sum(GROUP + len(group.inputs) + len(group.targets) for group in flat)
-        size += sum(GroupParameters.size(group) for group in keys.values())
-        self.array: Vector = np.zeros(size)
-        array = self._header = self.array
-        array[[STEP, FLOW, SETTLE]] = list(addresses)
-        array[WIDTH], array[FLAGGING], array[ENABLED] = width, flagging, True
-        at = HEADER
-        array[WRITTEN], array[PARAMETERS] = at, at + len(theta)
-        self._parameters = array[at + len(theta) : at + 2 * len(theta)]
-        self._written = array[at : at + len(theta)]
-        self._written[:] = self._parameters[:] = theta
-        self.parameters = self._parameters.view()
-        self.parameters.flags.writeable = False
-        at += 2 * len(theta)
-        table = at
-        array[TABLE] = table
-        at += 2 * len(groups)
-        self.shared: dict[Key, GroupParameters] = {}
+        numbers = [0.0] * HEADER
+        numbers[STEP : SETTLE + 1] = addresses
+        numbers[WIDTH], numbers[FLAGGING], numbers[ENABLED] = width, flagging, True
+        numbers[WRITTEN], numbers[PARAMETERS] = HEADER, HEADER + len(theta)
+        numbers += [*theta, *theta]
+        table = len(numbers)
+        numbers[TABLE] = table
+        numbers += [0.0] * (2 * len(groups))
+        keys = {group.key: group for of_action in groups for group in of_action}
         starts: dict[Key, int] = {}
         for key, group in keys.items():
-            starts[key] = at
-            self.shared[key] = GroupParameters(array, at, group)
-            at = self.shared[key].end
+            starts[key] = len(numbers)
+            numbers += [0.0] * GroupParameters.size(group)
         for action, of_action in enumerate(groups):
-            array[table + 2 * action : table + 2 * action + 2] = len(of_action), at
-            lists = at + GROUP * len(of_action)
+            first = len(numbers)
+            numbers[table + 2 * action : table + 2 * action + 2] = len(of_action), first
+            inputs = first + GROUP * len(of_action)
             for group in of_action:
-                inputs, targets = lists, lists + len(group.inputs)
-                array[at : at + GROUP] = (
-                    inputs, targets, len(group.inputs), len(group.targets), starts[group.key],
-                )  # fmt: skip
-                array[inputs:targets] = group.inputs
-                lists = targets + len(group.targets)
-                array[targets:lists] = group.targets
-                at += GROUP
-            at = lists
+                targets = inputs + len(group.inputs)
+                depth, count = len(group.inputs), len(group.targets)
+                numbers += [inputs, targets, depth, count, starts[group.key]]
+                inputs = targets + count
+            for group in of_action:
+                numbers += [*group.inputs, *group.targets]
+        self.array = self._header = np.array(numbers)
+        self._written, self._parameters = self.array[HEADER:table].reshape(2, -1)
+        self.parameters = self._parameters.view()
+        self.parameters.flags.writeable = False
+        self.shared = {
+            key: GroupParameters(self.array, starts[key], group) for key, group in keys.items()
+        }
 
     def adopt(self, parameters: Vector) -> None:
         """Use parameters `[P]` from now on."""
@@ -276,11 +245,7 @@ class ParameterBuffer:
         saved = Saved("adaptation", arrays, {})
         parameters = saved.array("parameters", np.float64, self._parameters.shape)
         flags = saved.array("flags", np.bool_, (3,))
-        parts = [
-            shared.checked(part_of(arrays, f"group{k}"))
-            for k, shared in enumerate(self.shared.values())
-        ]
-        for shared, part in zip(self.shared.values(), parts, strict=True):
-            shared.restore(part)
+        for k, shared in enumerate(self.shared.values()):
+            shared.restore(part_of(arrays, f"group{k}"))
         self.adopt(parameters)
         self.active, self.enabled, self.stochastic = map(bool, flags)

@@ -17,11 +17,7 @@ if TYPE_CHECKING:
 
 
 def asked_own_task() -> Task | None:
-    """Return the task that `--task` names, or None where it is not given.
-
-    Raises:
-        TaskError: There is no such task.
-    """
+    """Return the task that `--task` names, or None where it is not given."""
     name = own_task_name()
     if name is None:
         return None
@@ -38,9 +34,6 @@ def asked_task(domain: str | None, max_ground_schemas: int | None = None) -> Tas
     Args:
         domain: Name of an installed task, or a domain file.
         max_ground_schemas: How large the domain may be; None for the usual limit.
-
-    Raises:
-        SerpError: There is no such task or file, or the domain is wrong or too large.
     """
     from serp.tasks.registry import find_domain_file, find_task
 
@@ -72,15 +65,12 @@ def asked_domain(
         problem: The problem file; None for the one that belongs to the domain.
         max_ground_schemas: How large the domain may be; None for the usual limit.
         own: The task of `--task`.
-
-    Raises:
-        SerpError: There is no such task or file, or the domain is wrong or too large.
     """
     from serp.model.loading import load_domain
     from serp.tasks.registry import load_task, task_of
 
     if file is None:
-        task = load_task(name) if own is None else own
+        task = own or load_task(name)
         domain = domain_of(task, problem, max_ground_schemas)
         return domain, with_domain(task, domain)
     domain = load_domain(file, problem, max_ground_schemas=max_ground_schemas)
@@ -89,16 +79,7 @@ def asked_domain(
 
 
 def domain_of(task: Task, problem: Path | None, max_ground_schemas: int | None) -> Domain:
-    """Return the domain of a task.
-
-    Args:
-        task: The task.
-        problem: The problem file; None for the task's own.
-        max_ground_schemas: How large the domain may be; None for the usual limit.
-
-    Raises:
-        DomainError: A file is wrong, or the domain too large.
-    """
+    """Return the domain of a task, with another problem file or limit if these are given."""
     from serp.model.loading import Domain, load_domain
 
     if problem is None and max_ground_schemas is None:

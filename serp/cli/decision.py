@@ -10,7 +10,7 @@ from serp.cli.output import print_table
 from serp.model.explanation import unsafe_ahead, why_not_applicable, why_unsafe
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.planning.forecast import SAFE, score_of
-from serp.planning.limits import Bound, edge_budget, node_budget
+from serp.planning.limits import Bound
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -20,21 +20,12 @@ if TYPE_CHECKING:
 
 _ACTIONS_SHOWN = 30
 _FLUENTS_SHOWN = 24
-_COLUMNS = 6  # changing fluents that get a column of their own in the path
 
 
 def describe(
     domain: str, origin: str, planner: MonitorReplanner, state: Vector, plan: Plan
 ) -> dict[str, Any]:
-    """Return a decision as JSON values (infinities and NaN among them).
-
-    Args:
-        domain: Name of the domain.
-        origin: Where the state comes from.
-        planner: The planner that decided.
-        state: `[F]`, what it decided on.
-        plan: The decision.
-    """
+    """Return a decision as JSON values (infinities and NaN among them)."""
     model, forecast = planner.model, plan.forecast
     actions = [
         {
@@ -132,7 +123,18 @@ def verdict(planner: MonitorReplanner, plan: Plan) -> list[str]:
         )
     if not plan.safe and plan.action is not None:
         lines.append(_why_unsafe_chosen(plan, plan.action))
-    lines.append(_how_far(planner, plan))
+    settings = planner.settings
+    each = f", each repeated for {settings.repeat} control periods" if settings.repeat > 1 else ""
+    ended = {
+        Bound.DEPTH: "",
+        Bound.NODES: " The next layer would exceed the limits on nodes and edges.",
+        Bound.TIME: " The time budget ended the lookahead there.",
+        Bound.EXHAUSTED: " No state is left to expand.",
+    }
+    lines.append(
+        f"Looked ahead {plural(plan.depth, 'action')}{each}: {plural(plan.nodes, 'state')}, "
+        f"discount {settings.discount:g}.{ended[plan.bound]}"
+    )
     return lines
 
 
@@ -141,43 +143,13 @@ def _why_unsafe_chosen(plan: Plan, action: int) -> str:
     steps, risk = int(forecast.safe_steps[action]), float(forecast.path_risk[action])
     if forecast.unsafe[action]:
         return "Every action is predicted unsafe. The one with the best return is taken."
-    least = f", {percent(risk)}," if risk < 1.0 else ""
-    if steps == 0:
-        return f"Every action is too risky. The one with the least risk{least} is taken."
-    if least:
-        return (
-            f"Every path leads to something too risky. The one with the least risk{least} is taken."
-        )
+    if risk < 1.0:
+        where = "Every action is" if steps == 0 else "Every path leads to something"
+        return f"{where} too risky. The one with the least risk, {percent(risk)}, is taken."
     return (
         "Every path leads to something unsafe. The one that stays safe the longest, for "
         f"{plural(steps, 'control period')}, is taken."
     )
-
-
-def _how_far(planner: MonitorReplanner, plan: Plan) -> str:
-    settings = planner.settings
-    nodes = plural(plan.nodes, "state")
-    each = f", each repeated for {settings.repeat} control periods" if settings.repeat > 1 else ""
-    ended = {
-        Bound.DEPTH: "",
-        Bound.NODES: f" The next layer would exceed {_most(planner)}.",
-        Bound.TIME: " The time budget ended the lookahead there.",
-        Bound.EXHAUSTED: " No state is left to expand.",
-    }
-    return (
-        f"Looked ahead {plural(plan.depth, 'action')}{each}: {nodes}, "
-        f"discount {settings.discount:g}.{ended[plan.bound]}"
-    )
-
-
-def _most(planner: MonitorReplanner) -> str:
-    """The limit on nodes, and what else bounds them where it is lower than the setting."""
-    settings, model = planner.settings, planner.model
-    budget = node_budget(settings.max_nodes, len(model.actions))
-    if budget < settings.max_nodes:
-        return f"the limit of {budget:,} nodes with {len(model.actions):,} actions each"
-    edges = edge_budget(len(model.fluents))
-    return f"the limit of {budget:,} nodes (or {edges:,} edges)"
 
 
 def _print_state(console: Console, model: TransitionModel, state: Vector) -> None:
@@ -188,9 +160,7 @@ def _print_state(console: Console, model: TransitionModel, state: Vector) -> Non
     if len(numeric) > _FLUENTS_SHOWN:
         console.print(f"  … and {len(numeric) - _FLUENTS_SHOWN} more numbers (--json has all)")
     if true:
-        shown = ", ".join(true[:_FLUENTS_SHOWN])
-        more = f" … and {len(true) - _FLUENTS_SHOWN} more" if len(true) > _FLUENTS_SHOWN else ""
-        console.print(f"  true: {shown}{more}")
+        console.print(f"  true: {_shortened(true)}")
 
 
 def _print_actions(console: Console, planner: MonitorReplanner, state: Vector, plan: Plan) -> None:
@@ -201,21 +171,14 @@ def _print_actions(console: Console, planner: MonitorReplanner, state: Vector, p
         order.sort(key=lambda k: score_of(forecast, k), reverse=True)
     rows, styles = [], []
     for k in order[:_ACTIONS_SHOWN]:
-        applicable = bool(forecast.applicable[k])
-        chosen = k == plan.action
-        rows.append(
-            (
-                "→" if chosen else "",
-                model.actions[k].name,
-                readable(float(forecast.reward[k])) if applicable else "–",
-                readable(float(forecast.value[k])) if applicable else "–",
-                remark(planner, state, plan, k),
-            )
-        )
-        unsafe = forecast.unsafe[k] or forecast.safe_steps[k] != SAFE
-        styles.append(
-            "dim" if not applicable else "red" if unsafe else "bold blue" if chosen else ""
-        )
+        numbers, style = ("–", "–"), "dim"
+        if forecast.applicable[k]:
+            numbers = readable(float(forecast.reward[k])), readable(float(forecast.value[k]))
+            unsafe = forecast.unsafe[k] or forecast.safe_steps[k] != SAFE
+            style = "red" if unsafe else "bold blue" if k == plan.action else ""
+        mark = "→" if k == plan.action else ""
+        rows.append((mark, model.actions[k].name, *numbers, remark(planner, state, plan, k)))
+        styles.append(style)
     head = ("", "action", "reward", "best return", "remarks")
     print_table(console, head, rows, styles=styles, right=(2, 3))
     if len(order) > _ACTIONS_SHOWN:
@@ -224,29 +187,19 @@ def _print_actions(console: Console, planner: MonitorReplanner, state: Vector, p
 
 
 def _print_path(console: Console, planner: MonitorReplanner, state: Vector, plan: Plan) -> None:
-    model = planner.model
-    states = [tuple(state.tolist()), *(step.state for step in plan.path)]
-    changing = [f for f in model.fluents if any(s[f.index] != states[0][f.index] for s in states)]
-    in_columns = 0 < len(changing) <= _COLUMNS
-    head = ["", "best path", "reward"]
-    head += [f.name for f in changing] if in_columns else ["what changes"]
-    rows: list[list[str]] = []
-    for k, step in enumerate(plan.path):
-        before, after = states[k], states[k + 1]
+    rows, before = [], tuple(state.tolist())
+    for k, step in enumerate(plan.path, 1):
         mark = " (unsafe)" if step.unsafe else f" (risk {percent(step.risk)})" if step.risk else ""
-        row = [str(k + 1), step.action + mark, readable(step.reward)]
-        if in_columns:
-            row += [_shown(after[f.index], numeric=f.numeric) for f in changing]
-        else:
-            changed = [f for f in model.fluents if before[f.index] != after[f.index]]
-            texts = [
-                f"{f.name} = {_shown(after[f.index], numeric=f.numeric)}"
-                for f in changed[:_FLUENTS_SHOWN]
-            ]
-            row.append(", ".join(texts) + (" …" if len(changed) > _FLUENTS_SHOWN else ""))
-        rows.append(row)
-    print_table(console, head, rows, right=(2, *(range(3, len(head)) if in_columns else ())))
+        changes = [
+            f"{fluent.name} = {readable(after) if fluent.numeric else str(bool(after)).lower()}"
+            for fluent, old, after in zip(planner.model.fluents, before, step.state, strict=True)
+            if old != after
+        ]
+        rows.append((str(k), step.action + mark, readable(step.reward), _shortened(changes)))
+        before = step.state
+    print_table(console, ("", "best path", "reward", "what changes"), rows, right=(2,))
 
 
-def _shown(value: float, *, numeric: bool) -> str:
-    return readable(value) if numeric else ("true" if value else "false")
+def _shortened(texts: list[str]) -> str:
+    more = f" … and {len(texts) - _FLUENTS_SHOWN} more" if len(texts) > _FLUENTS_SHOWN else ""
+    return ", ".join(texts[:_FLUENTS_SHOWN]) + more

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import io
 import os
+import signal
 import sys
 import warnings
 from collections.abc import Callable
@@ -18,27 +19,25 @@ from serp.errors import Notice, SerpError
 
 DONE = 0
 MISTAKE = 1
-INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 PIPE_CLOSED = 141  # 128 + SIGPIPE
 
 _default_format = warnings.formatwarning
 
 
-def stopped_by(signal: int | BaseException) -> int:
-    """Return the status of a command that a signal stopped: its number, or what it raised."""
-    number = signal if isinstance(signal, int) else getattr(signal, "signal", None)
-    return INTERRUPTED if number is None else 128 + number
+def stopped_by(stop: BaseException) -> int:
+    """Return the status of a command that a signal stopped."""
+    return 128 + int(getattr(stop, "signal", signal.SIGINT))
 
 
 def exit_with(run: Callable[[], Any]) -> NoReturn:
-    """Run a command and exit with its status.
+    """Run a command, which returns its status or None for 0, and exit with it.
 
-    Args:
-        run: Returns the status, or None for 0; may raise. A `SerpError` or an `OSError`, which the
-            user can fix, becomes a message, followed by its notes; any other exception is a bug
-            and keeps its traceback.
+    A `SerpError` or an `OSError`, which the user can fix, becomes a message, followed by its notes;
+    any other exception is a bug and keeps its traceback.
     """
-    _replace_unencodable()
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # what the terminal's encoding lacks is replaced
+            stream.reconfigure(errors="replace")
     warnings.formatwarning = _one_line  # type: ignore[assignment]
     try:
         status = run()
@@ -69,16 +68,9 @@ def exit_with(run: Callable[[], Any]) -> NoReturn:
 
 
 def say(text: str, head: str = "") -> None:
-    """Write a line to standard error; do nothing if it is closed.
-
-    Args:
-        text: The line, whatever it holds.
-        head: What stands before it, in red on a terminal.
-    """
+    """Write a line to standard error after a head in red; do nothing if it is closed."""
     with contextlib.suppress(OSError, ValueError):
-        click.echo(
-            (click.style(head, fg="red", bold=True) if head else "") + visible(text), err=True
-        )
+        click.echo(click.style(head, fg="red", bold=True) * bool(head) + visible(text), err=True)
 
 
 def _one_line(message: Warning | str, category: type[Warning], *rest: Any) -> str:
@@ -93,13 +85,6 @@ def _described(error: OSError) -> str:
     if error.errno == errno.ENOSPC:
         reason += " (free some space, then try again)"
     return f"{error.filename}: {reason}" if error.filename else reason
-
-
-def _replace_unencodable() -> None:
-    """Let output be replaced where the terminal's encoding has no such character."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
-            stream.reconfigure(errors="replace")
 
 
 def _is_closed_output(error: Exception) -> bool:

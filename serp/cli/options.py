@@ -1,19 +1,16 @@
-"""Options that several commands have, and options as one record."""
+"""Options that several commands have."""
 
 from __future__ import annotations
 
-import functools
 import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, get_args
 
 import click
 
 from serp.training.policies import Policy
 
-_Record = TypeVar("_Record")
-_Result = TypeVar("_Result")
 _KEY = f"{__name__}.task"
 
 
@@ -29,6 +26,11 @@ own_task_option = click.option(
 max_ground_schemas_option = click.option(
     "--max-ground-schemas", type=click.IntRange(min=1), metavar="N",
     help="Most ground actions, processes and events.  [default: 50000]")  # fmt: skip
+
+settings_option = click.option(
+    "--set", "settings", multiple=True, metavar="SECTION.NAME=VALUE",
+    callback=lambda ctx, parameter, value: parse_settings(value),
+    help="Change a setting; may be repeated.")  # fmt: skip
 
 
 def own_task_name() -> str | None:
@@ -49,24 +51,23 @@ def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
     return run(option(own_task_option(command)))
 
 
-def as_record(
-    record: type[_Record],
-) -> Callable[[Callable[[click.Context, _Record], _Result]], Callable[..., _Result]]:
-    """Pass the context and all options, in one record, to a command.
+class OutputFile(click.Path):
+    """A file to be written, as a `Path`.
 
     Args:
-        record: Takes the options by name.
+        endings: What its name may end in, such as `.svg`.
     """
 
-    def decorate(command: Callable[[click.Context, _Record], _Result]) -> Callable[..., _Result]:
-        @click.pass_context
-        @functools.wraps(command)
-        def with_record(ctx: click.Context, /, **options: Any) -> _Result:
-            return command(ctx, record(**options))
+    def __init__(self, *endings: str) -> None:
+        super().__init__(path_type=Path)
+        self._endings = endings
 
-        return with_record
-
-    return decorate
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path; fail if it has another ending."""
+        path: Path = super().convert(value, param, ctx)  # type: ignore[assignment]
+        if path.suffix.lower() not in self._endings:
+            self.fail(f"name a file that ends in {' or '.join(self._endings)}", param, ctx)
+        return path
 
 
 def parse_settings(assignments: Iterable[str]) -> dict[str, dict[str, Any]]:
@@ -92,10 +93,12 @@ def parse_settings(assignments: Iterable[str]) -> dict[str, dict[str, Any]]:
     return settings
 
 
+_WORDS = {"inf": float("inf"), "none": None, "None": None, "True": True, "False": False}
+
+
 def _setting(text: str) -> Any:
-    if text in ("inf", "none", "None", "True", "False"):
-        words = {"inf": float("inf"), "True": True, "False": False}
-        return words.get(text)
+    if text in _WORDS:
+        return _WORDS[text]
     try:
         value = json.loads(text)
     except (ValueError, RecursionError):

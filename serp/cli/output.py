@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 _UNLIMITED = 10_000  # columns of a file or pipe: nothing is wrapped or cut
 
 
+def examples(*lines: str) -> str:
+    """Return the end of a command's help; no line is wrapped, so that each can be copied."""
+    return "\n".join(["\b", "Examples:", *(f"  {line}" for line in lines)])
+
+
 def open_console() -> Console:
     """Return a console on standard output that takes text as it stands."""
     console = terminal.open_console()
@@ -42,7 +47,7 @@ def print_table(
         console: Where to.
         head: Titles of the columns; all empty for a table without a head.
         rows: Cells, as many a row as there are titles.
-        styles: rich's style of each row; none where it is empty or too short.
+        styles: rich's style of each row; by default none.
         right: Columns that are aligned to the right.
     """
     from rich import box
@@ -64,10 +69,8 @@ def print_table(
             overflow="fold",
         )
     for row, cells in enumerate(rows):
-        table.add_row(
-            *(Text(visible(cell)) for cell in cells),
-            style=styles[row] if row < len(styles) else None,
-        )
+        style = styles[row] if styles else None
+        table.add_row(*(Text(visible(cell)) for cell in cells), style=style)
     if console.is_terminal:
         console.print(table)
         return
@@ -81,8 +84,7 @@ def print_json(value: Any) -> None:
     """Print JSON that every reader takes: NaN and infinities become null."""
     from serp._util.json_files import finite, json_text
 
-    text = json_text(finite(value))
-    click.echo(text if not sys.stdout.isatty() else visible(text), nl=False)
+    print_result(json_text(finite(value)).rstrip("\n"))
 
 
 def print_result(text: object) -> None:
@@ -91,15 +93,7 @@ def print_result(text: object) -> None:
 
 
 def learned_from(domain: Domain, task: Task) -> str:
-    """Say what the learner of a task learns from.
-
-    Args:
-        domain: The domain file that is looked at.
-        task: The task that it belongs to.
-
-    Raises:
-        SettingsError: The settings of the task are wrong.
-    """
+    """Say what the learner of a task learns from, if it has this domain file."""
     from serp.settings import resolve
     from serp.tasks.reward import describe_source, reward_source
     from serp.tasks.task import declared_reward
@@ -108,27 +102,3 @@ def learned_from(domain: Domain, task: Task) -> str:
     source = reward_source(declared, resolve("default", task.settings))
     said = describe_source(source, in_file=domain.model.rewarding)
     return f"task {task.name or domain.name}: the learner learns from {said}"
-
-
-class ExampledCommand(click.Command):
-    """A command with examples.
-
-    Args:
-        examples: Command lines.
-    """
-
-    def __init__(self, *args: Any, examples: Sequence[str], **options: Any) -> None:
-        super().__init__(*args, **options)
-        self.examples = tuple(examples)
-
-    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the examples, then what else there is to say."""
-        write_examples(formatter, self.examples)
-        super().format_epilog(ctx, formatter)
-
-
-def write_examples(formatter: click.HelpFormatter, examples: Sequence[str]) -> None:
-    """Write a section of examples; no line is wrapped, so that each can be copied."""
-    with formatter.section("Examples"):
-        for example in examples:
-            formatter.write(f"{'':{formatter.current_indent}}{example}\n")

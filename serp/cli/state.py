@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import TYPE_CHECKING, Final, NamedTuple
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Final
 
 import click
 
-from serp._util.text import did_you_mean, listed
+from serp._util.text import did_you_mean, listed, plural
 from serp.cli.asked import with_domain
 from serp.errors import SerpError
 
@@ -18,22 +18,18 @@ if TYPE_CHECKING:
     from serp.planning.replanner import MonitorReplanner
     from serp.tasks.task import Task
 
-MOST_STEPS: Final = 200
-"""Steps after which the search for a state with a choice ends."""
+_MOST_STEPS: Final = 200
 _MOST_SECONDS: Final = 10.0
+"""Limits of the search for a state in which the planner has a choice."""
 
-
-class AskedDomain(NamedTuple):
-    """A domain, and the task that it belongs to, if any."""
-
-    domain: Domain
-    task: Task | None
+MakePlanner = Callable[["Domain"], "MonitorReplanner"]
 
 
 def asked_state(
-    asked: AskedDomain,
-    planner_of: Callable[[Domain], MonitorReplanner],
-    assignments: tuple[str, ...],
+    domain: Domain,
+    task: Task | None,
+    make_planner: MakePlanner,
+    assignments: Iterable[str],
     *,
     observe: bool,
     seed: int,
@@ -41,8 +37,9 @@ def asked_state(
     """Return the state to plan from and its domain.
 
     Args:
-        asked: The domain and its task.
-        planner_of: Makes the planner of a domain.
+        domain: The domain.
+        task: The task that it belongs to, if any.
+        make_planner: Makes the planner of a domain.
         assignments: What `--state` says.
         observe: Whether the state comes from the environment.
         seed: Seed of the environment's reset.
@@ -53,120 +50,91 @@ def asked_state(
     Raises:
         SerpError: A fluent has no value or a wrong one, or there is no environment to observe.
     """
-    domain, given = asked.domain, parse_state(assignments, GroundNames(asked.domain))
+    given = parse_state(assignments, domain)
     complete = all(fluent.name in given for fluent in domain.model.fluents)
-    problem = domain.problem_syntax
-    if observe:
-        pass
-    elif asked.task is None and problem is not None and problem.has_init:
+    problem, grounded = domain.problem_syntax, domain
+    if task is not None:
+        grounded = domain.observed(given)
+    elif given and problem is not None and problem.has_init:
         # What can be reached is reached from the given state.
-        domain = domain.starting(given) if given else domain
-    elif asked.task is not None:
-        domain = domain.observed(given)
-    model = domain.model
-    missing = [fluent.name for fluent in model.fluents if fluent.name not in given]
-    # What --state changes is the state after the reset, whatever there is to choose.
-    choosing = None if given else planner_of
-    if observe:
-        domain, base, origin = _observed(asked, choosing, seed)
-    elif complete:
-        base = {} if model.initial_state is None else model.values(model.initial_state)
-        origin = "in the given state" if given else "in its only state"
-    elif model.initial_state is not None:
-        base, origin = model.values(model.initial_state), "in the initial state of its problem"
-    elif given:
-        raise SerpError(f"--state leaves out {listed(missing)}; {_how_to_complete(asked)}")
-    elif asked.task is not None:
-        domain, base, origin = _observed(asked, choosing, seed)
+        grounded = domain.starting(given)
+    initial = grounded.model.initial_state
+    if observe or (task is not None and not given and not complete and initial is None):
+        # What --state changes is the state after the reset, whatever there is to choose.
+        grounded, base, origin = _observed(domain, task, None if given else make_planner, seed)
+    elif complete or initial is not None:
+        base = {} if initial is None else grounded.model.values(initial)
+        origin = "in the initial state of its problem"
+        if complete:
+            origin = "in the given state" if given else "in its only state"
     else:
+        missing = [fluent.name for fluent in grounded.model.fluents if fluent.name not in given]
+        other = "a problem file with an :init" if task is None else "the environment's: --observe"
         raise SerpError(
-            f"{domain.source.name}: which state? Give one with --state, a value for each of "
-            f"{listed(missing)}; or give a problem file with an :init"
+            f"{domain.source.name}: which state? --state gives no value of {listed(missing)}; give "
+            f"these too, or {other}"
         )
     if given and not complete:
         origin += ", changed by --state"
-    fluents = {fluent.name for fluent in domain.model.fluents}
+    fluents = {fluent.name for fluent in grounded.model.fluents}
     for name in given.keys() - fluents:  # in a closed world it is part of the :init by now
-        if domain.supplied is not None or observe:
+        if grounded.supplied is not None or observe:
             raise SerpError(f"--state: `{name}` is fixed by the problem file; change it there")
         del given[name]
-    return domain, domain.model.state({**base, **given}), origin
-
-
-def _how_to_complete(asked: AskedDomain) -> str:
-    if asked.task is not None:
-        return "give these too, or take them from the environment with --observe"
-    return "give these too, or a problem file with an :init"
+    return grounded, grounded.model.state({**base, **given}), origin
 
 
 def _observed(
-    asked: AskedDomain, planner_of: Callable[[Domain], MonitorReplanner] | None, seed: int
+    domain: Domain, task: Task | None, make_planner: MakePlanner | None, seed: int
 ) -> tuple[Domain, dict[str, float | bool], str]:
-    """Return the task's domain and a state: after a reset, or where a planner has a choice."""
-    if asked.task is None:
+    """Return the task's domain and an observed state, in which a planner, if any, has a choice."""
+    if task is None:
         raise SerpError(
-            f"--observe: no task is installed for domain `{asked.domain.name}`, so there is no "
+            f"--observe: no task is installed for domain `{domain.name}`, so there is no "
             "environment to observe; give the state with --state"
         )
-    task = with_domain(asked.task, asked.domain)
-    domain = asked.domain
+    task = with_domain(task, domain)
     if domain.problem_syntax is not None:  # the grounding tells what of :init is observed
         with task.bind() as bound:
             domain = bound.domain
-    if planner_of is None:
-        state, origin = observed(task, seed)
-    else:
-        state, origin = observed_choice(task, planner_of(domain), seed)
+    state, origin = observed_state(task, make_planner and make_planner(domain), seed)
     return domain, domain.model.values(state), origin
 
 
-def observed(task: Task, seed: int) -> tuple[Vector, str]:
-    """Return the state `[F]` after a reset of a task's environment, and where it comes from."""
-    with task.bind() as bound:
-        raw, _ = bound.reset(seed)
-        return bound.ground(raw), f"observed after a reset with seed {seed}"
-
-
-def observed_choice(task: Task, planner: MonitorReplanner, seed: int) -> tuple[Vector, str]:
-    """Return the first observed state in which the planner has a choice.
+def observed_state(task: Task, planner: MonitorReplanner | None, seed: int) -> tuple[Vector, str]:
+    """Return the first observed state `[F]` in which a planner has a choice, and its origin.
 
     Where the planner is indifferent, its action is executed and the next state is tried; after an
-    episode the next one begins. Where no such state is found, the state after the reset is
-    returned.
-
-    Args:
-        task: The task.
-        planner: Its planner.
-        seed: Seed of the reset.
+    episode the next one begins. Without a planner, or where no such state is found, the state
+    after the reset is returned.
     """
     deadline = time.monotonic() + _MOST_SECONDS
+    origin = f"observed after a reset with seed {seed}"
     with task.bind() as bound:
-        raw, _ = bound.reset(seed)
-        first = bound.ground(raw)
-        origin = f"observed after a reset with seed {seed}"
-        state, steps = first, 0
-        while True:
+        state = first = bound.ground(bound.reset(seed)[0])
+        for steps in range(_MOST_STEPS + 1):
+            if planner is None:
+                break
             plan = planner.plan(state)
             if plan.forecast.applicable.sum() > 1 and not plan.indifferent:
-                made = f" and {steps} step{'s' * (steps > 1)} without a choice"
-                return state, origin + made * (steps > 0)
-            if plan.action is None or steps == MOST_STEPS or time.monotonic() > deadline:
-                return first, origin
-            raw, _, terminated, truncated, _ = bound.step(
-                bound.actions.environment_action[plan.action]
-            )
-            steps += 1
+                walked = f" and {plural(steps, 'step')} without a choice" if steps else ""
+                return state, origin + walked
+            if plan.action is None or time.monotonic() > deadline:
+                break
+            action = bound.actions.environment_action[plan.action]
+            raw, _, terminated, truncated, _ = bound.step(action)
             if terminated or truncated:
                 raw, _ = bound.reset()
             state = bound.ground(raw)
+    return first, origin
 
 
-def parse_state(assignments: Iterable[str], known: Mapping[str, bool]) -> dict[str, float]:
+def parse_state(assignments: Iterable[str], domain: Domain) -> dict[str, float]:
     """Return fluent → value of `fluent=value` texts, several in one text separated by commas.
 
     Args:
         assignments: What was typed; a predicate takes `true` or `false` as well as 1 or 0.
-        known: Name of every fluent → whether it is numeric.
+        domain: The domain.
 
     Raises:
         UsageError: A text has another form.
@@ -180,15 +148,18 @@ def parse_state(assignments: Iterable[str], known: Mapping[str, bool]) -> dict[s
                 f"--state {text}: expected fluent=value, such as pole-angle=0.05"
             )
         name = " ".join(target.lower().strip().strip("()").split())
-        if name not in known:
+        declaration = domain.declared(name)
+        if declaration is None:
+            model = domain.model
+            known = [*(fluent.name for fluent in model.fluents), *model.ground.static]
             raise SerpError(f"--state: unknown fluent `{name}`; {did_you_mean(name, known)}")
         if name in state:
             raise SerpError(f"--state: `{name}` is given twice")
-        state[name] = _fluent_value(name, value.strip(), numeric=known[name])
+        state[name] = _value(name, value.strip(), numeric=declaration.numeric)
     return state
 
 
-def _fluent_value(name: str, text: str, *, numeric: bool) -> float:
+def _value(name: str, text: str, *, numeric: bool) -> float:
     words = {} if numeric else {"true": 1.0, "false": 0.0}
     try:
         value = words[text.lower()] if text.lower() in words else float(text)
@@ -198,27 +169,3 @@ def _fluent_value(name: str, text: str, *, numeric: bool) -> float:
         wanted = "a finite number" if numeric else "true or false"
         raise SerpError(f"--state: `{name}` is {wanted}, not `{text}`")
     return value
-
-
-class GroundNames(Mapping[str, bool]):
-    """Every ground predicate and function of a domain → whether it is numeric.
-
-    Those that are listed are the ones that its model names.
-    """
-
-    def __init__(self, domain: Domain) -> None:
-        self._domain = domain
-
-    def __getitem__(self, name: str) -> bool:
-        declaration = self._domain.declared(name)
-        if declaration is None:
-            raise KeyError(name)
-        return declaration.numeric
-
-    def __iter__(self) -> Iterator[str]:
-        model = self._domain.model
-        yield from (fluent.name for fluent in model.fluents)
-        yield from model.ground.static
-
-    def __len__(self) -> int:
-        return sum(1 for _ in self)

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from serp._util.plugins import find, loading, offered
 from serp.errors import SettingsError
+from serp.settings import Changes, Settings, resolve
+from serp.tasks.task import Task
 
 GROUP: Final = "serp.algorithms"
 """Entry-point group of external algorithms: functions of type `MakeExternalAlgorithm`."""
-
-Changes = Mapping[str, Mapping[str, Any]]
 
 
 class ExternalAlgorithm(Protocol):
@@ -68,6 +68,14 @@ class Algorithm:
     preset: str = "default"
     changes: Changes = field(default_factory=dict)
     make_external: MakeExternalAlgorithm | None = None
+
+    def settings(self, task: Task, changes: Changes) -> Settings:
+        """Return its settings on a task; its own changes override those of the user.
+
+        Raises:
+            SettingsError: A setting does not exist, or a value is out of range.
+        """
+        return resolve(self.preset, task.settings, merged(changes, self.changes))
 
     @property
     def uses_model(self) -> bool:

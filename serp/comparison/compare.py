@@ -5,28 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Unpack
+from typing import Any
 
 from serp._util.extras import needs_extra
 from serp.comparison.analysis.results import Results
 from serp.comparison.fairness import judges_alike
-from serp.comparison.folder import read_plan, write_plan, writing
+from serp.comparison.folder import writing
 from serp.comparison.metadata import metadata_of
-from serp.comparison.plan import ComparisonPlan
-from serp.comparison.progress import Display, RemainingTime, named_trial
+from serp.comparison.plan import read_plan, write_plan
+from serp.comparison.prepared import PreparedComparison
+from serp.comparison.progress import Display
 from serp.comparison.report.tables import overview
-from serp.comparison.request import (
-    ComparisonRequest,
-    requested_folder,
-    requested_plan,
-    requested_processes,
-    requested_task,
-)
+from serp.comparison.request import ComparisonRequest, prepare, requested_task
 from serp.comparison.trial_files import is_complete, read_trial
 from serp.comparison.trial_records import Trial
 from serp.comparison.trials.characteristics import settings_in_use
 from serp.comparison.trials.contestant import make_contestant
-from serp.comparison.workers import Job, portable, run_here, run_in_processes
+from serp.comparison.workers import Ended, Job, portable, run_here, run_in_processes
 from serp.errors import Interrupted, RunError
 from serp.runs.new_folder import default_path
 from serp.tasks.bound_task import BoundTask
@@ -54,10 +49,10 @@ class Comparison:
     @property
     def caution(self) -> str | None:
         """A warning of too few seeds; None if there are enough."""
-        return self.results.caution(*self.results.variants)
+        return self.results.caution
 
 
-def compare(task: Task | str | None = None, **request: Unpack[ComparisonRequest]) -> Comparison:
+def compare(task: Task | str | None = None, **options: Any) -> Comparison:
     """Compare algorithms on one task under one protocol.
 
     Complete trials in `out` are kept: a call with more algorithms, seeds or domain files runs only
@@ -66,63 +61,79 @@ def compare(task: Task | str | None = None, **request: Unpack[ComparisonRequest]
     Args:
         task: The task, the name of an installed one, or a domain file that belongs to one. None:
             that of the comparison in `out`.
-        **request: Options, see `serp.ComparisonRequest`.
+        **options: All of them optional. When a comparison is continued, the defaults are its own
+            values.
+
+            * `algorithms`: names, such as `serp`, `mrp`, `dqn` or `ppo`; the others are compared
+              with the first. `name:text` is an algorithm with other settings, see `changed`. By
+              default `serp`, `mrp` and `dqn`.
+            * `seeds`: number of seeds, from 0 on, or a list of seeds; 5 by default.
+            * `env_steps`: budget of each trial; by default `training.env_steps` of the task.
+            * `model_variants`: further domain files for the task; every algorithm that uses a model
+              also runs on each of them. Files, names of files beside the task's own domain file
+              (`cartpole-reversed`), patterns of either, or `all`: every file there whose name
+              begins with that of the task and a hyphen.
+            * `settings`: section → setting → value; applies to all of serp's algorithms.
+            * `changed`: name such as `serp:learner.members=1` → changes for that algorithm only.
+            * `threshold`: return from which a policy counts as good; by default the
+              `reward_threshold` of the environment's Gymnasium specification, if it has one.
+            * `evaluate_every`: env steps between evaluations of the learner; a tenth of the budget
+              by default.
+            * `evaluation_episodes`: episodes of each such evaluation; 10 by default.
+            * `final_episodes`: episodes of each evaluation at the end; 50 by default.
+            * `out`: folder of the comparison; by default `runs/compare-<domain>-<time>`.
+            * `jobs`: number of processes; by default the number of cores.
+            * `quiet`: show no progress.
 
     Raises:
-        SerpError: Task, settings or folder are wrong, or a trial failed. Complete trials are kept,
-            and the report covers them.
+        SerpError: Task, options, settings or folder are wrong, or a trial failed. Complete trials
+            are kept, and the report covers them.
         Interrupted: Ctrl-C, SIGTERM or SIGHUP; complete trials are kept.
     """
-    unknown = [name for name in request if name not in ComparisonRequest.__annotations__]
-    if unknown:
-        raise TypeError(f"compare() got an unexpected keyword argument {unknown[0]!r}")
     with needs_extra("report", "the report of a comparison"):
         from serp.comparison.report.report import write_report
-    folder = requested_folder(request.get("out"))
-    before = None if folder is None else read_plan(folder)
-    base = requested_task(task, before, folder)
-    processes = requested_processes(request.get("jobs"))
-    with base.bind() as bound:
-        if folder is None:
-            folder = default_path(f"compare-{bound.name}")
+    request = ComparisonRequest(**options)
+    before = None if request.out is None else read_plan(request.out)
+    with requested_task(task, before, request.out).bind() as bound:
+        folder = request.out or default_path(f"compare-{bound.name}")
         with writing(folder):
             if read_plan(folder) != before:
                 raise RunError(
                     f"another process has changed {folder} just now. Run the command again."
                 )
-            plan = requested_plan(folder, before, bound, request)
-            missing = plan.missing()
-            _try_algorithms(plan, bound)
-            write_plan(folder, plan.saved())
-            metadata = metadata_of(plan, bound, judges_alike(plan, bound))
+            prepared = prepare(folder, before, bound, request)
+            missing = prepared.missing()
+            _try_algorithms(prepared, bound)
+            write_plan(folder, prepared.plan)
+            metadata = metadata_of(prepared, bound, judges_alike(prepared, bound))
             with stop_between_episodes() as stopping:
-                quiet = request.get("quiet", False)
-                failed = _run(plan, missing, processes, stopping, quiet=quiet)
-                done = [trial for trial in plan.trials if is_complete(folder, trial)]
+                failed = _run(prepared, missing, stopping, request)
+                trials = prepared.plan.trials
+                done = [trial for trial in trials if is_complete(folder, trial)]
                 results = Results([read_trial(folder, trial) for trial in done], metadata)
                 write_report(folder, results)
-    if stopping.signal is not None and len(done) + len(failed) < len(plan.trials):
+    if stopping.signal is not None and len(done) + len(failed) < len(trials):
         raise Interrupted(
-            f"stopped with {len(done)} of {len(plan.trials)} trials complete in {folder}",
+            f"stopped with {len(done)} of {len(trials)} trials complete in {folder}",
             stopping.signal,
         )
     if failed:
         raise RunError(
-            f"{len(failed)} of {len(plan.trials)} trials failed; the first, {failed[0][0]}: "
-            f"{failed[0][1]}\nThe others are kept in {folder}."
+            f"{len(failed)} of {len(trials)} trials failed; the first, {failed[0].trial}: "
+            f"{failed[0].error}\nThe others are kept in {folder}."
         )
     return Comparison(folder, results)
 
 
-def _try_algorithms(plan: ComparisonPlan, bound: BoundTask) -> None:
+def _try_algorithms(prepared: PreparedComparison, bound: BoundTask) -> None:
     """Make each algorithm once, so that errors occur before any trial runs.
 
     Raises:
         SerpError: An algorithm cannot be made, or its settings are wrong.
     """
-    for name, algorithm in plan.algorithms.items():
-        trial = next(trial for trial in plan.trials if trial.algorithm == name)
-        settings = plan.settings(trial)
+    for name, algorithm in prepared.algorithms.items():
+        trial = next(trial for trial in prepared.plan.trials if trial.algorithm == name)
+        settings = prepared.settings(trial)
         if algorithm.kind == "external":
             make_contestant(algorithm, bound, settings, trial.seed)
         else:
@@ -130,24 +141,21 @@ def _try_algorithms(plan: ComparisonPlan, bound: BoundTask) -> None:
 
 
 def _run(
-    plan: ComparisonPlan,
+    prepared: PreparedComparison,
     missing: Sequence[Trial],
-    processes: int,
     stopping: Stopping,
-    *,
-    quiet: bool,
-) -> list[tuple[str, str]]:
-    """Run trials until a signal; return the failed ones, each with its error."""
-    failed: list[tuple[str, str]] = []
+    request: ComparisonRequest,
+) -> list[Ended]:
+    """Run trials until a signal; return how the failed ones ended."""
+    failed: list[Ended] = []
     if not missing:
         return failed
-    processes = min(processes, len(missing))
-    jobs = [_job(plan, trial) for trial in missing]
-    here = processes > 1 and not portable(jobs)
-    processes = 1 if here else processes
-    remaining = RemainingTime(missing, plan.protocol.env_steps, processes)
-    with Display(remaining, len(missing), quiet=quiet) as display:
-        if here:
+    protocol = prepared.plan.protocol
+    jobs = [_job(prepared, trial) for trial in missing]
+    processes = min(request.jobs, len(jobs))
+    with Display(missing, protocol.env_steps, quiet=request.quiet) as display:
+        if processes > 1 and not portable(jobs):
+            processes = 1
             display.say(
                 "The trials run one after another: the task has functions that cannot be imported "
                 "from other processes (lambdas, or functions of a notebook or of __main__)."
@@ -171,20 +179,18 @@ def _run(
         for ended in ends:
             display.end(ended.trial, ended.error)
             if ended.error is not None:
-                failed.append((named_trial(ended.trial), ended.error))
-        return failed
+                failed.append(ended)
+    return failed
 
 
-def _job(plan: ComparisonPlan, trial: Trial) -> Job:
+def _job(prepared: PreparedComparison, trial: Trial) -> Job:
     """Return what a worker needs for one trial."""
-    algorithm = plan.algorithms[trial.algorithm]
+    algorithm, settings = prepared.algorithms[trial.algorithm], prepared.settings(trial)
     metadata = {
-        "env_steps": plan.protocol.env_steps,
-        "settings": settings_in_use(algorithm, plan.settings(trial)),
-        "description": algorithm.description,
-        "made_of": plan.made_of(trial),
+        "settings": settings_in_use(algorithm, settings),
+        "made_of": prepared.made_of(trial),
     }
     return Job(
-        plan.folder, trial, algorithm, plan.variants[trial.variant], plan.protocol, plan.changes,
-        metadata,
+        prepared.folder, trial, algorithm, prepared.tasks[trial.variant], settings,
+        prepared.plan.protocol, metadata,
     )  # fmt: skip

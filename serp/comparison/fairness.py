@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from serp.comparison.plan import ComparisonPlan
+from serp.comparison.prepared import PreparedComparison
 from serp.control.arbiter import Arbiter
 from serp.control.registry import make_planner
 from serp.model.transition_model import StateError, TransitionModel, Vector
@@ -20,67 +20,60 @@ _STEPS: Final = 500
 _SEED: Final = 0
 
 
-def judges_alike(plan: ComparisonPlan, bound: BoundTask) -> list[str]:
+def judges_alike(prepared: PreparedComparison, bound: BoundTask) -> list[str]:
     """Return a warning for each domain file that judges random steps differently from the base.
 
     If rewards of the domain file are learned from, learners with it are trained on another reward.
 
     Args:
-        plan: The comparison.
+        prepared: The comparison.
         bound: The task with the base file, in a separate environment.
     """
-    settings = resolve("default", bound.task.settings, plan.changes)
+    base, *others = prepared.plan.variants
+    if not others:
+        return []
+    settings = resolve("default", bound.task.settings, prepared.plan.changes)
     with contextlib.ExitStack() as stack:
-        variants = {
-            name: stack.enter_context(task.bind())
-            for name, task in plan.variants.items()
-            if name != plan.base
-        }
+        files = {name: stack.enter_context(prepared.tasks[name].bind()) for name in others}
         return [
-            f"The domain file `{name}` {what} other steps than `{plan.base}` does: results "
+            f"The domain file `{name}` {what} other steps than `{base}` does: results "
             "on it cannot be compared."
-            for name, what in _different(variants, bound, settings).items()
+            for name, what in _different(bound, files, settings).items()
         ]
 
 
 def _different(
-    variants: Mapping[str, BoundTask], bound: BoundTask, settings: Settings
+    bound: BoundTask, files: Mapping[str, BoundTask], settings: Settings
 ) -> dict[str, str]:
-    """Return the variants that differ from the base, with a word for the difference."""
+    """Return the files that differ from that of `bound`, with a word for the difference."""
     different: dict[str, str] = {}
-    if not variants:
-        return different
     by_file = reward_source(bound.rewarded_by, settings) != "environment"
     random = np.random.default_rng(_SEED)
     arbiter = Arbiter(make_planner(bound.model, settings.planner), bound.actions)
-    files = {"": bound, **variants}
-    states = _grounded(files, bound.reset(seed=_SEED)[0])
+    everyone = {"": bound, **files}
+
+    def grounded(raw: Any) -> dict[str, Vector]:  # the order of fluents may differ
+        return {name: file.ground(raw) for name, file in everyone.items()}
+
+    states = grounded(bound.reset(seed=_SEED)[0])
     for step in range(_STEPS):
         action = int(random.integers(bound.actions.size))
         ground = int(arbiter.forecast(states[""]).ground[action])
-        name_of_action = bound.model.actions[ground].name if ground >= 0 else None
+        named = bound.model.actions[ground].name if ground >= 0 else None
         raw, _, terminated, truncated, _ = bound.step(action)
-        before, states = states, _grounded(files, raw)
-        found = {
-            name: _judged(task.model, before[name], name_of_action, states[name])
-            for name, task in files.items()
-        }
-        expected = found.pop("")
-        for name, judged in found.items():
-            if name in different or expected is None or judged == expected:
-                continue
-            if by_file and (judged is None or judged[0] != expected[0]):
-                different[name] = "rewards"
-            elif judged is None or judged[1] != expected[1]:
-                different[name] = "flags unsafe"
+        before, states = states, grounded(raw)
+        expected = _judged(bound.model, before[""], named, states[""])
+        for name in files:
+            if expected is None:
+                break
+            found = _judged(files[name].model, before[name], named, states[name])
+            if by_file and (found is None or found[0] != expected[0]):
+                different.setdefault(name, "rewards")
+            elif found is None or found[1] != expected[1]:
+                different.setdefault(name, "flags unsafe")
         if terminated or truncated:
-            states = _grounded(files, bound.reset(seed=_SEED + 1 + step)[0])
+            states = grounded(bound.reset(seed=_SEED + 1 + step)[0])
     return different
-
-
-def _grounded(files: Mapping[str, BoundTask], raw: Any) -> dict[str, Vector]:
-    """Return the state for each domain file, because the order of fluents may differ."""
-    return {name: task.ground(raw) for name, task in files.items()}
 
 
 def _judged(

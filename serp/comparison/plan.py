@@ -1,40 +1,88 @@
-"""The plan of a comparison: its algorithms, domain files, seeds and protocol."""
+"""The plan of a comparison: everything that was requested of it so far, kept in `plan.json`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Any, Final, Literal
 
-from serp.comparison.algorithms import Algorithm, Changes, ablation, find_algorithm
-from serp.comparison.folder import SavedPlan
-from serp.comparison.protocol import ComparisonProtocol
-from serp.comparison.trial_files import digest, is_complete, read_metadata
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    NonNegativeInt,
+    PlainSerializer,
+    PositiveInt,
+    ValidationError,
+)
+
+from serp._util.files import write_durably
+from serp._util.json_files import json_text, read_json
 from serp.comparison.trial_records import Trial
-from serp.comparison.trials.trial import trial_settings
-from serp.errors import RunError, SettingsError
-from serp.settings import Settings
-from serp.tasks.task import Task
+from serp.errors import RunError
+from serp.settings.section import from_json
 
-_WHAT: Final = {
-    "settings": "other settings",
-    "domain": "another domain file",
-    "protocol": "another budget or other evaluations",
-    "algorithm": "another algorithm",
-}
+FORMAT: Final = 2
+_PLAN: Final = "plan.json"
 
 
-@dataclass(frozen=True, kw_only=True)
-class ComparisonPlan:
-    """The plan of a comparison.
+def _mapped(changes: Any, convert: Callable[[Any], Any]) -> Any:
+    if not isinstance(changes, Mapping):
+        return convert(changes)
+    return {name: _mapped(value, convert) for name, value in changes.items()}
+
+
+def _loaded(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else from_json(value)
+
+
+def _saved(value: Any) -> Any:
+    return str(value) if value in (math.inf, -math.inf) else value
+
+
+SettingChanges = Annotated[
+    Mapping[str, Mapping[str, Any]],
+    BeforeValidator(lambda changes: _mapped(changes, _loaded)),
+    PlainSerializer(lambda changes: _mapped(changes, _saved)),
+]
+"""Section → setting → value; JSON has neither tuples nor infinities, which are restored."""
+
+
+class ComparisonProtocol(BaseModel):
+    """Budget and evaluations, the same for all trials of a comparison.
 
     Attributes:
-        folder: The folder of the comparison.
+        env_steps: Budget of a training.
+        evaluate_every: Env steps between evaluations of the learner; the last is at the end.
+        evaluation_episodes: Episodes of such an evaluation.
+        final_episodes: Episodes of each evaluation at the end.
+        evaluation_seed: Seed of the environment in evaluations; every evaluation plays the same
+            episodes.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    env_steps: PositiveInt
+    evaluate_every: PositiveInt
+    evaluation_episodes: PositiveInt = 10
+    final_episodes: PositiveInt = 50
+    evaluation_seed: NonNegativeInt = 99
+
+    def due(self, env_steps: int) -> bool:
+        """Return whether the learner is evaluated after so many env steps."""
+        return env_steps % self.evaluate_every == 0 or env_steps == self.env_steps
+
+
+class ComparisonPlan(BaseModel):
+    """The content of `plan.json`.
+
+    Attributes:
         task: Name of the task.
-        variants: Name of each domain file → the task with that file. The first is the base:
-            algorithms that use no model run only on it.
-        algorithms: Name → algorithm.
+        variants: Names of the domain files. The first is the base: algorithms that use no model run
+            only on it.
+        algorithms: Name → changes to the settings; not empty for names such as `algorithm:text`.
         trials: All requested trials.
         protocol: Budget and evaluations.
         changes: Changes to the settings of all algorithms.
@@ -42,108 +90,59 @@ class ComparisonPlan:
         max_ground_schemas: Limit on the size of the grounded domains.
     """
 
-    folder: Path
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    format: Literal[2] = FORMAT
     task: str
-    variants: Mapping[str, Task]
-    algorithms: Mapping[str, Algorithm]
-    trials: Sequence[Trial]
+    variants: tuple[str, ...] = Field(min_length=1)
+    algorithms: dict[str, SettingChanges]
+    trials: tuple[Trial, ...]
     protocol: ComparisonProtocol
-    changes: Changes
+    changes: SettingChanges
     threshold: float | None
     max_ground_schemas: int
 
     @property
     def base(self) -> str:
         """Name of the base variant."""
-        return next(iter(self.variants))
+        return self.variants[0]
 
     @property
     def seeds(self) -> list[int]:
         """All seeds, in ascending order."""
         return sorted({trial.seed for trial in self.trials})
 
-    def saved(self) -> SavedPlan:
-        """Return the plan as `plan.json` holds it."""
-        return SavedPlan(
-            task=self.task,
-            variants=list(self.variants),
-            algorithms={name: found.changes for name, found in self.algorithms.items()},
-            trials=self.trials,
-            protocol=self.protocol,
-            changes=self.changes,
-            threshold=self.threshold,
-            max_ground_schemas=self.max_ground_schemas,
-        )
 
-    def settings(self, trial: Trial) -> Settings:
-        """Return the settings of a trial."""
-        task = self.variants[trial.variant]
-        return trial_settings(self.algorithms[trial.algorithm], task, self.changes)
-
-    def made_of(self, trial: Trial) -> dict[str, str]:
-        """Return digests of everything that the result of a trial depends on."""
-        algorithm = self.algorithms[trial.algorithm]
-        domain = self.variants[trial.variant].load()
-        texts = [s.text for s in (domain.source, domain.problem_source) if s is not None]
-        return {
-            "settings": digest(self.settings(trial).as_dict()),
-            "domain": digest({"texts": texts}),
-            "protocol": digest(asdict(self.protocol)),
-            "algorithm": digest({"kind": algorithm.kind, "preset": algorithm.preset}),
-        }
-
-    def missing(self) -> list[Trial]:
-        """Return the trials that are not complete, seed by seed.
-
-        Raises:
-            RunError: A complete trial was made from other settings or files.
-        """
-        missing: list[Trial] = []
-        for trial in sorted(self.trials, key=lambda trial: trial.seed):
-            if not is_complete(self.folder, trial):
-                missing.append(trial)
-                continue
-            before, now = read_metadata(self.folder, trial).get("made_of", {}), self.made_of(trial)
-            for part, what in _WHAT.items():
-                if before.get(part) != now[part]:
-                    raise RunError(
-                        f"{self.folder}: the trial of {trial.algorithm} on {trial.variant}, seed "
-                        f"{trial.seed}, was made with {what} than now. Compare in another folder "
-                        "(--out), or remove that trial."
-                    )
-        return missing
-
-
-def named_algorithms(names: Iterable[str], changed: Mapping[str, Changes]) -> dict[str, Algorithm]:
-    """Return algorithms by name.
-
-    Args:
-        names: Names of algorithms.
-        changed: Name of the form `algorithm:text` → what is changed in that algorithm's settings.
+def write_plan(folder: Path, plan: ComparisonPlan) -> None:
+    """Write `plan.json`, so that the comparison can be continued.
 
     Raises:
-        SettingsError: There is no such algorithm.
+        RunError: The write failed.
     """
-    found: dict[str, Algorithm] = {}
-    for name in names:
-        base, colon, _ = name.partition(":")
-        algorithm = find_algorithm(base)
-        if colon:
-            if name not in changed:
-                raise SettingsError(f"`{name}`: say in `changed` which settings it changes")
-            algorithm = ablation(algorithm, name, changed[name])
-        found[name] = algorithm
-    return found
+    write_durably(folder / _PLAN, json_text(plan.model_dump()))
 
 
-def trials_of(
-    algorithms: Mapping[str, Algorithm], variants: Sequence[str], seeds: Iterable[int]
-) -> list[Trial]:
-    """Return all trials; algorithms that use no model run only on the first variant."""
-    return [
-        Trial(name, variant, seed)
-        for seed in seeds
-        for variant in variants
-        for name, algorithm in algorithms.items()
-        if algorithm.uses_model or variant == variants[0]
-    ]
+def has_plan(folder: Path) -> bool:
+    """Return whether a folder holds a comparison."""
+    return (folder / _PLAN).is_file()
+
+
+def read_plan(folder: Path) -> ComparisonPlan | None:
+    """Return what `write_plan` wrote; None if the folder holds no comparison.
+
+    Raises:
+        RunError: The file is damaged, or another version of serp wrote it.
+    """
+    if not has_plan(folder):
+        return None
+    file, advice = folder / _PLAN, "Restore it from a copy, or begin another comparison."
+    values = read_json(file, advice)
+    if values.get("format", FORMAT) != FORMAT:
+        raise RunError(
+            f"{file} was written by another version of serp, with other names of settings: this "
+            "comparison cannot be continued. Compare in another folder (--out)."
+        )
+    try:
+        return ComparisonPlan(**values)
+    except (ValidationError, TypeError, AttributeError):
+        raise RunError(f"{file} is not the plan of a comparison. {advice}") from None

@@ -17,7 +17,7 @@ from typing import Any, Final, get_type_hints
 
 import numpy as np
 
-from serp._util.files import make_inside, write_durably
+from serp._util.files import cannot_write, make_inside, write_durably
 from serp._util.json_files import finite, json_text, read_json
 from serp.comparison.trial_records import (
     EPISODE_COLUMNS,
@@ -33,11 +33,9 @@ from serp.errors import RunError
 from serp.runs.reading import read_rows
 from serp.runs.tables import Table
 
-_TRIALS: Final = "trials"
 _DONE: Final = "trial.json"
 _EPISODES: Final = "episodes.csv"
 _EVALUATIONS: Final = "evaluations.csv"
-_INFO: Final = "info."
 _LONGEST: Final = 100
 _ADVICE: Final = "Remove the folder of this trial to run it again."
 
@@ -45,7 +43,7 @@ _ADVICE: Final = "Remove the folder of this trial to run it again."
 def trial_folder(folder: Path, trial: Trial) -> Path:
     """Return the folder of a trial."""
     names = (file_name(trial.algorithm), file_name(trial.variant), f"seed-{trial.seed}")
-    return folder.joinpath(_TRIALS, *names)
+    return folder.joinpath("trials", *names)
 
 
 def file_name(name: str) -> str:
@@ -62,11 +60,7 @@ def digest(made_of: Mapping[str, Any]) -> str:
 
 
 def write_trial(
-    folder: Path,
-    trial: Trial,
-    measured: Measured,
-    metadata: Mapping[str, Any],
-    counters: Sequence[str],
+    folder: Path, trial: Trial, measured: Measured, metadata: Mapping[str, Any]
 ) -> None:
     """Write a complete trial, replacing files of an interrupted one.
 
@@ -74,8 +68,7 @@ def write_trial(
         folder: The folder of the comparison.
         trial: The trial.
         measured: Its results.
-        metadata: JSON values, see `Record.metadata`.
-        counters: Names of the counters in the rows of the log.
+        metadata: JSON values: `settings` and `made_of` of `Record.metadata`.
 
     Raises:
         RunError: The write failed.
@@ -86,15 +79,22 @@ def write_trial(
         shutil.rmtree(place, ignore_errors=True)
         place.mkdir()
     except OSError as error:
-        raise RunError(f"cannot make {place}: {error.strerror or error}.") from error
-    with Table(place / _EPISODES, EPISODE_COLUMNS + tuple(_INFO + c for c in counters)) as table:
+        raise cannot_write(place, error, "The trial is lost.") from error
+    counters = measured.log.counters
+    with Table(place / _EPISODES, [*EPISODE_COLUMNS, *_named(counters)]) as table:
         for row, counts in measured.log.rows:
             table.append((*row, *counts))
     with Table(place / _EVALUATIONS, EVALUATION_COLUMNS) as table:
         for evaluation in measured.evaluations:
             table.append(evaluation)
-    text = json_text(finite({**trial._asdict(), **metadata, "counters": list(counters)}))
-    write_durably(place / _DONE, text)
+    content = {
+        **trial._asdict(),
+        **metadata,
+        "characteristics": measured.characteristics,
+        "seconds": measured.seconds,
+        "counters": counters,
+    }
+    write_durably(place / _DONE, json_text(finite(content)))
 
 
 def is_complete(folder: Path, trial: Trial) -> bool:
@@ -122,32 +122,24 @@ def read_trial(folder: Path, trial: Trial) -> Record:
     counters = metadata.get("counters")
     if not isinstance(counters, list):
         raise RunError(f"{place / _DONE} is damaged: counters is not a list. {_ADVICE}")
-    info = [_INFO + str(name) for name in counters]
-    return Record(
-        trial=trial,
-        episodes=_read(place / _EPISODES, [*EPISODE_COLUMNS, *info], EpisodeRow),
-        evaluations=_read(place / _EVALUATIONS, list(EVALUATION_COLUMNS), EvaluationRow),
-        metadata=metadata,
-    )
+    columns = [*EPISODE_COLUMNS, *_named(counters)]
+    episodes = _read(place / _EPISODES, columns, EpisodeRow)
+    evaluations = _read(place / _EVALUATIONS, EVALUATION_COLUMNS, EvaluationRow)
+    return Record(trial, episodes, evaluations, metadata)
+
+
+def _named(counters: Sequence[str]) -> list[str]:
+    return [f"info.{name}" for name in counters]
 
 
 def _read(path: Path, columns: Sequence[str], row: Any) -> Columns:
-    kinds = {name.removesuffix("_"): kind for name, kind in get_type_hints(row).items()}
+    hints = {name.removesuffix("_"): kind for name, kind in get_type_hints(row).items()}
+    kinds = {name: hints.get(name, float) for name in columns}
     cells: dict[str, list[Any]] = {name: [] for name in columns}
     for number, values in read_rows(path, columns):
-        for name, text in zip(columns, values, strict=True):
+        for (name, kind), text in zip(kinds.items(), values, strict=True):
             try:
-                cells[name].append(_parse(kinds.get(name, float), text))
+                cells[name].append(bool(int(text)) if kind is bool else kind(text))
             except ValueError:
                 raise RunError(f"{path}:{number}: {name} is {text!r}. {_ADVICE}") from None
-    return {
-        name: np.array(values, dtype=_DTYPES[kinds.get(name, float)])
-        for name, values in cells.items()
-    }
-
-
-_DTYPES: Final[dict[type, Any]] = {int: np.int64, float: np.float64, bool: np.bool_, str: np.str_}
-
-
-def _parse(kind: type, text: str) -> Any:
-    return bool(int(text)) if kind is bool else kind(text)
+    return {name: np.array(values, dtype=kinds[name]) for name, values in cells.items()}

@@ -1,8 +1,4 @@
-"""The record of a trial: the rows of its episodes and evaluations, and its metadata.
-
-A *trial* is one algorithm with one seed on one domain file (a *variant*). Its folder holds
-`episodes.csv`, `evaluations.csv` and, once it is complete, `trial.json`.
-"""
+"""The record of a trial: one algorithm with one seed on one domain file (a *variant*)."""
 
 from __future__ import annotations
 
@@ -16,17 +12,14 @@ Columns = dict[str, NDArray[Any]]
 
 
 class Trial(NamedTuple):
-    """The key of a trial.
-
-    Attributes:
-        algorithm: Name of the algorithm.
-        variant: Name of the domain file that the planner uses, such as `soccer`.
-        seed: Seed of everything random in training.
-    """
+    """The key of a trial; the seed is that of everything random in its training."""
 
     algorithm: str
     variant: str
     seed: int
+
+    def __str__(self) -> str:
+        return f"{self.algorithm} on {self.variant}, seed {self.seed}"
 
 
 class EpisodeRow(NamedTuple):
@@ -64,18 +57,13 @@ class EpisodeRow(NamedTuple):
 
 
 class EvaluationRow(NamedTuple):
-    """One episode of an evaluation.
+    """One episode of an evaluation; columns not described here are as in `EpisodeRow`.
 
     Attributes:
         env_steps: Env steps of training before it.
-        policy: `learner`: the greedy choice without planner and veto. `vetoed`: the same within the
-            vetoes. `planner`: only the planner. `learner` is evaluated at each checkpoint, the
-            others only at the end of training.
-        episode: Number of the episode, from 1.
-        return_: The environment's return.
-        length: Env steps.
-        terminated: Whether the environment ended it.
-        outcome: As in `EpisodeRow`.
+        policy: `learner`: the greedy choice without planner and veto, evaluated at each checkpoint.
+            `vetoed`: the same within the vetoes, and `planner`: only the planner; both are
+            evaluated only at the end of training.
         unsafe: Executed actions that the model predicts unsafe; 0 for `learner` at checkpoints
             before the last, which do not use the model.
     """
@@ -104,9 +92,9 @@ class Record:
             environment's info that the task declares (`Task.counters`): its value at the end of
             the episode.
         evaluations: Columns `EVALUATION_COLUMNS`.
-        metadata: JSON values: `env_steps` (budget), `characteristics` (name → text: those of the
-            algorithm), `settings` (section → setting → value; null for an external algorithm),
-            `seconds` ({"training": …, "evaluation": …}).
+        metadata: JSON values: `characteristics` (name → text: those of the algorithm), `settings`
+            (section → setting → value; null for an external algorithm), `seconds` ({"training": …,
+            "evaluation": …}), `made_of` (digests, see `PreparedComparison.made_of`).
     """
 
     trial: Trial

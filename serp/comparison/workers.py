@@ -2,73 +2,34 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import pickle
 import signal
 import threading
+import traceback
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import connection
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from serp.comparison.algorithms import Algorithm, Changes
-from serp.comparison.protocol import ComparisonProtocol
+from serp.comparison.algorithms import Algorithm
+from serp.comparison.plan import ComparisonProtocol
 from serp.comparison.trial_files import is_complete, write_trial
 from serp.comparison.trial_records import Trial
 from serp.comparison.trials.trial import run_trial
 from serp.errors import SerpError
+from serp.settings import Settings
 from serp.tasks.task import Task
 from serp.training.stopping import SIGNALS
 
 OnProgress = Callable[[Trial, int], None]
-
-
-@dataclass(frozen=True)
-class Job:
-    """Everything that a worker needs to run and write one trial.
-
-    Attributes:
-        folder: The folder of the comparison.
-        trial: The trial.
-        algorithm: Its algorithm.
-        task: The task with the domain file of the variant.
-        protocol: Budget and evaluations.
-        changes: Changes to the settings of all algorithms.
-        metadata: Entries of `trial.json` besides the results.
-    """
-
-    folder: Path
-    trial: Trial
-    algorithm: Algorithm
-    task: Task
-    protocol: ComparisonProtocol
-    changes: Changes
-    metadata: Mapping[str, Any]
-
-    def run(self, on_progress: OnProgress) -> Ended:
-        """Run the trial, write its results, and return how it ended."""
-        trial = self.trial
-        try:
-            measured = run_trial(
-                trial, self.algorithm, self.task, self.protocol, self.changes,
-                partial(on_progress, trial),
-            )  # fmt: skip
-            metadata = {
-                **self.metadata,
-                "characteristics": measured.characteristics,
-                "seconds": measured.seconds,
-            }
-            write_trial(self.folder, trial, measured, metadata, self.task.counters)
-        except SerpError as error:
-            notes: list[str] = getattr(error, "__notes__", [])
-            return Ended(trial, "\n".join([str(error), *notes]))
-        return Ended(trial, None)
+"""(trial, its env steps so far)."""
+_DIED: Final = "its process died; not enough memory?"
 
 
 @dataclass(frozen=True)
@@ -82,6 +43,42 @@ class Ended:
 
     trial: Trial
     error: str | None
+
+
+@dataclass(frozen=True)
+class Job:
+    """Everything that a worker needs to run and write one trial.
+
+    Attributes:
+        folder: The folder of the comparison.
+        trial: The trial.
+        algorithm: Its algorithm.
+        task: The task with the domain file of the variant.
+        settings: All settings of the trial.
+        protocol: Budget and evaluations.
+        metadata: Entries of `trial.json` besides the results.
+    """
+
+    folder: Path
+    trial: Trial
+    algorithm: Algorithm
+    task: Task
+    settings: Settings
+    protocol: ComparisonProtocol
+    metadata: Mapping[str, Any]
+
+    def run(self, on_progress: OnProgress) -> Ended:
+        """Run the trial, write its results, and return how it ended."""
+        trial = self.trial
+        try:
+            measured = run_trial(
+                self.algorithm, self.task, self.settings, trial.seed, self.protocol,
+                partial(on_progress, trial),
+            )  # fmt: skip
+            write_trial(self.folder, trial, measured, self.metadata)
+        except SerpError as error:
+            return Ended(trial, "\n".join([str(error), *getattr(error, "__notes__", [])]))
+        return Ended(trial, None)
 
 
 def portable(jobs: Sequence[Job]) -> bool:
@@ -111,12 +108,12 @@ def run_here(
 
 
 def run_in_processes(
-    jobs: Sequence[Job],
-    processes: int,
-    on_progress: OnProgress,
-    stopped: Callable[[], bool],
+    jobs: Sequence[Job], processes: int, on_progress: OnProgress, stopped: Callable[[], bool]
 ) -> Iterator[Ended]:
     """Run jobs in other processes, and yield how each trial ended.
+
+    A process that dies takes only its own trial with it, unlike one of
+    `concurrent.futures.ProcessPoolExecutor`.
 
     Args:
         jobs: The jobs.
@@ -124,83 +121,85 @@ def run_in_processes(
         on_progress: Called with a trial and its env steps so far.
         stopped: Whether to begin no more jobs; running ones are finished.
     """
-    context = multiprocessing.get_context("spawn")
-    stop = context.Event()
-    said: Any = context.Queue()
-
-    def begin() -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(
-            1, mp_context=context, initializer=_begin_worker, initargs=(stop, said)
-        )
-
-    # One pool per process: if a process dies, its pool and all jobs in it are lost.
-    idle = [begin() for _ in range(processes)]
-    running: dict[Future[Ended], tuple[Job, ProcessPoolExecutor]] = {}
     waiting = deque(jobs)
-    over: set[Trial] = set()  # the queue may be late
-
+    idle: list[_Worker] = []
+    running: dict[Any, tuple[_Worker, Job]] = {}
+    """Pipe of a worker → the worker and its job."""
     try:
         while True:
-            while idle and waiting and not stopped():
-                pool = idle.pop()
-                job = waiting.popleft()
-                running[pool.submit(_work, job)] = job, pool
+            while waiting and len(running) < processes and not stopped():
+                worker, job = idle.pop() if idle else _Worker(), waiting.popleft()
+                worker.begin(job)
+                running[worker.pipe] = worker, job
             if not running:
                 return
-            done, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
-            while not said.empty():
-                trial, env_steps = said.get()
-                if trial not in over:
-                    on_progress(trial, env_steps)
-            for future in done:
-                job, pool = running.pop(future)
-                over.add(job.trial)
-                if isinstance(future.exception(), BrokenProcessPool):
-                    pool.shutdown(wait=False)
-                    idle.append(begin())
-                    complete = is_complete(job.folder, job.trial)
-                    yield Ended(job.trial, None if complete else _DIED)
+            for pipe in wait(list(running), timeout=0.2):
+                worker, job = running[pipe]
+                said = worker.listen()
+                if isinstance(said, int):
+                    on_progress(job.trial, said)
+                    continue
+                del running[pipe]
+                if said is None:
+                    said = Ended(job.trial, None if is_complete(job.folder, job.trial) else _DIED)
                 else:
-                    idle.append(pool)
-                    yield future.result()
-    except KeyboardInterrupt:
-        stop.set()
-        raise
-    finally:
-        for pool in (*idle, *(pool for _, pool in running.values())):
-            pool.shutdown(wait=not stop.is_set(), cancel_futures=True)
+                    idle.append(worker)
+                yield said
+    finally:  # those that still run were not asked to finish
+        for worker in (*idle, *(worker for worker, _ in running.values())):
+            worker.process.kill()
+            worker.process.join()
 
 
-_DIED = "its process died; not enough memory?"
+class _Worker:
+    """A process that runs the jobs which are sent through its pipe, and the pipe."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, other = context.Pipe()
+        self.process = context.Process(target=_work, args=(other,))
+        self.process.start()
+        other.close()
+
+    def begin(self, job: Job) -> None:
+        """Send a job."""
+        with contextlib.suppress(OSError):  # it is dead, which `listen` tells
+            self.pipe.send(job)
+
+    def listen(self) -> int | Ended | None:
+        """Return the env steps of its trial so far, or how that ended; None if it is dead.
+
+        Raises:
+            Exception: The trial raised it; this is a bug.
+        """
+        try:
+            said: int | Ended | Exception = self.pipe.recv()
+        except (EOFError, OSError):
+            return None
+        if isinstance(said, Exception):
+            raise said
+        return said
 
 
-_said: Any = None
-
-
-def _begin_worker(stop: Any, said: Any) -> None:
-    """Ignore signals, and exit with the parent or at its request.
+def _work(pipe: Connection) -> None:
+    """Run jobs and tell of them, in another process.
 
     Ctrl-C, a closed terminal and a scheduler signal every process of the group; the parent decides.
     """
-    global _said
-    _said = said
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    while True:
+        job: Job = pipe.recv()
+        try:
+            pipe.send(job.run(lambda trial, env_steps: pipe.send(env_steps)))
+        except Exception as error:
+            error.add_note(traceback.format_exc())
+            pipe.send(error)
+
+
+def _end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-    threading.Thread(target=_end_when, args=(stop,), daemon=True).start()
-
-
-def _end_with(sentinel: int) -> None:
-    connection.wait([sentinel])
-    os._exit(1)
-
-
-def _end_when(stop: Any) -> None:
-    stop.wait()
-    os._exit(1)
-
-
-def _work(job: Job) -> Ended:
-    return job.run(lambda trial, steps: _said.put((trial, steps)))
+        parent.join()
+        os._exit(1)

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
 from serp._util.saved_state import Arrays, Saved
-from serp.control.protocols import Learner
+from serp.control.protocols import LeafValuePlanner, Learner
 from serp.control.step_record import StepRecord
 from serp.planning.leaf_value import LeafValue, value_at
-from serp.planning.lookahead import Lookahead
 
 _PERIOD: Final = 500
 """Env steps between two fits to the learner's values."""
@@ -91,12 +90,14 @@ class LeafValueBootstrap:
     are never used if the learner learns from other rewards than the planner plans with.
 
     Args:
-        planner: The lookahead.
+        planner: The planner.
         learner: The learner; each of its inputs ends with the state.
         seed: Seed of the random features.
     """
 
-    def __init__(self, planner: Lookahead, learner: Learner, seed: np.random.SeedSequence) -> None:
+    def __init__(
+        self, planner: LeafValuePlanner, learner: Learner, seed: np.random.SeedSequence
+    ) -> None:
         self._planner = planner
         self._learner = learner
         self._fluents = len(planner.model.fluents)

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,19 @@ class Planner(Protocol):
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the predictions for every ground action in a state `[F]`."""
+
+
+@runtime_checkable
+class LeafValuePlanner(Planner, Protocol):
+    """A planner that can add learned values at the leaves of its search; `serp.Lookahead` is one.
+
+    Attributes:
+        model: The model that it plans with.
+        leaves: The value function, `serp.planning.leaf_value.LeafValue.packed`; empty for none.
+    """
+
+    model: TransitionModel
+    leaves: NDArray[np.float64]
 
 
 MakePlanner = Callable[[TransitionModel, PlannerSettings], Planner]

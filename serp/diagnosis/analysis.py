@@ -12,10 +12,11 @@ from serp.diagnosis.reward_rules import find_rules
 from serp.diagnosis.stochastic_effects import find_stochastic_effects
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.added_effects import AddedEffect
-from serp.sysid.joint_fit import JointFit, fit_jointly
+from serp.sysid.effect_fit import EffectFit
+from serp.sysid.joint_fit import fit_jointly
 from serp.sysid.lifted_features import LiftedFluent
 from serp.sysid.parameter_dependencies import parameter_dependencies
-from serp.sysid.parameter_fit import ParameterEstimator, whole_symbols
+from serp.sysid.parameter_fit import function_columns, whole_symbols
 from serp.sysid.regression_data import RegressionData, predicted_steps, predictions, regression_data
 from serp.sysid.transitions import TransitionMemory
 
@@ -44,7 +45,7 @@ def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
     predicted = predicted_steps(model, sample.states, sample.actions)
     units = units_of(model, steps, predicted)
     costs = _Costs(model, explanation, sample.part(_MOST_COSTED), units)
-    whole = whole_symbols(ParameterEstimator(model.ground, model.dt), sample)
+    whole = whole_symbols(function_columns(model.ground), sample)
     return Findings(
         parameters=_parameters(model, explanation, costs),
         missing=_missing(model, explanation, costs, part),
@@ -58,7 +59,7 @@ class _Costs:
     """The increase of the prediction error if one finding is dropped."""
 
     def __init__(
-        self, model: TransitionModel, explanation: JointFit, sample: RegressionData, units: Vector
+        self, model: TransitionModel, explanation: EffectFit, sample: RegressionData, units: Vector
     ) -> None:
         self._sample = sample
         self._units = units[:-2]
@@ -83,7 +84,7 @@ class _Costs:
 
 
 def _parameters(
-    model: TransitionModel, explanation: JointFit, costs: _Costs
+    model: TransitionModel, explanation: EffectFit, costs: _Costs
 ) -> tuple[ParameterFinding, ...]:
     fit = explanation.fit
     found = []
@@ -107,7 +108,7 @@ def _parameters(
 
 
 def _missing(
-    model: TransitionModel, explanation: JointFit, costs: _Costs, sample: RegressionData
+    model: TransitionModel, explanation: EffectFit, costs: _Costs, sample: RegressionData
 ) -> tuple[MissingEffect, ...]:
     fit, written = explanation.fit, len(model.ground.parameters)
     together: dict[tuple[str, LiftedFluent], list[tuple[int, AddedEffect]]] = {}

@@ -92,6 +92,7 @@ def finding_as_dict(finding: Finding) -> Mapping[str, Any]:
 
 
 def _monitor_row(row: MonitorRow, model: TransitionModel) -> dict[str, Any]:
+    worst = row.worst
     return {
         "action": row.action,
         "fluent": row.fluent,
@@ -99,15 +100,14 @@ def _monitor_row(row: MonitorRow, model: TransitionModel) -> dict[str, Any]:
         "scale": row.scale,
         "written": row.written._asdict(),
         "adapted": row.adapted._asdict(),
-        "worst": [
-            {
-                "predicted": case.written,
-                "adapted": case.adapted,
-                "observed": case.observed,
-                "state": None if case.state is None else model.values(case.state),
-            }
-            for case in row.worst
-        ],
+        "worst": None
+        if worst is None
+        else {
+            "predicted": worst.written,
+            "adapted": worst.adapted,
+            "observed": worst.observed,
+            "state": None if worst.state is None else model.values(worst.state),
+        },
     }
 
 

@@ -65,7 +65,7 @@ def read_recorded(run: Path) -> Recorded:
         max_ground_schemas=made.max_ground_schemas,
     )
     domain = domain.observed(made.observed)
-    model = domain.model.replace(dt=made.dt)
+    model = domain.model.replace(dt=made.control_period)
     whole = Saved("run", checkpoint.arrays, checkpoint.meta)
     agent = Saved("agent", checkpoint.arrays, whole.part("agent")[1])
     saved = Saved("adaptation", *agent.part("adaptation"))

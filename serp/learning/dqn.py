@@ -23,7 +23,6 @@ import torch
 from serp._util.numbers import FLOAT32_MAX, best_of
 from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
-from serp.learning.exploration import EpsilonGreedy
 from serp.learning.export import module_of
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.learning.learning import QLearning
@@ -93,7 +92,7 @@ class DQN:
         spec = SampleSpec(input_size, action_count, guided=self.guided is not None)
         self.replay = ReplayBuffer(spec, settings, sample_rng, self.symmetry)
         self._bounds = ReturnBounds(settings.discount)
-        self._exploration = EpsilonGreedy(settings, action_count, explore_rng)
+        self._explore_rng = explore_rng
         self._mean_q = MeanQ(self.learning.online, self.symmetry)
         self.env_steps = 0
         self._learn_calls = 0
@@ -105,8 +104,12 @@ class DQN:
 
     @property
     def epsilon(self) -> float:
-        """Probability that the next proposal explores."""
-        return self._exploration.epsilon(self.env_steps)
+        """Probability that the next proposal explores: linear in the env steps, then constant."""
+        settings = self.settings
+        if self.env_steps >= settings.epsilon_steps:
+            return settings.epsilon_end
+        done = self.env_steps / settings.epsilon_steps
+        return settings.epsilon_start + (settings.epsilon_end - settings.epsilon_start) * done
 
     def q_values(
         self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
@@ -136,14 +139,9 @@ class DQN:
         return self._mean_q.of_members(self.learning.online, x)
 
     def newest_values(self, count: int) -> tuple[type_F32, npt.NDArray[np.float64]]:
-        """Return the values of the newest states in which the episode went on.
+        """Return the newest inputs ``[N, F]``, N ≤ `count`, in which the episode went on.
 
-        Args:
-            count: Most samples that are considered.
-
-        Returns:
-            Inputs ``[N, F]``, and the Q ``[N]`` of the best action allowed there, in units of
-            reward.
+        With them the Q ``[N]`` of the best action allowed there, in units of reward.
         """
         newest = self.replay.newest(count)
         goes_on = newest.discount > 0.0
@@ -172,10 +170,13 @@ class DQN:
         Raises:
             ValueError: The input or `base` has another shape.
         """
-        drawn = self._exploration.draw(self.env_steps, explorable)
-        if drawn is not None:
-            return Proposal(drawn, True, None)
-        return self.propose_greedily(x, base)
+        rng = self._explore_rng
+        if rng.random() >= self.epsilon:
+            return self.propose_greedily(x, base)
+        actions = np.arange(self.action_count)
+        if explorable is not None and explorable.any():
+            actions = np.flatnonzero(explorable)
+        return Proposal(int(actions[rng.integers(len(actions))]), True, None)
 
     def propose_greedily(
         self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
@@ -218,26 +219,16 @@ class DQN:
                 f"of Q, more than float32 holds (up to {FLOAT32_MAX:.2g}). Give smaller rewards, "
                 "or set a smaller learner.reward_scale"
             )
+        allowed = next_allowed if self.settings.mask_targets else None
         self.replay.add(
-            observation,
-            action,
-            scaled,
-            next_observation,
-            terminated,
-            truncated,
-            next_allowed if self.settings.mask_targets else None,
-            failing,
-            guidance,
-        )
+            observation, action, scaled, next_observation, terminated, truncated,
+            allowed, failing, guidance,
+        )  # fmt: skip
         self._bounds.observe(scaled, terminated)
         self.env_steps += 1
 
     def learn(self) -> float | None:
-        """Do the gradient updates due for one env step.
-
-        Returns:
-            Mean loss over these updates, or None if none was due: before `learning_starts`, or with
-            less than one update per step.
+        """Do the gradient updates due for one env step; return their mean loss, None for none.
 
         Raises:
             LearningFailure: The loss is not finite.
@@ -250,13 +241,10 @@ class DQN:
         return self._train(int(self._learn_calls * self.settings.updates_per_step) - done)
 
     def pretrain(self, updates: int | None = None) -> float | None:
-        """Do gradient updates on the samples so far (Algorithm 1, line 1).
+        """Do gradient updates on the samples so far (Algorithm 1, line 1); return their mean loss.
 
         Args:
             updates: Their number; None: `settings.pretrain_updates`.
-
-        Returns:
-            Mean loss, or None without any update.
 
         Raises:
             LearningFailure: The loss is not finite.
@@ -292,18 +280,16 @@ class DQN:
             raise self.learning.failure(
                 "a number that is to be saved is not finite", self.env_steps
             )
-        replay_arrays, replay_meta = self.replay.state_dict()
-        arrays: dict[str, npt.NDArray[Any]] = {
-            name: array.copy() for name, array in self.learning.arrays().items()
-        }
-        arrays |= nested("replay", replay_arrays)
+        replay, replay_meta = self.replay.state_dict()
+        arrays = {name: array.copy() for name, array in self.learning.arrays().items()}
+        arrays |= nested("replay", replay)
         meta = {
             "env_steps": self.env_steps,
             "learn_calls": self._learn_calls,
             "updates": self.learning.updates,
             "adam_steps": self.learning.optimizer.steps,
             "seen_rewards": self._bounds.state(),
-            "explore_rng": self._exploration.rng.bit_generator.state,
+            "explore_rng": self._explore_rng.bit_generator.state,
             "replay": replay_meta,
         }
         return arrays, meta
@@ -330,14 +316,14 @@ class DQN:
         env_steps, learn_calls = saved.whole("env_steps"), saved.whole("learn_calls")
         updates, adam_steps = saved.whole("updates"), saved.whole("adam_steps")
         seen_rewards = saved.reals("seen_rewards", 4, -math.inf, math.inf)
-        state = saved.generator_state("explore_rng", self._exploration.rng)
+        state = saved.generator_state("explore_rng", self._explore_rng)
         self.replay.load_state_dict(*saved.part("replay"))
         for name, array in trained.items():
             array[...] = arrays[name]
         self.env_steps, self._learn_calls = env_steps, learn_calls
         learning.updates, learning.optimizer.steps = updates, adam_steps
         self._bounds.load_state(seen_rewards)
-        self._exploration.rng.bit_generator.state = state
+        self._explore_rng.bit_generator.state = state
 
 
 def _generators(seed: np.random.SeedSequence | int) -> list[np.random.Generator]:

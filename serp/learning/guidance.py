@@ -1,13 +1,10 @@
-"""Learning from a guide: its advice on each env step, and how the learner uses it.
+"""Learning from a guide (the planner): its advice on each env step, and how it is used.
 
-A guide (the planner) can do more for the learner than act in its place. There are three ways, which
-may be combined except where stated:
-
-* imitation: the Q-value of the guide's action should exceed all others by a margin (DQfD, Hester et
+* Imitation: the Q-value of the guide's action should exceed all others by a margin (DQfD, Hester et
   al. 2018, arXiv 1704.03732), unless the learner estimates another action to be better (the
-  Q-filter of Nair et al. 2018, arXiv 1709.10089);
-* the guide's action as a candidate in the target (IBRL, Hu et al. 2024, arXiv 2311.02198);
-* the network learns the difference to the guide's values (residual learning, Silver et al. 2018,
+  Q-filter of Nair et al. 2018, arXiv 1709.10089).
+* The guide's action as a candidate in the target (IBRL, Hu et al. 2024, arXiv 2311.02198).
+* The network learns the difference to the guide's values (residual learning, Silver et al. 2018,
   arXiv 1812.06298; Johannink et al. 2019, arXiv 1812.03201).
 """
 
@@ -44,11 +41,7 @@ NO_GUIDANCE = Guidance(-1, 0.0, -1, np.zeros(0))
 
 
 def checked(guidance: Guidance | None, actions: int) -> Guidance:
-    """Check guidance for a number of actions, and return it.
-
-    Raises:
-        ValueError: It is absent, of another shape or not finite.
-    """
+    """Return guidance; raise ValueError if it is absent, of another shape or not finite."""
     if guidance is None:
         raise ValueError("a learner with a guide needs guidance for every step")
     for action in (guidance.action, guidance.next_action):
@@ -75,14 +68,13 @@ class GuidedLearning:
             guide's action at least as high as the learner's greedy choice.
         bootstrap_guide: Value the next state by the better, according to the target network, of the
             learner's greedy action and the guide's action, unless that is forbidden. It has an
-            effect only with double DQN: otherwise the learner's action is already the best.
-        residual: Q(s, a) is the guide's value plus the network's output, in the TD error, in every
-            choice and within the bounds of `clip_targets`. The network's last layer is initially
-            zero, so that Q is initially the guide's value. Excludes imitation, which would need
-            the guide's values of every action in the current state.
+            effect only with double DQN.
+        residual: Q(s, a) is the guide's value plus the network's output, which is initially zero,
+            in the TD error, in every choice and within the bounds of `clip_targets`.
 
     Raises:
-        ValueError: Imitation and residual learning are combined.
+        ValueError: Imitation and residual learning are combined: that would need the guide's values
+            of every action in the current state.
     """
 
     margin: float = 0.8

@@ -1,9 +1,8 @@
 """The loops of a network's two passes other than matrix products, compiled by numba.
 
-The operations between two matrix products of a small network (bias, LayerNorm, ReLU and their
-gradients) are passes over a few kilobytes. As separate array operations they cost more in calls
-than in arithmetic; compiled and fused they take 1 to 6 µs. Other loops of the learner (the loss,
-Adam, drawing samples) are compiled by the same decorator in the modules that call them.
+As separate array operations, bias, LayerNorm, ReLU and their gradients cost more in calls than in
+arithmetic; compiled and fused they take 1 to 6 µs. Other loops of the learner are compiled by the
+same decorator in the modules that call them.
 
 All arrays are C-contiguous float32 unless stated otherwise. E is members, B batch, H a layer's
 outputs, P parameters of a member. A layer's vectors are stored in the flat parameters ``[E, P]``

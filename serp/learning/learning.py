@@ -18,14 +18,6 @@ from serp.settings import LearnerSettings
 class QLearning:
     """The network of a learner, its target network, and their gradient updates.
 
-    Args:
-        input_size: Numbers in one input, F ≥ 1.
-        action_count: Actions, A ≥ 1.
-        settings: The learner's settings.
-        rng: Draws the initial weights.
-        guided: How it learns from a guide; None: it does not. For residual learning every Q-value
-            is initially zero, by the last layer.
-
     Attributes:
         online: The network that learns.
         target: The target network; without one the same object as `online`.
@@ -43,21 +35,16 @@ class QLearning:
     ) -> None:
         self._period, self._polyak = settings.target_period, settings.target_polyak
         self.updates = 0
-        self.online = QNetwork(
-            input_size,
-            action_count,
-            settings.hidden,
-            layer_norm=settings.layer_norm,
-            members=settings.members,
-            rng=rng,
-        )
+        sizes = (input_size, *settings.hidden, action_count)
+        norm, members = settings.layer_norm, settings.members
+        self.online = QNetwork(sizes, layer_norm=norm, members=members, rng=rng)
         if guided is not None and guided.residual:
-            self.online.zero_output()
+            self.online.zero_output()  # Q is the guide's value at first
         # Without a target network the network itself values the next state (paper, equation 3).
         self.target = self.online
         if settings.has_target:
-            self.target = self.online.another()
-            self.target.copy_from(self.online)
+            self.target = QNetwork(sizes, layer_norm=norm, members=members)
+            self.target.parameters.copy_(self.online.parameters)
         self.optimizer = Adam(
             self.online.parameters,
             self.online.gradient,
@@ -73,16 +60,7 @@ class QLearning:
         imitation_weight: float,
         env_step: int,
     ) -> float:
-        """Do one gradient update.
-
-        Args:
-            batch: Samples ``[members, batch]``.
-            bounds: Smallest and largest possible value of a state.
-            imitation_weight: Weight of imitation, ≥ 0.
-            env_step: Env steps done, for messages.
-
-        Returns:
-            Its loss.
+        """Do one gradient update and return its loss; the arguments are those of `TDGradient`.
 
         Raises:
             LearningFailure: The loss is not finite; nothing has changed.
@@ -99,9 +77,9 @@ class QLearning:
         self.updates += 1
         if self._period is not None:
             if self.updates % self._period == 0:
-                self.target.copy_from(self.online)
+                self.target.parameters.copy_(self.online.parameters)
         elif self._polyak is not None:
-            self.target.move_towards(self.online, self._polyak)
+            self.target.parameters.lerp_(self.online.parameters, self._polyak)
 
     def arrays(self) -> dict[str, type_F32]:
         """Return all arrays that a gradient update changes: name → view."""
@@ -115,49 +93,23 @@ class QLearning:
         return arrays
 
     def not_finite(self) -> str | None:
-        """Describe the first number that is not finite; None if all are finite."""
+        """Return where the first number is that is not finite; None if all are finite."""
         for name, array in self.arrays().items():
             if not np.isfinite(array).all():
-                member, column = np.argwhere(~np.isfinite(array))[0]
-                what = {"parameters": "the", "target": "the target network's"}.get(
-                    name, "Adam's sums for the"
-                )
-                return (
-                    f"{what} {self.online.place_of(int(column))} in network {member + 1} of "
-                    f"{len(array)}: {array[member, column]}"
-                )
+                column = np.argwhere(~np.isfinite(array))[0, 1]
+                layer = sum(layer.end <= column for layer in self.online.layers) + 1
+                return f"in the {name} of layer {layer}"
         return None
 
     def failure(self, what: str, env_step: int, batch: Samples | None = None) -> LearningFailure:
-        """Return the error that names what is not finite: parameters before other values.
-
-        Args:
-            what: The failure.
-            env_step: Env steps done.
-            batch: The network's inputs; None: none.
-        """
+        """Return the error that names what is not finite: parameters before the largest input."""
         first = self.not_finite()
         if first is None and batch is not None:
-            first = _largest_of(batch)
+            names = ("observation", "next_observation", "reward")
+            size, name = max((np.abs(getattr(batch, name)).max(), name) for name in names)
+            first = f"a value of the network; the largest of its inputs is a {name}: {size:g}"
         return LearningFailure(
             f"learner: {what} in gradient update {self.updates + 1}, env step {env_step}. "
             f"The first number that is not finite is {first}. Smaller inputs or rewards, or a "
             "smaller learner.learning_rate or learner.gradient_clip, keep the numbers small"
         )
-
-
-def _largest_of(batch: Samples) -> str:
-    given = {
-        "input": batch.observation,
-        "next input": batch.next_observation,
-        "reward": batch.reward,
-    }
-    if batch.guide is not None:
-        given["value of the guide"] = batch.guide.value
-    name, array = max(given.items(), key=lambda item: float(np.abs(item[1]).max()))
-    place = np.unravel_index(int(np.abs(array).argmax()), array.shape)
-    at = f" {place[-1]}" if array.ndim > batch.reward.ndim else ""
-    return (
-        "a value of the network; all its parameters are finite, and the largest number that it "
-        f"was given is {name}{at}: {array[place]:g}"
-    )

@@ -19,13 +19,9 @@ _TWO = np.float32(2.0)
 
 
 class TDGradient:
-    """Forward and backward passes of one gradient update.
+    """Forward and backward passes of one gradient update of `online`.
 
-    Args:
-        online: The network.
-        target: The target network; the same network if there is none.
-        settings: The learner's settings.
-        guided: How it learns from a guide; None: it does not.
+    `target` is the same network if there is no target network.
     """
 
     def __init__(
@@ -72,8 +68,8 @@ class TDGradient:
             self._online.forward(batch.next_observation, self._choice_work)
         self._online.forward(batch.observation, self._work)
         how, guide, guided = None, None, self._guided
-        if guided is not None and batch.guide is not None:
-            guide = tuple(batch.guide)
+        if guided is not None:
+            guide = tuple(batch[6:])
             how = (
                 guided.bootstrap_guide, guided.residual, guided.q_filter,
                 np.float32(guided.margin), np.float32(imitation_weight),
@@ -115,7 +111,7 @@ def td_gradient(
             step; forbidden bool ``[E, B, A]``, never all of a row.
         bounds: Smallest and largest possible value.
         huber: The Huber loss with threshold 1 instead of the squared error.
-        guide: The fields of `GuideSamples`; None without a guide. The loop is then compiled
+        guide: The fields of `Samples` for the guide; None without one. The loop is then compiled
             without the parts for a guide.
         how: Whether the next state may be valued by the guide's action, where next_q prefers it;
             whether the guide's values are added to q, next_q and choice_q (residual); whether to

@@ -16,12 +16,7 @@ from serp.learning.samples import SampleSpec, type_F32
 class PendingStep:
     """A step that waits for the rewards of later steps.
 
-    Attributes:
-        observation: float32 ``[F]`` before the action; a copy.
-        action: The executed action.
-        guide_action, guide_value: The guide's advice; see `Guidance`.
-        reward: Discounted sum of the rewards so far.
-        failing: Whether a failure followed.
+    `reward` is the discounted sum so far, and `failing` whether a failure followed.
     """
 
     observation: type_F32
@@ -33,65 +28,46 @@ class PendingStep:
 
 
 class PendingSteps:
-    """The pending steps, at most n, the oldest first.
-
-    Args:
-        n_step: Rewards summed, ≥ 1.
-        discount: γ.
-    """
+    """The pending steps, at most `n_step`, the oldest first."""
 
     def __init__(self, n_step: int, discount: float) -> None:
         self._n_step = n_step
         self._powers = [discount**k for k in range(n_step + 1)]
-        self._steps: deque[PendingStep] = deque()
-
-    def __len__(self) -> int:
-        return len(self._steps)
+        self.steps: deque[PendingStep] = deque()
 
     @property
     def complete(self) -> bool:
         """Whether the oldest step has its n rewards."""
-        return len(self._steps) == self._n_step
+        return len(self.steps) == self._n_step
 
     @property
     def discount(self) -> float:
         """Weight of the value after the rewards of the oldest step."""
-        return self._powers[len(self._steps)]
+        return self._powers[len(self.steps)]
 
     def push(self, step: PendingStep, reward: float) -> None:
         """Add a step; its reward counts for the earlier pending steps as well."""
-        self._steps.append(step)
-        for age, waiting in enumerate(reversed(self._steps)):
+        self.steps.append(step)
+        for age, waiting in enumerate(reversed(self.steps)):
             waiting.reward += self._powers[age] * reward
-
-    def pop(self) -> PendingStep:
-        """Return and remove the oldest step."""
-        return self._steps.popleft()
-
-    def mark_failing(self, last: int) -> None:
-        """Mark the last steps, `last` in number, as failing."""
-        for age, waiting in enumerate(reversed(self._steps)):
-            if age < last:
-                waiting.failing = True
 
     def state_dict(self, spec: SampleSpec) -> tuple[type_F32, dict[str, Any]]:
         """Return the observations ``[pending, F]``, and the rest as JSON values."""
-        steps = list(self._steps)
-        observations: type_F32 = np.zeros((len(steps), spec.input_size), np.float32)
-        for row, step in zip(observations, steps, strict=True):
+        observations: type_F32 = np.zeros((len(self.steps), spec.input_size), np.float32)
+        for row, step in zip(observations, self.steps, strict=True):
             row[:] = step.observation
         meta: dict[str, Any] = {
-            "pending_action": [int(step.action) for step in steps],
-            "pending_return": [float(step.reward) for step in steps],
-            "pending_failing": [step.failing for step in steps],
+            "pending_action": [int(step.action) for step in self.steps],
+            "pending_return": [float(step.reward) for step in self.steps],
+            "pending_failing": [step.failing for step in self.steps],
         }
         if spec.guided:
-            meta["pending_guide"] = [int(step.guide_action) for step in steps]
-            meta["pending_value"] = [float(step.guide_value) for step in steps]
+            meta["pending_guide"] = [int(step.guide_action) for step in self.steps]
+            meta["pending_value"] = [float(step.guide_value) for step in self.steps]
         return observations, meta
 
-    def checked(self, saved: Saved, spec: SampleSpec) -> list[PendingStep]:
-        """Return the steps of a state, for `restore`.
+    def checked(self, saved: Saved, spec: SampleSpec) -> deque[PendingStep]:
+        """Return the steps of a state.
 
         Raises:
             RunError: They do not fit this learner.
@@ -109,8 +85,4 @@ class PendingSteps:
             saved.reals("pending_return", count),
             saved.truths("pending_failing", count),
         )
-        return [PendingStep(*entry) for entry in zip(*columns, strict=True)]
-
-    def restore(self, steps: list[PendingStep]) -> None:
-        """Continue with other steps."""
-        self._steps = deque(steps)
+        return deque(PendingStep(*entry) for entry in zip(*columns, strict=True))

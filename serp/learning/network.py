@@ -2,15 +2,12 @@
 
 All parameters are stored in one flat float32 torch tensor, so that the optimiser, the copy to a
 target network and a checkpoint are single operations. The arithmetic runs on NumPy views of that
-memory: NumPy's matrix products and the compiled loops of `serp.learning.kernels`, with all results
-in preallocated buffers. For networks of this size that is several times faster than torch's
-autograd, in which calls cost more than arithmetic. `serp.learning.export` returns an ordinary
-`torch.nn.Module` with equal outputs.
+memory: NumPy's matrix products and the compiled loops of `serp.learning.kernels`, in preallocated
+buffers. For networks of this size that is several times faster than torch's autograd, in which
+calls cost more than arithmetic.
 
-Threads: OpenBLAS uses one thread up to 64 × 64 × 64; larger layers or batches are faster with
-several threads on idle cores, and slower on busy ones. The caller sets the number of NumPy's
-threads (OPENBLAS_NUM_THREADS in the environment) and torch's (``torch.set_num_threads(1)``; torch
-only copies here).
+Threads: OpenBLAS uses one thread up to 64 × 64 × 64; the caller sets the number of NumPy's threads
+(OPENBLAS_NUM_THREADS in the environment) and of torch's, which only copies here.
 
 Determinism: equal parameters, inputs of equal shape and an equal number of BLAS threads give equal
 bits on one kind of machine. A single row and the same row in a batch agree only to float32
@@ -37,12 +34,9 @@ class _DenseLayer:
     """The location of one layer in the flat parameters.
 
     Attributes:
-        weight: View ``[inputs, outputs]``, or ``[members, inputs, outputs]`` with several members.
-        transposed: View with the last two axes of `weight` exchanged.
-        weight_gradient: Like `weight`, in the gradient.
-        start: Column of the first weight in the flat parameters.
-        bias: Column of the first bias.
-        end: The first column after the layer.
+        weight, weight_gradient: Views ``[inputs, outputs]`` of parameters and gradient, or
+            ``[members, inputs, outputs]`` with several members.
+        start, bias, end: Columns of the first weight and bias, and the first after the layer.
     """
 
     def __init__(
@@ -52,28 +46,26 @@ class _DenseLayer:
         self.bias = start + inputs * outputs
         self.end = self.bias + (3 if normalized else 1) * outputs
         self.inputs, self.outputs, self.normalized = inputs, outputs, normalized
-        self.weight = self._matrix(network.parameters)
+        self.weight, self.weight_gradient = (
+            _squeezed(flat[:, start : self.bias].view(-1, inputs, outputs).numpy())
+            for flat in (network.parameters, network.gradient)
+        )
         self.transposed = self.weight.swapaxes(-1, -2)
-        self.weight_gradient = self._matrix(network.gradient)
-
-    def _matrix(self, flat: torch.Tensor) -> type_F32:
-        block = flat[:, self.start : self.bias].view(-1, self.inputs, self.outputs)
-        return _squeezed(block.numpy())
 
 
 class _Buffers:
-    """One layer's arrays for one batch size; without the member axis for a single member."""
+    """One layer's arrays for one batch size; `flat_` ones lack the axis of a single member."""
 
-    def __init__(self, members: int, batch: int, outputs: int, normalized: bool) -> None:
+    def __init__(self, members: int, batch: int, layer: _DenseLayer) -> None:
         def zeros(*shape: int) -> type_F32:
             # torch aligns memory to 64 bytes, so that results do not depend on addresses.
             array: type_F32 = torch.zeros(members, batch, *shape).numpy()
             return array
 
-        self.z = zeros(outputs)  # before LayerNorm and ReLU
-        self.h = zeros(outputs) if normalized else self.z  # after them
+        self.z = zeros(layer.outputs)  # before LayerNorm and ReLU
+        self.h = zeros(layer.outputs) if layer.normalized else self.z  # after them
         self.inverse = zeros()  # 1 / standard deviation, under LayerNorm
-        self.d = zeros(outputs)  # gradient of the loss in h, then in z
+        self.d = zeros(layer.outputs)  # gradient of the loss in h, then in z
         self.flat_z, self.flat_h, self.flat_d = map(_squeezed, (self.z, self.h, self.d))
         self.transposed_h = self.flat_h.swapaxes(-1, -2)
 
@@ -82,18 +74,14 @@ class Workspace:
     """Preallocated buffers for forward and backward passes over batches of one size.
 
     Attributes:
-        batch: The batch size.
         q: ``[members, batch, A]``, the result of the last forward pass.
-        q_gradient: ``[members, batch, A]``; the caller writes dloss/dq here before
-            `QNetwork.backward`, which may overwrite it.
+        q_gradient: Likewise; the caller writes dloss/dq here before `QNetwork.backward`, which may
+            overwrite it.
     """
 
     def __init__(self, network: QNetwork, batch: int) -> None:
         self.batch = batch
-        self._layers = [
-            _Buffers(network.members, batch, layer.outputs, layer.normalized)
-            for layer in network.layers
-        ]
+        self._layers = [_Buffers(network.members, batch, layer) for layer in network.layers]
         self._input: type_F32 = np.zeros((batch, network.sizes[0]), np.float32)
         self.q = self._layers[-1].z
         self.q_gradient = self._layers[-1].d
@@ -103,16 +91,14 @@ class QNetwork:
     """One Q-network, or several of one shape side by side ("members").
 
     Args:
-        input_size: Numbers in one input, F ≥ 1.
-        action_count: Q-values of one input, A ≥ 1.
-        hidden: Neurons of each hidden layer, each followed by ReLU.
+        sizes: Numbers in one input, F ≥ 1; neurons of each hidden layer, each followed by ReLU;
+            Q-values of one input, A ≥ 1.
         layer_norm: LayerNorm before each ReLU.
         members: Networks side by side, E ≥ 1.
         rng: Draws the initial weights and biases, uniform in ±1/√inputs as in `torch.nn.Linear`;
             None: all parameters are 0 (a target network).
 
     Attributes:
-        sizes: (F, *hidden, A).
         parameters: float32 tensor ``[E, P]``: member by member, layer by layer the weights
             ``[inputs, outputs]``, the bias and, under LayerNorm, gain and shift.
         gradient: float32 tensor ``[E, P]``, written by `backward`.
@@ -121,20 +107,17 @@ class QNetwork:
 
     def __init__(
         self,
-        input_size: int,
-        action_count: int,
-        hidden: Sequence[int],
+        sizes: Sequence[int],
         *,
         layer_norm: bool = False,
         members: int = 1,
         rng: np.random.Generator | None = None,
     ) -> None:
-        self.sizes = (input_size, *hidden, action_count)
-        self.layer_norm = layer_norm
+        self.sizes = tuple(sizes)
         self.members = members
-        count = sum((n + 1) * m for n, m in pairwise(self.sizes))
+        count = sum((n + 1) * m for n, m in pairwise(sizes))
         if layer_norm:
-            count += 2 * sum(hidden)
+            count += 2 * sum(sizes[1:-1])
         self.parameters = torch.zeros(members, count)
         self.gradient = torch.zeros(members, count)
         self._flat: type_F32 = self.parameters.numpy()
@@ -148,13 +131,6 @@ class QNetwork:
             start = layer.end
         if rng is not None:
             self._draw(rng)
-
-    def another(self) -> QNetwork:
-        """Return a network of the same shape with all parameters 0."""
-        sizes = self.sizes
-        return QNetwork(
-            sizes[0], sizes[-1], sizes[1:-1], layer_norm=self.layer_norm, members=self.members
-        )
 
     def _draw(self, rng: np.random.Generator) -> None:
         for layer in self.layers:
@@ -178,7 +154,7 @@ class QNetwork:
             work: Buffers for that batch size.
 
         Returns:
-            `work.q`, ``[members, batch, A]``: valid until the next call.
+            `work.q`, valid until the next call.
         """
         if inputs.ndim == 3:
             inputs = _squeezed(inputs)
@@ -195,11 +171,7 @@ class QNetwork:
         return work.q
 
     def backward(self, work: Workspace) -> None:
-        """Write the gradient of a loss into `gradient`.
-
-        Args:
-            work: The workspace of the last `forward`, with dloss/dq in `work.q_gradient`.
-        """
+        """Write the gradient of a loss into `gradient`; `work` is that of the last `forward`."""
         flat = self._flat_gradient
         kernels.add_bias_backward(work.q_gradient, flat, self.layers[-1].bias)
         for i in range(len(self.layers) - 1, 0, -1):
@@ -215,22 +187,6 @@ class QNetwork:
                 kernels.relu_backward(below.d, below.h, flat, lower.bias)
         transposed_input = work._input.swapaxes(-1, -2)
         np.matmul(transposed_input, work._layers[0].flat_d, out=self.layers[0].weight_gradient)
-
-    def copy_from(self, other: QNetwork) -> None:
-        """Copy the parameters of a network of the same shape."""
-        self.parameters.copy_(other.parameters)
-
-    def move_towards(self, other: QNetwork, rate: float) -> None:
-        """Do a step of Polyak averaging: parameters += rate × (other's − own)."""
-        self.parameters.lerp_(other.parameters, rate)
-
-    def place_of(self, column: int) -> str:
-        """Describe which part of a member a column of `parameters` belongs to."""
-        number = sum(layer.end <= column for layer in self.layers)
-        layer = self.layers[number]
-        vector = (column - layer.bias) // layer.outputs
-        part = "weights" if column < layer.bias else ("bias", "gain", "shift")[vector]
-        return f"{part} of layer {number + 1}"
 
 
 def _squeezed(array: type_F32) -> type_F32:

@@ -15,13 +15,12 @@ import torch
 
 from serp.learning.kernels import compiled
 
-_BETA1 = 0.9
-_BETA2 = 0.999
-_EPSILON = 1e-8
+_BETA1, _BETA2, _EPSILON = 0.9, 0.999, 1e-8
+_DECAY1, _DECAY2 = np.float32(_BETA1), np.float32(_BETA2)
 
 
 class Adam:
-    """The Adam optimiser, in place.
+    """The Adam optimiser, in place, with the paper's β₁, β₂ and ε.
 
     The moments are stored without their factors (1 − β₁) and (1 − β₂), which are part of the step
     size instead: less arithmetic with the same result.
@@ -29,12 +28,11 @@ class Adam:
     Args:
         parameters: Contiguous float32 tensor ``[members, P]``, changed by `step`.
         gradient: Likewise, read by `step`.
-        learning_rate: The step size α > 0; β₁ = 0.9, β₂ = 0.999, ε = 1e-8 as in the paper.
+        learning_rate: The step size α > 0.
         largest_norm: Each member's gradient is scaled down to this Euclidean norm; None: never.
 
     Attributes:
-        first: Σ β₁ᵗ⁻ⁱ gᵢ, float32 ``[members, P]``.
-        second: Σ β₂ᵗ⁻ⁱ gᵢ², float32 ``[members, P]``.
+        first, second: Σ β₁ᵗ⁻ⁱ gᵢ and Σ β₂ᵗ⁻ⁱ gᵢ², float32 ``[members, P]``.
         steps: Number of steps.
     """
 
@@ -50,8 +48,6 @@ class Adam:
         self.first: npt.NDArray[np.float32] = torch.zeros_like(parameters).numpy()
         self.second: npt.NDArray[np.float32] = torch.zeros_like(parameters).numpy()
         self._learning_rate = learning_rate
-        self._beta1 = np.float32(_BETA1)
-        self._beta2 = np.float32(_BETA2)
         self._largest_norm = np.float32(math.inf if largest_norm is None else largest_norm)
         self.steps = 0
 
@@ -61,35 +57,17 @@ class Adam:
         spread = math.sqrt((1.0 - _BETA2) / (1.0 - _BETA2**self.steps))
         rate = self._learning_rate * (1.0 - _BETA1) / (1.0 - _BETA1**self.steps) / spread
         _adam(
-            self._parameters,
-            self._gradient,
-            self.first,
-            self.second,
-            self._beta1,
-            self._beta2,
-            np.float32(rate),
-            np.float32(_EPSILON / spread),
-            self._largest_norm,
-        )
+            self._parameters, self._gradient, self.first, self.second,
+            np.float32(rate), np.float32(_EPSILON / spread), self._largest_norm,
+        )  # fmt: skip
 
 
 @compiled
 def _adam(
-    parameters: Any,
-    gradient: Any,
-    first: Any,
-    second: Any,
-    beta1: Any,
-    beta2: Any,
-    rate: Any,
-    epsilon: Any,
-    largest_norm: Any,
-) -> None:
-    """Do one step in place.
-
-    All arrays are ``[E, P]``. The gradient of each member is first scaled down to a Euclidean norm
-    of at most `largest_norm`.
-    """
+    parameters: Any, gradient: Any, first: Any, second: Any,
+    rate: Any, epsilon: Any, largest_norm: Any,
+) -> None:  # fmt: skip
+    """Do one step in place; all arrays are ``[E, P]``."""
     members, count = parameters.shape
     for e in range(members):
         p, g, m, v = parameters[e], gradient[e], first[e], second[e]
@@ -100,6 +78,6 @@ def _adam(
         factor = largest_norm / norm if norm > largest_norm else np.float32(1.0)
         for i in range(count):
             slope = g[i] * factor
-            m[i] = beta1 * m[i] + slope
-            v[i] = beta2 * v[i] + slope * slope
+            m[i] = _DECAY1 * m[i] + slope
+            v[i] = _DECAY2 * v[i] + slope * slope
             p[i] -= rate * m[i] / (np.sqrt(v[i]) + epsilon)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from serp._util.saved_state import LARGEST, MOST, Saved, whole_within
+from serp._util.saved_state import LARGEST, Saved, whole_within
 from serp.errors import RunError
 from serp.learning.guidance import NO_GUIDANCE, Guidance, checked
 from serp.learning.n_step import PendingStep, PendingSteps
@@ -23,6 +23,21 @@ from serp.learning.samples import Samples, SampleSpec, type_Bool
 from serp.learning.sampling import Sampler
 from serp.learning.symmetry_group import SymmetryGroup
 from serp.settings import LearnerSettings
+
+
+class _Ring:
+    """A range of rows that are filled in turn, the oldest overwritten."""
+
+    def __init__(self, start: int, capacity: int) -> None:
+        self.start, self.capacity = start, capacity
+        self.size = self.head = 0
+
+    def next_row(self) -> int:
+        """Return the row to write next, and count it."""
+        row = self.start + self.head
+        self.head = (self.head + 1) % self.capacity
+        self.size = min(self.size + 1, self.capacity)
+        return row
 
 
 class ReplayBuffer:
@@ -49,42 +64,37 @@ class ReplayBuffer:
         symmetry: SymmetryGroup | None = None,
     ) -> None:
         self._spec = spec
-        self._capacity = settings.buffer_size
-        self._batch_size = settings.batch_size
-        self._n_step = settings.n_step
-        self._window = settings.failing_window
+        self._settings = settings
         share = settings.protected_share
         self._protected_rows = max(round(share * settings.batch_size), int(share > 0.0))
-        self._early_capacity = settings.protected_early if share > 0.0 else 0
-        self._failing_capacity = settings.protected_failing if share > 0.0 else 0
-
-        # Rows: the ring, then early samples, then failing ones.
-        self._early_start = self._capacity
-        self._failing_start = self._capacity + self._early_capacity
-        self._store = Samples.zeros(self._failing_start + self._failing_capacity, spec)
+        early = settings.protected_early if share > 0.0 else 0
+        failing = settings.protected_failing if share > 0.0 else 0
+        self._ring = _Ring(0, settings.buffer_size)
+        self._early = _Ring(settings.buffer_size, early)
+        self._failing = _Ring(settings.buffer_size + early, failing)
+        self._memories = {"ring": self._ring, "early": self._early, "failing": self._failing}
+        self._store = Samples.zeros(settings.buffer_size + early + failing, spec)
         self._fields = self._store.arrays()
-        self._size = self._head = 0
-        self._early_size = self._failing_size = self._failing_head = 0
 
         self._pending = PendingSteps(settings.n_step, settings.discount)
         self._next_forbidden: type_Bool = np.zeros(spec.action_count, np.bool_)
-        # Of the running episode: its steps, and [step, row, is it copied?] of its last samples.
-        self._episode_steps = 0
-        self._recent: deque[list[int]] = deque(maxlen=self._window)
+        # [row, is it protected?] of the last samples of the running episode.
+        self._recent: deque[list[int]] = deque(maxlen=settings.failing_window)
 
         shape = (settings.members, settings.batch_size)
         self._sampler = Sampler(self._store, spec, shape, rng, symmetry)
-        self._dirty = True
+        self._divided: tuple[int, ...] = ()
 
     @property
     def size(self) -> int:
         """Samples in the ring. A step becomes a sample when its n rewards are complete."""
-        return self._size
+        return self._ring.size
 
     def newest(self, count: int) -> Samples:
         """Return the newest samples of the ring, at most `count`, the oldest first."""
-        rows = np.arange(self._head - min(count, self._size), self._head) % self._capacity
-        return self._store.at(rows)
+        head, size = self._ring.head, self._ring.size
+        rows = np.arange(head - min(count, size), head) % self._ring.capacity
+        return Samples._make(array[rows] if len(array) else array for array in self._store)
 
     def add(
         self,
@@ -130,7 +140,6 @@ class ReplayBuffer:
             np.array(observation, np.float32), action, guidance.action, guidance.value
         )
         self._pending.push(step, reward)
-        self._episode_steps += 1
 
         if next_allowed is None:
             self._next_forbidden.fill(False)
@@ -140,63 +149,52 @@ class ReplayBuffer:
                 self._next_forbidden.fill(False)
 
         ended = terminated or truncated
-        while self._pending and (ended or self._pending.complete):
+        while self._pending.steps and (ended or self._pending.complete):
             self._emit(next_observation, terminated, guidance)
-        if self._failing_capacity and (failing or (terminated and reward < 0.0)):
+        if self._failing.capacity and (failing or (terminated and reward < 0.0)):
             self._protect_last_steps()
         if ended:
-            self._episode_steps = 0
             self._recent.clear()
 
     def _emit(
         self, next_observation: npt.NDArray[np.floating], terminated: bool, guidance: Guidance
     ) -> None:
         """Turn the oldest pending step into a sample."""
-        row, store = self._head, self._store
-        number = self._episode_steps - len(self._pending)
-        discount = 0.0 if terminated else self._pending.discount
-        step = self._pending.pop()
+        row, store = self._ring.next_row(), self._store
+        store.discount[row] = 0.0 if terminated else self._pending.discount
+        step = self._pending.steps.popleft()
         store.observation[row] = step.observation
         store.action[row] = step.action
         store.reward[row] = step.reward
         store.next_observation[row] = next_observation
-        store.discount[row] = discount
         store.forbidden[row] = self._next_forbidden
-        if store.guide is not None:
-            store.guide.action[row], store.guide.value[row] = step.guide_action, step.guide_value
-            store.guide.next_action[row] = guidance.next_action
-            store.guide.next_values[row] = guidance.next_values
-        if self._early_size < self._early_capacity:
-            self._copy_row(row, self._early_start + self._early_size)
-            self._early_size += 1
-        if self._failing_capacity:
+        if self._spec.guided:
+            store.guide_action[row], store.guide_value[row] = step.guide_action, step.guide_value
+            store.guide_next_action[row] = guidance.next_action
+            store.guide_next_values[row] = guidance.next_values
+        if self._early.size < self._early.capacity:
+            self._copy(row, self._early)
+        if self._failing.capacity:
             if step.failing:
-                self._keep_failing(row)
-            self._recent.append([number, row, int(step.failing)])
-        self._head = (row + 1) % self._capacity
-        if self._size < self._capacity:
-            self._size += 1
-            self._dirty = True
+                self._copy(row, self._failing)
+            self._recent.append([row, int(step.failing)])
 
     def _protect_last_steps(self) -> None:
         """Protect the samples of the last steps; pending ones as soon as they are complete."""
-        oldest = self._episode_steps - self._window
-        for entry in self._recent:
-            step, row, copied = entry
-            if step >= oldest and not copied:
-                self._keep_failing(row)
-                entry[2] = 1
-        self._pending.mark_failing(self._window)
+        window, pending = self._settings.failing_window, self._pending.steps
+        for step in list(pending)[-window:]:
+            step.failing = True
+        complete = max(window - len(pending), 0)
+        for entry in list(self._recent)[max(len(self._recent) - complete, 0) :]:
+            row, protected = entry
+            if not protected:
+                self._copy(row, self._failing)
+                entry[1] = 1
 
-    def _keep_failing(self, row: int) -> None:
-        self._copy_row(row, self._failing_start + self._failing_head)
-        self._failing_head = (self._failing_head + 1) % self._failing_capacity
-        self._failing_size = min(self._failing_size + 1, self._failing_capacity)
-
-    def _copy_row(self, source: int, target: int) -> None:
+    def _copy(self, source: int, ring: _Ring) -> None:
+        target = ring.next_row()
         for array in self._fields.values():
             array[target] = array[source]
-        self._dirty = True
 
     def sample(self) -> Samples:
         """Draw a batch for each member, uniformly and with replacement in each memory.
@@ -207,31 +205,25 @@ class ReplayBuffer:
         Raises:
             ValueError: There is no sample yet.
         """
-        if self._size == 0:
+        if not self.size:
             raise ValueError("the replay buffer has no sample yet")
-        if self._dirty:
+        sizes = tuple(ring.size for ring in self._memories.values())
+        if sizes != self._divided:
             self._sampler.divide(self._ranges())
-            self._dirty = False
+            self._divided = sizes
         return self._sampler.draw()
 
     def _ranges(self) -> tuple[tuple[int, int, int], ...]:
         """Return the rows from which the columns of a batch are drawn, see `Sampler.divide`."""
-        protected = self._protected_rows if self._failing_size or self._early_size else 0
-        failing = protected if not self._early_size else (protected + 1) // 2
-        if not self._failing_size:
-            failing = 0
+        ring, early, failing = self._memories.values()
+        protected = self._protected_rows if failing.size or early.size else 0
+        of_failing = protected if not early.size else (protected + 1) // 2
+        if not failing.size:
+            of_failing = 0
         return (
-            (failing, self._failing_start, self._failing_size),
-            (protected - failing, self._early_start, self._early_size),
-            (self._batch_size - protected, 0, self._size),
-        )
-
-    def _memories(self) -> tuple[tuple[str, int, int], ...]:
-        """Return name, first row and number of rows in use of each memory."""
-        return (
-            ("ring", 0, self._size),
-            ("early", self._early_start, self._early_size),
-            ("failing", self._failing_start, self._failing_size),
+            (of_failing, failing.start, failing.size),
+            (protected - of_failing, early.start, early.size),
+            (self._settings.batch_size - protected, ring.start, ring.size),
         )
 
     def _shapes(self) -> dict[str, int]:
@@ -239,28 +231,26 @@ class ReplayBuffer:
         return {
             "observation_size": self._spec.input_size,
             "action_count": self._spec.action_count,
-            "buffer_size": self._capacity,
-            "n_step": self._n_step,
-            "protected_early": self._early_capacity,
-            "protected_failing": self._failing_capacity,
-            "failing_window": self._window,
+            "buffer_size": self._ring.capacity,
+            "n_step": self._settings.n_step,
+            "protected_early": self._early.capacity,
+            "protected_failing": self._failing.capacity,
+            "failing_window": self._settings.failing_window,
         }
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Return the complete state: arrays (rows in use only) and JSON values."""
         arrays: dict[str, npt.NDArray[Any]] = {
-            f"{memory}.{name}": array[start : start + size].copy()
-            for memory, start, size in self._memories()
+            f"{memory}.{name}": array[ring.start : ring.start + ring.size].copy()
+            for memory, ring in self._memories.items()
             for name, array in self._fields.items()
         }
         arrays["pending.observation"], pending = self._pending.state_dict(self._spec)
         meta = {
             "shapes": self._shapes(),
-            "sizes": [size for _, _, size in self._memories()],
-            "head": self._head,
-            "failing_head": self._failing_head,
+            "sizes": [ring.size for ring in self._memories.values()],
+            "heads": [ring.head for ring in self._memories.values()],
             **pending,
-            "episode_steps": self._episode_steps,
             "recent": [list(entry) for entry in self._recent],
             "rng": self._sampler.rng.bit_generator.state,
         }
@@ -276,39 +266,34 @@ class ReplayBuffer:
                 buffer is unchanged.
         """
         saved = Saved("replay memory", arrays, meta)
-        sizes = self._saved_sizes(saved)
+        self._check_shapes(saved)
+        sizes, heads = self._saved_places(saved)
+        for (memory, _), size in zip(self._memories.items(), sizes, strict=True):
+            self._check_arrays(saved, memory, size)
         pending = self._pending.checked(saved, self._spec)
-        size, _, failing_size = sizes
-        head = _head(saved, "head", size, self._capacity)
-        failing_head = _head(saved, "failing_head", failing_size, self._failing_capacity)
         recent = saved.rows(
             "recent",
-            self._window,
+            self._settings.failing_window,
             lambda entry: (
-                len(entry) == 3
-                and whole_within(entry[0], 0, MOST)
-                and whole_within(entry[1], 0, size - 1)
-                and whole_within(entry[2], 0, 1)
+                len(entry) == 2
+                and whole_within(entry[0], 0, sizes[0] - 1)
+                and whole_within(entry[1], 0, 1)
             ),
-            "a step, its row and whether it was copied",
+            "a row and whether it is protected",
         )
-        episode_steps = saved.whole("episode_steps")
         state = saved.generator_state("rng", self._sampler.rng)
 
-        self._size, self._early_size, self._failing_size = sizes
-        for memory, start, held in self._memories():
+        for (memory, ring), size, head in zip(self._memories.items(), sizes, heads, strict=True):
+            ring.size, ring.head = size, head
             for name, array in self._fields.items():
-                array[start : start + held] = arrays[f"{memory}.{name}"]
-        self._head, self._failing_head = head, failing_head
-        self._pending.restore(pending)
-        self._episode_steps = episode_steps
+                array[ring.start : ring.start + size] = arrays[f"{memory}.{name}"]
+        self._pending.steps = pending
         self._recent.clear()
         self._recent.extend(recent)
         self._sampler.rng.bit_generator.state = state
-        self._dirty = True
+        self._divided = ()
 
-    def _saved_sizes(self, saved: Saved) -> list[int]:
-        """Check the sizes in a saved state; return the number of samples in each memory."""
+    def _check_shapes(self, saved: Saved) -> None:
         shapes = Saved("replay memory", {}, saved.part("shapes")[1])
         for name, here in self._shapes().items():
             shapes.equal(name, here, "continue with the task and the settings it was saved with")
@@ -319,32 +304,30 @@ class ReplayBuffer:
                 f"guide to learn from, this learner has {'one' if guided else 'none'}; continue "
                 "with the settings it was saved with"
             )
-        most = (self._capacity, self._early_capacity, self._failing_capacity)
-        sizes = saved.wholes("sizes", len(most), 0, max(most))
-        if any(held > room for held, room in zip(sizes, most, strict=True)):
-            raise saved.wrong(f"sizes are {sizes}, but at most {list(most)}")
-        for (memory, _, _), held in zip(self._memories(), sizes, strict=True):
-            for name, array in self._fields.items():
-                low, high = self._range_of(name)
-                shape = (held, *array.shape[1:])
-                found = saved.array(f"{memory}.{name}", array.dtype, shape, low, high)
-                if name == "forbidden" and found.all(axis=1).any():
-                    raise saved.wrong(f"{memory}.forbidden forbids all actions")
-        return sizes
 
-    def _range_of(self, field: str) -> tuple[float, float]:
-        """Return the valid range of a field of samples."""
-        if field in _LEAST_ACTION:
-            return _LEAST_ACTION[field], self._spec.action_count - 1
-        return (0.0, 1.0) if field == "discount" else (-LARGEST, LARGEST)
+    def _saved_places(self, saved: Saved) -> tuple[list[int], list[int]]:
+        """Return size and head of each memory: the head is at the end until the memory is full."""
+        rings = self._memories.values()
+        sizes, heads = saved.wholes("sizes", len(rings)), saved.wholes("heads", len(rings))
+        for ring, size, head in zip(rings, sizes, heads, strict=True):
+            full = size == ring.capacity
+            if size > ring.capacity or not (head < max(size, 1) if full else head == size):
+                raise saved.wrong(
+                    f"sizes and heads are {sizes} and {heads}, with room for "
+                    f"{[ring.capacity for ring in rings]}"
+                )
+        return sizes, heads
+
+    def _check_arrays(self, saved: Saved, memory: str, size: int) -> None:
+        for name, array in self._fields.items():
+            low, high = (0.0, 1.0) if name == "discount" else (-LARGEST, LARGEST)
+            if name in _LEAST_ACTION:
+                low, high = _LEAST_ACTION[name], self._spec.action_count - 1
+            shape = (size, *array.shape[1:])
+            found = saved.array(f"{memory}.{name}", array.dtype, shape, low, high)
+            if name == "forbidden" and found.all(axis=1).any():
+                raise saved.wrong(f"{memory}.forbidden forbids all actions")
 
 
 _LEAST_ACTION = {"action": 0, "guide_action": -1, "guide_next_action": -1}
 """Fields that hold actions → the least valid value."""
-
-
-def _head(saved: Saved, name: str, size: int, capacity: int) -> int:
-    """Return the position of the next row of a ring: after the last, until the ring is full."""
-    if size < capacity:
-        return saved.whole(name, size, size)
-    return saved.whole(name, 0, max(capacity - 1, 0))

@@ -10,10 +10,7 @@ a weighted mean of c̄ / (1 − γ) and t̄. The largest return is therefore the
 likewise the smallest. Separating both kinds of reward keeps the bounds tight: with 0 to 1 per step
 and −1 for a fall, γ = 0.9, they are −1 and 10; the range of all rewards would give −10.
 
-Only the *estimated* part of a TD target, the value of the next state, has to be clipped to these
-bounds. The observed rewards are not clipped: a terminal target consists only of them, and a
-non-terminal target then lies between R + γᵏ·lower and R + γᵏ·upper, which is tighter than the
-bounds.
+Only the *estimated* part of a TD target, the value of the next state, is clipped to these bounds.
 """
 
 from __future__ import annotations
@@ -23,11 +20,7 @@ from collections.abc import Sequence
 
 
 class ReturnBounds:
-    """The smallest and the largest possible return.
-
-    Args:
-        discount: γ, 0 ≤ γ < 1.
-    """
+    """The smallest and the largest possible return, for a discount γ in [0, 1)."""
 
     def __init__(self, discount: float) -> None:
         self._horizon = 1.0 / (1.0 - discount)

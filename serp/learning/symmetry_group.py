@@ -88,9 +88,7 @@ class SymmetryGroup:
         elements: The elements, the identity first.
         averaged: Number of elements over which Q is averaged.
         complete: Whether no generator was left out.
-        columns: int64 ``[G, F]``.
-        signs: float32 ``[G, F]``.
-        actions: int64 ``[G, A]``.
+        columns, signs, actions: int64 ``[G, F]``, float32 ``[G, F]``, int64 ``[G, A]``.
     """
 
     def __init__(self, inputs: int, actions: int, generators: Iterable[Element] = ()) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,7 +31,7 @@ class DomainFiles(NamedTuple):
 
 
 def pairs(names: Iterable[str]) -> list[DomainFiles]:
-    """Return the domains that files and names of tasks mean, with their problems.
+    """Return the domains that files and names of tasks mean, each once, with their problems.
 
     A domain file is looked at with each problem that belongs to it, and by itself (or with the
     problem beside it) where none is given.
@@ -41,14 +41,16 @@ def pairs(names: Iterable[str]) -> list[DomainFiles]:
     given = [(name, find_domain_file(name)) for name in names]
     titles = {path: _title(path) for _, path in given if path is not None}
     domains = [path for path, title in titles.items() if title.kind != "problem"]
-    found = [
-        DomainFiles(name, _domain_of(path, titles[path], domains, titles), path)
-        if path is not None and titles[path].kind == "problem"
-        else DomainFiles(name, path, None)
-        for name, path in given
+    found: dict[tuple[str, str], DomainFiles] = {}
+    for name, path in given:
+        pair = DomainFiles(name, path, None)
+        if path is not None and titles[path].kind == "problem":
+            pair = DomainFiles(name, _domain_of(path, titles[path], domains, titles), path)
+        found.setdefault((_real(pair.domain) or name, _real(pair.problem)), pair)
+    with_problem = {domain for domain, problem in found if problem}
+    return [
+        pair for (domain, problem), pair in found.items() if problem or domain not in with_problem
     ]
-    with_problem = {_real(pair.domain) for pair in found if pair.problem is not None}
-    return list(_once(p for p in found if p.problem or _real(p.domain) not in with_problem))
 
 
 class _Title(NamedTuple):
@@ -92,15 +94,6 @@ def _domain_of(
     ):
         return path
     return None
-
-
-def _once(found: Iterable[DomainFiles]) -> Iterator[DomainFiles]:
-    seen: set[tuple[str, str]] = set()
-    for pair in found:
-        key = (_real(pair.domain) or pair.name, _real(pair.problem))
-        if key not in seen:
-            seen.add(key)
-            yield pair
 
 
 def _real(path: Path | None) -> str:

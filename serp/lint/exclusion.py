@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 
 from serp.model import ground as g
+from serp.model.linear import Linear, linear
 
 Pair = tuple[g.Test, g.Test]
 _MIRRORED = {"<": ">", "<=": ">=", "=": "=", ">=": "<=", ">": "<"}
@@ -24,10 +25,6 @@ def contradiction(tests: Iterable[g.Test], theta: Sequence[float]) -> Pair | Non
     """Return two tests that cannot hold together, or None where none are found.
 
     Both are the same where one test contradicts itself.
-
-    Args:
-        tests: A conjunction.
-        theta: The values of the parameters.
     """
     known = _Known(theta)
     later: list[g.AnyOf] = []
@@ -159,50 +156,5 @@ def _is_true(operator: str, difference: Fraction) -> bool:
     }[operator]
 
 
-@dataclass(frozen=True)
-class _Linear:
-    """A sum of atoms, each times a factor, and a constant. An atom is a fluent or a product."""
-
-    terms: dict[Hashable, Fraction]
-    constant: Fraction
-
-    def plus(self, other: _Linear, factor: Fraction) -> _Linear:
-        terms = dict(self.terms)
-        for atom, k in other.terms.items():
-            total = terms.get(atom, Fraction(0)) + k * factor
-            if total:
-                terms[atom] = total
-            else:
-                terms.pop(atom, None)
-        return _Linear(terms, self.constant + other.constant * factor)
-
-    @property
-    def key(self) -> Hashable:
-        return frozenset(self.terms.items()), self.constant
-
-
-def _difference(test: g.Compare, theta: Sequence[float]) -> _Linear:
-    return _linear(test.left, theta).plus(_linear(test.right, theta), Fraction(-1))
-
-
-def _linear(value: g.Value, theta: Sequence[float]) -> _Linear:
-    match value:
-        case g.Read(fluent):
-            return _Linear({fluent: Fraction(1)}, Fraction(0))
-        case g.ParameterRef(parameter):
-            return _Linear({}, Fraction(repr(float(theta[parameter]))))  # as it is written
-        case g.Negation(operand):
-            return _Linear({}, Fraction(0)).plus(_linear(operand, theta), Fraction(-1))
-        case g.Elapsed():
-            return _Linear({"elapsed": Fraction(1)}, Fraction(0))
-        case g.Operation(operator, left, right):
-            one, other = _linear(left, theta), _linear(right, theta)
-            if operator in "+-":
-                return one.plus(other, Fraction(1 if operator == "+" else -1))
-            nothing = _Linear({}, Fraction(0))
-            if not other.terms and (operator == "*" or other.constant):
-                factor = other.constant
-                return nothing.plus(one, factor if operator == "*" else 1 / factor)
-            if operator == "*" and not one.terms:
-                return nothing.plus(other, one.constant)
-            return _Linear({(operator, one.key, other.key): Fraction(1)}, Fraction(0))
+def _difference(test: g.Compare, theta: Sequence[float]) -> Linear:
+    return linear(test.left, theta).plus(linear(test.right, theta), Fraction(-1))

@@ -41,35 +41,13 @@ def _flags_read_in_actions(subject: LintSubject) -> Iterator[DomainWarning]:
     for schema in subject.domain.syntax.schemas:
         if schema.kind is not x.Kind.ACTION:
             continue
-        conditions = [schema.precondition] if schema.precondition is not None else []
-        for atom in (*_atoms(conditions), *_atoms_of_effects(schema.effects)):
-            if atom.name in (x.UNSAFE, x.TERMINAL):
+        for atom in x.conditions_of(schema):
+            if isinstance(atom, x.Atom) and atom.name in (x.UNSAFE, x.TERMINAL):
                 yield DomainWarning(
                     f"`({atom.name})` starts false in every step, so action `{schema.name}` "
                     "always finds it false; events are the ones that can read it",
                     atom.place,
                 )
-
-
-def _atoms_of_effects(effects: tuple[x.Effect, ...]) -> Iterator[x.Atom]:
-    for effect in effects:
-        match effect:
-            case x.When(condition, inner):
-                yield from _atoms([condition])
-                yield from _atoms_of_effects(inner)
-            case x.ForallEffect(_, inner):
-                yield from _atoms_of_effects(inner)
-
-
-def _atoms(conditions: Iterable[x.Condition]) -> Iterator[x.Atom]:
-    for condition in conditions:
-        match condition:
-            case x.Atom():
-                yield condition
-            case x.Connective(_, operands):
-                yield from _atoms(operands)
-            case x.Quantified(_, _, body):
-                yield from _atoms([body])
 
 
 def _schemas_without_use(subject: LintSubject) -> Iterator[DomainWarning]:

@@ -20,14 +20,7 @@ _OPERATORS = ("+", "-", "*", "/")
 
 
 def outside_portable_subset(source: Source) -> list[DomainWarning]:
-    """Return the forms in a file that some PDDL tools do not read, one finding per rule.
-
-    Args:
-        source: A file that serp itself reads.
-
-    Raises:
-        DomainError: Its parentheses do not match.
-    """
+    """Return the forms in a file that some PDDL tools do not read, one finding per rule."""
     found: dict[str, list[Place]] = {}
     top = read_group(source)
     for text, place in _breaches(top):

@@ -39,56 +39,36 @@ def _missing_requirements(subject: LintSubject) -> Iterator[DomainWarning]:
         )
 
 
-def _needs(syntax: x.DomainSyntax) -> list[str]:
-    """Return the requirements that a domain makes use of."""
-    found: dict[str, None] = {}
-    parameters = [
-        *(p for s in syntax.schemas for p in s.parameters),
-        *(p for d in syntax.declarations.values() for p in d.parameters),
-    ]
-    if syntax.parents or any(p.types != (x.OBJECT,) for p in parameters):
-        found[":typing"] = None
-    if any(d.numeric for d in syntax.declarations.values()):
-        found[":numeric-fluents"] = None
-    if any(s.kind is not x.Kind.ACTION for s in syntax.schemas):
-        found[":time"] = None
+def _needs(syntax: x.DomainSyntax) -> dict[str, None]:
+    """Return the requirements that a domain makes use of, in order."""
+    parameters = [p for s in syntax.schemas for p in s.parameters]
+    parameters += [p for d in syntax.declarations.values() for p in d.parameters]
+    general = {
+        ":typing": syntax.parents or any(p.types != (x.OBJECT,) for p in parameters),
+        ":numeric-fluents": any(d.numeric for d in syntax.declarations.values()),
+        ":time": any(s.kind is not x.Kind.ACTION for s in syntax.schemas),
+    }
+    found = {need: None for need, used in general.items() if used}
     for schema in syntax.schemas:
-        if schema.precondition is not None:
-            found.update(dict.fromkeys(_of_condition(schema.precondition)))
-        found.update(dict.fromkeys(_of_effects(schema.effects)))
-    return list(found)
+        for condition in x.conditions_of(schema):
+            found.update(dict.fromkeys(_of_condition(condition)))
+        if any(isinstance(e, x.When | x.ForallEffect) for e in schema.effects):
+            found[":conditional-effects"] = None
+    return found
 
 
 def _of_condition(condition: x.Condition) -> Iterator[str]:
     match condition:
         case x.SameObject():
             yield ":equality"
-        case x.Connective(operator, operands):
-            if operator == "not" and not isinstance(operands[0], x.SameObject):
-                yield ":negative-preconditions"
-            if operator in ("or", "imply"):
-                yield ":disjunctive-preconditions"
-            for operand in operands:
-                yield from _of_condition(operand)
-        case x.Quantified(operator, _, body):
-            yield (
-                ":existential-preconditions"
-                if operator == "exists"
-                else (":universal-preconditions")
-            )
-            yield from _of_condition(body)
-
-
-def _of_effects(effects: tuple[x.Effect, ...]) -> Iterator[str]:
-    for effect in effects:
-        match effect:
-            case x.When(condition, inner):
-                yield ":conditional-effects"
-                yield from _of_condition(condition)
-                yield from _of_effects(inner)
-            case x.ForallEffect(_, inner):
-                yield ":conditional-effects"
-                yield from _of_effects(inner)
+        case x.Connective("not", (operand,)) if not isinstance(operand, x.SameObject):
+            yield ":negative-preconditions"
+        case x.Connective("or" | "imply"):
+            yield ":disjunctive-preconditions"
+        case x.Quantified("exists"):
+            yield ":existential-preconditions"
+        case x.Quantified():
+            yield ":universal-preconditions"
 
 
 RULES = {"missing-requirement": _missing_requirements}

@@ -17,10 +17,6 @@ RULES: Mapping[str, Callable[[LintSubject], Iterator[DomainWarning]]] = MappingP
 
 
 def warnings_of(domain: Domain) -> list[DomainWarning]:
-    """Return what may have been forgotten or misspelt; none of it stops a training.
-
-    Args:
-        domain: A domain that was loaded, hence free of errors.
-    """
+    """Return what may have been forgotten or misspelt; none of it stops a training."""
     subject = LintSubject(domain)
     return [*domain.warnings, *(found for rule in RULES.values() for found in rule(subject))]

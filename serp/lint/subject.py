@@ -11,17 +11,13 @@ from serp.model.loading import Domain
 from serp.pddl.sexpr import Group, Node, Word, read_group
 from serp.pddl.source import DomainError
 
-SCHEMAS = (":action", ":process", ":event", ":constraint")
+SCHEMAS = (":action", ":process", ":event")
 """Sections that define an action, a process or an event."""
 
 
 @dataclass(frozen=True)
 class LintSubject:
-    """A domain that was loaded, hence free of errors.
-
-    Attributes:
-        domain: The domain with its problem.
-    """
+    """A domain that was loaded, hence free of errors."""
 
     domain: Domain
 

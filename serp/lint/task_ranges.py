@@ -27,9 +27,6 @@ def out_of_range(bound: BoundTask) -> Iterator[DomainWarning]:
 
     The range of a fluent is taken from observations that the space allows. Only what is farther
     away than the range is wide is told of: degrees for radians, millimetres for metres.
-
-    Args:
-        bound: A task with its domain.
     """
     ranges = _ranges(bound)
     fluents = bound.model.fluents

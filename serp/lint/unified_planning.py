@@ -8,9 +8,11 @@ import re
 import subprocess
 import sys
 import warnings
+from collections.abc import Iterator
 from importlib.util import find_spec
+from typing import Literal
 
-from pydantic import BaseModel
+from pydantic import TypeAdapter
 
 from serp.pddl.sexpr import Group, Word, read_group
 from serp.pddl.source import DomainWarning, Place, Source
@@ -26,82 +28,67 @@ _NOISE = re.compile(
 def ask_unified_planning(
     domain: Source, problem: Source | None, seconds: float
 ) -> tuple[str, DomainWarning | None]:
-    """Ask in a process of its own: its reader takes minutes for large files, and cannot be stopped.
+    """Return `yes`, `no`, or why there is no answer; and what unified-planning refuses.
 
-    Args:
-        domain: The domain file.
-        problem: The problem file, if there is one.
-        seconds: Most time to wait, > 0.
-
-    Returns:
-        `yes`, `no`, or why there is no answer; and what it refuses.
+    It is asked in a process of its own, for some seconds: its reader takes minutes for large files,
+    and cannot be stopped.
     """
     if find_spec("unified_planning") is None:
         return "not known (it is not installed: pip install 'serp[check]')", None
-    files = [(s.name, s.text) for s in (domain, problem) if s is not None]
+    sources = [source for source in (domain, problem) if source is not None]
     try:
         answer = subprocess.run(
             [sys.executable, "-P", "-m", __name__],
-            input=json.dumps(files).encode(),
+            input=json.dumps([(source.name, source.text) for source in sources]).encode(),
             capture_output=True,
             timeout=seconds,
             check=True,
         )
+        found = _ANSWER.validate_json(answer.stdout)
     except subprocess.TimeoutExpired:
         return f"not known after {seconds:g} seconds", None
     except subprocess.CalledProcessError as error:
         return f"not known (its process ended with status {error.returncode})", None
-    try:
-        found = _Answer.model_validate_json(answer.stdout)
     except ValueError:
         return "not known (its process gave no answer)", None
-    if found.refusal is None:
+    if found is None:
         return "yes", None
-    source = problem if found.in_problem and problem is not None else domain
-    place = None if found.span is None else source.place(*found.span)
-    return "no", DomainWarning(found.refusal, place)
+    refusal, number, span = found
+    place = sources[number].place(*span) if span is not None else None
+    return "no", DomainWarning(refusal, place)
 
 
-class _Answer(BaseModel):
-    """What the process writes: what is refused, in which file, and from where to where."""
-
-    refusal: str | None = None
-    in_problem: bool = False
-    span: tuple[int, int] | None = None
+_ANSWER = TypeAdapter(tuple[str, Literal[0, 1], tuple[int, int] | None] | None)
+"""What the process writes: what is refused, in which of the files, and from where to where."""
 
 
 def _answer() -> None:
     """Read files as JSON from standard input, and write as JSON what is refused in them."""
-    domain, *problem = (Source(name, text) for name, text in json.load(sys.stdin))
+    sources = [Source(name, text) for name, text in json.load(sys.stdin)]
     with contextlib.redirect_stdout(sys.stderr):  # the reader may print
-        found = refused_by_unified_planning(domain, problem[0] if problem else None)
-    answer = _Answer()
+        found = refused_by_unified_planning(sources[0], *sources[1:])
+    answer = None
     if found is not None:
         place = found.place
-        answer.refusal = found.text
-        answer.in_problem = place is not None and place.source is not domain
-        answer.span = None if place is None else (place.start, place.end)
-    sys.stdout.write(answer.model_dump_json())
+        number = sources.index(place.source) if place else 0
+        answer = found.text, number, (place.start, place.end) if place else None
+    sys.stdout.write(json.dumps(answer))
 
 
-def refused_by_unified_planning(domain: Source, problem: Source | None) -> DomainWarning | None:
-    """Return what unified-planning's `PDDLReader` refuses, or None for nothing.
-
-    Args:
-        domain: The domain file.
-        problem: The problem file, if there is one.
-    """
-    error = _reading_error(domain.text, None)
-    source = domain
+def refused_by_unified_planning(
+    domain: Source, problem: Source | None = None
+) -> DomainWarning | None:
+    """Return what unified-planning's `PDDLReader` refuses, or None for nothing."""
+    source, error = domain, _reading_error(domain.text, None)
     if error is None and problem is not None:
         source, error = problem, _reading_error(domain.text, problem.text)
     if error is None:
         return None
-    unknown = _unknown_requirement(source)
-    if unknown is not None:
-        return DomainWarning(
-            f"unified-planning does not know the requirement `{unknown.text}`", unknown.place
-        )
+    for word in _requirements(source):
+        minimal = f"(define (domain d) (:requirements {word.text}) (:predicates (p)))"
+        if _reading_error(minimal, None) is not None:
+            text = f"unified-planning does not know the requirement `{word.text}`"
+            return DomainWarning(text, word.place)
     text = str(error)
     place = _place(source, text)
     reason = " ".join(_NOISE.sub("", text).split()) or type(error).__name__
@@ -138,16 +125,10 @@ def _place(source: Source, message: str) -> Place | None:
     return source.place(start, start + (word.end() if word else 0))
 
 
-def _unknown_requirement(source: Source) -> Word | None:
-    """Return the first requirement of the file that unified-planning's reader does not know."""
+def _requirements(source: Source) -> Iterator[Word]:
     for section in read_group(source).items[2:]:
         if isinstance(section, Group) and section.head == ":requirements":
-            for word in section.items[1:]:
-                if isinstance(word, Word):
-                    minimal = f"(define (domain d) (:requirements {word.text}) (:predicates (p)))"
-                    if _reading_error(minimal, None) is not None:
-                        return word
-    return None
+            yield from (word for word in section.items[1:] if isinstance(word, Word))
 
 
 if __name__ == "__main__":

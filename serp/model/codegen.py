@@ -168,10 +168,9 @@ class _Generator(EffectEmitter):
             with self.under(self.truth(self.model.goal, result, None)):
                 self.body.append(assign("terminal", constant(True)))
                 if self.model.goal_rewarded:
-                    worth = self.model.goal_worth
                     gained: ast.expr = constant(1.0)
-                    if worth is not None:
-                        value = self.value(g.ParameterRef(worth.parameter), result)
+                    if self.model.goal_parameter is not None:
+                        value = entry("theta", self.model.goal_parameter)
                         gained = ast.BinOp(variable("reward"), ast.Add(), value)
                     self.body.append(assign("reward", gained))
         self.require_finite(variable("reward"), Site("undefined", None, None))
@@ -248,10 +247,6 @@ def load_function(generated: Generated, filename: str = "") -> Callable[..., int
     """Turn a generated tree into a Python function.
 
     The tree is compiled as it is; no program text is involved.
-
-    Args:
-        generated: What to load.
-        filename: Shown in tracebacks; compiled code is kept under it.
     """
     # numba finds the environment of a cached function through the module's name.
     namespace: dict[str, Any] = {"__builtins__": {}, "__name__": __name__}

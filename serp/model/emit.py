@@ -91,11 +91,7 @@ def joined(operator: ast.boolop, tests: Sequence[ast.expr]) -> ast.expr:
 
 
 class Emitter:
-    """Collects statements, and writes conditions and numbers as expressions over arrays.
-
-    Args:
-        traced: Whether the code reports the sites that it passes.
-    """
+    """Collects statements, and writes conditions and numbers as expressions over arrays."""
 
     def __init__(self, *, traced: bool) -> None:
         self.traced = traced

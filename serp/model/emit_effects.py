@@ -21,8 +21,7 @@ from serp.model.emit import (
 from serp.pddl.syntax import Change
 
 # Changes of one group commute; 0 is the group of a number that has not changed yet.
-_ASSIGNED, _ADDED, _SCALED = 1, 2, 3
-_GROUP = {Change.ASSIGN: _ASSIGNED, Change.INCREASE: _ADDED, Change.DECREASE: _ADDED}
+_KINDS = {"assign": 1, "add": 2, "scale": 3}
 _OPERATIONS: dict[Change, ast.operator] = {
     Change.INCREASE: ast.Add(),
     Change.DECREASE: ast.Sub(),
@@ -142,19 +141,19 @@ class EffectEmitter(Emitter):
         self, schema: g.GroundSchema, effect: g.SetNumber, value: ast.expr
     ) -> ast.expr:
         """Emit code that ends the step where another effect contradicts this one."""
-        kind, group = f"kind{effect.target}", _GROUP.get(effect.change, _SCALED)
+        kind, group = f"kind{effect.target}", effect.change.group
 
-        def changed_by(group: int) -> ast.expr:
-            return ast.Compare(variable(kind), [ast.Eq()], [constant(group)])
+        def changed_by(group: str) -> ast.expr:
+            return ast.Compare(variable(kind), [ast.Eq()], [constant(_KINDS[group])])
 
-        others = [k for k in (_ASSIGNED, _ADDED, _SCALED) if k != group]
+        others = [other for other in _KINDS if other != group]
         clash = joined(ast.Or(), [changed_by(other) for other in others])
-        if group == _ASSIGNED:
+        if group == "assign":
             value = self.temporary(value)
             differs = ast.Compare(entry("out", effect.target), [ast.NotEq()], [value])
-            clash = joined(ast.Or(), [clash, joined(ast.And(), [changed_by(_ASSIGNED), differs])])
+            clash = joined(ast.Or(), [clash, joined(ast.And(), [changed_by("assign"), differs])])
         self.refuse(clash, Site("conflict", schema, effect))
-        self.body.append(assign(kind, constant(group)))
+        self.body.append(assign(kind, constant(_KINDS[group])))
         return value
 
     def _set_number(self, effect: g.SetNumber, value: ast.expr) -> None:
@@ -183,7 +182,7 @@ def _contested(effects: Sequence[g.SetNumber]) -> set[int]:
     Increases and decreases commute, and so do scalings. An assignment together with another
     effect, or a mixture of both kinds, has no defined result (PDDL 2.1, definition 8).
     """
-    groups: dict[int, list[int]] = {}
+    groups: dict[int, list[str]] = {}
     for effect in effects:
-        groups.setdefault(effect.target, []).append(_GROUP.get(effect.change, _SCALED))
-    return {t for t, kinds in groups.items() if len(set(kinds)) > 1 or kinds.count(_ASSIGNED) > 1}
+        groups.setdefault(effect.target, []).append(effect.change.group)
+    return {t for t, of in groups.items() if len(set(of)) > 1 or of.count("assign") > 1}

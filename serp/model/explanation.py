@@ -51,11 +51,7 @@ def why_unsafe(model: TransitionModel, state: Vector, action: int) -> str:
 
 
 def unsafe_ahead(safe_steps: int) -> str:
-    """Say that something unsafe, or too risky, follows a first step that is safe.
-
-    Args:
-        safe_steps: Safe control periods on the best path, at least 1.
-    """
+    """Say that something unsafe, or too risky, follows a first step that is safe."""
     periods = f"{safe_steps} control period{'' if safe_steps == 1 else 's'}"
     return f"safe for {periods}, then nothing is left that is predicted safe"
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from serp.pddl import syntax as x
@@ -24,11 +25,8 @@ _RAISE = (
 class InstantiationBudget:
     """Limits on the size of a domain, and counters of what instantiation produces.
 
-    Args:
-        ground_schemas: Most ground actions, processes and events together.
-
     Attributes:
-        ground_schemas: As above.
+        ground_schemas: Most ground actions, processes and events together.
         fluents: Most fluents, four times as many.
         bindings: Most bindings that are tried, 20 times as many.
     """
@@ -41,11 +39,7 @@ class InstantiationBudget:
         self.work = 0
 
     def count_binding(self, place: Place) -> None:
-        """Count one binding of a variable.
-
-        Raises:
-            DomainError: There are too many.
-        """
+        """Count one binding of a variable."""
         self.work += 1
         if self.work > self.bindings:
             raise DomainError(
@@ -56,16 +50,10 @@ class InstantiationBudget:
             )
 
     def count_instance(self, schema: x.Schema, facts: Facts) -> None:
-        """Count one ground action, process or event.
-
-        Raises:
-            DomainError: There are too many.
-        """
+        """Count one ground action, process or event."""
         self.instances += 1
         if self.instances > self.ground_schemas:
-            bindings = 1
-            for parameter in schema.parameters:
-                bindings *= len(facts.objects_of(parameter.types))
+            bindings = math.prod(len(facts.objects_of(p.types)) for p in schema.parameters)
             raise DomainError(
                 f"the domain instantiates to more than {self.ground_schemas} ground actions, "
                 f"processes and events; `{schema.name}` has up to {bindings} over these objects",
@@ -75,11 +63,7 @@ class InstantiationBudget:
             )
 
     def check_fluents(self, count: int, declaration: x.Declaration) -> None:
-        """Check a number of fluents against the limit.
-
-        Raises:
-            DomainError: There are too many.
-        """
+        """Check a number of fluents against the limit."""
         if count > self.fluents:
             raise DomainError(
                 f"the domain has more than {self.fluents} fluents over these objects",
@@ -96,16 +80,10 @@ class Facts:
     (`serp.model.reachability` computes it). In an *observed* one any state is possible: a fact is
     constant if `:init` states it, no effect changes it and no observation supplies it.
 
-    Args:
-        domain: The parsed domain.
-        problem: The parsed problem, if there is one.
-        supplied: None for a closed world, which needs a problem with an `:init`; else the names of
-            the fluents that are known to be observed, such as `door-open hall`.
-        budget: Counts fluents and bindings.
+    `supplied` is None for a closed world, which needs a problem with an `:init`; else the names of
+    the fluents that are known to be observed, such as `door-open hall`.
 
     Attributes:
-        domain: The parsed domain.
-        budget: The budget.
         objects: All objects.
         true: The predicates that hold at the start.
         values: The numbers at the start.
@@ -148,11 +126,7 @@ class Facts:
         return key[0] in self.varying or key in self.free
 
     def free_missing_numbers(self) -> None:
-        """Let functions vary that have effects but no value in `:init`; they start at 0.
-
-        Raises:
-            DomainError: There are too many.
-        """
+        """Let functions vary that have effects but no value in `:init`; they start at 0."""
         for declaration in self.domain.declarations.values():
             if declaration.numeric and declaration.name in self.changed - self.varying:
                 for key in self.keys_of(declaration):
@@ -183,11 +157,7 @@ class Facts:
     def quantify(
         self, parameters: tuple[x.SchemaParameter, ...], binding: Binding, place: Place
     ) -> Iterator[Binding]:
-        """Yield the binding, extended by every choice of objects for the parameters.
-
-        Raises:
-            DomainError: Too many bindings have been tried.
-        """
+        """Yield the binding, extended by every choice of objects for the parameters."""
         names = [p.name for p in parameters]
         for chosen in itertools.product(*(self.objects_of(p.types) for p in parameters)):
             self.budget.count_binding(place)
@@ -213,18 +183,10 @@ def conjuncts(condition: x.Condition | None) -> Iterator[x.Condition]:
         yield condition
 
 
-def nested_effects(effects: tuple[x.Effect, ...]) -> Iterator[x.Effect]:
-    """Yield effects and the effects nested in them."""
-    for effect in effects:
-        yield effect
-        if isinstance(effect, x.When | x.ForallEffect):
-            yield from nested_effects(effect.effects)
-
-
 def _changed_names(domain: x.DomainSyntax) -> set[str]:
     names: set[str] = set()
     for schema in domain.schemas:
-        for effect in nested_effects(schema.effects):
+        for effect in x.nested_effects(schema.effects):
             if isinstance(effect, x.SetPredicate):
                 names.add(effect.atom.name)
             elif isinstance(effect, x.ChangeFunction):

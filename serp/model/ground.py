@@ -8,13 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 from serp.pddl.source import Place
 from serp.pddl.syntax import Change, DomainSyntax, Kind
-
-if TYPE_CHECKING:
-    from serp.model.goal_value import GoalValue
 
 REWARD_TARGET = -1
 UNSAFE_TARGET = -2
@@ -227,7 +223,8 @@ class GroundModel:
         actions, processes, events: The ground schemas, in file order.
         goal: The problem's goal; None where there is none.
         goal_rewarded: Whether reaching the goal is a reward: the files declare no `(reward)`.
-        goal_worth: The size of that reward; None: it is 1.
+        goal_parameter: The entry of θ that is that reward in a problem with a metric, see
+            `serp.model.goal_value`; None: it is 1.
         metric: The problem's metric, where it is not `(reward)`.
         initial: The value of every fluent; None where the problem leaves a number out.
         static: Printable name → value of everything that the problem states and no effect changes.
@@ -241,7 +238,7 @@ class GroundModel:
     events: tuple[GroundSchema, ...]
     goal: Test | None
     goal_rewarded: bool
-    goal_worth: GoalValue | None
+    goal_parameter: int | None
     metric: GroundMetric | None
     initial: tuple[float, ...] | None
     static: dict[str, float]

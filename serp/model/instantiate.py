@@ -7,7 +7,8 @@ instances out, and has no column of the state. All others are fluents.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import replace
 
 from serp.model import ground as g
 from serp.model.facts import (
@@ -20,7 +21,7 @@ from serp.model.facts import (
     conjuncts,
     key_of,
 )
-from serp.model.goal_value import UNBOUNDED, GoalValue, goal_value_of
+from serp.model.goal_value import UNBOUNDED, GoalValue
 from serp.model.reachability import reachable
 from serp.pddl import syntax as x
 from serp.pddl.source import DomainError, Place
@@ -46,10 +47,6 @@ def instantiate(
             although `:init` states them and no effect changes them.
         max_ground_schemas: Most ground actions, processes and events together. The limit is four
             times as high for fluents, and 20 times as high for bindings that are tried.
-
-    Raises:
-        DomainError: There are more instances or fluents than the limits allow, a number is read
-            that has no value, or the metric contradicts `(reward)`.
     """
     facts = Facts(domain, problem, supplied, InstantiationBudget(max_ground_schemas))
     return _Instantiation(facts, problem).run()
@@ -74,8 +71,7 @@ class _Instantiation:
             ground[schema.kind] += [instance for instance in instances if instance is not None]
         goal = self._goal()
         metric = self._metric()
-        worth = self._worth(metric, ground) if goal is not None and metric is not None else None
-        return g.GroundModel(
+        model = g.GroundModel(
             syntax=self.domain,
             fluents=self.fluents,
             parameters=tuple(self.parameters),
@@ -84,11 +80,12 @@ class _Instantiation:
             events=tuple(ground[x.Kind.EVENT]),
             goal=goal,
             goal_rewarded=goal is not None and x.REWARD not in self.domain.declarations,
-            goal_worth=worth,
+            goal_parameter=None,
             metric=metric,
             initial=self._initial(goal, metric, itertools.chain(*ground.values())),
             static=self._static_values(),
         )
+        return _with_goal_value(model) if goal is not None and metric is not None else model
 
     # Fluents -----------------------------------------------------------------------------------
 
@@ -284,21 +281,6 @@ class _Instantiation:
             return None
         return self._test(goal, {})
 
-    def _worth(
-        self, metric: g.GroundMetric, ground: Mapping[x.Kind, list[g.GroundSchema]]
-    ) -> GoalValue:
-        """Return the reward for reaching the goal, and add it to the parameters."""
-        worth = goal_value_of(len(self.parameters), metric, *(ground[kind] for kind in x.Kind))
-        written = [parameter.value for parameter in self.parameters]
-        if not worth.bounded(written, 1.0):
-            metric.place.warn(
-                "the numbers of the files do not bound what this gains in a step, so reaching the "
-                f"goal is worth {UNBOUNDED:,.0f}"
-            )
-        value = worth.value(written, 1.0)
-        self.parameters.append(g.Parameter(worth.parameter, value, "goal", metric.place))
-        return worth
-
     def _metric(self) -> g.GroundMetric | None:
         metric = self.problem.metric if self.problem else None
         if metric is None:
@@ -315,6 +297,21 @@ class _Instantiation:
                 metric.place,
             )
         return g.GroundMetric(metric.maximize, self._value(expression, {}, "metric"), metric.place)
+
+
+def _with_goal_value(model: g.GroundModel) -> g.GroundModel:
+    """Add the reward for reaching the goal to the parameters."""
+    assert model.metric is not None
+    worth = GoalValue(model)
+    written = [parameter.value for parameter in model.parameters]
+    if not worth.bounded(written, 1.0):
+        model.metric.place.warn(
+            "the numbers of the files do not bound what this gains in a step, so reaching the "
+            f"goal is worth {UNBOUNDED:,.0f}"
+        )
+    index = len(written)
+    parameter = g.Parameter(index, worth.value(written, 1.0), "goal", model.metric.place)
+    return replace(model, parameters=(*model.parameters, parameter), goal_parameter=index)
 
 
 def _negate(test: g.Test, place: Place) -> g.Test:

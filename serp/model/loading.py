@@ -59,11 +59,7 @@ class Domain:
         observed: bool = False,
         max_ground_schemas: int | None = None,
     ) -> Domain:
-        """Parse the files, without instantiating them; see `load_domain` for the arguments.
-
-        Raises:
-            DomainError: A file is malformed, or uses what is not supported.
-        """
+        """Parse the files, without instantiating them; see `load_domain` for the arguments."""
         syntax = parse_domain(source)
         problem = parse_problem(problem_source, syntax) if problem_source is not None else None
         limit = MAX_GROUND_SCHEMAS if max_ground_schemas is None else max_ground_schemas
@@ -161,11 +157,7 @@ class Domain:
 
     @functools.cached_property
     def model(self) -> TransitionModel:
-        """The transition model, with control period 1 (see `TransitionModel.replace`).
-
-        Raises:
-            DomainError: The domain instantiates to too many actions or fluents.
-        """
+        """The transition model, with control period 1 (see `TransitionModel.replace`)."""
         return TransitionModel(
             instantiate(
                 self.syntax,

@@ -24,6 +24,7 @@ _POINTER = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 STEP_SIGNATURE = types.int64(_POINTER, types.int64, _POINTER, types.float64, _POINTER)
 """The signature of every compiled transition function: state, action, data, Δt, out → flags."""
 
+_intrinsic: Any = intrinsic
 STACK: Final = 256
 """Most numbers that compiled code keeps on the stack, see `stack_room`: 2 KB."""
 
@@ -34,22 +35,27 @@ def structure_digest(generated: Generated) -> str:
 
 
 def compile_native(generated: Generated) -> Any:
-    """Compile a generated `step` to a C callback; its `address` is what `call_step` takes.
-
-    The callback must be kept alive as long as the address is in use.
-    """
+    """Compile a generated `step` to a C callback; keep it alive while its address is in use."""
     # The file does not exist; its name is the key of the cached code.
     function = load_function(generated, f"<model {structure_digest(generated)}>")
     # `error_model`: divisions are guarded in the generated code, so no check is compiled in.
     return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(function)
 
 
-def _pointer_to(typing_context, array, position):  # type: ignore[no-untyped-def]
-    """Return a pointer to one entry of a flat float64 array, for compiled code.
+def address_of(callback: Any) -> np.intp:
+    """Return the address of a compiled callback in the type that `call_step` expects."""
+    return np.intp(callback.address)
 
-    Loops over rows use pointers: unlike slices and array arguments they cost neither reference
-    counts nor checks for negative positions. The array must be an argument of the calling
-    function, so that it is kept alive.
+
+# For compiled code. Loops over rows use pointers: unlike slices and array arguments they cost
+# neither reference counts nor checks for negative positions.
+
+
+@_intrinsic
+def pointer_to(typing_context, array, position):  # type: ignore[no-untyped-def]
+    """Return a pointer to one entry of a flat float64 array.
+
+    The array must be an argument of the calling function, so that it is kept alive.
     """
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
@@ -59,12 +65,12 @@ def _pointer_to(typing_context, array, position):  # type: ignore[no-untyped-def
     return _POINTER(array, position), generate
 
 
-def _call_step(typing_context, address, state, action, theta, dt, out):  # type: ignore[no-untyped-def]
-    """Call a compiled `step` from other compiled code.
+@_intrinsic
+def call_step(typing_context, address, state, action, theta, dt, out):  # type: ignore[no-untyped-def]
+    """Call a compiled `step`; return its flags (int64).
 
-    Args (as seen by the caller): address of the callback (intp); pointers to the state, θ and the
-    copy of the state to change, see `pointer_to`; position of the action; Δt. Returns its flags
-    (int64).
+    It takes the address of the callback (intp), pointers to the state, θ and the copy of the state
+    to change, the position of the action, and Δt.
     """
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
@@ -77,8 +83,9 @@ def _call_step(typing_context, address, state, action, theta, dt, out):  # type:
     return types.int64(address, state, action, theta, dt, out), generate
 
 
-def _advanced(typing_context, pointer, count):  # type: ignore[no-untyped-def]
-    """Return a pointer advanced by a number of entries, for compiled code."""
+@_intrinsic
+def advanced(typing_context, pointer, count):  # type: ignore[no-untyped-def]
+    """Return a pointer advanced by a number of entries."""
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         return builder.gep(arguments[0], [arguments[1]])
@@ -86,11 +93,9 @@ def _advanced(typing_context, pointer, count):  # type: ignore[no-untyped-def]
     return _POINTER(pointer, count), generate
 
 
-def _stack_room(typing_context):  # type: ignore[no-untyped-def]
-    """Return a pointer to an array of `STACK` numbers on the stack, for compiled code.
-
-    It is allocated once per call of the compiled function, and invalid after the call.
-    """
+@_intrinsic
+def stack_room(typing_context):  # type: ignore[no-untyped-def]
+    """Return a pointer to `STACK` numbers on the stack, valid until the function returns."""
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         with builder.goto_entry_block():
@@ -99,26 +104,14 @@ def _stack_room(typing_context):  # type: ignore[no-untyped-def]
     return _POINTER(), generate
 
 
-advanced: Any = intrinsic(_advanced)
-pointer_to: Any = intrinsic(_pointer_to)
-call_step: Any = intrinsic(_call_step)
-stack_room: Any = intrinsic(_stack_room)
-
-
 @cached_njit(nogil=True)
 def step_batch(  # type: ignore[no-untyped-def]
     address, states, actions, theta, dt, out, flags
 ):
     """Step a batch.
 
-    Args:
-        address: Address of the compiled `step`.
-        states: Flat `[B * F]` float64.
-        actions: `[B]` int64.
-        theta: θ.
-        dt: Control period, seconds.
-        out: Flat `[B * (F + 1)]` float64; receives next states, each followed by its reward.
-        flags: `[B]` int64; receives the flags.
+    States are flat `[B * F]`, actions `[B]`. `out`, flat `[B * (F + 1)]`, receives the next states,
+    each followed by its reward; `flags`, `[B]`, the flags.
     """
     batch = actions.shape[0]
     width = states.shape[0] // max(batch, 1)
@@ -128,8 +121,3 @@ def step_batch(  # type: ignore[no-untyped-def]
         for column in range(width):
             target[column] = state[column]
         flags[row] = call_step(address, state, actions[row], parameters, dt, target)
-
-
-def address_of(callback: Any) -> np.intp:
-    """Return the address of a compiled callback in the type that `call_step` expects."""
-    return np.intp(callback.address)

@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from serp.model.facts import Binding, Facts, Key, bound, conjuncts, key_of, nested_effects
+from serp.model.facts import Binding, Facts, Key, bound, conjuncts, key_of
 from serp.pddl import syntax as x
 
 _Filters = Sequence[tuple[x.Condition, frozenset[str]]]
@@ -29,9 +29,6 @@ def reachable(facts: Facts) -> dict[str, list[Binding]]:
 
     Returns:
         Name of a schema → the bindings of its parameters, in the order of the files.
-
-    Raises:
-        DomainError: There are more instances, fluents or bindings than the budget allows.
     """
     return _Reachability(facts).run()
 
@@ -307,7 +304,7 @@ def _mentioned(condition: x.Condition) -> tuple[frozenset[str], frozenset[str]]:
     """Return the predicates and the variables that a condition names; numbers are left out."""
     names: set[str] = set()
     variables: set[str] = set()
-    for part in _parts(condition):
+    for part in x.nested_conditions(condition):
         terms: tuple[x.SchemaTerm, ...] = ()
         if isinstance(part, x.Atom):
             names.add(part.name)
@@ -318,25 +315,12 @@ def _mentioned(condition: x.Condition) -> tuple[frozenset[str], frozenset[str]]:
     return frozenset(names), frozenset(variables)
 
 
-def _parts(condition: x.Condition) -> Iterator[x.Condition]:
-    yield condition
-    match condition:
-        case x.Connective(_, operands):
-            for operand in operands:
-                yield from _parts(operand)
-        case x.Quantified(_, _, body):
-            yield from _parts(body)
-
-
 def _calculates(schema: x.Schema) -> bool:
-    """Whether the condition of an effect contains arithmetic.
-
-    It may then have no result, so that the action is not applicable.
-    """
+    """Whether the condition of an effect contains arithmetic, so that it may have no result."""
     return any(
         isinstance(part, x.NumericComparison)
         and any(isinstance(side, x.Arithmetic) for side in (part.left, part.right))
-        for effect in nested_effects(schema.effects)
+        for effect in x.nested_effects(schema.effects)
         if isinstance(effect, x.When)
-        for part in _parts(effect.condition)
+        for part in x.nested_conditions(effect.condition)
     )

@@ -21,11 +21,7 @@ class StateError(SerpError):
 
 
 class StateSpace:
-    """The states and actions of a ground model.
-
-    Args:
-        ground: The model.
-    """
+    """The states and actions of a ground model."""
 
     def __init__(self, ground: GroundModel) -> None:
         self.ground = ground
@@ -80,11 +76,7 @@ class StateSpace:
         }
 
     def check_names(self, names: Collection[str]) -> None:
-        """Check that the names are those of the fluents.
-
-        Raises:
-            StateError: One is unknown, or fluents are missing; names them.
-        """
+        """Check that the names are those of the fluents."""
         for name in names:
             if name not in self._index:
                 raise StateError(self._unknown_fluent(str(name)))
@@ -119,12 +111,7 @@ class StateSpace:
         return vector
 
     def check_shape(self, values: ArrayLike) -> Vector:
-        """Return numbers as float64 `[F]`, without a check of the values.
-
-        Raises:
-            StateError: They are not numbers, or not one for every fluent; the message names fluents
-                without a value.
-        """
+        """Return numbers as float64 `[F]`, without a check of the values."""
         state = numbers(values, "a state")
         wanted = len(self.fluents)
         if state.shape == (wanted,):
@@ -159,26 +146,14 @@ class StateSpace:
         return self.check_action(index, 0)
 
     def check_action(self, action: int, least: int) -> int:
-        """Return the position of an action.
-
-        Raises:
-            StateError: It is below `least`, or there is no such action.
-        """
+        """Return the position of an action."""
         if not least <= action < len(self.actions):
             last = len(self.actions) - 1
             raise StateError(f"there is no action {action}; actions are 0 ... {last}")
         return action
 
     def check_batch(self, states: Vector, action: Any) -> NDArray[np.int64]:
-        """Return the actions of a batch of states `[B, F]` as positions `[B]`.
-
-        Args:
-            states: The states.
-            action: Name or position of one action, or `[B]` positions.
-
-        Raises:
-            StateError: The states are not of this model, or there is no such action.
-        """
+        """Return the actions of a batch of states `[B, F]` as positions `[B]`."""
         batch, width = states.shape
         if width != len(self.fluents):
             raise StateError(
@@ -194,11 +169,7 @@ class StateSpace:
 
 
 def numbers(values: ArrayLike, what: str) -> Vector:
-    """Return numbers as float64.
-
-    Raises:
-        StateError: They are not numbers; the message calls them `what`.
-    """
+    """Return numbers as float64."""
     try:
         array = np.asarray(values)
     except ValueError:  # lists of different lengths

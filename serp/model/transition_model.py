@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from serp.model.emit import Site
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risk_of, risks_of
+from serp.model.goal_value import GoalValue
 from serp.model.ground import REWARD_TARGET, Constant, GroundModel, SetBoolean, SetNumber
-from serp.model.program import Program
+from serp.model.program import Amendment, Functions, Program
 from serp.model.state_space import StateError, StateSpace, Vector, numbers
 
 __all__ = ["Judgement", "Outcome", "StateError", "TransitionModel", "Vector"]
@@ -76,6 +77,7 @@ class TransitionModel(StateSpace):
     ) -> None:
         super().__init__(ground)
         self._program = Program(ground)
+        self._goal_value = GoalValue(ground) if ground.goal_parameter is not None else None
         self.initial_state: Vector | None = (
             None if ground.initial is None else np.array(ground.initial, dtype=np.float64)
         )
@@ -89,9 +91,9 @@ class TransitionModel(StateSpace):
             raise StateError(f"theta must be {len(self.parameters)} finite numbers")
         if isinstance(dt, bool) or not isinstance(dt, Real) or not 0.0 < float(dt) < math.inf:
             raise StateError(f"the control period must be a positive number, not {dt!r}")
-        worth = self.ground.goal_worth
-        if worth is not None:
-            vector[worth.parameter] = worth.value(vector.tolist(), float(dt))
+        if self._goal_value is not None:
+            value = self._goal_value.value(vector.tolist(), float(dt))
+            vector[self.ground.goal_parameter] = value
         vector.flags.writeable = False
         self.theta: Vector = vector
         self.dt: float = float(dt)
@@ -207,7 +209,7 @@ class TransitionModel(StateSpace):
 
     def native_step(self) -> Any:
         """Return the compiled C callback of `step` (numba), compiling it when first called."""
-        return self._program.native
+        return self._program.native()
 
     def native_outcomes(self) -> Any:
         """Return the compiled C callback that gives all outcomes of a step; None for one outcome.
@@ -219,7 +221,7 @@ class TransitionModel(StateSpace):
 
     def native_flow(self) -> Any:
         """Return the same for effects and processes only, without events, goal and metric."""
-        return self._program.native_flow
+        return self._program.native("flow")
 
     # Observed transitions ----------------------------------------------------------------------
 
@@ -240,16 +242,27 @@ class TransitionModel(StateSpace):
                 condition has no truth value, or an event's effects contradict each other.
         """
         self.check_action(action, -1)
-        n = next_state.tolist()
-        out = [*n, 0.0]
-        flags = self._program.judge(state.tolist(), action, n, self._theta_list, self.dt, out)
+        reward, flags = self._judge(state.tolist(), action, next_state.tolist())
         if not flags & APPLICABLE:
             site = self.trace_judged(state, action, next_state)[-1]
             raise StateError(
                 f"an observed transition cannot be judged: {_without_result(site)}; "
                 f"observed state: {self.values(next_state)}"
             )
-        return Judgement(out[-1], bool(flags & UNSAFE), bool(flags & TERMINAL))
+        return Judgement(reward, bool(flags & UNSAFE), bool(flags & TERMINAL))
+
+    def _judge(
+        self,
+        state: list[float],
+        action: int,
+        next_state: list[float],
+        functions: Functions | None = None,
+    ) -> tuple[float, int]:
+        out = [*next_state, 0.0]
+        flags = self._program.judge(
+            state, action, next_state, self._theta_list, self.dt, out, functions=functions
+        )
+        return out[-1], flags
 
     # Explanations ------------------------------------------------------------------------------
 
@@ -260,12 +273,27 @@ class TransitionModel(StateSpace):
             The sites passed, in order, and the flags.
         """
         values: list[float] = np.asarray(state, dtype=np.float64).tolist()
-        return self._program.trace(values, action, self._theta_list, self.dt)
+        return self._trace(values, action, self._theta_list)
+
+    def _trace(
+        self,
+        state: list[float],
+        action: int,
+        theta: list[float],
+        amend: Amendment | None = None,
+    ) -> tuple[list[Site], int]:
+        sites: list[Site] = []
+        functions, out = self._program.traced(sites), [*state, 0.0]
+        flags = self._program.step(
+            state, action, theta, self.dt, out, functions=functions, amend=amend
+        )
+        return sites, flags
 
     def trace_judged(self, state: Vector, action: int, next_state: Vector) -> list[Site]:
         """Return which effects, rates and events take part in the judgement of a transition."""
-        before, after = state.tolist(), next_state.tolist()
-        return self._program.trace_judged(before, action, after, self._theta_list, self.dt)
+        sites: list[Site] = []
+        self._judge(state.tolist(), action, next_state.tolist(), self._program.traced(sites))
+        return sites
 
 
 def _without_result(site: Site) -> str:

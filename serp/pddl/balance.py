@@ -24,11 +24,7 @@ _OPENING = re.compile(r"\([ \t]*(:?)([^\s()]*)(\s+[^\s()]+)?")
 
 
 class Balance:
-    """The parentheses of a file as it is read, token by token.
-
-    Attributes:
-        open: The places of the `(` that are open, outermost first.
-    """
+    """The parentheses of a file as it is read, token by token."""
 
     def __init__(self) -> None:
         self.open: list[Place] = []
@@ -40,11 +36,7 @@ class Balance:
         self._bare: Place | None = None  # a word that begins a form, without a `(` before it
 
     def see(self, token: str, place: Place) -> None:
-        """Take note of the next token: `(`, `)` or a word.
-
-        Raises:
-            DomainError: A section or a field begins at a depth at which none can be.
-        """
+        """Take note of the next token: `(`, `)` or a word."""
         line = place.line
         if line != self._line:
             self._see_line(token, place, line)

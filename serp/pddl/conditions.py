@@ -22,11 +22,7 @@ _COMPARATORS = ("<", "<=", "=", ">=", ">")
 
 
 def parse_condition(node: Node, scope: Scope) -> Condition | None:
-    """Parse a condition; None for the empty `()`.
-
-    Raises:
-        DomainError: It is malformed or uses something unknown.
-    """
+    """Parse a condition; None for the empty `()`."""
     group = expect_group(node, "a condition")
     if not group.items:
         return None

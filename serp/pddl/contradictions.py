@@ -10,18 +10,12 @@ from __future__ import annotations
 from serp.pddl.source import DomainError
 from serp.pddl.syntax import Change, ChangeFunction, Effect, ForallEffect, Number, When
 
-_ADDITIVE = {Change.INCREASE, Change.DECREASE}
-_SCALING = {Change.SCALE_UP, Change.SCALE_DOWN}
-
 
 def refuse_contradictions(effects: tuple[Effect, ...]) -> None:
     """Check effects that happen together, and those under each `when` and `forall`.
 
     Effects whose conditions or objects differ may exclude each other: what they come to is found
     out when they are applied.
-
-    Raises:
-        DomainError: Two effects always contradict each other.
     """
     changes: dict[tuple[str, ...], list[ChangeFunction]] = {}
     for effect in effects:
@@ -43,10 +37,9 @@ def refuse_contradictions(effects: tuple[Effect, ...]) -> None:
 
 
 def _contradict(first: ChangeFunction, second: ChangeFunction) -> bool:
-    both = {first.change, second.change}
-    if both == {Change.ASSIGN}:
-        values = first.value, second.value
-        if isinstance(values[0], Number) and isinstance(values[1], Number):
-            return values[0].value != values[1].value
-        return False
-    return not (both <= _ADDITIVE or both <= _SCALING)
+    if first.change.group != second.change.group:
+        return True
+    one, other = first.value, second.value
+    if first.change is Change.ASSIGN and isinstance(one, Number) and isinstance(other, Number):
+        return one.value != other.value
+    return False

@@ -21,11 +21,7 @@ def is_name(word: Word) -> bool:
 
 
 def expect_name(node: Node, what: str) -> Word:
-    """Return the node as a plain PDDL name.
-
-    Raises:
-        DomainError: It is a list, or holds characters that PDDL names do not have.
-    """
+    """Return the node as a plain PDDL name."""
     if not isinstance(node, Word):
         raise DomainError(f"expected {what}, found a list", node.place)
     if not is_name(node):
@@ -38,11 +34,7 @@ def expect_name(node: Node, what: str) -> Word:
 
 
 def expect_group(node: Node, what: str) -> Group:
-    """Return the node as a parenthesised list.
-
-    Raises:
-        DomainError: It is a single word.
-    """
+    """Return the node as a parenthesised list."""
     if isinstance(node, Word):
         raise DomainError(f"expected {what} in parentheses, found `{node.text}`", node.place)
     return node
@@ -51,16 +43,7 @@ def expect_group(node: Node, what: str) -> Group:
 def typed_list(
     nodes: Sequence[Node], what: str, *, variables: bool
 ) -> list[tuple[Word, tuple[Word, ...]]]:
-    """Split `a b - t c` into (name, type names) pairs; no type names where none is written.
-
-    Args:
-        nodes: The items of the list.
-        what: What the names stand for, for messages.
-        variables: Whether the names must be variables (`?x`).
-
-    Raises:
-        DomainError: A name is malformed, a `-` has no type after it, or no variable before it.
-    """
+    """Split `a b - t c` into (name, type names) pairs; no type names where none is written."""
     pairs: list[tuple[Word, tuple[Word, ...]]] = []
     waiting: list[Word] = []
     index = 0
@@ -93,11 +76,7 @@ def typed_list(
 
 
 def after_dash(nodes: Sequence[Node], index: int, what: str) -> tuple[Node, int]:
-    """Return what follows a `-`, and the index behind it; `-type` without a blank is warned of.
-
-    Raises:
-        DomainError: Nothing follows.
-    """
+    """Return what follows a `-`, and the index behind it; `-type` without a blank is warned of."""
     dash = nodes[index]
     if isinstance(dash, Word) and dash.text != "-":
         place = dash.place
@@ -117,11 +96,7 @@ def _type_names(node: Node) -> tuple[Word, ...]:
 
 
 def declared_again(word: Word, what: str, *, same: bool) -> None:
-    """Warn of a second declaration that says the same as the first.
-
-    Raises:
-        DomainError: It says something else.
-    """
+    """Warn of a second declaration that says the same as the first."""
     problem = f"{what} `{word.text}` is declared twice"
     if not same:
         raise DomainError(problem, word.place, "the two differ; leave one of them out")
@@ -133,9 +108,6 @@ def parse_types(group: Group) -> dict[str, str]:
 
     A parent that is not declared itself is a child of `object`, as other PDDL tools have it. A type
     that is declared both below `object` and below another type is below the other.
-
-    Raises:
-        DomainError: A type is its own ancestor, or has several parents.
     """
     parents: dict[str, str] = {}
     places: dict[str, Place] = {}
@@ -169,11 +141,7 @@ def parse_types(group: Group) -> dict[str, str]:
 
 
 def check_type(word: Word, parents: dict[str, str]) -> str:
-    """Return the name of a declared type.
-
-    Raises:
-        DomainError: There is no such type.
-    """
+    """Return the name of a declared type."""
     if word.text != OBJECT and word.text not in parents:
         raise DomainError(
             f"unknown type `{word.text}`", word.place, did_you_mean(word.text, [*parents, OBJECT])
@@ -184,17 +152,7 @@ def check_type(word: Word, parents: dict[str, str]) -> str:
 def parse_parameters(
     nodes: Sequence[Node], parents: dict[str, str], *, positional: bool = False
 ) -> tuple[SchemaParameter, ...]:
-    """Parse a typed list of variables.
-
-    Args:
-        nodes: The items of the list.
-        parents: Type → parent.
-        positional: Whether each variable stands for a place in a list of arguments, as in the
-            declaration of a predicate, so that a repeated one is another place.
-
-    Raises:
-        DomainError: A variable is malformed or repeated with another type, or a type is unknown.
-    """
+    """Parse a typed list of variables."""
     parameters: dict[str, SchemaParameter] = {}
     for word, types in typed_list(nodes, "a parameter", variables=True):
         names = tuple(check_type(t, parents) for t in types) or (OBJECT,)
@@ -208,11 +166,7 @@ def parse_parameters(
 
 
 def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, ObjectDeclaration]:
-    """Parse `(:constants ...)` or `(:objects ...)`.
-
-    Raises:
-        DomainError: A name is repeated with another type, or its type is unknown or more than one.
-    """
+    """Parse `(:constants ...)` or `(:objects ...)`."""
     objects: dict[str, ObjectDeclaration] = {}
     for word, types in typed_list(group.items[1:], "an object", variables=False):
         if len(types) > 1:
@@ -227,12 +181,7 @@ def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, ObjectDecl
 def parse_declarations(
     group: Group, parents: dict[str, str], *, numeric: bool
 ) -> dict[str, Declaration]:
-    """Parse `(:predicates ...)` or `(:functions ...)`.
-
-    Raises:
-        DomainError: A declaration is malformed or repeated with other parameters, or a function
-            is not numeric.
-    """
+    """Parse `(:predicates ...)` or `(:functions ...)`."""
     what = "function" if numeric else "predicate"
     declared: dict[str, Declaration] = {}
     index = 1

@@ -73,11 +73,7 @@ def _name(title: Group, what: str) -> str:
 
 
 def check_requirements(group: Group) -> None:
-    """Warn of requirements that are unknown or not supported.
-
-    Raises:
-        DomainError: Something that stands there is a list.
-    """
+    """Warn of requirements that are unknown or not supported."""
     for node in group.items[1:]:
         if not isinstance(node, Word):
             raise DomainError("expected a requirement such as `:typing`", node.place)

@@ -27,33 +27,25 @@ from serp.pddl.syntax import (
     REWARD,
     TERMINAL,
     UNSAFE,
-    Atom,
-    Connective,
     Declaration,
     DomainSyntax,
     Kind,
     Schema,
-    SetPredicate,
 )
 
 _DOMAIN_ORDER = (":requirements", ":types", ":constants", ":predicates", ":functions")
 _FIELDS = (":parameters", ":precondition", ":effect")
 _KINDS = {":action": Kind.ACTION, ":process": Kind.PROCESS, ":event": Kind.EVENT}
-_CONSTRAINT = ":constraint"
 
 
 def parse_domain(source: Source) -> DomainSyntax:
-    """Parse a domain file.
-
-    Raises:
-        DomainError: Anything in it is malformed, unknown or not supported.
-    """
+    """Parse a domain file."""
     name, top, sections = read_definition(source, "domain")
     single: dict[str, Group] = {}
     schema_groups: list[Group] = []
     for section in sections:
         head = section.head
-        if head in _KINDS or head == _CONSTRAINT:
+        if head in _KINDS:
             schema_groups.append(section)
         elif head in _DOMAIN_ORDER:
             if head in single:
@@ -104,8 +96,6 @@ def _all_declarations(single: dict[str, Group], parents: dict[str, str]) -> dict
 
 
 def _schema(group: Group, scope: Scope) -> Schema:
-    if group.head == _CONSTRAINT:
-        return _constraint(group, scope)
     kind = _KINDS[group.head]
     if len(group.items) < 2:
         raise DomainError(f"`{group.head}` without a name", group.place)
@@ -132,36 +122,6 @@ def _schema(group: Group, scope: Scope) -> Schema:
     effects = parse_effects(fields[":effect"], inner) if ":effect" in fields else ()
     refuse_contradictions(effects)
     return Schema(kind, name, parameters, precondition, effects, group.place)
-
-
-def _constraint(group: Group, scope: Scope) -> Schema:
-    """Read `(:constraint NAME :parameters (...) :condition C)` as an event.
-
-    It is how ENHSP writes what must hold in every state: a state where it does not is unsafe.
-    """
-    items = [item for item in group.items if not _is_word(item, ":parameters")]
-    listed = items.pop(2) if len(items) == 5 and isinstance(items[2], Group) else None
-    if len(items) != 4 or not _is_word(items[2], ":condition"):
-        raise DomainError(
-            "expected `(:constraint NAME :parameters (...) :condition CONDITION)`", group.place
-        )
-    name = expect_name(items[1], "the constraint").text
-    parameters = (
-        parse_parameters(listed.items, dict(scope.parents)) if isinstance(listed, Group) else ()
-    )
-    condition = parse_condition(items[3], scope.bind(parameters))
-    group.place.warn(
-        f"constraint `{name}` is read as an event that is `(unsafe)` where it is broken"
-    )
-    if condition is None:
-        raise DomainError("a constraint without a condition", group.place)
-    broken = Connective("not", (condition,), group.place)
-    unsafe = SetPredicate(Atom(UNSAFE, (), group.place), True, group.place)
-    return Schema(Kind.EVENT, name, parameters, broken, (unsafe,), group.place)
-
-
-def _is_word(node: Node, text: str) -> bool:
-    return isinstance(node, Word) and node.text == text
 
 
 def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: str) -> DomainError:

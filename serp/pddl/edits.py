@@ -16,11 +16,7 @@ class Edit:
 
 
 def edited(text: str, edits: Iterable[Edit]) -> str:
-    """Return the text with all edits made; insertions at one place keep their order.
-
-    Raises:
-        ValueError: Two edits overlap, or one reaches beyond the text.
-    """
+    """Return the text with all edits made; insertions at one place keep their order."""
     parts: list[str] = []
     position = 0
     for edit in sorted(edits, key=lambda e: (e.start, e.end)):

@@ -29,11 +29,7 @@ _CHANGES = {change.value: change for change in Change}
 
 
 def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tuple[Effect, ...]:
-    """Parse an effect into its parts, with every `and` flattened.
-
-    Raises:
-        DomainError: It is malformed, nested `when`, or changes something that must not change.
-    """
+    """Parse an effect into its parts, with every `and` flattened."""
     group = expect_group(node, "an effect")
     if not group.items:
         return ()

@@ -13,8 +13,6 @@ from serp.pddl.syntax import REWARD, Arithmetic, Expression, FunctionTerm, Numbe
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?\Z", re.ASCII)
 _MAX_CHAIN = 100
-_MAX_POWER = 8
-_MAX_PRODUCT = 512
 _OPERATORS = ("+", "-", "*", "/")
 
 
@@ -24,11 +22,7 @@ def is_number(node: Node) -> bool:
 
 
 def parse_number(node: Node) -> Number:
-    """Parse a numeric literal.
-
-    Raises:
-        DomainError: It is something else, or too large for a float64.
-    """
+    """Parse a numeric literal."""
     if isinstance(node, Word) and (slip := slips.decimal_comma(node)):
         raise slip
     if not isinstance(node, Word) or not _NUMBER.match(node.text):
@@ -54,11 +48,7 @@ def as_function(node: Node, scope: Scope) -> Node:
 
 
 def parse_expression(node: Node, scope: Scope) -> Expression:
-    """Parse a numeric expression.
-
-    Raises:
-        DomainError: It is malformed or uses something unknown.
-    """
+    """Parse a numeric expression."""
     node = as_function(node, scope)
     if isinstance(node, Word):
         if is_number(node):
@@ -74,8 +64,6 @@ def parse_expression(node: Node, scope: Scope) -> Expression:
         raise DomainError(f"expected a number or `(...)`, found `{node.text}`", node.place)
     if node.head in _OPERATORS:
         return _arithmetic(node, scope)
-    if node.head == "^" and "^" not in scope.declarations:
-        return _power(node, scope)
     if node.head == TOTAL_TIME:
         if not scope.in_metric or len(node.items) != 1:
             raise DomainError("`(total-time)` may stand only in a metric", node.place)
@@ -88,33 +76,6 @@ def parse_expression(node: Node, scope: Scope) -> Expression:
             "`(reward)` cannot be read; it is only ever increased or decreased", node.place
         )
     return FunctionTerm(declaration.name, parse_arguments(node, declaration, scope), node.place)
-
-
-def _power(group: Group, scope: Scope) -> Expression:
-    """Read `(^ x 2)` as `(* x x)`."""
-    advice = f"the exponent is a whole number from 1 to {_MAX_POWER}: a product of so many factors"
-    if len(group.items) != 3 or not is_number(group.items[2]):
-        raise DomainError("`^` takes a number and a constant exponent", group.place, advice)
-    exponent = parse_number(group.items[2])
-    if exponent.value not in range(1, _MAX_POWER + 1):
-        raise DomainError(f"`^` to the power of {exponent.value:g}", exponent.place, advice)
-    group.place.warn(f"`{group.place.text}` is read as a product, which other tools may not do")
-    base = parse_expression(group.items[1], scope)
-    if exponent.value == 1:
-        return base
-    factors = (base,) * int(exponent.value)
-    if len(factors) * _size(base) > _MAX_PRODUCT:  # powers of powers grow without bounds
-        raise DomainError(
-            f"a power that is a product of more than {_MAX_PRODUCT} numbers",
-            group.place,
-            "give a part of it a function of its own",
-        )
-    return _no_long_chain(Arithmetic("*", factors, group.place))
-
-
-def _size(expression: Expression) -> int:
-    """Return how many numbers and functions an expression is made of."""
-    return sum(map(_size, expression.operands)) if isinstance(expression, Arithmetic) else 1
 
 
 def _arithmetic(group: Group, scope: Scope) -> Arithmetic:

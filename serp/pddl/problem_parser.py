@@ -28,11 +28,7 @@ _SECTIONS = (":domain", ":requirements", ":objects", ":init", ":goal", ":metric"
 
 
 def parse_problem(source: Source, domain: DomainSyntax) -> ProblemSyntax:
-    """Parse the problem file that belongs to a domain.
-
-    Raises:
-        DomainError: Anything in it is malformed, unknown, not supported, or of another domain.
-    """
+    """Parse the problem file that belongs to a domain."""
     name, top, sections = read_definition(source, "problem")
     single: dict[str, Group] = {}
     for section in sections:

@@ -28,7 +28,10 @@ INSTEAD = {
         (":derived", ":axiom"),
         "write the condition itself where it is used, or an event that sets the predicate",
     ),
-    ":constraints": "write an event that sets `(unsafe)` where a constraint is broken",
+    **dict.fromkeys(
+        (":constraint", ":constraints"),
+        "write an event that sets `(unsafe)` where a constraint is broken",
+    ),
     "preference": "write `(increase (reward) ...)` under a `when`, or as an event",
     "timed": "write a function as a clock, which a process increases, and an event",
     **dict.fromkeys((":method", ":task"), "write actions only; the planner chooses among them"),
@@ -68,11 +71,7 @@ class Scope:
 
 
 def parse_term(node: Node, scope: Scope) -> SchemaTerm:
-    """Parse an argument.
-
-    Raises:
-        DomainError: The variable is not bound, or the object does not exist.
-    """
+    """Parse an argument."""
     if not isinstance(node, Word):
         raise DomainError("expected a variable or an object, found a list", node.place)
     term = SchemaTerm(node.text, node.place)
@@ -93,11 +92,7 @@ def parse_term(node: Node, scope: Scope) -> SchemaTerm:
 
 
 def parse_arguments(group: Group, declaration: Declaration, scope: Scope) -> tuple[SchemaTerm, ...]:
-    """Parse the arguments of a predicate or function.
-
-    Raises:
-        DomainError: Their number or a type is another than declared, or one is unknown.
-    """
+    """Parse the arguments of a predicate or function."""
     what = "function" if declaration.numeric else "predicate"
     terms = tuple(parse_term(node, scope) for node in group.items[1:])
     if len(terms) != len(declaration.parameters):
@@ -122,16 +117,7 @@ def parse_arguments(group: Group, declaration: Declaration, scope: Scope) -> tup
 
 
 def declared_as(group: Group, scope: Scope, *, numeric: bool) -> Declaration:
-    """Return the declaration of the name that a list begins with.
-
-    Args:
-        group: Such as `(on ?a ?b)`.
-        scope: The names that are known.
-        numeric: Whether it has to be a function; else a predicate.
-
-    Raises:
-        DomainError: It is not declared, or is the other of the two.
-    """
+    """Return the declaration of the name that a list begins with."""
     what = "function" if numeric else "predicate"
     word = group.items[0] if group.items else None
     if not isinstance(word, Word):

@@ -42,12 +42,7 @@ Node = Word | Group
 
 @functools.lru_cache(maxsize=4)  # a file is looked at several times: parsed, then checked
 def read_group(source: Source) -> Group:
-    """Read the single parenthesised list that a PDDL file consists of.
-
-    Raises:
-        DomainError: The text is empty, a parenthesis is missing or left over, or the nesting is
-            deeper than 100.
-    """
+    """Read the single parenthesised list that a PDDL file consists of."""
     open_groups: list[list[Node]] = []
     balance = Balance()
     top: Group | None = None

@@ -6,7 +6,7 @@ point at it. Names follow PDDL 2.1 (Fox & Long, 2003) and PDDL+ (Fox & Long, 200
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -142,6 +142,13 @@ class Change(Enum):
     SCALE_UP = "scale-up"
     SCALE_DOWN = "scale-down"
 
+    @property
+    def group(self) -> str:
+        """`assign`, `add` or `scale`: additions commute, and so do scalings."""
+        if self is Change.ASSIGN:
+            return "assign"
+        return "add" if self in (Change.INCREASE, Change.DECREASE) else "scale"
+
 
 @dataclass(frozen=True, slots=True)
 class SetPredicate:
@@ -225,13 +232,7 @@ class ObjectDeclaration:
 
 
 def is_subtype(type_name: str, ancestor: str, parents: Mapping[str, str]) -> bool:
-    """Whether a type is the ancestor or below it.
-
-    Args:
-        type_name: A declared type, or `object`.
-        ancestor: Another, or the same.
-        parents: Type → parent; `object` is not a key.
-    """
+    """Whether a type is the ancestor or below it."""
     while type_name != ancestor and type_name in parents:
         type_name = parents[type_name]
     return ancestor in (type_name, OBJECT)
@@ -277,3 +278,34 @@ class ProblemSyntax:
     place: Place
     has_init: bool
     """Whether there is an `:init`, so that what it does not state is false."""
+
+
+# Walks -----------------------------------------------------------------------------------------
+
+
+def nested_effects(effects: tuple[Effect, ...]) -> Iterator[Effect]:
+    """Yield effects and the effects nested in them."""
+    for effect in effects:
+        yield effect
+        if isinstance(effect, When | ForallEffect):
+            yield from nested_effects(effect.effects)
+
+
+def nested_conditions(condition: Condition | None) -> Iterator[Condition]:
+    """Yield a condition and the conditions nested in it; nothing for None."""
+    if condition is not None:
+        yield condition
+    match condition:
+        case Connective(_, operands):
+            for operand in operands:
+                yield from nested_conditions(operand)
+        case Quantified(_, _, body):
+            yield from nested_conditions(body)
+
+
+def conditions_of(schema: Schema) -> Iterator[Condition]:
+    """Yield every condition in a precondition and in effects, however it is nested."""
+    yield from nested_conditions(schema.precondition)
+    for effect in nested_effects(schema.effects):
+        if isinstance(effect, When):
+            yield from nested_conditions(effect.condition)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import importlib.metadata
 import os
@@ -30,10 +31,12 @@ _PACKAGES = (
     "torch",
     "gymnasium",
     "numba",
+    "scipy",
     "unified-planning",
     "networkx",
     "pymunk",
     "safetensors",
+    "stable-baselines3",
 )
 
 
@@ -63,8 +66,8 @@ def config_text(
             "seed": config.get("seed"),
             "domain_files": dict(domain_files),
             "config": dict(config),
-            "versions": _versions(),
-            "machine": _machine(),
+            "versions": versions(),
+            "machine": machine(),
         }
     )
 
@@ -118,7 +121,7 @@ def read_config(folder: Path) -> dict[str, Any]:
     return about
 
 
-def _versions() -> dict[str, str | None]:
+def versions() -> dict[str, str | None]:
     """Return distribution → installed version (None if not installed), without importing any."""
     found: dict[str, str | None] = {}
     for name in _PACKAGES:
@@ -129,11 +132,22 @@ def _versions() -> dict[str, str | None]:
     return found
 
 
-def _machine() -> dict[str, Any]:
+def machine() -> dict[str, Any]:
     """Return Python version, operating system, kind of processor and number of cores."""
     return {
         "python": f"{platform.python_implementation()} {platform.python_version()}",
         "platform": platform.platform(),
-        "processor": platform.processor() or platform.machine(),
+        "processor": _processor(),
         "cores": os.cpu_count(),
     }
+
+
+def _processor() -> str:
+    """Return the model of the processor, as far as the system names it."""
+    with contextlib.suppress(OSError):
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
+        for line in text.splitlines():
+            name, _, value = line.partition(":")
+            if name.strip() == "model name":
+                return value.strip()
+    return platform.processor() or platform.machine()

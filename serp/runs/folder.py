@@ -12,10 +12,11 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import json
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -27,20 +28,20 @@ from serp.errors import RunError
 from serp.model.loading import problem_beside
 from serp.runs.checkpoint import DAMAGED, NEWEST, Checkpoint, load_newest, save_rotating
 from serp.runs.config import CONFIG, config_text, read_config
-from serp.runs.lock import LOCK, RunLock
-from serp.runs.new_folder import make_empty, occupied, remove_traces
+from serp.runs.lock import RunLock
+from serp.runs.new_folder import make_empty, occupied
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
 from serp.runs.tables import Position, Table
 
-METRICS = "metrics.csv"
-DECISIONS = "decisions.csv"
-SUMMARY = "summary.json"
-_TABLES = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
-COPIES = ("domain.pddl", "problem.pddl")
-_BEGUN_WITH = (*COPIES, *_TABLES)
+METRICS: Final = "metrics.csv"
+DECISIONS: Final = "decisions.csv"
+SUMMARY: Final = "summary.json"
+COPIES: Final = ("domain.pddl", "problem.pddl")
+_TABLES: Final = {METRICS: METRICS_COLUMNS, DECISIONS: DECISIONS_COLUMNS}
+_BEGUN_WITH: Final = (*COPIES, *_TABLES)
 """Files that are written before ``config.json``, which makes the folder a run."""
-_TRACES = (*_BEGUN_WITH, *(aside_of(Path(name)).name for name in (*_BEGUN_WITH, CONFIG)))
-_POSITIONS = "tables"  # the key of the table positions in a checkpoint's JSON
+_TRACES: Final = (*_BEGUN_WITH, *(aside_of(Path(n)).name for n in (*_BEGUN_WITH, CONFIG)))
+_POSITIONS: Final = "tables"  # the key of the table positions in a checkpoint's JSON
 
 
 class RunFolder(Closing):
@@ -61,7 +62,7 @@ class RunFolder(Closing):
                 for name, columns in _TABLES.items():
                     self._tables[name] = Table(path / name, columns)
             except BaseException:
-                self._close_tables()
+                self.close()
                 raise
 
     @classmethod
@@ -86,35 +87,28 @@ class RunFolder(Closing):
             now: The time of the beginning.
 
         Raises:
-            RunError: The folder is not empty, is a file, is locked, or cannot be written. The files
-                that this call wrote are removed.
+            RunError: The folder is not empty, is a file, is locked, or cannot be written. After
+                that, the run can be begun again in the same folder.
         """
         path = Path(path)
-        copies = {copy: name for copy, (name, _) in zip(COPIES, domain_files, strict=False)}
-        text = config_text(config, copies, command, now or datetime.datetime.now())
-        made = make_empty(path, _TRACES)
-        lock = None
+        copies = dict(zip(COPIES, domain_files, strict=False))
+        names = {copy: name for copy, (name, _) in copies.items()}
+        text = config_text(config, names, command, now or datetime.datetime.now())
+        make_empty(path, _TRACES)
+        run = cls(path, json.loads(text), RunLock(path))
         try:
-            lock = RunLock(path)
             # Another process may have begun a run since the folder was checked.
             if os.path.lexists(path / CONFIG):
                 raise occupied(path)
-            remove_traces(path, _TRACES)
-            for copy, (_, content) in zip(COPIES, domain_files, strict=False):
+            if (path / COPIES[1]).is_file():  # of a run that was stopped before its beginning
+                (path / COPIES[1]).unlink()
+            for copy, (_, content) in copies.items():
                 write_durably(path / copy, content.encode())
-            for name, columns in _TABLES.items():
-                Table(path / name, columns).close()
             write_durably(path / CONFIG, text)  # last, because it makes the folder a run
-            return cls(path, read_config(path), lock)
         except BaseException:
-            if lock is not None:
-                with contextlib.suppress(RunError):
-                    remove_traces(path, (*_TRACES, LOCK))
-                lock.release()
-            if made:
-                with contextlib.suppress(OSError):
-                    path.rmdir()  # only while it is empty
+            run.close()
             raise
+        return run
 
     @classmethod
     def open(cls, path: Path | str, *, writing: bool = False) -> RunFolder:
@@ -129,15 +123,7 @@ class RunFolder(Closing):
                 a newer serp, or `writing` and another process writes it.
         """
         path = Path(path)
-        metadata = read_config(path)
-        if not writing:
-            return cls(path, metadata, None)
-        lock = RunLock(path)
-        try:
-            return cls(path, metadata, lock)
-        except BaseException:
-            lock.release()
-            raise
+        return cls(path, read_config(path), RunLock(path) if writing else None)
 
     @property
     def config(self) -> dict[str, Any]:
@@ -169,21 +155,13 @@ class RunFolder(Closing):
 
     @property
     def metrics(self) -> Table:
-        """The metrics, one `MetricsRow` per episode.
-
-        Raises:
-            RunError: The run is open for reading only.
-        """
-        return self._written(METRICS)
+        """The metrics, one `MetricsRow` per episode, of a run open for writing."""
+        return self._table(METRICS)
 
     @property
     def decisions(self) -> Table:
-        """The decision log, one `DecisionRow` per step.
-
-        Raises:
-            RunError: The run is open for reading only.
-        """
-        return self._written(DECISIONS)
+        """The decision log, one `DecisionRow` per step, of a run open for writing."""
+        return self._table(DECISIONS)
 
     def flush(self) -> None:
         """Flush all rows of both tables to the disk.
@@ -207,7 +185,7 @@ class RunFolder(Closing):
             RunError: The write failed; the previous checkpoint is unchanged.
         """
         self.flush()
-        ends = {key: table.position() for key, table in self._by_key().items()}
+        ends = {name: table.position() for name, table in self._tables.items()}
         return save_rotating(self.path, arrays, {**meta, _POSITIONS: ends})
 
     def load_checkpoint(self) -> Checkpoint:
@@ -241,12 +219,10 @@ class RunFolder(Closing):
             RunError: There is no intact checkpoint, or a table is shorter than its position.
         """
         found = self.load_checkpoint()
-        saved = Saved("run", {}, Saved("run", {}, found.meta).part(_POSITIONS)[1])
-        tables = self._by_key()
-        ends = {key: Position(*saved.wholes(key, 2)) for key in tables}
-        for key, table in tables.items():
-            table.truncate(ends[key])
-        del found.meta[_POSITIONS]
+        saved = Saved("run", {}, found.meta.pop(_POSITIONS, None))
+        ends = {name: Position(*saved.wholes(name, 2)) for name in _TABLES}
+        for name, end in ends.items():
+            self._table(name).truncate(end)
         return found
 
     def write(self, name: str, content: str | bytes) -> Path:
@@ -282,24 +258,14 @@ class RunFolder(Closing):
         Raises:
             RunError: The last rows could not be written; everything is closed nevertheless.
         """
-        try:
-            self._close_tables()
-        finally:
-            if self._lock is not None:
-                self._lock.release()
-                self._lock = None
-            self._tables = {}
-
-    def _close_tables(self) -> None:
         with contextlib.ExitStack() as stack:
-            for table in reversed(self._tables.values()):
+            if self._lock is not None:
+                stack.callback(self._lock.release)
+            for table in self._tables.values():
                 stack.callback(table.close)
+            self._lock, self._tables = None, {}
 
-    def _by_key(self) -> dict[str, Table]:
-        """Return the tables by their names in a checkpoint."""
-        return {"metrics": self.metrics, "decisions": self.decisions}
-
-    def _written(self, name: str) -> Table:
+    def _table(self, name: str) -> Table:
         if name not in self._tables:
             raise self._read_only()
         return self._tables[name]

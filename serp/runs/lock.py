@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-import errno
 import os
 import socket
 from pathlib import Path
+from typing import Final
 
 from filelock import FileLock, Timeout
 
 from serp._util.files import cannot_write, refuse_hard_link, require_regular
 from serp.errors import RunError
 
-LOCK = ".lock"
+LOCK: Final = ".lock"
 
 
 class RunLock:
@@ -32,9 +32,6 @@ class RunLock:
 
     def __init__(self, folder: Path) -> None:
         self._path = require_regular(folder / LOCK)
-        if not folder.is_dir():  # filelock would create it
-            missing = FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
-            raise cannot_write(self._path, missing, "Nothing was made.")
         # Any thread may release the lock. A soft lock, for file systems without locks, would
         # survive a crash.
         self._lock = FileLock(
@@ -51,7 +48,7 @@ class RunLock:
                 f"the run {folder} is being written by {self._owner()}. Wait until that has ended, "
                 "or begin a new run with another --out."
             ) from None
-        except (FileNotFoundError, PermissionError) as error:
+        except PermissionError as error:
             raise cannot_write(self._path, error, "The run is unchanged.") from error
         except OSError as error:
             raise RunError(
@@ -69,13 +66,9 @@ class RunLock:
         text = f"process {os.getpid()} on {socket.gethostname()} since {now}\n"
         with contextlib.suppress(OSError):  # informative only; a full disk must not stop a resume
             os.ftruncate(file, 0)
-            os.lseek(file, 0, os.SEEK_SET)
             os.write(file, text.encode())
 
     def _owner(self) -> str:
-        try:
-            with open(self._path, "rb") as file:
-                text = file.read(200).decode("utf-8", "replace")
-            return text.strip() or "another process"
-        except OSError:
-            return "another process"
+        with contextlib.suppress(OSError), open(self._path, "rb") as file:
+            return file.read(200).decode("utf-8", "replace").strip() or "another process"
+        return "another process"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import os
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 from pathlib import Path
 
 from serp._util.files import cannot_write
@@ -34,8 +34,8 @@ def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path
     return path
 
 
-def make_empty(path: Path, traces: Collection[str]) -> bool:
-    """Create the folder of a new run; return False if an empty one exists.
+def make_empty(path: Path, traces: Collection[str]) -> None:
+    """Create the folder of a new run, unless it exists and is empty.
 
     Args:
         path: The folder.
@@ -44,24 +44,17 @@ def make_empty(path: Path, traces: Collection[str]) -> bool:
     Raises:
         RunError: It is a file, is not empty, or cannot be created.
     """
+    if path.is_file():
+        raise RunError(f"{path} is a file. Give another folder with --out.")
     try:
-        path.mkdir(parents=True)
-        return True
-    except FileExistsError:
-        pass
+        path.mkdir(parents=True, exist_ok=True)
+        names = set(os.listdir(path))
     except OSError as error:
         raise cannot_write(path, error, "Nothing was made.") from error
-    try:
-        names = {entry.name for entry in path.iterdir()}
-    except NotADirectoryError:
-        raise RunError(f"{path} is a file. Give another folder with --out.") from None
-    except OSError as error:
-        raise RunError(f"cannot read {path}: {error.strerror or error}.") from error
     # The lock file shows that a run left the other files. Without it, a domain.pddl may be the
     # user's own.
     if names and not (LOCK in names and names <= {LOCK, *traces}):
         raise occupied(path)
-    return False
 
 
 def occupied(path: Path) -> RunError:
@@ -74,18 +67,3 @@ def occupied(path: Path) -> RunError:
     return RunError(
         f"{path} is not empty. Give a new or empty folder with --out. Nothing was changed."
     )
-
-
-def remove_traces(path: Path, traces: Iterable[str]) -> None:
-    """Remove the files that a run stopped before its beginning left in a folder.
-
-    Raises:
-        RunError: A file cannot be removed.
-    """
-    if os.path.lexists(path / CONFIG):  # another process's run
-        return
-    for name in traces:
-        try:
-            (path / name).unlink(missing_ok=True)
-        except OSError as error:
-            raise cannot_write(path / name, error, "Nothing was changed.") from error

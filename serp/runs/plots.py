@@ -18,7 +18,7 @@ _MANY = 5_000  # episodes above which an SVG holds the points of single episodes
 _BINS = 200
 
 
-def learning_curve(metrics: Metrics, title: str = "Learning curve") -> Figure:
+def learning_curve(metrics: Metrics, title: str) -> Figure:
     """Draw the returns of a run, and below them the shares of the actors and ρ.
 
     Args:
@@ -31,57 +31,44 @@ def learning_curve(metrics: Metrics, title: str = "Learning curve") -> Figure:
     with matplotlib.style.context(["default", STYLE]):
         figure = Figure(figsize=(8.0, 5.6), layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.2, 1))
-        steps = metrics["env_steps"].astype(float)
-        _draw_returns(upper, steps, metrics["return"])
-        _draw_shares(lower, steps, metrics)
+        _draw_returns(upper, metrics)
+        _draw_shares(lower, metrics)
         upper.set_title(title, pad=24)
         lower.set_xlabel("environment steps")
-        lower.set_xlim(0, 1.01 * max(float(steps[-1]), 1.0) if len(steps) else 1.0)
+        lower.set_xlim(0, 1.01 * metrics["env_steps"].max(initial=1))
         lower.xaxis.set_major_formatter(EngFormatter(sep=""))
         lower.xaxis.set_major_locator(MaxNLocator(8, integer=True))
         figure.align_ylabels([upper, lower])
     return figure
 
 
-def _draw_returns(axes: Axes, steps: np.ndarray[Any, Any], returns: np.ndarray[Any, Any]) -> None:
-    axes.plot(
-        steps,
-        returns,
-        color=FAINT,
-        linewidth=0.8,
-        marker=".",
-        markersize=3.5,
-        alpha=0.55,
-        label="one episode",
-        rasterized=len(steps) > _MANY,
-    )
-    axes.plot(
-        steps, moving_mean(returns), color=INK, linewidth=2.4, label=f"mean of {WINDOW} episodes"
-    )
+def _draw_returns(axes: Axes, metrics: Metrics) -> None:
+    steps, returns = metrics["env_steps"], metrics["return"]
+    points: dict[str, Any] = {
+        "color": FAINT,
+        "linewidth": 0.8,
+        "marker": ".",
+        "markersize": 3.5,
+        "alpha": 0.55,
+    }
+    axes.plot(steps, returns, label="one episode", rasterized=len(steps) > _MANY, **points)
+    label = f"mean of {WINDOW} episodes"
+    axes.plot(steps, moving_mean(returns), color=INK, linewidth=2.4, label=label)
     axes.set_ylabel("return per episode")
     legend_above(axes, columns=2)
 
 
-def _draw_shares(axes: Axes, steps: np.ndarray[Any, Any], metrics: Metrics) -> None:
+def _draw_shares(axes: Axes, metrics: Metrics) -> None:
     centres, shares = _binned_shares(metrics)
     # Most runs have no fallback steps; the legend then leaves them out.
     shown = {actor: share for actor, share in shares.items() if actor != "fallback" or share.any()}
+    colors = [ACTORS[actor] for actor in shown]
     axes.stackplot(
-        centres,
-        *shown.values(),
-        colors=[ACTORS[actor] for actor in shown],
-        labels=list(shown),
-        alpha=0.75,
-        linewidth=0,
+        centres, *shown.values(), colors=colors, labels=list(shown), alpha=0.75, linewidth=0
     )
-    axes.plot(
-        steps,
-        metrics["rho"],
-        color=INK,
-        linewidth=1.8,
-        label="learner probability ρ",
-        clip_on=False,  # at 0 and 1 the frame would clip half of the line
-    )
+    line: dict[str, Any] = {"color": INK, "linewidth": 1.8, "label": "learner probability ρ"}
+    # At 0 and 1 the frame would clip half of the line.
+    axes.plot(metrics["env_steps"], metrics["rho"], clip_on=False, **line)
     axes.set_ylim(0, 1)
     axes.set_ylabel("share of decisions")
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
@@ -99,17 +86,15 @@ def _binned_shares(
         The env step in the middle of each bin ``[bins]`` (the outermost ones moved to the ends of
         the run), and actor → share ``[bins]``; the shares add up to 1.
     """
-    lengths = metrics["length"].astype(float)
+    ends, lengths = metrics["env_steps"], metrics["length"]
     if not len(lengths):
         return np.zeros(0), {actor: np.zeros(0) for actor in STEPS_BY}
-    ends = metrics["env_steps"].astype(float)
     # Bins of equal env steps; an episode belongs to the bin in which it ends.
     width = max(ends[-1] / _BINS, 1.0)
     _, first = np.unique(np.floor((ends - 1) / width), return_index=True)
     total = np.add.reduceat(lengths, first)
     shares = {
-        actor: np.add.reduceat(metrics[name].astype(float), first) / total
-        for actor, name in STEPS_BY.items()
+        actor: np.add.reduceat(metrics[name], first) / total for actor, name in STEPS_BY.items()
     }
     last = np.append(first[1:], len(ends)) - 1
     begins = ends[first] - lengths[first]

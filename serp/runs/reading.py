@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import math
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple, get_type_hints
+from types import SimpleNamespace
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -15,10 +17,8 @@ from serp.control.decision_counts import DecisionCounts
 from serp.errors import RunError
 from serp.runs.rows import DECISIONS_COLUMNS, LONGEST, METRICS_COLUMNS, MetricsRow
 
-_INT64: Final = range(-(2**63), 2**63)
 
-
-def read_rows(path: Path | str, columns: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
+def read_rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[int, list[str]]]:
     """Yield line number (from 1; the header is line 1) and cells of every complete row.
 
     A last line without a line break is incomplete (the run was killed, or is writing) and is left
@@ -27,7 +27,6 @@ def read_rows(path: Path | str, columns: Sequence[str]) -> Iterator[tuple[int, l
     Raises:
         RunError: The file cannot be read, has other columns, or a row is malformed.
     """
-    path = Path(path)
     number = 0
     try:
         with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
@@ -55,7 +54,7 @@ def read_rows(path: Path | str, columns: Sequence[str]) -> Iterator[tuple[int, l
         raise RunError(f"{path} is empty; it should begin with a header.")
 
 
-def read_metrics(path: Path | str) -> dict[str, np.ndarray[Any, Any]]:
+def read_metrics(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     """Read ``metrics.csv``: column → array ``[episodes]``.
 
     Counts are int64, flags bool, everything else float64 with NaN for an empty cell.
@@ -64,71 +63,44 @@ def read_metrics(path: Path | str) -> dict[str, np.ndarray[Any, Any]]:
         RunError: See `read_rows`; also for a cell that is not a number.
     """
     hints = get_type_hints(MetricsRow)
-    kinds = [hints[field] for field in MetricsRow._fields]
-    columns: list[list[Any]] = [[] for _ in kinds]
+    kinds = {field.rstrip("_"): hints[field] for field in MetricsRow._fields}
+    columns: dict[str, list[float]] = {name: [] for name in METRICS_COLUMNS}
     for number, cells in read_rows(path, METRICS_COLUMNS):
-        for name, kind, column, cell in zip(METRICS_COLUMNS, kinds, columns, cells, strict=True):
-            try:
-                column.append(_parse(kind, cell))
-            except ValueError as error:
-                raise _malformed(Path(path), number, f"{name} is {cell!r}; {error}") from None
+        for name, cell in zip(METRICS_COLUMNS, cells, strict=True):
+            columns[name].append(_parse(path, number, name, kinds[name], cell))
     return {
-        name: np.array(column, dtype=kind if kind in (int, bool) else float)
-        for name, kind, column in zip(METRICS_COLUMNS, kinds, columns, strict=True)
+        name: np.array(column, kinds[name] if kinds[name] in (int, bool) else float)
+        for name, column in columns.items()
     }
 
 
-class _Counted(NamedTuple):
-    """The columns of ``decisions.csv`` that are counted."""
-
-    executed_by: str
-    reason: str
-    vetoed: bool
-    proposal_unsafe: bool
-    unsafe: bool
-
-
-def count_decisions(path: Path | str) -> DecisionCounts:
+def count_decisions(path: Path) -> DecisionCounts:
     """Count the decisions of ``decisions.csv``.
 
     Raises:
         RunError: See `read_rows`; also for a cell that is not 0 or 1.
     """
     tally = DecisionCounts()
-    kinds = get_type_hints(_Counted)
-    places = [(name, DECISIONS_COLUMNS.index(name), kinds[name]) for name in _Counted._fields]
     for number, cells in read_rows(path, DECISIONS_COLUMNS):
-        values: list[Any] = []
-        for name, place, kind in places:
-            try:
-                values.append(cells[place] if kind is str else _parse(kind, cells[place]))
-            except ValueError as error:
-                raise _malformed(
-                    Path(path), number, f"{name} is {cells[place]!r}; {error}"
-                ) from None
-        tally.count(_Counted(*values))
+        row = dict(zip(DECISIONS_COLUMNS, cells, strict=True))
+        flags = {
+            name: bool(_parse(path, number, name, bool, row[name]))
+            for name in ("vetoed", "proposal_unsafe", "unsafe")
+        }
+        tally.count(SimpleNamespace(**(row | flags)))
     return tally
 
 
-def _parse(kind: Any, cell: str) -> float:
-    if kind is bool:
-        if cell not in ("0", "1"):
-            raise ValueError("it must be 0 or 1")
-        return cell == "1"
-    if kind is int:
-        try:
-            value = int(cell)
-        except ValueError:
-            raise ValueError("it must be a whole number") from None
-        if value not in _INT64:
-            raise ValueError("it must fit into 64 bits")
-        return value
-    if not cell:
-        return float("nan")
+def _parse(path: Path, number: int, name: str, kind: Any, cell: str) -> float:
     try:
-        return float(cell)
-    except ValueError:
-        raise ValueError("it must be a number") from None
+        if kind is bool:
+            return {"0": False, "1": True}[cell]
+        if kind is int:
+            return int(np.int64(cell))
+        return float(cell) if cell else math.nan
+    except (KeyError, ValueError, OverflowError):
+        wanted = {bool: "0 or 1", int: "a whole number of 64 bits"}.get(kind, "a number")
+        raise _malformed(path, number, f"{name} is {cell!r}; it must be {wanted}") from None
 
 
 def _cells(path: Path, number: int, line: bytes) -> list[str]:

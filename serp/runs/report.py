@@ -6,11 +6,11 @@ It uses no template library, so that training does not depend on one.
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, Final
 
 from serp._util.markdown import code, plain, table
-from serp._util.number_format import duration, percent
+from serp._util.number_format import duration, percent, readable
 from serp.runs.summary import spans
 from serp.tasks.reward import describe_source
 
@@ -20,40 +20,51 @@ _EXECUTED: Final = {
     "exploration": "actions of exploration executed",
     "fallback": "neither had an action (fallback)",
 }
+_SAFETY: Final = {
+    "vetoes": "proposals vetoed",
+    "unsafe_predicted": "proposals flagged unsafe or too risky",
+    "unsafe_executed": "executed actions flagged unsafe",
+    "no_safe_action": "no safe action was left to choose",
+}
 
 
 def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bool = True) -> str:
-    """Return the report of a run as plain Markdown.
+    """Return the report of a run as Markdown that ends with a line break.
 
     Args:
         metadata: ``config.json``: the keys that `serp.runs.config.config_text` writes.
         summary: What `serp.runs.summary.summarize` returns.
         drawn: Whether there is a picture of the learning curve.
-
-    Returns:
-        Markdown that ends with a line break.
     """
-    sections = [
-        f"# Run: {plain(_title(metadata, summary))}",
-        _lead(summary),
-        *(["![Learning curve: return per episode, and who decided](learning-curve.png)"] * drawn),
-        *_learned_from(summary),
-        "## Result\n\n" + _results(summary),
-        "## Safety\n\n" + _safety(summary),
-        "## Vetoes by reason\n\n" + _vetoes(summary["vetoes_by_reason"]),
-        "## How it was made\n\n" + _origin(metadata),
+    sections = [f"# Run: {plain(title(summary))}", _lead(summary)]
+    if drawn:
+        sections.append(
+            "![Learning curve: return per episode, and who decided](learning-curve.png)"
+        )
+    if "learned_from" in summary:
+        source = describe_source(summary["learned_from"], in_file=bool(summary["file_rewards"]))
+        sections.append(f"The learner learns from {source}.")
+    safety = [(what, f"{summary[name]:,}") for name, what in _SAFETY.items()]
+    vetoes = [(plain(why), f"{count:,}") for why, count in summary["vetoes_by_reason"].items()]
+    sections += [
+        "## Result",
+        _results(summary),
+        "## Safety",
+        table(("", "steps"), safety),
+        "## Vetoes by reason",
+        table(("reason", "vetoes"), vetoes) if vetoes else "There were none.",
+        "## How it was made",
     ]
+    if metadata["command"]:
+        sections.append(code(shlex.join(map(str, metadata["command"]))))
+    sections.append(_origin(metadata))
     return "\n\n".join(sections) + "\n"
 
 
-def _title(metadata: Mapping[str, Any], summary: Mapping[str, Any]) -> str:
-    domain = summary.get("domain") or next(iter(metadata["domain_files"].values()), "unnamed")
-    parts = [str(domain)]
-    if summary.get("preset") is not None:
-        parts.append(f"preset {summary['preset']}")
-    if metadata.get("seed") is not None:
-        parts.append(f"seed {metadata['seed']}")
-    return ", ".join(parts)
+def title(summary: Mapping[str, Any]) -> str:
+    """Return the title of a run: domain, preset and seed."""
+    known = {"": "domain", "preset ": "preset", "seed ": "seed"}
+    return ", ".join(f"{what}{summary[key]}" for what, key in known.items() if key in summary)
 
 
 def _lead(summary: Mapping[str, Any]) -> str:
@@ -64,90 +75,46 @@ def _lead(summary: Mapping[str, Any]) -> str:
     return (
         f"{summary['episodes']:,} episodes, {summary['env_steps']:,} environment steps in "
         f"{duration(summary['wall_time'])}. The mean return went from "
-        f"{_number(returns['first_10'])} (first {first} episodes) to {_number(returns['last_20'])} "
-        f"(last {last}). Unsafe actions executed: {summary['unsafe_executed']:,}."
+        f"{readable(returns['first_10'])} (first {first} episodes) to "
+        f"{readable(returns['last_20'])} (last {last}). "
+        f"Unsafe actions executed: {summary['unsafe_executed']:,}."
     )
 
 
-def _learned_from(summary: Mapping[str, Any]) -> Iterable[str]:
-    if "learned_from" in summary:
-        source = describe_source(summary["learned_from"], in_file=bool(summary["file_rewards"]))
-        yield f"The learner learns from {source}."
-
-
 def _results(summary: Mapping[str, Any]) -> str:
-    shares = summary["shares"]
     rows: list[tuple[str, str]] = []
     first, last = spans(summary["episodes"])
     for key, what in (("return", "return"), ("domain_return", "return by the domain file")):
         means = summary[key]
-        best_at = means["best_20_at_env_step"]
-        best = _number(means["best_20"]) + (
-            f" (at environment step {best_at:,})" if best_at is not None else ""
-        )
+        best, at = readable(means["best_20"]), means["best_20_at_env_step"]
         rows += [
-            (f"{what}, mean of the first {first} episodes", _number(means["first_10"])),
-            (f"{what}, mean of the last {last} episodes", _number(means["last_20"])),
-            (f"{what}, best mean of {last} episodes", best),
+            (f"{what}, mean of the first {first} episodes", readable(means["first_10"])),
+            (f"{what}, mean of the last {last} episodes", readable(means["last_20"])),
+            (
+                f"{what}, best mean of {last} episodes",
+                best if at is None else f"{best} (at environment step {at:,})",
+            ),
         ]
     rows += [
         ("episodes ended by the environment", f"{summary['terminations']:,}"),
         ("episodes ended by a limit", f"{summary['truncations']:,}"),
-        ("environment steps per second of training", _number(summary["steps_per_second"])),
+        ("environment steps per second of training", readable(summary["steps_per_second"])),
         ("compilation, once and beside the training", duration(summary["compile_seconds"])),
-        *(
-            (what, "–" if shares[actor] is None else percent(shares[actor]))
-            for actor, what in _EXECUTED.items()
-        ),
-        ("learner probability ρ at the end", _number(summary["final_rho"])),
     ]
+    for actor, what in _EXECUTED.items():
+        share = summary["shares"][actor]
+        rows.append((what, "–" if share is None else percent(share)))
+    rows.append(("learner probability ρ at the end", readable(summary["final_rho"])))
     return table(("", "value"), rows)
 
 
-def _safety(summary: Mapping[str, Any]) -> str:
-    return table(
-        ("", "steps"),
-        [
-            ("proposals vetoed", f"{summary['vetoes']:,}"),
-            ("proposals flagged unsafe or too risky", f"{summary['unsafe_predicted']:,}"),
-            ("executed actions flagged unsafe", f"{summary['unsafe_executed']:,}"),
-            ("no safe action was left to choose", f"{summary['no_safe_action']:,}"),
-        ],
-    )
-
-
-def _vetoes(vetoes: Mapping[str, int]) -> str:
-    if not vetoes:
-        return "There were none."
-    return table(
-        ("reason", "vetoes"), [(plain(why), f"{count:,}") for why, count in vetoes.items()]
-    )
-
-
 def _origin(metadata: Mapping[str, Any]) -> str:
-    rows = [
-        ("begun", plain(str(metadata["created"]))),
-        *(
-            (plain(copy), plain(f"copy of {name}"))
-            for copy, name in metadata["domain_files"].items()
-        ),
-        *((plain(name), plain(value)) for name, value in metadata["machine"].items()),
-        *(
-            (plain(name), plain(version))
-            for name, version in metadata["versions"].items()
-            if version is not None
-        ),
-    ]
-    origin = table(("", ""), rows)
-    command: Sequence[str] = metadata["command"]
-    if not command:
-        return origin
-    return f"{code(shlex.join(map(str, command)))}\n\n{origin}"
-
-
-def _number(value: float | None) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, int) or abs(value) >= 1000:
-        return f"{value:,.0f}"
-    return f"{value:.4g}"
+    rows = {
+        "begun": metadata["created"],
+        **{copy: f"copy of {name}" for copy, name in metadata["domain_files"].items()},
+        **metadata["machine"],
+        **metadata["versions"],
+    }
+    return table(
+        ("", ""), [(plain(what), plain(value)) for what, value in rows.items() if value is not None]
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
 from typing import Any
 
 from serp._util.extras import needs_extra
@@ -11,8 +10,8 @@ from serp._util.json_files import finite
 from serp.errors import MissingExtra, Notice
 from serp.runs.folder import DECISIONS, METRICS, RunFolder
 from serp.runs.reading import count_decisions, read_metrics
-from serp.runs.report import report
-from serp.runs.summary import Metrics, summarize
+from serp.runs.report import report, title
+from serp.runs.summary import summarize
 
 
 def write_results(run: RunFolder, compile_seconds: float = 0.0) -> None:
@@ -32,27 +31,16 @@ def write_results(run: RunFolder, compile_seconds: float = 0.0) -> None:
     vetoes = count_decisions(run.path / DECISIONS).vetoes_by_reason()
     summary: dict[str, Any] = finite(summarize(metrics, run.config, vetoes, compile_seconds))
     run.write_summary(summary)
+    drawn = True
     try:
-        _draw(run, metrics, _title(summary))
+        with needs_extra("plots", "the learning curve"):
+            from serp._util.figures import render
+            from serp.runs.plots import learning_curve
+
+        figure = learning_curve(metrics, title(summary))
+        run.write("learning-curve.png", render(figure, "png"))
+        run.write("learning-curve.svg", render(figure, "svg"))
     except MissingExtra as missing:
         warnings.warn(str(missing), Notice, stacklevel=2)
         drawn = False
-    else:
-        drawn = True
     run.write("report.md", report(run.metadata, summary, drawn=drawn))
-
-
-def _draw(run: RunFolder, metrics: Metrics, title: str) -> None:
-    with needs_extra("plots", "the learning curve"):
-        from serp._util.figures import render
-        from serp.runs.plots import learning_curve
-
-    figure = learning_curve(metrics, title)
-    run.write("learning-curve.png", render(figure, "png"))
-    run.write("learning-curve.svg", render(figure, "svg"))
-
-
-def _title(summary: Mapping[str, Any]) -> str:
-    parts = [str(summary[key]) for key in ("domain",) if key in summary]
-    parts += [f"{key} {summary[key]}" for key in ("preset", "seed") if key in summary]
-    return ", ".join(parts) or "Learning curve"

@@ -19,12 +19,9 @@ _ALWAYS = g.Constant(True)
 
 @dataclass(frozen=True, order=True)
 class AddedEffect:
-    """One added term: the change of a fluent by a coefficient times a product.
+    """One added term: the change of a fluent by a coefficient times the product of the factors.
 
-    Attributes:
-        schema: The action schema, or `WORLD` for a process.
-        target: The fluent that changes.
-        factors: Fluents whose product is multiplied by the coefficient; `()` for a constant.
+    `schema` is an action schema, or `WORLD` for a process; without factors, it is a constant.
     """
 
     schema: str
@@ -86,12 +83,8 @@ def effect_columns(
 ) -> dict[int, Vector]:
     """Return the changes by an added effect with coefficient 1, without Δt: fluent → `[N]`.
 
-    Args:
-        lifted: The lifted model.
-        effect: The effect.
-        states: `[N, F]` before the action.
-        after: `[N, F]` after the action's effects, which processes read.
-        actions: `[N]`.
+    `states` `[N, F]` are those before the `actions` `[N]`; `after` `[N, F]` those after the
+    actions' effects, which processes read.
     """
     found: dict[int, Vector] = {}
     if effect.schema == WORLD:

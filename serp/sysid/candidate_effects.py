@@ -7,7 +7,7 @@ correlate most with the residuals; for the world, and for each action schema.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,9 @@ def candidate_effects(
         unit = dt if scope.schema == WORLD else 1.0
         linear: list[tuple[float, LiftedFluent]] = []
         singles: dict[LiftedFluent, Vector] = {}
-        for factors in _linear(scope, lifted, single_schema=len(schemas) == 1):
+        # With a single schema, a constant belongs to the action.
+        constant = [] if len(schemas) == 1 and scope.schema == WORLD else [()]
+        for factors in (*constant, *((f,) for f in scope.fluents if lifted.numeric(f))):
             values = lifted.products(scope, factors, states, keys)
             if factors:
                 spread = float(np.std(values[values != 0.0])) if values.any() else 0.0
@@ -90,26 +92,14 @@ def candidate_effects(
     return [effects[k] for k in fresh], np.stack([columns[k] for k in fresh], axis=1)
 
 
-def _linear(
-    scope: LiftedScope, lifted: LiftedModel, *, single_schema: bool
-) -> Iterator[tuple[LiftedFluent, ...]]:
-    """Yield no factor and one factor; with a single schema, a constant belongs to the action."""
-    if not (single_schema and scope.schema == WORLD):
-        yield ()
-    for fluent in scope.fluents:
-        if lifted.numeric(fluent):
-            yield (fluent,)
-
-
 def may_change(lifted: LiftedModel, scope: LiftedScope, target: LiftedFluent) -> bool:
     """Return whether an effect can be added to what an action schema does to a fluent.
 
     It cannot if the schema scales the fluent, or assigns it under a condition or another name: an
     increase would contradict that.
     """
-    schema = next(
-        s for s in lifted.syntax.schemas if s.kind is Kind.ACTION and s.name == scope.schema
-    )
+    schemas = lifted.syntax.schemas
+    schema = next(s for s in schemas if s.kind is Kind.ACTION and s.name == scope.schema)
     assigned = any(
         isinstance(effect, ChangeFunction)
         and effect.change is Change.ASSIGN

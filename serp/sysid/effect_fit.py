@@ -9,11 +9,17 @@ import numpy as np
 
 from serp.model import ground as g
 from serp.model.transition_model import TransitionModel, Vector
-from serp.sysid.added_effects import AddedEffect, effect_columns, with_effects
+from serp.sysid.added_effects import AddedEffect, with_effects
 from serp.sysid.effect_search import CERTAIN, LASTING, improvement_of, search
-from serp.sysid.lifted_features import WORLD, LiftedModel
-from serp.sysid.parameter_fit import ParameterEstimator, ParameterFit, Rows, whole_symbols
-from serp.sysid.regression_data import Flow, RegressionData, predictions
+from serp.sysid.lifted_features import LiftedModel
+from serp.sysid.parameter_fit import (
+    ParameterEstimator,
+    ParameterFit,
+    Rows,
+    function_columns,
+    whole_symbols,
+)
+from serp.sysid.regression_data import RegressionData, predictions
 
 _AGREE = 2.0
 """Standard errors within which two estimates agree."""
@@ -29,46 +35,8 @@ _TRIMMED = 0.02
 """Fraction of the rows, those with the largest errors, that a comparison ignores."""
 
 
-class _Estimator(ParameterEstimator):
-    """Estimates parameters and coefficients; derivatives by coefficients need no prediction."""
-
-    def __init__(self, lifted: LiftedModel, added: Sequence[AddedEffect], dt: float) -> None:
-        super().__init__(with_effects(lifted, added), dt)
-        self._lifted = lifted
-        self._added = added
-        self._actions_only = Flow(self.ground, dt, processes=False)
-
-    def after_actions(self, data: RegressionData, theta: Vector) -> Vector:
-        """Return the states after the effects of the actions, `[N, F]`."""
-        return self._actions_only.predict_all(data, theta)
-
-    def slopes(self, data: RegressionData, theta: Vector, predicted: Vector) -> dict[int, Vector]:
-        """Return the derivatives by parameters and coefficients, each `[N, F]`."""
-        written = len(self._lifted.ground.parameters)
-        own = self.dependencies
-        found = {
-            d.parameter.index: self.slope(data, theta, predicted, d)
-            for d in own
-            if d.parameter.index < written
-        }
-        world = any(d.actions is None for d in own)
-        after = self.after_actions(data, theta) if world else data.states
-        for dependency in own:
-            index = dependency.parameter.index
-            if index >= written:
-                effect = self._added[index - written]
-                unit = self.dt if effect.schema == WORLD else 1.0
-                slope = np.zeros(data.states.shape)
-                for column, values in effect_columns(
-                    self._lifted, effect, data.states, after, data.actions
-                ).items():
-                    slope[:, column] = unit * values
-                found[index] = slope
-        return found
-
-
 class EffectFit:
-    """A fitted model with given added effects.
+    """A model with given added effects, fitted to transitions.
 
     Args:
         model: The model as written.
@@ -95,19 +63,19 @@ class EffectFit:
         self._data = data
         self.lifted = lifted
         self.added = tuple(added)
-        self._estimator = _Estimator(lifted, self.added, model.dt)
-        self.ground = self._estimator.ground
+        self.ground = with_effects(lifted, self.added)
+        self._whole = TransitionModel(self.ground, dt=model.dt)
+        self._estimator = ParameterEstimator(self._whole, lifted, self.added)
         self._written = len(model.ground.parameters)
-        written = np.array([p.value for p in self.ground.parameters])
-        theta = written.copy()
+        theta = self._estimator.written.copy()
         if before is None:
-            self._kept = self._estimator.flow.undisturbed(data, written)
+            self._kept = self._estimator.flow.undisturbed(data, theta)
         else:  # an added effect with coefficient 0 changes nothing
             self._kept = before._kept
             theta[: self._written] = before.fit.theta[: self._written]
             found = before.coefficients
             theta[self._written :] = [found.get(effect, 0.0) for effect in self.added]
-        self.fit: ParameterFit = self._estimator.estimate(data, theta, written, self._kept)
+        self.fit: ParameterFit = self._estimator.estimate(data, theta, self._kept)
 
     def with_effects(self, added: Sequence[AddedEffect]) -> EffectFit:
         """Return the fit of the same model with other effects."""
@@ -122,7 +90,7 @@ class EffectFit:
     @property
     def symbols(self) -> set[str]:
         """The functions whose changes are fitted."""
-        return set(self._estimator.symbols)
+        return set(function_columns(self.ground))
 
     def reads(self, symbol: str) -> set[str]:
         """Return the functions that are changed by actions and read by processes of a symbol."""
@@ -139,7 +107,7 @@ class EffectFit:
     def search(self, symbols: set[str], refused: Sequence[AddedEffect]) -> list[AddedEffect]:
         """Return further effects that improve the fit, for some functions."""
         after = self._estimator.after_actions(self._data, self.fit.theta)
-        whole = whole_symbols(self._estimator, self._data)
+        whole = whole_symbols(function_columns(self.ground), self._data)
         found: list[AddedEffect] = []
         for symbol, rows in self.fit.rows.items():
             if symbol in symbols and symbol not in whole:
@@ -169,10 +137,6 @@ class EffectFit:
         If only a few large errors become smaller, the function has another form and the effects are
         wrong nearly everywhere. If the file has effects on the function, the median error must be
         clearly smaller as well.
-
-        Args:
-            without: The fit without these effects.
-            symbol: The function.
         """
         columns = [f.index for f in self.ground.fluents if f.symbol == symbol]
         observed = self._data.next_states[:, columns]
@@ -190,10 +154,6 @@ class EffectFit:
 
         Unless the transitions imply it without the added effects, that is a coincidence: it may
         improve one-step predictions, but it misrepresents the effect of an action to a planner.
-
-        Args:
-            without: The fit without these effects.
-            symbol: The function.
         """
         owned = [k for k in self.fit.rows[symbol].owned if k < self._written]
         sign = np.sign([self.ground.parameters[k].value for k in owned])
@@ -220,7 +180,7 @@ class EffectFit:
     @functools.cached_property
     def _predicted(self) -> Vector:
         """Next states as the whole model predicts them, `[N, F]`."""
-        model = TransitionModel(self.ground, dt=self._model.dt, theta=self.fit.theta)
+        model = self._whole.replace(theta=self.fit.theta)
         return predictions(model, self._data.states, self._data.actions)
 
 

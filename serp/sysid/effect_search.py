@@ -9,7 +9,7 @@ such. A selected effect must improve the fit of transitions that it was not fitt
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,13 +39,11 @@ _HELD_OUT = 0.1
 """Least fraction of its gain that an effect has in transitions that it was not fitted to."""
 
 
-@dataclass(frozen=True)
-class Improvement:
-    """Thresholds that an effect must exceed to be added.
+class Improvement(NamedTuple):
+    """Fractions that an effect must exceed to be added.
 
-    Attributes:
-        change: Fraction of the mean squared change of the fluent, where the effect applies.
-        error: Fraction of the squared error that is left there.
+    Of the mean squared change of the fluent, and of the squared error that is left, both where the
+    effect applies.
     """
 
     change: float
@@ -81,16 +79,10 @@ def search(
     dt: float,
     known: Sequence[AddedEffect],
 ) -> list[AddedEffect]:
-    """Return effects that explain the residuals of one function.
+    """Return effects that explain the residuals of one function; see `candidate_effects`.
 
-    Args:
-        lifted: The lifted model.
-        data: The transitions.
-        after: `[N, F]` states after the action's effects, which processes read.
-        rows: The function's residuals, with the derivatives by its parameters.
-        symbol: The function.
-        dt: Control period.
-        known: Effects that were found before, or refused.
+    `rows` also has the derivatives by the function's parameters. `known` effects were found before,
+    or refused.
     """
     if len(rows.rows) < MIN_ROWS:
         return []

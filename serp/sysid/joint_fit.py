@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
-from serp.model import ground as g
 from serp.model.transition_model import TransitionModel
 from serp.sysid.added_effects import AddedEffect
 from serp.sysid.effect_fit import EffectFit
 from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel
-from serp.sysid.parameter_fit import ParameterFit
 from serp.sysid.regression_data import RegressionData
 
 _MAX_SWEEPS = 6
@@ -18,24 +15,8 @@ _EQUAL = 0.1
 """Coefficients that differ by less than this fraction of the larger one may be equal."""
 
 
-@dataclass(frozen=True)
-class JointFit:
-    """A model with estimated parameters and added effects.
-
-    Attributes:
-        ground: The model with the added effects; its parameters are the file's, then one for each
-            of these.
-        added: The effects.
-        fit: All parameters.
-    """
-
-    ground: g.GroundModel
-    added: tuple[AddedEffect, ...]
-    fit: ParameterFit
-
-
-def fit_jointly(model: TransitionModel, data: RegressionData) -> JointFit:
-    """Estimate parameters and missing effects jointly.
+def fit_jointly(model: TransitionModel, data: RegressionData) -> EffectFit:
+    """Return the model as written with estimated parameters and the effects that it lacks.
 
     Args:
         model: The model as written.
@@ -52,8 +33,7 @@ def fit_jointly(model: TransitionModel, data: RegressionData) -> JointFit:
         if pruned is fit:
             break
         fit = pruned
-    fit = _simplified(fit)
-    return JointFit(fit.ground, fit.added, fit.fit)
+    return _simplified(fit)
 
 
 def _sweep(fit: EffectFit, refused: Sequence[AddedEffect]) -> tuple[EffectFit, bool]:
@@ -100,10 +80,6 @@ def shared_effects(
     """Yield nearly equal effects of different schemas, and the world's effect for all of them.
 
     The world's effect also applies after all other actions, so it need not fit.
-
-    Args:
-        lifted: The lifted model.
-        coefficients: Effect → its coefficient.
     """
     groups: dict[tuple[str, tuple[str, ...]], list[AddedEffect]] = {}
     for effect in coefficients:

@@ -6,6 +6,7 @@ written with the schema's variables and the constants of the domain.
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,12 +27,7 @@ WORLD = ""
 
 @dataclass(frozen=True, order=True)
 class LiftedFluent:
-    """A function or predicate applied to variables and constants.
-
-    Attributes:
-        symbol: Its name.
-        terms: Variables (`?robot`) and names of constants.
-    """
+    """A function or predicate applied to variables (`?robot`) and constants."""
 
     symbol: str
     terms: tuple[str, ...]
@@ -44,14 +40,10 @@ class LiftedFluent:
 
 @dataclass(frozen=True)
 class LiftedScope:
-    """The fluents that can be named in one schema, or in the world.
+    """The fluents that can be named in an action schema, or in the world (`WORLD`).
 
-    Attributes:
-        schema: Name of the action schema, or `WORLD`.
-        bindings: Position of a ground action (for the world: column of the fluent that changes)
-            → variable → object.
-        fluents: The fluents that have a name in the scope.
-        targets: Those that an effect can change.
+    `bindings` map variables to objects for each ground action, by position; for the world, for
+    each fluent that changes, by column. `targets` are the fluents that an effect can change.
     """
 
     schema: str
@@ -70,25 +62,13 @@ class LiftedModel:
     def __init__(self, ground: g.GroundModel) -> None:
         self.ground = ground
         self.syntax = ground.syntax
-        self.index = {fluent.key: fluent.index for fluent in ground.fluents}
-        self._constants = tuple(self.syntax.constants)
-        self._scopes: dict[tuple[str, str], LiftedScope] = {}
+        self._index = {fluent.key: fluent.index for fluent in ground.fluents}
+        self.schema = functools.cache(self._schema)
+        self.world = functools.cache(self._world)
 
     def column(self, fluent: LiftedFluent, binding: Mapping[str, str]) -> int:
         """Return the column of the state that a lifted fluent denotes under a binding."""
-        return self.index[fluent.symbol, *(binding.get(t, t) for t in fluent.terms)]
-
-    def schema(self, name: str) -> LiftedScope:
-        """Return the scope of an action schema."""
-        if (name, "") not in self._scopes:
-            self._scopes[name, ""] = self._schema(name)
-        return self._scopes[name, ""]
-
-    def world(self, symbol: str) -> LiftedScope:
-        """Return the scope of a process that changes the fluents of a function."""
-        if (WORLD, symbol) not in self._scopes:
-            self._scopes[WORLD, symbol] = self._world(symbol)
-        return self._scopes[WORLD, symbol]
+        return self._index[fluent.symbol, *(binding.get(t, t) for t in fluent.terms)]
 
     def numeric(self, fluent: LiftedFluent) -> bool:
         """Return whether it is a function, not a predicate."""
@@ -101,14 +81,10 @@ class LiftedModel:
         states: Vector,
         keys: NDArray[np.int64],
     ) -> Vector:
-        """Return the product of some fluents, `[n]`.
+        """Return the product of the factors in states `[n, F]`, 1 without any, `[n]`.
 
-        Args:
-            scope: Of the factors.
-            factors: The fluents; none for the constant 1.
-            states: `[n, F]`.
-            keys: `[n]` key of the binding of each row; the product is 0 where the scope has no
-                such binding.
+        `keys` `[n]` are those of the binding of each row; the product is 0 where the scope has no
+        such binding.
         """
         values = np.zeros(len(states))
         for key in np.unique(keys):
@@ -121,6 +97,7 @@ class LiftedModel:
         return values
 
     def _schema(self, name: str) -> LiftedScope:
+        """Return the scope of an action schema."""
         variables = next(
             s.parameters for s in self.syntax.schemas if s.kind is Kind.ACTION and s.name == name
         )
@@ -133,6 +110,7 @@ class LiftedModel:
         return LiftedScope(name, bindings, fluents, tuple(f for f in fluents if self.numeric(f)))
 
     def _world(self, symbol: str) -> LiftedScope:
+        """Return the scope of a process that changes the fluents of a function."""
         variables = [p.name for p in self.syntax.declarations[symbol].parameters]
         bindings = {
             f.index: dict(zip(variables, f.arguments, strict=True))
@@ -149,9 +127,9 @@ class LiftedModel:
         found: list[LiftedFluent] = []
         arity = {f.symbol: len(f.arguments) for f in self.ground.fluents}
         for symbol, number in sorted(arity.items(), key=lambda item: item[1]):
-            for terms in itertools.product((*variables, *self._constants), repeat=number):
+            for terms in itertools.product((*variables, *self.syntax.constants), repeat=number):
                 if len(found) >= _MAX_FLUENTS:
                     return tuple(found)
-                if all((symbol, *(b.get(t, t) for t in terms)) in self.index for b in bindings):
+                if all((symbol, *(b.get(t, t) for t in terms)) in self._index for b in bindings):
                     found.append(LiftedFluent(symbol, terms))
         return tuple(found)

@@ -16,13 +16,9 @@ _ROLES = ("effect", "rate")
 class ParameterDependency:
     """The direct dependencies on one parameter.
 
-    Attributes:
-        parameter: The parameter.
-        schema: Name of the action or process schema that contains it.
-        symbol: Symbol of the function that its effect changes.
-        fluents: Columns of the state that it changes directly.
-        actions: Positions of the ground actions whose effects contain it; None for a process, which
-            acts under every action.
+    `schema` contains it, and its effect changes the `fluents`, columns of the function `symbol`.
+    `actions` are the positions of the ground actions whose effects contain it; None for a process,
+    which acts under every action.
     """
 
     parameter: g.Parameter
@@ -42,7 +38,8 @@ def parameter_dependencies(ground: g.GroundModel) -> tuple[ParameterDependency, 
     first: dict[int, tuple[g.GroundSchema, int]] = {}
     barred: set[int] = set()
     for position, schema in enumerate((*ground.actions, *ground.processes)):
-        for target, index in _targets_and_parameters(schema):
+        values = [(e.target, e.value) for e in schema.effects if isinstance(e, g.SetNumber)]
+        for target, index in ((target, k) for target, value in values for k in _parameters(value)):
             if target < 0:
                 barred.add(index)
                 continue
@@ -63,15 +60,8 @@ def parameter_dependencies(ground: g.GroundModel) -> tuple[ParameterDependency, 
     )
 
 
-def _targets_and_parameters(schema: g.GroundSchema) -> Iterator[tuple[int, int]]:
-    """Yield (target, position in θ) for every parameter in the value of a numeric effect."""
-    for effect in schema.effects:
-        if isinstance(effect, g.SetNumber):
-            for index in _parameters(effect.value):
-                yield effect.target, index
-
-
 def _parameters(value: g.Value) -> Iterator[int]:
+    """Yield the positions in θ of the parameters in a value."""
     match value:
         case g.ParameterRef(index):
             yield index

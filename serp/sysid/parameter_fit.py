@@ -6,7 +6,7 @@ change: a wrong model of the pole does not distort the parameters of the cart.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from serp.model import ground as g
 from serp.model.transition_model import TransitionModel, Vector
+from serp.sysid.added_effects import AddedEffect, effect_columns
+from serp.sysid.lifted_features import WORLD, LiftedModel
 from serp.sysid.parameter_dependencies import ParameterDependency, parameter_dependencies
 from serp.sysid.regression import Regression, independent, regress
 from serp.sysid.regression_data import Flow, RegressionData, regression_data
@@ -35,25 +37,8 @@ _WHOLE_TOLERANCE, _WHOLE_SHARE = 1e-6, 0.9
 
 
 @dataclass(frozen=True)
-class ParameterFit:
-    """Estimated parameters.
-
-    Attributes:
-        theta: `[P]`; the written value where the transitions hold no information.
-        errors: `[P]` standard errors, infinite there.
-        samples: `[P]` transitions used for each estimate.
-        rows: Function symbol → the residuals.
-    """
-
-    theta: Vector
-    errors: Vector
-    samples: NDArray[np.int64]
-    rows: Mapping[str, Rows]
-
-
-@dataclass(frozen=True)
 class Rows:
-    """All (transition, fluent) pairs of one function symbol that can be compared.
+    """All n (transition, fluent) pairs of one function symbol that can be compared.
 
     Attributes:
         rows: `[n]` positions in the data.
@@ -76,47 +61,57 @@ class Rows:
     unit: float
 
 
+@dataclass(frozen=True)
+class ParameterFit:
+    """Estimated parameters, `[P]` each.
+
+    `theta` is the written value where the transitions hold no information, and its standard error
+    infinite; `samples` counts the transitions used. `rows` has the residuals by function symbol.
+    """
+
+    theta: Vector
+    errors: Vector
+    samples: NDArray[np.int64]
+    rows: Mapping[str, Rows]
+
+
 class ParameterEstimator:
-    """Estimates the parameters of one ground model.
+    """Estimates the parameters of one model.
 
     Args:
-        ground: The model.
-        dt: Control period.
-        compiled: See `Flow`.
+        model: The model.
+        lifted: The lifted model of its file, if the model has added effects.
+        added: These; their coefficients are the last parameters.
 
     Attributes:
-        ground, dt: As above.
         flow: The model without its events.
+        written: `[P]` the values of the file, the mean of the prior.
         dependencies: Dependencies on the parameters that can be estimated.
-        symbols: Function symbol → columns of its fluents.
     """
 
     def __init__(
-        self, ground: g.GroundModel, dt: float, compiled: TransitionModel | None = None
+        self,
+        model: TransitionModel,
+        lifted: LiftedModel | None = None,
+        added: Sequence[AddedEffect] = (),
     ) -> None:
-        self.ground = ground
-        self.dt = dt
-        self.dependencies = parameter_dependencies(ground)
-        self.flow = Flow(ground, dt, compiled=compiled)
-        symbols: dict[str, list[int]] = {}
-        for fluent in ground.fluents:
-            if fluent.numeric:
-                symbols.setdefault(fluent.symbol, []).append(fluent.index)
-        self.symbols = {name: tuple(columns) for name, columns in symbols.items()}
+        self._dt = model.dt
+        self._lifted = lifted
+        self._added = added
+        self._actions_only = Flow(model, processes=False)
+        self.flow = Flow(model)
+        self.written = np.array([parameter.value for parameter in model.parameters])
+        self.dependencies = parameter_dependencies(model.ground)
+        self._columns = function_columns(model.ground)
 
     def estimate(
-        self,
-        data: RegressionData,
-        theta: Vector,
-        written: Vector,
-        kept: NDArray[np.bool_] | None = None,
+        self, data: RegressionData, theta: Vector, kept: NDArray[np.bool_] | None = None
     ) -> ParameterFit:
         """Fit all parameters at once.
 
         Args:
             data: The transitions.
             theta: `[P]` initial values.
-            written: `[P]` the mean of the prior.
             kept: `[N, F]` the entries that are compared; None: those that no event of the model as
                 written changes.
         """
@@ -125,15 +120,16 @@ class ParameterEstimator:
         counts = np.zeros(len(theta), dtype=np.int64)
         if kept is None:
             # By the written values, so that an estimate does not select the rows of the next one.
-            kept = self.flow.undisturbed(data, written)
-        whole = whole_symbols(self, data)
+            kept = self.flow.undisturbed(data, self.written)
+        whole = whole_symbols(self._columns, data)
         left: dict[str, Rows] = {}
+        predicted = self.flow.predict(data.states, data.actions, theta)
         for _ in range(_MAX_ITERATIONS):
             before = theta.copy()
-            slopes = self.slopes(data, theta, self.flow.predict_all(data, theta))
+            slopes = self._slopes(data, theta, predicted)
             expected: dict[str, Vector] = {}
-            for symbol, rows in self._rows(data, theta, kept, slopes).items():
-                width = _widths(rows, written, theta)
+            for symbol, rows in self._rows(data, predicted, kept, slopes).items():
+                width = _widths(rows, self.written, theta)
                 active = independent(rows.columns, width)
                 owned = [rows.owned[k] for k in active]
                 if not owned:
@@ -142,7 +138,7 @@ class ParameterEstimator:
                 fit = regress(
                     columns,
                     rows.residuals + columns @ theta[owned],
-                    centre=written[owned],
+                    centre=self.written[owned],
                     width=width[active],
                     groups=rows.groups,
                     blocks=rows.blocks,
@@ -154,7 +150,8 @@ class ParameterEstimator:
                 errors[owned] = fit.errors
                 counts[owned] = (columns != 0.0).sum(0)
                 expected[symbol] = rows.residuals - columns @ (theta - before)[owned]
-            left = self._rows(data, theta, kept, slopes)
+            predicted = self.flow.predict(data.states, data.actions, theta)
+            left = self._rows(data, predicted, kept, slopes)
             gaps = [_gap(left[symbol], residuals) for symbol, residuals in expected.items()]
             if max(gaps, default=0.0) <= _LINEAR:
                 break
@@ -163,17 +160,16 @@ class ParameterEstimator:
     def _rows(
         self,
         data: RegressionData,
-        theta: Vector,
+        predicted: Vector,
         kept: NDArray[np.bool_],
         slopes: Mapping[int, Vector],
     ) -> dict[str, Rows]:
         """Return residuals and derivatives for each function symbol."""
-        predicted = self.flow.predict_all(data, theta)
         found = {}
-        for symbol, fluents in self.symbols.items():
+        for symbol, fluents in self._columns.items():
             owned = tuple(d.parameter.index for d in self.dependencies if d.symbol == symbol)
             row, which = np.nonzero(kept[:, fluents] & np.isfinite(predicted[:, fluents]))
-            column = np.array(fluents, dtype=np.int64)[which]
+            column = np.array(fluents)[which]
             found[symbol] = Rows(
                 rows=row,
                 fluents=column,
@@ -184,15 +180,38 @@ class ParameterEstimator:
                 if owned
                 else np.empty((len(row), 0)),
                 owned=owned,
-                unit=float(data.scale[list(fluents)].max()),
+                unit=float(data.scale[fluents].max()),
             )
         return found
 
-    def slopes(self, data: RegressionData, theta: Vector, predicted: Vector) -> dict[int, Vector]:
-        """Return the derivatives by the parameters: position in θ → `[N, F]`."""
-        return {d.parameter.index: self.slope(data, theta, predicted, d) for d in self.dependencies}
+    def after_actions(self, data: RegressionData, theta: Vector) -> Vector:
+        """Return the states after the effects of the actions, `[N, F]`."""
+        return self._actions_only.predict(data.states, data.actions, theta)
 
-    def slope(
+    def _slopes(self, data: RegressionData, theta: Vector, predicted: Vector) -> dict[int, Vector]:
+        """Return the derivatives by the parameters: position in θ → `[N, F]`."""
+        first = len(theta) - len(self._added)
+        found = {d.parameter.index: d for d in self.dependencies}
+        world = any(d.actions is None for k, d in found.items() if k >= first)
+        after = self.after_actions(data, theta) if world else data.states
+        return {
+            k: self._slope(data, theta, predicted, dependency)
+            if k < first
+            else self._effect_slope(self._added[k - first], data, after)
+            for k, dependency in found.items()
+        }
+
+    def _effect_slope(self, effect: AddedEffect, data: RegressionData, after: Vector) -> Vector:
+        """Return the derivative by the coefficient of an added effect; it needs no prediction."""
+        assert self._lifted is not None
+        unit = self._dt if effect.schema == WORLD else 1.0
+        slope = np.zeros(data.states.shape)
+        columns = effect_columns(self._lifted, effect, data.states, after, data.actions)
+        for column, values in columns.items():
+            slope[:, column] = unit * values
+        return slope
+
+    def _slope(
         self,
         data: RegressionData,
         theta: Vector,
@@ -218,34 +237,40 @@ class ParameterEstimator:
 
 
 def estimate_parameters(
+    estimator: ParameterEstimator,
     model: TransitionModel,
     states: Vector,
     actions: NDArray[np.int64],
     next_states: Vector,
-    *,
-    estimator: ParameterEstimator | None = None,
 ) -> tuple[Vector, Vector]:
-    """Estimate the parameters of effects and rates that change fluents.
+    """Return the parameters of effects and rates that change fluents, and their standard errors.
+
+    The written value and infinity where the transitions hold no information: for parameters of
+    rewards, conditions and events, of actions never executed, and of fluents with random whole
+    numbers.
 
     Args:
-        model: The transition model; its θ are the initial values.
+        estimator: Of the same ground model.
+        model: The model; its θ `[P]` are the initial values.
         states: `[N, F]` before the actions, in order of time.
         actions: `[N]` positions of the executed ground actions, −1 where the model knows none.
         next_states: `[N, F]` after them.
-        estimator: Of the same ground model, to estimate it repeatedly.
-
-    Returns:
-        `[P]` parameters and their `[P]` standard errors; the written value and infinity where the
-        transitions hold no information: for parameters of rewards, conditions and events, of
-        actions never executed, and of fluents with random whole numbers.
     """
     data = regression_data(model, states, actions, next_states)
-    written = np.array([p.value for p in model.parameters])
+    written = estimator.written
     if not len(data):
         return written, np.full(len(written), np.inf)
-    estimator = estimator or ParameterEstimator(model.ground, model.dt)
-    fit = estimator.estimate(data, model.theta, written)
+    fit = estimator.estimate(data, model.theta)
     return np.where(np.isfinite(fit.errors), fit.theta, written), fit.errors
+
+
+def function_columns(ground: g.GroundModel) -> dict[str, list[int]]:
+    """Return the columns of the fluents of each function."""
+    columns: dict[str, list[int]] = {}
+    for fluent in ground.fluents:
+        if fluent.numeric:
+            columns.setdefault(fluent.symbol, []).append(fluent.index)
+    return columns
 
 
 def _gap(rows: Rows, expected: Vector) -> float:
@@ -257,10 +282,10 @@ def _gap(rows: Rows, expected: Vector) -> float:
     return float(np.quantile(np.abs(rows.residuals - expected), _LINEAR_QUANTILE)) / rows.unit
 
 
-def whole_symbols(estimator: ParameterEstimator, data: RegressionData) -> set[str]:
-    """Return the functions whose observed values are a few whole numbers."""
+def whole_symbols(functions: Mapping[str, list[int]], data: RegressionData) -> set[str]:
+    """Return the functions, by their columns, whose observed values are a few whole numbers."""
     found = set()
-    for symbol, fluents in estimator.symbols.items():
+    for symbol, fluents in functions.items():
         values = np.unique(np.concatenate((data.states[:, fluents], data.next_states[:, fluents])))
         if 1 < len(values) <= _MAX_WHOLE_VALUES and (values == np.round(values)).all():
             found.add(symbol)

@@ -33,11 +33,8 @@ _ROUNDING = 1e-10
 class Regression:
     """A fitted linear model.
 
-    Attributes:
-        coefficients: `[K]`.
-        errors: `[K]` standard errors; the width of the prior where the rows hold no information.
-        residuals: `[n]`.
-        weights: `[n]`, 0 (rejected) to 1.
+    `coefficients` and their standard `errors` are `[K]`; where the rows hold no information the
+    error is the width of the prior. `residuals` and `weights`, 0 (rejected) to 1, are `[n]`.
     """
 
     coefficients: Vector
@@ -120,10 +117,10 @@ def independent(columns: Vector, width: Vector) -> list[int]:
 
 
 def robust_scales(residuals: Vector, members: Sequence[NDArray[np.int64]], least: float) -> Vector:
-    """Return a robust scale of the errors of each row's group, `[n]`.
+    """Return a robust scale `[n]` of the errors of each row's group; `members` are their rows.
 
     The larger of the scaled median and of the root mean square of all but the largest 2 %: a rare
-    effect is not an outlier. `members` are the rows of each group.
+    effect is not an outlier.
     """
     scales = np.empty(len(residuals))
     for rows in members:

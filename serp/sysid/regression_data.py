@@ -8,7 +8,6 @@ left out.
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -20,7 +19,7 @@ from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import Change
 
-BLOCK = 20
+_BLOCK = 20
 """Number of consecutive transitions whose errors are assumed to be correlated."""
 
 _TAIL, _FAR = 0.005, 5.0
@@ -34,16 +33,11 @@ _AT_ASSIGNED = 1e-9
 
 @dataclasses.dataclass(frozen=True)
 class RegressionData:
-    """Transitions with which a model can be compared.
+    """N transitions with which a model can be compared.
 
-    Attributes:
-        states: `[N, F]`.
-        actions: `[N]` positions of ground actions of the model.
-        next_states: `[N, F]`.
-        blocks: `[N]` number of the block of `BLOCK` neighbouring transitions.
-        scale: `[F]` observed range of each fluent; 1 where it never varied.
-        positions: `[N]` of the rows among all transitions.
-        left_out: Reason → number of transitions left out.
+    `blocks` `[N]` numbers the blocks of `_BLOCK` neighbouring transitions, `scale` `[F]` is the
+    observed range of each fluent, 1 where it never varied, and `positions` `[N]` are those of the
+    rows among all transitions. `left_out` counts the others by reason.
     """
 
     states: Vector
@@ -69,7 +63,7 @@ class RegressionData:
         if len(self) <= most:
             return self
         number = int(self.blocks[-1]) + 1
-        chosen = np.unique(np.linspace(0, number - 1, max(1, most // BLOCK)).astype(np.int64))
+        chosen = np.unique(np.linspace(0, number - 1, max(1, most // _BLOCK)).astype(np.int64))
         rows = np.isin(self.blocks, chosen)
         return dataclasses.replace(
             self, **{name: getattr(self, name)[rows] for name in self._BY_ROW}
@@ -79,22 +73,15 @@ class RegressionData:
 def regression_data(
     model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
 ) -> RegressionData:
-    """Return the transitions with which the model can be compared.
-
-    Args:
-        model: The transition model.
-        states: `[N, F]` before the actions, in order of time.
-        actions: `[N]`.
-        next_states: `[N, F]` after them.
-    """
+    """Return the transitions, in order of time, with which the model can be compared."""
     number = len(actions)
-    blocks = np.arange(number) // BLOCK
+    blocks = np.arange(number) // _BLOCK
     rows, left_out = _usable(model, states, actions, next_states)
     if any(action.preconditions for action in model.actions):
-        flow = Flow(model.ground, model.dt)
-        plausible = rows
-        rows = rows[np.isfinite(flow.predict(states[rows], actions[rows], model.theta)).all(1)]
-        left_out["an action that is not applicable there by the file"] = len(plausible) - len(rows)
+        predicted = Flow(model).predict(states[rows], actions[rows], model.theta)
+        applicable = np.isfinite(predicted).all(1)
+        left_out["an action that is not applicable there by the file"] = int((~applicable).sum())
+        rows = rows[applicable]
     seen = np.concatenate((states[rows], next_states[rows]))
     scale = np.ptp(seen, axis=0) if len(rows) else np.ones(states.shape[1])
     return RegressionData(
@@ -144,57 +131,25 @@ def _plausible(values: Vector) -> NDArray[np.bool_]:
 
 
 class Flow:
-    """Effects and processes of a ground model, without its events.
+    """Effects and processes of a model, without its events.
 
-    Runs in CPython, about 3 µs per row, so that candidate models need no compilation.
-
-    Args:
-        ground: The model.
-        dt: Control period.
-        processes: Whether processes are included.
-        compiled: A compiled transition model of this ground model to use instead; the results are
-            the same.
-
-    Attributes:
-        ground, dt: As above.
+    Runs in CPython, about 3 µs per row, unless the model is compiled: candidate models need no
+    compilation.
     """
 
-    def __init__(
-        self,
-        ground: g.GroundModel,
-        dt: float,
-        *,
-        processes: bool = True,
-        compiled: TransitionModel | None = None,
-    ) -> None:
-        self.ground = ground
-        self.dt = dt
-        self._compiled = compiled if processes and compiled is not None else None
-        bare = dataclasses.replace(ground, events=(), goal=None, metric=None)
+    def __init__(self, model: TransitionModel, *, processes: bool = True) -> None:
+        self._whole = model
+        self._processes = processes
+        bare = dataclasses.replace(model.ground, events=(), goal=None, metric=None)
         if not processes:
             bare = dataclasses.replace(bare, processes=())
-        self._model = TransitionModel(bare, dt=dt)
-        self._last: tuple[Vector, bytes, Vector] | None = None
+        self._bare = TransitionModel(bare, dt=model.dt)
 
     def predict(self, states: Vector, actions: NDArray[np.int64], theta: Vector) -> Vector:
-        """Return the predictions, `[N, F]`; NaN in rows without a next state.
-
-        Args:
-            states: `[N, F]`.
-            actions: `[N]`.
-            theta: `[P]` parameters.
-        """
-        if self._compiled is not None:
-            return _flowed(self._compiled.replace(theta=theta), states, actions)
-        return predictions(self._model.replace(theta=theta), states, actions)
-
-    def predict_all(self, data: RegressionData, theta: Vector) -> Vector:
-        """Return the predictions for all data, `[N, F]`; the last result is cached."""
-        key = theta.tobytes()
-        if self._last is None or self._last[0] is not data.states or self._last[1] != key:
-            predicted = self.predict(data.states, data.actions, theta)
-            self._last = data.states, key, predicted
-        return self._last[2]
+        """Return the predictions with parameters `[P]`, `[N, F]`; NaN without a next state."""
+        if self._processes and self._whole.compiled:
+            return _flowed(self._whole.replace(theta=theta), states, actions)
+        return predictions(self._bare.replace(theta=theta), states, actions)
 
     def undisturbed(self, data: RegressionData, theta: Vector) -> NDArray[np.bool_]:
         """Return which entries of the next states no event has changed, `[N, F]`.
@@ -202,18 +157,22 @@ class Flow:
         Excluded are entries that the model's events change in its prediction, and those observed at
         a value that an event assigns. If too few remain for an action, the model is wrong, and only
         the latter are excluded.
-
-        Args:
-            data: The transitions.
-            theta: `[P]` parameters.
         """
         free = np.ones(data.states.shape, dtype=np.bool_)
-        if not self.ground.events:
+        events = self._whole.ground.events
+        if not events:
             return free
-        for column, parameter in self._assigned:
-            gap = np.abs(data.next_states[:, column] - theta[parameter])
-            free[:, column] &= gap > _AT_ASSIGNED * data.scale[column]
-        before = self.predict_all(data, theta)
+        for effect in (effect for event in events for effect in event.effects):
+            if (
+                isinstance(effect, g.SetNumber)
+                and effect.target >= 0
+                and effect.change is Change.ASSIGN
+                and isinstance(effect.value, g.ParameterRef)
+            ):
+                column, value = effect.target, theta[effect.value.parameter]
+                gap = np.abs(data.next_states[:, column] - value)
+                free[:, column] &= gap > _AT_ASSIGNED * data.scale[column]
+        before = self.predict(data.states, data.actions, theta)
         after = predictions(self._whole.replace(theta=theta), data.states, data.actions)
         kept: NDArray[np.bool_] = free & (before == after)
         for action in np.unique(data.actions):
@@ -221,23 +180,6 @@ class Flow:
             scarce = rows[:, None] & (kept[rows].sum(0) < _MIN_ROWS)
             kept[scarce] = free[scarce]
         return kept
-
-    @functools.cached_property
-    def _whole(self) -> TransitionModel:
-        return self._compiled or TransitionModel(self.ground, dt=self.dt)
-
-    @functools.cached_property
-    def _assigned(self) -> list[tuple[int, int]]:
-        """The (fluent, parameter) pairs of events that assign a parameter."""
-        return [
-            (effect.target, effect.value.parameter)
-            for event in self.ground.events
-            for effect in event.effects
-            if isinstance(effect, g.SetNumber)
-            and effect.target >= 0
-            and effect.change is Change.ASSIGN
-            and isinstance(effect.value, g.ParameterRef)
-        ]
 
 
 def predictions(model: TransitionModel, states: Vector, actions: NDArray[np.int64]) -> Vector:

@@ -8,7 +8,7 @@ import json
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -28,16 +28,10 @@ from serp.tasks.task import Task, declared_reward
 
 _SAMPLES = 8
 """Number of sampled observations on which the grounding is tried."""
-_T = TypeVar("_T")
 
 
 class EnvironmentCall(NamedTuple):
-    """A call of the environment.
-
-    Attributes:
-        what: Description, such as `step with action left`.
-        since: When it began, seconds of the monotonic clock.
-    """
+    """A call of the environment, and when it began, in seconds of the monotonic clock."""
 
     what: str
     since: float
@@ -46,19 +40,10 @@ class EnvironmentCall(NamedTuple):
 class BoundTask(Closing):
     """A task with an environment, its loaded domain and its resolved actions.
 
-    Attributes:
-        task: The task.
-        name: Its name.
-        domain: The loaded domain.
-        model: Its transition model, over the task's control period.
-        env: The environment.
-        actions: The map of actions.
-        observations: Reads the environment's observations.
-        rewarded_by: The source of the reward that the task declares: `domain` or `environment`.
-        call: The call of the environment that has not returned yet; None otherwise.
-        on_notice: If set, called with each line that the user should read.
-
-    As a context manager it closes its environment at the end.
+    As a context manager it closes its environment at the end. `rewarded_by` is the source of the
+    reward that the task declares, `domain` or `environment`; `call` the call of the environment
+    that has not returned yet; `on_notice`, if set, is called with each line that the user should
+    read.
     """
 
     def __init__(self, task: Task, *, render_mode: str | None = None) -> None:
@@ -74,7 +59,6 @@ class BoundTask(Closing):
             with contextlib.suppress(Exception):  # the first error is the one to report
                 self.env.close()
             raise
-        self._watch = wrapper_state.UnsavedStateDetector(self.env)
         self.call: EnvironmentCall | None = None
         self.on_notice: Callable[[str], None] | None = None
 
@@ -107,7 +91,6 @@ class BoundTask(Closing):
         except ValueError as error:
             raise TaskError(f"task {self.name}: {error}") from None
         self.observation_size = self.observations.size
-        self._inside = True
         given = next(grounded(task.ground, self.observations.space, _SAMPLES), None)
         if isinstance(given, Mapping):  # observed fluents are not constant, even if in :init
             self.domain = self.domain.observed(map(str, given))
@@ -119,10 +102,6 @@ class BoundTask(Closing):
                 f"task {self.name}: the domain says nothing about reward; let an action or event "
                 "`(increase (reward) ...)`, or set reward='environment'"
             )
-        self._check_grounding(given)
-
-    def _check_grounding(self, given: Any) -> None:
-        """Check the fluents in the first result of the grounding, if there is one."""
         try:
             if isinstance(given, Mapping):
                 self.model.check_names(given)
@@ -157,25 +136,14 @@ class BoundTask(Closing):
     def observation(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a flat float64 vector.
 
-        The first number outside the bounds of the space causes a notice.
-
         Raises:
             EnvironmentFailure: It is not a member of the space, does not consist of real numbers,
                 or holds NaN or an infinity.
         """
         try:
-            vector = self.observations.read(raw)
+            return self.observations.read(raw)
         except ValueError as error:
             raise EnvironmentFailure(f"task {self.name}: the observation: {error}") from None
-        if self._inside and self.on_notice is not None:
-            outside = self.observations.outside(vector)
-            if outside is not None:
-                self._inside = False
-                self.on_notice(
-                    f"The observation left its space: {outside.name} is {outside.value:g}, beyond "
-                    f"the declared {outside.bound:g}. It is used unchanged; this is reported once."
-                )
-        return vector
 
     def ground(self, raw: Any) -> Vector:
         """Return the state `[F]` of an observation of the environment.
@@ -202,17 +170,8 @@ class BoundTask(Closing):
         Raises:
             EnvironmentFailure: It raised, or did not return observation and info.
         """
-        self._watch.before_reset()
         with self._calling("reset"):
-            answer = self.env.reset(seed=seed)
-        raw, info = self._checked_answer(reset_answer, answer, "reset")
-        for carried in self._watch.after_reset():
-            if self.on_notice is not None:
-                self.on_notice(
-                    f"Wrapper {carried} from one episode to the next and has no state_dict(): "
-                    "if that matters, a resumed run differs from an uninterrupted one."
-                )
-        return raw, info
+            return reset_answer(self.env.reset(seed=seed))
 
     def step(self, action: int) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Execute an environment action 0 ... E-1.
@@ -223,10 +182,8 @@ class BoundTask(Closing):
         Raises:
             EnvironmentFailure: The environment raised, or did not return these.
         """
-        what = f"step with action {self.actions.name(action)}"
-        with self._calling(what):
-            answer = self.env.step(self._first_action + action)
-        return self._checked_answer(step_answer, answer, what)
+        with self._calling(f"step with action {self.actions.name(action)}"):
+            return step_answer(self.env.step(self._first_action + action))
 
     @contextlib.contextmanager
     def _calling(self, what: str) -> Iterator[None]:
@@ -234,16 +191,12 @@ class BoundTask(Closing):
         self.call = EnvironmentCall(what, time.monotonic())
         try:
             yield
+        except EnvironmentFailure as error:
+            raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
         except (Exception, SystemExit) as error:  # some exit when their window is closed
             raise EnvironmentFailure(f"task {self.name}: {what} failed: {_short(error)}") from error
         finally:
             self.call = None
-
-    def _checked_answer(self, understand: Callable[[Any], _T], answer: Any, what: str) -> _T:
-        try:
-            return understand(answer)
-        except ValueError as error:
-            raise EnvironmentFailure(f"task {self.name}: {what} failed: {error}") from None
 
     def close(self) -> None:
         """Close the environment.
@@ -277,19 +230,13 @@ class BoundTask(Closing):
     def restore_environment(
         self, saved: Mapping[str, Any], *, statistics_only: bool = False
     ) -> None:
-        """Restore what `environment_state` returned.
-
-        Args:
-            saved: The state.
-            statistics_only: Restore only running statistics, such as those that normalise
-                observations.
+        """Restore what `environment_state` returned, or only the running statistics in it.
 
         Raises:
             RunError: The state does not fit this environment.
         """
-        restore = wrapper_state.restore_statistics if statistics_only else wrapper_state.restore
         try:
-            restore(self.env, saved)
+            wrapper_state.restore(self.env, saved, statistics_only=statistics_only)
         except Exception as error:
             raise RunError(
                 f"task {self.name}: the environment cannot restore its saved state: "

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from serp.model.symmetry.model_symmetry import cycles
-
 
 @dataclass(frozen=True, kw_only=True)
 class Symmetry:
@@ -54,11 +52,7 @@ class Symmetry:
 
 
 def as_permutation(mapping: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return a mapping completed to a permutation.
-
-    Raises:
-        ValueError: Two things have the same image, or it is not a mapping.
-    """
+    """Return a mapping completed to a permutation; a ValueError says why there is none."""
     if not isinstance(mapping, Mapping):
         raise ValueError(f"expected a mapping such as {{'left': 'right'}}, not {mapping!r}")
     whole = dict(mapping)
@@ -73,3 +67,19 @@ def as_permutation(mapping: Mapping[Any, Any]) -> dict[Any, Any]:
                 start = sources[start]
             whole[end] = start
     return whole
+
+
+def cycles(mapping: Mapping[Any, Any]) -> str:
+    """Return a permutation in words: `left <-> right, a -> b -> c -> a`."""
+    told: list[str] = []
+    seen: set[Any] = set()
+    for start in mapping:
+        if start in seen or mapping[start] == start:
+            continue
+        cycle = [start]
+        while (following := mapping[cycle[-1]]) != start:
+            cycle.append(following)
+        seen.update(cycle)
+        names = [str(name) for name in cycle]
+        told.append(" <-> ".join(names) if len(cycle) == 2 else " -> ".join([*names, names[0]]))
+    return ", ".join(told)

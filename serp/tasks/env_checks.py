@@ -1,6 +1,6 @@
 """Checks of what an environment returns from `reset` and `step`.
 
-Every function raises a ValueError that says what was returned and what is expected.
+Every function raises an EnvironmentFailure that says what was returned and what is expected.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
+
+from serp.errors import EnvironmentFailure
 
 
 def step_answer(answer: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -39,44 +41,40 @@ def reset_answer(answer: Any) -> tuple[Any, dict[str, Any]]:
 
 def _taken_apart(answer: Any, count: int, wanted: str) -> tuple[Any, ...]:
     if not isinstance(answer, tuple | list):
-        raise ValueError(f"it returned {_shown(answer)}, not {wanted}")
+        raise EnvironmentFailure(f"it returned {_shown(answer)}, not {wanted}")
     if len(answer) != count:
-        raise ValueError(f"it returned {len(answer)} values, not {wanted}")
+        raise EnvironmentFailure(f"it returned {len(answer)} values, not {wanted}")
     return tuple(answer)
 
 
 def _owned(raw: Any) -> Any:
     """Return a copy of an observation, because environments reuse their buffers."""
-    if isinstance(raw, np.ndarray):
-        return raw.copy()
-    return copy.deepcopy(raw) if isinstance(raw, Mapping | tuple | list) else raw
+    return copy.deepcopy(raw) if isinstance(raw, np.ndarray | Mapping | tuple | list) else raw
 
 
 def _number(value: Any, what: str) -> float:
     element = single(value)
     if not isinstance(element, Real):
-        raise ValueError(f"{what} is {_shown(value)}, not one number")
+        raise EnvironmentFailure(f"{what} is {_shown(value)}, not one number")
     try:
         number = float(element)
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise ValueError(f"{what} is {number}, not a finite number")
+        raise EnvironmentFailure(f"{what} is {number}, not a finite number")
     return number
 
 
 def _truth(value: Any, what: str) -> bool:
-    if value is True or value is False:
-        return value
     element = single(value)
     if isinstance(element, Real) and element in (0, 1):
         return bool(element)
-    raise ValueError(f"{what} is {_shown(value)}, not True or False")
+    raise EnvironmentFailure(f"{what} is {_shown(value)}, not True or False")
 
 
 def _info(value: Any) -> dict[str, Any]:
     if not isinstance(value, Mapping):
-        raise ValueError(f"info is {_shown(value)}, not a dictionary")
+        raise EnvironmentFailure(f"info is {_shown(value)}, not a dictionary")
     return dict(value)
 
 

@@ -5,38 +5,15 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-_SLACK: Final = 1e-6
-"""Tolerance relative to a bound, because float32 rounds."""
-
-
-class OutOfBounds(NamedTuple):
-    """A number outside the bounds that its space declares.
-
-    Attributes:
-        name: Name of the entry.
-        value: Its value.
-        bound: The bound that it exceeds.
-    """
-
-    name: str
-    value: float
-    bound: float
-
 
 class Observations:
-    """The observations of a space, as flat vectors.
-
-    Args:
-        space: The space.
-
-    Attributes:
-        size: Length of the vectors.
+    """The observations of a space, as flat vectors of length `size`.
 
     Raises:
         ValueError: Observations of the space are not vectors.
@@ -51,10 +28,6 @@ class Observations:
             raise ValueError(f"observations of {space} cannot be flattened to a vector")
         self.space: spaces.Space[Any] = space
         self.size = int(flat.shape[0])
-        low, high = flat.low.astype(np.float64), flat.high.astype(np.float64)
-        self._low = low - _SLACK * np.abs(np.where(np.isfinite(low), low, 0.0))
-        self._high = high + _SLACK * np.abs(np.where(np.isfinite(high), high, 0.0))
-        self._bounded = bool(np.isfinite(low).any() or np.isfinite(high).any())
 
     def read(self, raw: Any) -> NDArray[np.float64]:
         """Return an observation as a new float64 vector `[size]`.
@@ -63,11 +36,8 @@ class Observations:
             ValueError: It is not a member of the space, does not consist of real numbers, or is not
                 finite; the message names the part, what was given and what is expected.
         """
-        if isinstance(self.space, spaces.Box):
-            vector = _flat(self.space, raw, "")
-        else:
-            parts = [_flat(leaf, value, path) for path, leaf, value in _leaves(self.space, raw, "")]
-            vector = np.concatenate(parts)
+        parts = [_flat(leaf, value, path) for path, leaf, value in _leaves(self.space, raw, "")]
+        vector = parts[0] if len(parts) == 1 else np.concatenate(parts)
         if not np.isfinite(vector).all():
             first = int((~np.isfinite(vector)).argmax())
             raise ValueError(f"{self.name(first)} is {vector[first]}")
@@ -75,22 +45,7 @@ class Observations:
 
     def raw(self, vector: NDArray[np.float64]) -> Any:
         """Return the observation of the space for a flat vector."""
-        if isinstance(self.space, spaces.Box):
-            return vector.reshape(self.space.shape).astype(self.space.dtype)
         return spaces.unflatten(self.space, vector)
-
-    def outside(self, vector: NDArray[np.float64]) -> OutOfBounds | None:
-        """Return the first number outside the declared bounds; None if all are inside."""
-        if not self._bounded:
-            return None
-        low, high = vector < self._low, vector > self._high
-        wrong = low | high
-        if not wrong.any():
-            return None
-        k = int(wrong.argmax())
-        return OutOfBounds(
-            self.name(k), float(vector[k]), float((self._low if low[k] else self._high)[k])
-        )
 
     def name(self, index: int) -> str:
         """Return the name of the entry at a position of the vector."""
@@ -109,37 +64,39 @@ def _entry(leaf: spaces.Space[Any], index: int) -> str:
     return f"entry {index}"
 
 
-def _below(space: Any) -> list[tuple[Any, Any]] | None:
-    """Return key and space of each part of a composite space, in Gymnasium's order."""
+def _below(space: Any, path: str) -> list[tuple[Any, str, Any]] | None:
+    """Return key, path and space of each part of a composite space, in Gymnasium's order."""
     if isinstance(space, spaces.Dict):
-        return list(space.spaces.items())
-    if isinstance(space, spaces.Tuple):
-        return list(enumerate(space.spaces))
-    return None
+        parts: Any = space.spaces.items()
+    elif isinstance(space, spaces.Tuple):
+        parts = enumerate(space.spaces)
+    else:
+        return None
+    return [(key, f"{path}.{key}" if path else str(key), part) for key, part in parts]
 
 
 def _leaf_spaces(space: Any, path: str) -> Iterator[tuple[str, Any]]:
-    below = _below(space)
+    below = _below(space, path)
     if below is None:
         yield path, space
         return
-    for key, part in below:
-        yield from _leaf_spaces(part, f"{path}.{key}" if path else str(key))
+    for _, place, part in below:
+        yield from _leaf_spaces(part, place)
 
 
 def _leaves(space: Any, raw: Any, path: str) -> Iterator[tuple[str, Any, Any]]:
     """Yield path, space and value of every part that is not composite."""
-    below = _below(space)
+    below = _below(space, path)
     if below is None:
         yield path, space, raw
         return
     kind = Mapping if isinstance(space, spaces.Dict) else Sequence
     if not isinstance(raw, kind) or isinstance(raw, str) or len(raw) != len(below):
         raise ValueError(f"{_named(path, raw)}; {space} is wanted")
-    for key, part in below:
+    for key, place, part in below:
         if isinstance(raw, Mapping) and key not in raw:
             raise ValueError(f"{_named(path, raw)}, without `{key}`; {space} is wanted")
-        yield from _leaves(part, raw[key], f"{path}.{key}" if path else str(key))
+        yield from _leaves(part, raw[key], place)
 
 
 def _flat(leaf: spaces.Space[Any], value: Any, path: str) -> NDArray[np.float64]:
@@ -149,9 +106,7 @@ def _flat(leaf: spaces.Space[Any], value: Any, path: str) -> NDArray[np.float64]
         return np.asarray(spaces.flatten(leaf, value), dtype=np.float64).reshape(-1)
     try:
         array = np.asarray(value)
-    except ValueError:  # lists of different lengths
-        array = np.asarray(None)
-    except Exception as error:  # a tensor with a gradient raises, and others may raise anything
+    except Exception as error:  # ragged lists, a tensor with a gradient, or anything else
         raise ValueError(f"{_named(path, value)}, which is not an array: {error}") from None
     if array.dtype.kind not in "biuf":
         raise ValueError(f"{_named(path, value)}; real numbers are wanted, for {leaf}")

@@ -1,8 +1,7 @@
 """Symmetries of a task, checked against the domain and against observations.
 
 In a task with a symmetry every sample counts twice: what was learned on the left applies on the
-right. The symmetry of the model often follows from the domain file (`left` and `right` are two
-objects with the same properties); that of the raw observation must be declared by the task.
+right. A task declares which objects are exchanged and how the raw observation is mirrored.
 """
 
 from __future__ import annotations
@@ -16,11 +15,9 @@ import numpy as np
 from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.learning.symmetry_group import Element, SymmetryGroup
-from serp.model.symmetry.automorphisms import find_symmetries
-from serp.model.symmetry.model_symmetry import ModelSymmetry, permuted_columns, violation
-from serp.model.symmetry.permutation import Asymmetry, symmetry_of
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.tasks.declared_symmetry import Symmetry, as_permutation
+from serp.tasks.model_symmetry import ModelSymmetry, violation
 
 if TYPE_CHECKING:
     from serp.planning.action_map import ActionMap
@@ -49,16 +46,7 @@ class TaskSymmetry:
     signs: tuple[float, ...] | None
 
     def check_grounding(self, task: BoundTask, observation: Vector, state: Vector) -> None:
-        """Check that grounding the mirrored observation gives the mirrored state.
-
-        Args:
-            task: The task.
-            observation: The flat observation.
-            state: Its grounding.
-
-        Raises:
-            TaskError: The mirrored observation's state is not the mirrored state.
-        """
+        """Check that grounding the mirror image of a flat observation gives that of its state."""
         if self.columns is None or self.signs is None:
             return
         mirrored = task.observations.raw(observation[list(self.columns)] * np.array(self.signs))
@@ -74,11 +62,7 @@ class TaskSymmetry:
             )
 
     def element(self, inputs: str) -> Element | None:
-        """Return the symmetry of the learner's input; None if it is unknown.
-
-        Args:
-            inputs: `observation`, `state` or `both`, as in the settings of the training.
-        """
+        """Return the symmetry of the learner's input (`training.inputs`); None if unknown."""
         state = Element(self.model.columns, self.model.signs, self.actions)
         if inputs == "state":
             return state
@@ -98,13 +82,8 @@ def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tupl
     """Return the symmetries that a task declares and its domain has.
 
     The expert may edit the domain file on one side only, which is not an error. A symmetry that the
-    file does not have is therefore left out.
-
-    Returns:
-        The symmetries, and a line with the reason for each that was left out.
-
-    Raises:
-        TaskError: A declaration is wrong for every domain.
+    file does not have is left out; the second result has a line with the reason for each. A
+    declaration that is wrong for every domain is a TaskError.
     """
     declared = task.task.symmetries
     if not isinstance(declared, Sequence) or not all(isinstance(s, Symmetry) for s in declared):
@@ -116,10 +95,10 @@ def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tupl
         try:
             found.append(_resolve(task, symmetry))
         except _Unfit as error:
-            left_out.append(f"The symmetry {error.name} is not used: {error}")
-        except _Wrong as error:
+            left_out.append(f"The symmetry {symmetry} is not used: {error}")
+        except ValueError as error:
             raise TaskError(
-                f"task {task.name}: symmetry {number} ({error.name}): {error}; {_ADVICE}"
+                f"task {task.name}: symmetry {number} ({symmetry!r}): {error}; {_ADVICE}"
             ) from None
     return tuple(found), tuple(left_out)
 
@@ -127,33 +106,16 @@ def declared_symmetries(task: BoundTask) -> tuple[tuple[TaskSymmetry, ...], tupl
 def symmetry_group(
     task: BoundTask, declared: Iterable[TaskSymmetry], inputs: str
 ) -> SymmetryGroup | None:
-    """Return the symmetries of the learner's inputs and actions; None if there are none.
-
-    If the learner's input is the state, symmetries found in the domain file are added.
-
-    Args:
-        task: The task.
-        declared: What `declared_symmetries` returned.
-        inputs: `observation`, `state` or `both`.
-    """
+    """Return the symmetries of the learner's inputs and actions; None if there are none."""
     elements = [e for s in declared if (e := s.element(inputs)) is not None]
-    if inputs == "state":
-        for model in find_symmetries(task.model.ground).generators:
-            try:
-                actions = _environment_actions(task.actions, model, {})
-            except _Wrong:  # not declared by the user, so it is left out silently
-                continue
-            elements.append(Element(model.columns, model.signs, actions))
     if not elements:
         return None
     group = SymmetryGroup(len(elements[0].columns), task.actions.size, elements)
     return group if len(group) > 1 else None
 
 
-class _Wrong(Exception):
+class _Wrong(ValueError):
     """A declared symmetry is wrong for every domain."""
-
-    name = ""
 
 
 class _Unfit(_Wrong):
@@ -161,25 +123,15 @@ class _Unfit(_Wrong):
 
 
 def _resolve(task: BoundTask, symmetry: Symmetry) -> TaskSymmetry:
-    try:
-        objects, pairs = as_permutation(symmetry.objects), as_permutation(symmetry.actions)
-    except ValueError as error:
-        wrong = _Wrong(str(error))
-        wrong.name = repr(symmetry)
-        raise wrong from None
-    name = str(symmetry)
-    try:
-        model = _model_symmetry(task.model, objects, pairs, symmetry.flip)
-        contradiction = violation(task.model, model)
-        if contradiction is not None:
-            raise _Unfit(f"the domain contradicts it: {contradiction}")
-        numbers = {a: b for a, b in pairs.items() if not isinstance(a, str)}
-        actions = _environment_actions(task.actions, model, numbers)
-        columns, signs = _of_observation(task.observation_size, symmetry)
-    except _Wrong as error:
-        error.name = name
-        raise
-    return TaskSymmetry(name, model, actions, columns, signs)
+    objects, pairs = as_permutation(symmetry.objects), as_permutation(symmetry.actions)
+    model = _model_symmetry(task.model, objects, pairs, symmetry.flip)
+    contradiction = violation(task.model, model)
+    if contradiction is not None:
+        raise _Unfit(f"the domain contradicts it: {contradiction}")
+    numbers = {a: b for a, b in pairs.items() if not isinstance(a, str)}
+    actions = _environment_actions(task.actions, model, numbers)
+    columns, signs = _of_observation(task.observation_size, symmetry)
+    return TaskSymmetry(str(symmetry), model, actions, columns, signs)
 
 
 def _model_symmetry(
@@ -196,9 +148,13 @@ def _model_symmetry(
                 f"no fluent or action of the domain is about an object `{name}`; "
                 f"{did_you_mean(str(name), known) or 'none is about any object'}"
             )
-    columns = permuted_columns(model.fluents, objects)
-    if not isinstance(columns, tuple):
-        raise _Unfit(f"fluent `{columns.name}` has no mirror image")
+    place = {fluent.key: fluent.index for fluent in model.fluents}
+    columns = [0] * len(place)
+    for fluent in model.fluents:
+        image = place.get((fluent.symbol, *_exchanged(fluent.arguments, objects)))
+        if image is None:
+            raise _Unfit(f"fluent `{fluent.name}` has no mirror image")
+        columns[image] = fluent.index
     if isinstance(flip, str) or not isinstance(flip, Sequence):
         raise _Wrong(f"flip must be names of fluents, not {flip!r}")
     signs = [1.0] * len(columns)
@@ -209,31 +165,21 @@ def _model_symmetry(
         if not index[name].numeric:
             raise _Wrong(f"`{name}` is true or false and has no sign")
         signs[index[name].index] = -1.0
-    actions = _ground_actions(model, objects, pairs, plain=not flip)
-    return ModelSymmetry(
-        {o: i for o, i in objects.items() if o != i}, columns, tuple(signs), actions
-    )
+    return ModelSymmetry(tuple(columns), tuple(signs), _ground_actions(model, objects, pairs))
+
+
+def _exchanged(arguments: tuple[str, ...], objects: Mapping[str, str]) -> tuple[str, ...]:
+    return tuple(objects.get(o, o) for o in arguments)
 
 
 def _ground_actions(
-    model: TransitionModel,
-    objects: Mapping[str, str],
-    pairs: Mapping[str | int, str | int],
-    *,
-    plain: bool,
+    model: TransitionModel, objects: Mapping[str, str], pairs: Mapping[str | int, str | int]
 ) -> tuple[int, ...]:
     """Return the image of every ground action."""
-    if plain and not pairs:
-        try:
-            return symmetry_of(model.ground, objects).actions
-        except Asymmetry as error:
-            where = f"{error.place}: " if error.place else ""
-            raise _Unfit(f"the domain contradicts it: {where}{error.what}") from None
     named = {(a.schema, a.arguments): k for k, a in enumerate(model.actions)}
     images = []
     for action in model.actions:
-        arguments = tuple(objects.get(o, o) for o in action.arguments)
-        image = named.get((action.schema, arguments))
+        image = named.get((action.schema, _exchanged(action.arguments, objects)))
         if image is None:
             raise _Unfit(f"action `{action.name}` has no mirror image")
         images.append(image)

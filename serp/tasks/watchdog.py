@@ -6,13 +6,13 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Self
 
+from serp._util.closing import Closing
 from serp.tasks.bound_task import BoundTask
 
 
-class Watchdog:
+class Watchdog(Closing):
     """Watches an environment from its own thread, and reports once that a call takes long.
 
     It is a context manager around the calls of the environment. It cannot watch an environment that
@@ -44,12 +44,8 @@ class Watchdog:
             self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Stop watching."""
         self._over.set()
         if self._thread.is_alive():
             self._thread.join()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from serp.control.arbiter import Arbiter
 from serp.control.decision import Decision
 from serp.control.leaf_value_bootstrap import LeafValueBootstrap
 from serp.control.proposers import LearnerProposer
-from serp.control.protocols import Mask, Proposer
+from serp.control.protocols import LeafValuePlanner, Mask, Proposer
 from serp.control.registry import find_learner, find_strategy, make_planner
 from serp.control.step_record import StepRecord
 from serp.control.strategies.strategy import Strategy
@@ -25,7 +25,6 @@ from serp.errors import EnvironmentFailure, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.planning.action_map import ActionForecast
-from serp.planning.lookahead import Lookahead
 from serp.settings import Settings
 from serp.sysid.transitions import CUT_OFF, GOES_ON, OVER
 from serp.tasks.bound_task import BoundTask
@@ -34,15 +33,6 @@ from serp.tasks.task_symmetry import TaskSymmetry, declared_symmetries, symmetry
 
 Arrays = dict[str, NDArray[Any]]
 Meta = dict[str, Any]
-
-
-def _learner_input(inputs: str) -> Callable[[Vector, Vector], Vector]:
-    """Return the function (observation, state) → input of the learner."""
-    if inputs == "observation":
-        return lambda observation, state: observation
-    if inputs == "state":
-        return lambda observation, state: state
-    return lambda observation, state: np.concatenate((observation, state))
 
 
 _FOR_LEARNER = (
@@ -113,7 +103,6 @@ class Agent:
             self.arbiter = Arbiter(
                 planner, actions, settings.arbiter, strategy, vetoes=NoVeto(actions)
             )
-        self._learner_input = _learner_input(settings.training.inputs)
         self.symmetries: tuple[TaskSymmetry, ...] = ()
         self.notices: tuple[str, ...] = ()
         group = None
@@ -121,7 +110,7 @@ class Agent:
             self.symmetries, self.notices = declared_symmetries(task)
             group = symmetry_group(task, self.symmetries, settings.training.inputs)
         if self.adaptation.notice is not None:
-            self.notices = (*self.notices, self.adaptation.notice)
+            self.notices += (self.adaptation.notice,)
         self.learner = make_learner(
             self._input_size(),
             task.actions.size,
@@ -131,14 +120,23 @@ class Agent:
             guided=strategy.guided,
         )
         self.leaf_values = None
-        if settings.bootstraps_leaves and isinstance(planner, Lookahead):
-            self.leaf_values = LeafValueBootstrap(planner, self.learner, leaf_value_seed)
+        if settings.bootstraps_leaves:
+            if isinstance(planner, LeafValuePlanner):
+                self.leaf_values = LeafValueBootstrap(planner, self.learner, leaf_value_seed)
+            else:
+                self.notices += ("The planner does not use the learner's values at its leaves.",)
         self._random = np.random.default_rng(random_seed)
 
     def _input_size(self) -> int:
-        sizes = {"observation": self.task.observation_size, "state": len(self.task.model.fluents)}
+        observation = np.zeros(self.task.observation_size)
+        return len(self._input(observation, np.zeros(len(self.task.model.fluents))))
+
+    def _input(self, observation: Vector, state: Vector) -> Vector:
+        """Return the learner's input."""
         inputs = self.settings.training.inputs
-        return sum(sizes.values()) if inputs == "both" else sizes[inputs]
+        if inputs == "both":
+            return np.concatenate((observation, state))
+        return observation if inputs == "observation" else state
 
     @property
     def strategy(self) -> Strategy:
@@ -168,9 +166,7 @@ class Agent:
                 f"task {self.task.name}: grounding: fluent `{self.task.model.fluents[place].name}` "
                 f"is {state[place]:g}, {_FOR_LEARNER}"
             )
-        return state, self._learner_input(observation, state)
-
-    # Deciding ----------------------------------------------------------------------------------
+        return state, self._input(observation, state)
 
     def decide(self, state: Vector, x: Vector) -> Decision:
         """Decide as in training, with exploration."""
@@ -198,8 +194,6 @@ class Agent:
     def proposer(self, x: Vector) -> Proposer:
         """Return the learner with an input."""
         return LearnerProposer(self.learner, x)
-
-    # Learning ----------------------------------------------------------------------------------
 
     def observe(self, step: StepRecord) -> None:
         """Update vetoes, model and leaf values with an env step of training."""
@@ -237,8 +231,6 @@ class Agent:
         """Make the learner's updates of one env step; return their mean loss, None for none."""
         self.learner.margin_weight = self.strategy.margin_weight
         return self.learner.learn()
-
-    # State -------------------------------------------------------------------------------------
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""

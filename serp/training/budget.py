@@ -10,7 +10,7 @@ from pydantic import Field
 from serp.errors import SettingsError
 from serp.settings.section import Section
 
-End = Annotated[int, Field(ge=1)] | None
+Limit = Annotated[int, Field(ge=1)] | None
 
 
 class Counted(Protocol):
@@ -24,34 +24,39 @@ class Counted(Protocol):
 class Budget(Section):
     """Limits of a training, counted from the run's beginning; it ends when it reaches one."""
 
-    episodes: End = None
+    episodes: Limit = None
     """Number of complete episodes; None for no limit."""
-    env_steps: End = None
+    env_steps: Limit = None
     """Number of env steps; the episode that reaches it is finished. None for no limit."""
-    units: End = None
+    units: Limit = None
     """Number of complete units of `arbiter.rho_unit`, such as games; None for no limit."""
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Budget:
+    def from_dict(cls, values: Any) -> Budget:
         """Return the budget that `as_dict` wrote.
 
         Raises:
             SettingsError: It is not a budget.
         """
-        if not isinstance(values, Mapping) or values.keys() != cls.model_fields.keys():
+        if not isinstance(values, Mapping):
             raise SettingsError(f"{values!r} is not a budget")
         return cls(**values)
 
     @property
-    def given(self) -> bool:
-        """Whether there is any limit."""
-        return any(end is not None for _, end in self)
+    def limits(self) -> dict[str, int]:
+        """The limits that there are, by name."""
+        return {name: limit for name, limit in self if limit is not None}
+
+    @staticmethod
+    def counts(counted: Counted) -> dict[str, int]:
+        """Return the counts by the names of their limits."""
+        return {
+            "episodes": counted.episode,
+            "env_steps": counted.env_steps,
+            "units": counted.units,
+        }
 
     def spent_by(self, counted: Counted) -> bool:
         """Return whether a limit is reached."""
-        pairs = (
-            (counted.episode, self.episodes),
-            (counted.env_steps, self.env_steps),
-            (counted.units, self.units),
-        )
-        return any(end is not None and now >= end for now, end in pairs)
+        counts = self.counts(counted)
+        return any(counts[name] >= limit for name, limit in self.limits.items())

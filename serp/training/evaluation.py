@@ -98,14 +98,7 @@ class EvaluationResult:
 
 
 class Episode(NamedTuple):
-    """An episode right after the reset.
-
-    Attributes:
-        number: Number of the episode, from 1.
-        info: The environment's info at the reset.
-        steps: An iterator that executes the steps one by one.
-        totals: The totals of the steps so far.
-    """
+    """An episode right after the reset; iterating over `steps` executes them one by one."""
 
     number: int
     info: dict[str, Any]
@@ -140,21 +133,15 @@ def play(
     policies = _policies(agent)
     if not isinstance(policy, str) or policy not in policies:
         raise SettingsError(f"there is no policy `{policy}`; {did_you_mean(str(policy), policies)}")
-    count = whole(episodes, 1)
+    count, seed = whole(episodes, 1), seed_of(seed)
     if count is None:
         raise SettingsError(
             f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
         )
-    return _play(agent, task, policies[policy], count, seed_of(seed))
-
-
-def _play(
-    agent: Agent, task: BoundTask, begin: _Begin, episodes: int, seed: int
-) -> Iterator[Episode]:
     limit = agent.settings.training.episode_steps
-    for episode in range(episodes):
+    for episode in range(count):
         rollout = Rollout(task, agent.perceive, seed=evaluation_seed(seed, episode), limit=limit)
-        decide = begin(np.random.SeedSequence(entropy=seed, spawn_key=(_DRAWS, episode)))
+        decide = policies[policy](np.random.SeedSequence(seed, spawn_key=(_DRAWS, episode)))
         yield Episode(episode + 1, rollout.info, rollout.steps(decide), rollout.totals)
 
 

@@ -7,17 +7,14 @@ import datetime
 import os
 import shlex
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from serp._util.numbers import seed_of
 from serp._util.threads import one_thread
 from serp.control.step_record import StepRecord
 from serp.errors import Interrupted, RunError, SettingsError, TaskError
-from serp.model.loading import Domain
 from serp.model.transition_model import StateError
 from serp.runs.checkpoint import NEWEST, PREVIOUS
 from serp.runs.config import CONFIG
@@ -33,8 +30,7 @@ from serp.tasks.task import Task
 from serp.tasks.watchdog import Watchdog
 from serp.training.budget import Budget
 from serp.training.compile_progress import show_compiling
-from serp.training.progress import ProgressStats
-from serp.training.progress_display import open_progress
+from serp.training.progress import Progress
 from serp.training.run import Run, reading, task_of_run
 from serp.training.run_metadata import content_digests, read_run_metadata, refuse_changes
 from serp.training.stopping import stop_between_episodes
@@ -115,13 +111,11 @@ def plan_and_learn(
             "budget": budget.as_dict(),
             "settings": resolved.as_dict(),
         }
-        sources = [(s.name, s.text) for s in _sources(bound.domain)]
+        files = (bound.domain.source, bound.domain.problem_source)
+        sources = [(file.name, file.text) for file in files if file is not None]
         trainer = _trainer(bound, resolved, seed, quiet=quiet)
-        command = tuple(sys.argv)
-        with RunFolder.create(path, config, sources, command=command, now=begun) as folder:
-            trainer.decisions = folder.decisions
-            with _advice_to_resume(folder):
-                return _train(folder, trainer, budget, quiet=quiet)
+        with RunFolder.create(path, config, sources, command=sys.argv, now=begun) as folder:
+            return _train(folder, trainer, budget, quiet=quiet)
 
 
 def _trainer(task: BoundTask, settings: Settings, seed: int, *, quiet: bool) -> Trainer:
@@ -132,29 +126,26 @@ def _trainer(task: BoundTask, settings: Settings, seed: int, *, quiet: bool) -> 
     return trainer
 
 
-def _sources(domain: Domain) -> list[Any]:
-    return [s for s in (domain.source, domain.problem_source) if s is not None]
-
-
 def _continue(folder: RunFolder, task: BoundTask, budget: Budget, *, quiet: bool) -> Run:
     made = read_run_metadata(folder)
     if made.settings.training.tensorboard:
         require_tensorboard()
     trainer = _trainer(task, made.settings, made.seed, quiet=quiet)
-    trainer.decisions = folder.decisions
-    before = made.budget
-    note = None
-    if not _never_began(folder):
+    before, notes = made.budget, []
+    # A run without a checkpoint and without an episode was stopped before it began.
+    if _has_checkpoint(folder) or len(read_metrics(folder.path / METRICS)["episode"]):
         checkpoint = folder.resume()
         refuse_changes(folder, checkpoint)
         with reading(checkpoint) as saved:
             trainer.load_state_dict(checkpoint.arrays, checkpoint.meta)
             before = Budget.from_dict(saved.part("budget")[1])
-        note = checkpoint.fallback
-    if not budget.given:
-        budget = before
-    with _advice_to_resume(folder):
-        return _train(folder, trainer, budget, quiet=quiet, note=note)
+        if checkpoint.fallback is not None:
+            notes = [checkpoint.fallback]
+    return _train(folder, trainer, budget if budget.limits else before, quiet=quiet, notes=notes)
+
+
+def _has_checkpoint(folder: RunFolder) -> bool:
+    return any((folder.path / name).exists() for name in (NEWEST, PREVIOUS))
 
 
 @contextlib.contextmanager
@@ -168,7 +159,7 @@ def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
     except (SettingsError, StateError):
         raise
     except (Exception, KeyboardInterrupt) as error:
-        if any((folder.path / name).exists() for name in (NEWEST, PREVIOUS)):
+        if _has_checkpoint(folder):
             kept = f"The run up to the last checkpoint is kept in {folder.path}. "
             error.add_note(
                 f"{'' if isinstance(error, Interrupted) else kept}Continue with\n"
@@ -178,36 +169,28 @@ def _advice_to_resume(folder: RunFolder) -> Iterator[None]:
         raise
 
 
-def _never_began(folder: RunFolder) -> bool:
-    """Return whether the run was stopped before its first checkpoint, which precedes training."""
-    return not (
-        (folder.path / NEWEST).exists()
-        or (folder.path / PREVIOUS).exists()
-        or len(read_metrics(folder.path / METRICS)["episode"])
-    )
-
-
 def _train(
     folder: RunFolder,
     trainer: Trainer,
     budget: Budget,
     *,
     quiet: bool,
-    note: str | None = None,
+    notes: Sequence[str] = (),
 ) -> Run:
+    """Train until the budget is spent or a signal is received."""
     settings = trainer.settings.training
-    if not budget.given:
+    trainer.decisions = folder.decisions
+    if not budget.limits:
         # A number of units, if the task or the user sets one, replaces the number of steps.
         units = settings.units
         budget = Budget(units=units) if units else Budget(env_steps=settings.env_steps)
     digests = content_digests(folder)
-    progress = open_progress(
-        title=f"{trainer.task.name} → {folder.path}",
-        budget=budget,
-        unit=trainer.settings.arbiter.rho_unit,
-        start=_stats(trainer, trainer.wall_time),
-        quiet=quiet,
+    progress = Progress(trainer, budget, f"{trainer.task.name} → {folder.path}", quiet=quiet)
+    trainer.task.on_notice = progress.note
+    watchdog = Watchdog(
+        trainer.task, settings.slow_step_seconds, lambda: trainer.under_way, progress.note
     )
+    events: EventWriter | None = None
 
     def save() -> float:
         """Save a checkpoint; return when the next is due, so that checkpoints cost at most 2 %."""
@@ -219,28 +202,23 @@ def _train(
         cost = trainer.wall_time - begun
         return trainer.wall_time + min(settings.checkpoint_seconds, 50 * cost)
 
-    def after_step(step: StepRecord) -> None:
-        answer = stopping.answer("the episode", "the run then continues from its last checkpoint")
-        if answer is not None:
-            progress.answer(answer)
-        if progress.due():
-            progress.update(_stats(trainer, trainer.wall_time))
+    with _advice_to_resume(folder), stop_between_episodes() as stopping:
 
-    trainer.on_step = after_step
-    trainer.task.on_notice = progress.note
-    watchdog = Watchdog(
-        trainer.task, settings.slow_step_seconds, lambda: trainer.under_way, progress.note
-    )
-    events: EventWriter | None = None
-    with stop_between_episodes() as stopping:
+        def after_step(step: StepRecord) -> None:
+            answer = stopping.answer(
+                "the episode", "the run then continues from its last checkpoint"
+            )
+            if answer is not None:
+                progress.answer(answer)
+            progress.refresh()
+
+        trainer.on_step = after_step
         with contextlib.ExitStack() as stack, one_thread(), progress, watchdog:
             if settings.tensorboard:
                 events = stack.enter_context(EventWriter(folder.path, trainer.env_steps + 1))
             source = describe_source(trainer.judge.source, in_file=trainer.task.model.rewarding)
-            said = f"The learner learns from {source}."
-            for text in (note, said, *trainer.agent.notices):
-                if text is not None:
-                    progress.note(text)
+            for note in (*notes, f"The learner learns from {source}.", *trainer.agent.notices):
+                progress.note(note)
             # A failure in the first episodes must not prevent a continuation.
             due = save()
             while not budget.spent_by(trainer) and not stopping.requested:
@@ -248,32 +226,16 @@ def _train(
                 folder.metrics.append(row)
                 if events is not None:
                     events.append(row)
-                progress.update(_stats(trainer, row.wall_time))
                 if trainer.wall_time >= due:
                     due = save()
             save()
         from serp.runs.results import write_results  # imports matplotlib, which steps do not need
 
         write_results(folder, compile_seconds=trainer.compile_seconds)
-    if stopping.signal is not None and not budget.spent_by(trainer):
-        raise Interrupted(
-            f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; everything "
-            f"is saved in {folder.path}.",
-            stopping.signal,
-        )
+        if stopping.signal is not None and not budget.spent_by(trainer):
+            raise Interrupted(
+                f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; "
+                f"everything is saved in {folder.path}.",
+                stopping.signal,
+            )
     return Run(folder.path, trainer.task.task)
-
-
-def _stats(trainer: Trainer, wall_time: float) -> ProgressStats:
-    recent = trainer.recent
-    return ProgressStats(
-        episode=trainer.episode,
-        env_steps=trainer.env_steps,
-        units=trainer.units,
-        last_return=recent[-1] if recent else None,
-        mean_return=float(np.mean(recent)) if recent else None,
-        rho=trainer.agent.strategy.rho,
-        vetoes=trainer.tally.vetoes,
-        unsafe_executed=trainer.tally.unsafe_executed,
-        wall_time=wall_time,
-    )

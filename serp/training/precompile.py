@@ -1,7 +1,6 @@
 """Compilation of the loops of an agent before training, without an environment.
 
-Loops are compiled when they are first called. Without this module the robot would pause for seconds
-after its first observation, and again at its first update.
+Without it the robot would pause for seconds after its first observation and at its first update.
 """
 
 from __future__ import annotations
@@ -15,7 +14,6 @@ from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.residual.solvers import accumulate_fourier
 from serp.control.registry import find_learner
-from serp.planning.lookahead import Lookahead
 from serp.sysid.transitions import GOES_ON, OVER
 from serp.training.agent import Agent
 
@@ -30,18 +28,14 @@ _ROOM: Final = 64
 
 
 def precompile(agent: Agent) -> None:
-    """Compile the loops that an agent calls, with artificial states; the agent does not change.
-
-    Args:
-        agent: The agent.
-    """
+    """Compile the loops that an agent calls, with artificial states; the agent does not change."""
     random = np.random.default_rng(0)
     fluents = agent.task.model.fluents
     states = random.normal(size=(_OBSERVED + 1, len(fluents)))
     predicates = [k for k, fluent in enumerate(fluents) if not fluent.numeric]
     states[:, predicates] = states[:, predicates] > 0
     states[: _WHOLE + 1] = np.round(states[: _WHOLE + 1])
-    if isinstance(agent.arbiter.planner, Lookahead):
+    if agent.task.model.compiles:
         _precompile_learning(agent, states[0])
     if agent.leaf_values is not None:
         agent.leaf_values.precompile()

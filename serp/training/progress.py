@@ -1,151 +1,193 @@
-"""The progress of a training: its numbers, its speed, and the remaining time."""
+"""The display of a training on standard error: a panel on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
+import contextlib
+import os
+import sys
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Final, Self
+from typing import Final, Self, TextIO
 
+import numpy as np
+from rich.columns import Columns
+from rich.console import Group
+from rich.live import Live
+from rich.panel import Panel
+from rich.progress_bar import ProgressBar
+from rich.text import Text
+
+from serp._util.number_format import duration
+from serp._util.terminal import open_console, visible
 from serp.training.budget import Budget
+from serp.training.trainer import Trainer
 
+_PANEL_EVERY: Final = 0.2  # seconds; a refresh takes 5 ms
+_LINE_EVERY: Final = 5.0  # seconds
 _MEMORY: Final = 30.0  # seconds over which the speed is measured
 _TOO_SHORT: Final = 0.5  # seconds over which a measured speed would be noise
 
 
-@dataclass(frozen=True, slots=True)
-class ProgressStats:
-    """The numbers of a training in progress.
-
-    Attributes:
-        episode: Number of complete episodes.
-        env_steps: Number of env steps.
-        units: Number of complete units of `arbiter.rho_unit`.
-        last_return: Return of the last episode; None before the first has ended.
-        mean_return: Mean return of the last 20 episodes; None before the first has ended.
-        rho: Learner probability; None without a learner.
-        vetoes: Number of proposals refused.
-        unsafe_executed: Number of executed actions that were flagged unsafe.
-        wall_time: Seconds of training, as in the run's metrics.
-    """
-
-    episode: int
-    env_steps: int
-    last_return: float | None = None
-    mean_return: float | None = None
-    rho: float | None = None
-    vetoes: int = 0
-    unsafe_executed: int = 0
-    units: int = 0
-    wall_time: float = 0.0
-
-    @property
-    def steps_per_second(self) -> float | None:
-        """Env steps per second since the run began, as in its summary; None at its beginning."""
-        return self.env_steps / self.wall_time if self.wall_time > 0 else None
-
-
 class Progress:
-    """A display; this base class shows nothing.
-
-    Used as a context manager around the training. In the loop::
-
-        if progress.due():
-            progress.update(ProgressStats(...))
-
-    and `update` once more after every episode. `due` only reads the clock, so that it can be called
-    in every step.
+    """Shows a training while its body runs; a stream that was closed does not end the training.
 
     Args:
-        budget: The budget of the training.
-        unit: Name of its unit.
-        start: The numbers when this process begins; those of a resumed run are not 0.
+        trainer: The training.
+        budget: Its budget.
+        title: Title of the panel.
+        quiet: Show nothing, except for answers on a terminal.
+        stream: The stream; by default standard error.
         clock: Monotonic clock, seconds.
     """
 
     def __init__(
         self,
-        budget: Budget | None = None,
-        unit: str = "unit",
-        start: ProgressStats | None = None,
+        trainer: Trainer,
+        budget: Budget,
+        title: str,
+        *,
+        quiet: bool = False,
+        stream: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._budget = budget or Budget()
-        self._unit = unit
+        self._trainer = trainer
+        self._budget = budget
+        self._title = title
+        self._quiet = quiet
         self._clock = clock
+        self._on_terminal = is_terminal(stream)
+        self._console = open_console(stream, stderr=True)
+        self._live: Live | None = None
         self._next = float("inf")  # time of the next refresh
-        self._latest = start or ProgressStats(0, 0)
-        self._samples: deque[ProgressStats] = deque()
-        self._moving = False
-
-    def due(self) -> bool:
-        """Return whether it is time for the next refresh."""
-        return self._clock() >= self._next
-
-    def update(self, stats: ProgressStats) -> None:
-        """Set the newest numbers, and show them if a refresh is due."""
-        if not self._moving and stats.env_steps > self._latest.env_steps:
-            # The time before the first step, mostly compilation, does not count for the speed.
-            self._moving = True
-            self._samples.clear()
-            self._samples.append(stats)
-        self._latest = stats
-        if self.due():
-            self._show()
-
-    def note(self, text: str) -> None:
-        """Show a permanent line, such as a warning; a quiet display shows nothing."""
-
-    def answer(self, text: str) -> None:
-        """Show a line in response to a key; even a quiet display shows it on a terminal."""
-        self.note(text)
+        self._shown = trainer.env_steps
+        self._samples: deque[tuple[float, dict[str, int]]] = deque()
 
     def __enter__(self) -> Self:
+        if self._quiet:
+            return self
         self._sample()
+        self._next = self._clock()
+        if self._on_terminal:
+            # No refresh thread: it would draw while the loop computes. Other output to a terminal
+            # goes above the panel; output to a file or a pipe is not redirected.
+            self._live = Live(
+                console=self._console,
+                auto_refresh=False,
+                redirect_stdout=is_terminal(sys.stdout),
+                redirect_stderr=is_terminal(sys.stderr),
+            )
+            self._live.start()
         return self
 
     def __exit__(self, *exception: object) -> None:
-        pass
+        if not self._quiet and self._shown != self._trainer.env_steps:
+            self._show()
+        if self._live is not None:
+            with contextlib.suppress(OSError, ValueError):
+                self._live.stop()
+
+    def refresh(self) -> None:
+        """Show the newest numbers if it is time; cheap enough for every step."""
+        if self._clock() >= self._next:
+            self._show()
+
+    def note(self, text: str) -> None:
+        """Show a permanent line, such as a warning, unless the display is quiet."""
+        if not self._quiet:
+            self._print(text)
+
+    def answer(self, text: str) -> None:
+        """Show a line in response to a key; even a quiet display shows it on a terminal."""
+        if not self._quiet or self._on_terminal:
+            self._print(text)
+
+    def _print(self, text: str) -> None:
+        with contextlib.suppress(OSError, ValueError):
+            self._console.print(text, soft_wrap=True)
 
     def _show(self) -> None:
-        pass
+        self._sample()
+        self._shown = self._trainer.env_steps
+        try:
+            if self._live is None:
+                text = ", ".join(f"{label} {value}" for label, value in self._numbers())
+                self._console.print(text, soft_wrap=True)
+            else:
+                self._live.update(self._panel(), refresh=True)
+        except (OSError, ValueError):  # the stream was closed
+            self._next = float("inf")
+        else:
+            self._next = self._clock() + (_LINE_EVERY if self._live is None else _PANEL_EVERY)
+
+    def _panel(self) -> Panel:
+        cells = [Text.assemble((f"{label} ", "dim"), value) for label, value in self._numbers()]
+        now = self._budget.counts(self._trainer)
+        spent = max((now[name] / limit for name, limit in self._budget.limits.items()), default=0.0)
+        bar = ProgressBar(total=1.0, completed=spent, width=32)
+        return Panel(
+            Group(Columns(cells, padding=(0, 3), equal=True), bar),
+            title=Text(visible(self._title)),
+            title_align="left",
+            expand=False,
+        )
+
+    def _numbers(self) -> list[tuple[str, str]]:
+        """Return labels and values."""
+        trainer, budget = self._trainer, self._budget
+        numbers = [
+            ("episode", _of(trainer.episode, budget.episodes)),
+            ("step", _of(trainer.env_steps, budget.env_steps)),
+        ]
+        if budget.units is not None:
+            unit = trainer.settings.arbiter.rho_unit
+            numbers.insert(0, (unit, _of(trainer.units, budget.units)))
+        if trainer.recent:
+            numbers.append(("return", _number(trainer.recent[-1])))
+            numbers.append(("mean of last 20", _number(float(np.mean(trainer.recent)))))
+        rho = trainer.agent.strategy.rho
+        if rho is not None:
+            numbers.append(("rho", f"{rho:.2f}"))
+        numbers.append(("vetoes", f"{trainer.tally.vetoes:,}"))
+        numbers.append(("unsafe executed", f"{trainer.tally.unsafe_executed:,}"))
+        if trainer.wall_time > 0:
+            numbers.append(("steps/s", f"{trainer.env_steps / trainer.wall_time:,.0f}"))
+        left = self._seconds_left()
+        if left is not None:
+            numbers.append(("time left", duration(left)))
+        return numbers
 
     def _sample(self) -> None:
-        now = self._latest.wall_time
-        self._samples.append(self._latest)
-        while len(self._samples) > 2 and self._samples[1].wall_time <= now - _MEMORY:
+        now = self._trainer.wall_time
+        self._samples.append((now, self._budget.counts(self._trainer)))
+        while len(self._samples) > 2 and self._samples[1][0] <= now - _MEMORY:
             self._samples.popleft()
-
-    def _speeds(self) -> dict[str, float]:
-        """Return counts per second of training over the last half minute; 0 if unknown."""
-        first = self._samples[0]
-        seconds = self._samples[-1].wall_time - first.wall_time
-        counts = zip(_counts(first), _counts(self._latest), strict=True)
-        known = seconds >= _TOO_SHORT
-        return {
-            name: (now - before) / seconds if known else 0.0 for (name, before), (_, now) in counts
-        }
-
-    def _ends(self) -> dict[str, int]:
-        """Return the limits of the budget by name."""
-        return {name: end for name, end in self._budget.as_dict().items() if end is not None}
-
-    def _done(self) -> float | None:
-        """Return the share of the budget that is spent, in [0, 1]; None without a budget."""
-        now = dict(_counts(self._latest))
-        return max((min(1.0, now[name] / end) for name, end in self._ends().items()), default=None)
 
     def _seconds_left(self) -> float | None:
         """Return the estimated seconds until the first limit is reached; None if unknown."""
-        now, speeds = dict(_counts(self._latest)), self._speeds()
+        (begin, before), (end, now) = self._samples[0], self._samples[-1]
+        if end - begin < _TOO_SHORT:
+            return None
         left = [
-            max(0, end - now[name]) / speeds[name]
-            for name, end in self._ends().items()
-            if speeds[name] > 0
+            max(0, limit - now[name]) * (end - begin) / (now[name] - before[name])
+            for name, limit in self._budget.limits.items()
+            if now[name] > before[name]
         ]
         return min(left, default=None)
 
 
-def _counts(stats: ProgressStats) -> tuple[tuple[str, int], ...]:
-    return ("episodes", stats.episode), ("env_steps", stats.env_steps), ("units", stats.units)
+def is_terminal(stream: TextIO | None) -> bool:
+    """Return whether a stream, by default standard error, can overwrite what it shows."""
+    stream = stream or sys.stderr
+    with contextlib.suppress(ValueError):  # it was closed
+        dumb = os.environ.get("TERM", "").lower() in ("dumb", "unknown")
+        return stream is not None and stream.isatty() and not dumb
+    return False
+
+
+def _of(now: int, limit: int | None) -> str:
+    return f"{now:,}" if limit is None else f"{now:,}/{limit:,}"
+
+
+def _number(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.1f}"

@@ -34,8 +34,7 @@ def evaluation_seed(seed: int, episode: int) -> int:
 
 
 def _seed(seed: int, use: int, episode: int) -> int:
-    sequence = np.random.SeedSequence(entropy=seed, spawn_key=(use, episode))
-    return int(sequence.generate_state(1)[0])
+    return int(np.random.SeedSequence(seed, spawn_key=(use, episode)).generate_state(1)[0])
 
 
 class Rollout:
@@ -91,8 +90,9 @@ class Rollout:
         """
         observation, env_reward, terminated, truncated, info = self._task.step(decision.action)
         next_state, next_x = self._perceive(observation)
-        judged = Judged(env_reward, 0.0, False)
-        if self._judge is not None:
+        if self._judge is None:
+            judged = Judged(env_reward, 0.0, False)
+        else:
             ground = int(decision.forecast.ground[decision.action])
             judged = self._judge(self.state, ground, next_state, env_reward)
         number = self.totals.length + 1

@@ -187,7 +187,12 @@ def task_of_run(folder: RunFolder, task: Task) -> Task:
         max_ground_schemas=made.max_ground_schemas,
     )
     return dataclasses.replace(
-        task, domain=domain, problem=None, name=made.task, reward=made.reward, dt=made.dt
+        task,
+        domain=domain,
+        problem=None,
+        name=made.task,
+        reward=made.reward,
+        dt=made.control_period,
     )
 
 

@@ -5,10 +5,19 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    NonNegativeInt,
+    ValidationError,
+)
 
 from serp._util.files import read_regular
-from serp._util.numbers import COUNTED, real, seed_of, whole
+from serp._util.numbers import COUNTED
 from serp._util.saved_state import Saved
 from serp.errors import RunError, SettingsError
 from serp.model.loading import problem_beside
@@ -19,28 +28,27 @@ from serp.settings import Settings
 from serp.training.budget import Budget
 
 
-class RunMetadata(NamedTuple):
-    """The configuration of a run.
+class RunMetadata(BaseModel):
+    """The part of a run's configuration that it is read back with."""
 
-    Attributes:
-        task: Name of the task.
-        seed: Seed of everything random.
-        reward: The source of the reward that the task declares.
-        dt: Control period.
-        settings: All settings.
-        budget: The budget that the run began with.
-        observed: Fluents that the environment gives although the problem's `:init` states them.
-        max_ground_schemas: Limit on the size of the grounded domain.
-    """
+    model_config = ConfigDict(frozen=True, strict=True, use_attribute_docstrings=True)
 
     task: str
-    seed: int
+    """Name of the task."""
+    seed: NonNegativeInt
+    """Seed of everything random."""
     reward: Literal["domain", "environment"]
-    dt: float
-    settings: Settings
-    budget: Budget
-    observed: tuple[str, ...]
-    max_ground_schemas: int
+    """The source of the reward that the task declares."""
+    control_period: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    """Seconds between two decisions."""
+    settings: Annotated[Settings, BeforeValidator(Settings.from_dict)]
+    """All settings."""
+    budget: Annotated[Budget, BeforeValidator(Budget.from_dict)]
+    """The budget that the run began with."""
+    observed: list[str] = []
+    """Fluents that the environment gives although the problem's `:init` states them."""
+    max_ground_schemas: Annotated[int, Field(ge=1, le=COUNTED)]
+    """Limit on the size of the grounded domain."""
 
 
 def read_run_metadata(folder: RunFolder) -> RunMetadata:
@@ -49,28 +57,13 @@ def read_run_metadata(folder: RunFolder) -> RunMetadata:
     Raises:
         RunError: Something is missing in it, or of the wrong kind.
     """
-    config = folder.config
     try:
-        if config["reward"] not in ("domain", "environment"):
-            raise ValueError(f"reward is {config['reward']!r}")
-        dt = real(config["control_period"])
-        if dt is None or dt <= 0:
-            raise ValueError(f"control_period is {config['control_period']!r}")
-        limit = whole(config["max_ground_schemas"], 1, COUNTED)
-        if limit is None:
-            raise ValueError(f"max_ground_schemas is {config['max_ground_schemas']!r}")
-        return RunMetadata(
-            task=str(config["task"]),
-            seed=seed_of(config["seed"]),
-            reward=config["reward"],
-            dt=dt,
-            settings=Settings.from_dict(config["settings"]),
-            budget=Budget.from_dict(config["budget"]),
-            observed=tuple(map(str, config.get("observed", ()))),
-            max_ground_schemas=limit,
-        )
-    except (KeyError, TypeError, ValueError, AttributeError, SettingsError) as error:
-        what = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        return RunMetadata.model_validate(folder.config)
+    except (ValidationError, SettingsError) as error:
+        what = str(error)
+        if isinstance(error, ValidationError):
+            first = error.errors(include_url=False)[0]
+            what = f"{first['loc'][0]}: {first['msg']}"
         raise RunError(
             f"{folder.path / CONFIG} was changed or damaged: {what}; restore it from a copy"
         ) from error

@@ -25,11 +25,7 @@ shells and schedulers send it to the process and to its group."""
 
 
 class StoppedAtOnce(KeyboardInterrupt):
-    """A second signal was received.
-
-    Attributes:
-        signal: Its number.
-    """
+    """A second signal was received; `signal` is its number."""
 
     def __init__(self, number: int) -> None:
         super().__init__()
@@ -37,11 +33,7 @@ class StoppedAtOnce(KeyboardInterrupt):
 
 
 class Stopping:
-    """The state of a request to stop.
-
-    Attributes:
-        signal: Number of the first signal; None if there was none.
-    """
+    """The state of a request to stop: `signal` is the number of the first signal, None for none."""
 
     def __init__(self) -> None:
         self.signal: int | None = None
@@ -71,12 +63,8 @@ class Stopping:
             f"{otherwise}."
         )
 
-    def hear(self, number: int) -> None:
-        """Handle a signal.
-
-        Raises:
-            StoppedAtOnce: It is not the first.
-        """
+    def hear(self, number: int, frame: FrameType | None) -> None:
+        """Handle a signal; raise `StoppedAtOnce` if it is not the first."""
         now = time.monotonic()
         if self.signal is None:
             self.signal, self._since = number, now
@@ -97,10 +85,6 @@ def stop_between_episodes() -> Iterator[Stopping]:
     if threading.current_thread() is not threading.main_thread():
         yield stopping
         return
-
-    def hear(number: int, frame: FrameType | None) -> None:
-        stopping.hear(number)
-
     before = {
         number: handler
         for number in SIGNALS
@@ -109,7 +93,7 @@ def stop_between_episodes() -> Iterator[Stopping]:
     }
     try:
         for number in before:
-            signal.signal(number, hear)
+            signal.signal(number, stopping.hear)
         yield stopping
     finally:
         for number, handler in before.items():

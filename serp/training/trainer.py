@@ -43,12 +43,11 @@ class Trainer:
         task: The task.
         settings: All settings.
         seed: Seed of everything random.
-        decisions: Table in which decisions are logged; None for no log.
         agent: The agent; by default a new `Agent`.
 
     Attributes:
         judge: Judges the steps.
-        decisions: As the argument; may be set before the first episode.
+        decisions: Table in which decisions are logged; None for no log.
         episode, env_steps: Numbers of complete episodes and of env steps.
         under_way: Number of the current env step, from 1.
         units: Number of complete units of `arbiter.rho_unit`.
@@ -61,7 +60,6 @@ class Trainer:
         task: BoundTask,
         settings: Settings,
         seed: int,
-        decisions: Table | None = None,
         agent: Agent | None = None,
     ) -> None:
         self.task = task
@@ -85,13 +83,12 @@ class Trainer:
         self.under_way = 1
         self.tally = DecisionCounts()
         self.recent: deque[float] = deque(maxlen=20)
-        self.decisions = decisions
+        self.decisions: Table | None = None
         self.on_step: OnStep | None = None
         self._pretrained = settings.training.random_steps == 0
         self._wall_before, self._clock = 0.0, working_time()
         self._unit_value: Any = None
         self._unchecked = _MIRRORED
-        self._names = [task.actions.name(a) for a in range(task.actions.size)]
 
     @property
     def wall_time(self) -> float:
@@ -109,10 +106,7 @@ class Trainer:
         self._clock = working_time()
 
     def run_episode(self) -> MetricsRow:
-        """Train for one episode.
-
-        Returns:
-            The row of the metrics.
+        """Train for one episode, and return its row of the metrics.
 
         Raises:
             TaskError: The grounding failed, or contradicts a symmetry that the task declares.
@@ -242,15 +236,14 @@ class Trainer:
     def _log(self, decision: Decision, state: Vector) -> None:
         if self.decisions is None:
             return
-        explanation = self.agent.arbiter.explain(decision, state)
-        names = self._names
+        name = self.task.actions.name
         self.decisions.append(
             DecisionRow(
                 step=self.env_steps,
                 episode=self.episode + 1,
                 proposed_by=decision.proposed_by,
-                proposed=names[decision.proposed] if decision.proposed >= 0 else "",
-                executed=names[decision.action],
+                proposed=name(decision.proposed) if decision.proposed >= 0 else "",
+                executed=name(decision.action),
                 executed_by=decision.executed_by,
                 reason=decision.reason,
                 vetoed=decision.vetoed,
@@ -259,14 +252,12 @@ class Trainer:
                 unsafe=decision.unsafe,
                 risk=decision.risk,
                 rho=decision.rho,
-                explanation=explanation,
+                explanation=self.agent.arbiter.explain(decision, state),
             )
         )
 
-    # State, between episodes ------------------------------------------------------------------
-
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
-        """Return the complete state of the training: arrays and JSON values."""
+        """Return the complete state between two episodes: arrays and JSON values."""
         arrays, agent = self.agent.state_dict()
         meta: dict[str, Any] = {
             "agent": agent,

@@ -30,10 +30,9 @@ def render_mode_of(run: Run) -> str:
     """
     with run.environment(RGB_ARRAY) as task:
         modes = task.env.metadata.get("render_modes") or ()
-        if RGB_ARRAY_LIST in modes:
-            return RGB_ARRAY_LIST
-        if RGB_ARRAY in modes:
-            return RGB_ARRAY
+        for mode in (RGB_ARRAY_LIST, RGB_ARRAY):
+            if mode in modes:
+                return mode
         raise TaskError(
             f"task {task.name}: the environment draws no pictures; it needs the render mode "
             f"`{RGB_ARRAY}`, and among metadata['render_modes'] are {', '.join(modes) or 'none'}"
@@ -41,11 +40,7 @@ def render_mode_of(run: Run) -> str:
 
 
 class Camera:
-    """Takes the pictures of an environment that was made with one of the two modes.
-
-    Args:
-        task: The task.
-    """
+    """Takes the pictures of a task whose environment was made with one of the two modes."""
 
     def __init__(self, task: BoundTask) -> None:
         self._task = task
@@ -58,33 +53,32 @@ class Camera:
         Raises:
             EnvironmentFailure: The environment cannot draw, or gave something else.
         """
-        name = self._task.name
         try:
             seen: Any = self._task.env.render()
         except DependencyNotInstalled as error:
-            raise EnvironmentFailure(
-                f"task {name}: the environment cannot draw: {error} (what serp's own environments "
-                "need comes with pip install 'serp[watch]')"
+            raise self._failure(
+                f"the environment cannot draw: {error} (what serp's own environments need comes "
+                "with pip install 'serp[watch]')"
             ) from error
         except (Exception, SystemExit) as error:
-            raise EnvironmentFailure(
-                f"task {name}: render failed: {type(error).__name__}: {error}"
-            ) from error
+            raise self._failure(f"render failed: {type(error).__name__}: {error}") from error
         pictures = seen if self._several and isinstance(seen, list) else [seen]
         return [self._checked(picture) for picture in pictures]
 
     def _checked(self, picture: Any) -> Picture:
         array = np.asarray(picture)
         if array.dtype != np.uint8 or array.ndim != 3 or array.shape[2] != 3 or not array.size:
-            raise EnvironmentFailure(
-                f"task {self._task.name}: render returned {type(picture).__name__} "
-                f"{getattr(array, 'shape', '')} of {array.dtype}; a picture is uint8 of shape "
-                "(height, width, 3)"
+            raise self._failure(
+                f"render returned {type(picture).__name__} {array.shape} of {array.dtype}; a "
+                "picture is uint8 of shape (height, width, 3)"
             )
         return array
 
+    def _failure(self, why: str) -> EnvironmentFailure:
+        return EnvironmentFailure(f"task {self._task.name}: {why}")
+
     def period(self, count: int) -> float:
-        """Return the duration of each picture of a step, s of the task's time.
+        """Return the duration of each of a step's pictures, s of the task's time.
 
         A single picture lasts a control period. For several, the environment's `render_fps` gives
         the duration; without it they share the control period.

@@ -15,35 +15,17 @@ from serp.control.decision import Actor
 
 BACKGROUND: Final = "#16191F"
 INK: Final = "#F2F4F7"
-FAINT: Final = "#A9B0BB"
-DARK: Final = "#16191F"
-ON: Final = {Actor.PLANNER: INK, Actor.LEARNER: DARK, Actor.EXPLORATION: INK, Actor.FALLBACK: DARK}
-"""Actor → colour of text on the actor's colour."""
-PAIRS: Final = (
-    (BACKGROUND, INK),
-    (BACKGROUND, FAINT),
-    (REFUSED, INK),
-    (INK, DARK),
-    *((ACTORS[actor], ON[actor]) for actor in Actor),
-)
-"""Every background with the colour of text on it."""
-LINES: Final = 2
-"""Lines of marked text."""
+_FAINT: Final = "#A9B0BB"
+_ON: Final = {  # colour of text on an actor's colour
+    Actor.PLANNER: INK,
+    Actor.LEARNER: BACKGROUND,
+    Actor.EXPLORATION: INK,
+    Actor.FALLBACK: BACKGROUND,
+}
+_LINES: Final = 2  # of marked text
 _SMALLEST, _LARGEST = 12, 26
 _GAP = "   "
 _CHARACTERS = 44  # width of a picture in ems, which sets the font size within these limits
-
-
-class Cell(NamedTuple):
-    """A decision in the strip of the last decisions.
-
-    Attributes:
-        actor: Who acted.
-        refused: Whether a proposal was refused.
-    """
-
-    actor: Actor
-    refused: bool
 
 
 class Mark(NamedTuple):
@@ -66,7 +48,7 @@ class Caption(NamedTuple):
         action: Name of the action.
         facts: Episode, step, return; if there is little room, the first ones are left out.
         marks: Texts marked red.
-        strip: The decisions so far, the newest last.
+        strip: The decisions so far, the newest last: who acted, and whether there was a veto.
         outcome: How the episode ended; empty while it runs, or if the environment does not say.
     """
 
@@ -74,7 +56,7 @@ class Caption(NamedTuple):
     action: str
     facts: tuple[str, ...]
     marks: tuple[Mark, ...] = ()
-    strip: Sequence[Cell] = ()
+    strip: Sequence[tuple[Actor, bool]] = ()
     outcome: str = ""
 
 
@@ -95,9 +77,9 @@ class CaptionBand:
         self._bold = ImageFont.truetype(fonts / "DejaVuSans-Bold.ttf", letters)
         self._pad = letters // 2
         self._line = round(1.5 * letters)
-        self._cell = max(4, letters // 3)
+        self._bar = max(4, letters // 3)
         self._strip = round(0.6 * letters)
-        height = 3 * self._pad + (1 + LINES) * self._line + self._strip
+        height = 3 * self._pad + (1 + _LINES) * self._line + self._strip
         self.size = (width, height + height % 2)  # videos want even numbers
 
     def draw(self, caption: Caption) -> Image.Image:
@@ -106,20 +88,20 @@ class CaptionBand:
         draw = ImageDraw.Draw(image)
         self._draw_decision(draw, caption)
         self._draw_strip(draw, caption.strip)
-        self._draw_marks(draw, caption.marks)
+        if caption.marks:
+            self._draw_marks(draw, caption.marks)
         return image
 
     def _draw_decision(self, draw: ImageDraw.ImageDraw, caption: Caption) -> None:
         width, pad = self.size[0], self._pad
         middle = pad + self._line // 2
         left, right = pad, width - pad
-        if caption.actor is not None:
-            actor = caption.actor
-            left = self._draw_label(draw, left, actor.value.upper(), ACTORS[actor], ON[actor])
+        if (actor := caption.actor) is not None:
+            left = self._draw_label(draw, left, actor.value.upper(), ACTORS[actor], _ON[actor])
         if caption.outcome:
             word = _cut(self._bold, caption.outcome.upper(), width // 3)
             right -= round(self._bold.getlength(word)) + 2 * pad
-            self._draw_label(draw, right, word, INK, DARK)
+            self._draw_label(draw, right, word, INK, BACKGROUND)
             right -= pad
         # If there is little room, the action comes before the facts.
         action = _cut(self._bold, caption.action, right - left)
@@ -128,7 +110,7 @@ class CaptionBand:
         facts = list(caption.facts)
         while facts and self._plain.getlength(_GAP.join(facts)) > room:
             del facts[0]
-        draw.text((right, middle), _GAP.join(facts), fill=FAINT, font=self._plain, anchor="rm")
+        draw.text((right, middle), _GAP.join(facts), fill=_FAINT, font=self._plain, anchor="rm")
 
     def _draw_label(
         self, draw: ImageDraw.ImageDraw, left: int, word: str, colour: str, ink: str
@@ -140,35 +122,31 @@ class CaptionBand:
         draw.text((left + pad, pad + self._line // 2), word, fill=ink, font=self._bold, anchor="lm")
         return round(end) + pad
 
-    def _draw_strip(self, draw: ImageDraw.ImageDraw, strip: Sequence[Cell]) -> None:
-        top = self._pad + self._line + self._pad // 2
-        count = (self.size[0] - 2 * self._pad) // self._cell
-        for place, cell in enumerate(strip[-count:] if count else ()):
-            left, below = self._pad + place * self._cell, top + self._strip
-            right = left + self._cell - 2
-            draw.rectangle((left, top, right, below), fill=ACTORS[cell.actor])
-            if cell.refused:  # also recognisable by its position, not only by colour
-                upper = (left, top - self._pad // 2, right, top + self._strip // 2)
+    def _draw_strip(self, draw: ImageDraw.ImageDraw, strip: Sequence[tuple[Actor, bool]]) -> None:
+        half = self._pad // 2
+        top = self._pad + self._line + half
+        count = (self.size[0] - 2 * self._pad) // self._bar
+        for place, (actor, refused) in enumerate(strip[-count:]):
+            left = self._pad + place * self._bar
+            right = left + self._bar - 2
+            draw.rectangle((left, top, right, top + self._strip), fill=ACTORS[actor])
+            if refused:  # also recognisable by its position, not only by colour
+                upper = (left, top - half, right, top + self._strip // 2)
                 draw.rectangle(upper, fill=REFUSED)
 
     def _draw_marks(self, draw: ImageDraw.ImageDraw, marks: tuple[Mark, ...]) -> None:
-        if not marks:
-            return
         width, height = self.size
-        pad, line = self._pad, self._line
-        top = height - LINES * line - pad // 2
+        pad = self._pad
+        top = height - _LINES * self._line - pad // 2
         draw.rectangle((0, top - pad // 2, width, height), fill=REFUSED)
-        room = width - 2 * pad
-        for number, mark in enumerate(marks[:LINES]):
-            middle = top + number * line + line // 2
-            what = _cut(self._bold, mark.what, room)
-            draw.text((pad, middle), what, fill=INK, font=self._bold, anchor="lm")
-            if len(marks) == 1:  # the reason has a line of its own
-                why, place = _cut(self._plain, mark.why, room), (pad, middle + line)
-            else:
-                used = round(self._bold.getlength(what)) + 2 * pad
-                why, place = _cut(self._plain, mark.why, room - used), (pad + used, middle)
-            draw.text(place, why, fill=INK, font=self._plain, anchor="lm")
+        # A single reason has a line of its own.
+        lines = [(marks[0].what, ""), ("", marks[0].why)] if len(marks) == 1 else marks[:_LINES]
+        for number, (what, why) in enumerate(lines):
+            left, middle = pad, top + number * self._line + self._line // 2
+            for text, font in ((what, self._bold), (why, self._plain)):
+                shown = _cut(font, text, width - pad - left)
+                draw.text((left, middle), shown, fill=INK, font=font, anchor="lm")
+                left += round(font.getlength(shown)) + 2 * pad if shown else 0
 
 
 def _cut(font: ImageFont.FreeTypeFont, text: str, room: float) -> str:

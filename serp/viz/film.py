@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterator
 from typing import Annotated, Final, NamedTuple
@@ -18,8 +19,9 @@ from serp.tasks.bound_task import BoundTask
 from serp.training.agent import Agent
 from serp.training.evaluation import Episode, outcome_of, play
 from serp.training.policies import Policy
-from serp.viz.camera import Camera, Picture
-from serp.viz.caption import Caption, CaptionBand, Cell, Mark
+from serp.training.run import Run
+from serp.viz.camera import Camera, Picture, render_mode_of
+from serp.viz.caption import Caption, CaptionBand, Mark
 
 HOLD: Final = 1.5
 """Time that a mark is shown, unless another one follows, s."""
@@ -31,7 +33,8 @@ _WHOSE: Final = {
     Actor.EXPLORATION: "a random",
     Actor.FALLBACK: "the fallback's",
 }
-_STRIP = 500  # decisions in a caption
+OnEpisode = Callable[[int, StepRecord], None]
+"""Called with the number of an episode and its last step."""
 
 
 class FilmSettings(Section):
@@ -70,33 +73,24 @@ class Frame(NamedTuple):
     step: StepRecord | None
 
 
-class EpisodeResult(NamedTuple):
-    """The result of an episode.
+@contextlib.contextmanager
+def film_of_run(
+    run: Run, settings: FilmSettings, on_episode: OnEpisode | None = None
+) -> Iterator[Iterator[Frame]]:
+    """Yield the frames of a film of a run's policy, in an environment of their own.
 
-    Attributes:
-        number: Number of the episode, from 1.
-        steps: Its length.
-        total: The environment's return.
-        vetoes: Number of refused proposals.
-        unsafe: Number of executed actions that the domain file flags unsafe.
-        outcome: The outcome that the environment names; may be empty.
+    Raises:
+        SerpError: See `render_mode_of` and `film`.
     """
-
-    number: int
-    steps: int
-    total: float
-    vetoes: int
-    unsafe: int
-    outcome: str
+    agent = run.agent
+    with run.environment(render_mode_of(run)) as task:
+        yield film(agent, task, settings, on_episode)
 
 
 def film(
-    agent: Agent,
-    task: BoundTask,
-    settings: FilmSettings,
-    on_episode: Callable[[EpisodeResult], None] | None = None,
+    agent: Agent, task: BoundTask, settings: FilmSettings, on_episode: OnEpisode | None = None
 ) -> Iterator[Frame]:
-    """Play a policy and yield the frames of a film.
+    """Play a policy and return the frames of a film, as they are made.
 
     Args:
         agent: The agent.
@@ -110,7 +104,8 @@ def film(
         SerpError: Environment or grounding failed (in a step).
     """
     episodes = play(agent, task, settings.policy, episodes=settings.episodes, seed=settings.seed)
-    return _Filming(agent, task, settings, on_episode).frames(episodes)
+    filming = _Filming(agent, task, settings, on_episode)
+    return (frame for episode in episodes for frame in filming.frames(episode))
 
 
 def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
@@ -120,31 +115,23 @@ def marks_of(agent: Agent, step: StepRecord) -> tuple[Mark, ...]:
     marks = []
     if decision.vetoed:
         name = names.name(decision.proposed)
-        why = arbiter.explain(decision, step.state)
+        why = arbiter.explain(decision, step.state).removeprefix(f"{name}: ")
         whose = _WHOSE[decision.proposed_by]
-        marks.append(Mark(f"Refused in step {step.number}: {whose} {name}", _without(name, why)))
+        marks.append(Mark(f"Refused in step {step.number}: {whose} {name}", why))
     if int(decision.forecast.flags[decision.action]) & (UNSAFE | RISKY):
         name = names.name(decision.action)
         ground = int(decision.forecast.ground[decision.action])
-        why = why_unsafe(arbiter.model, step.state, ground)
+        why = why_unsafe(arbiter.model, step.state, ground).removeprefix(f"{name}: ")
         what = "Unsafe" if decision.unsafe else "Risky"
-        marks.append(Mark(f"{what}, executed in step {step.number}: {name}", _without(name, why)))
+        marks.append(Mark(f"{what}, executed in step {step.number}: {name}", why))
     return tuple(marks)
-
-
-def _without(name: str, explanation: str) -> str:
-    return explanation.removeprefix(f"{name}: ")
 
 
 class _Filming:
     """Makes the frames of one film."""
 
     def __init__(
-        self,
-        agent: Agent,
-        task: BoundTask,
-        settings: FilmSettings,
-        on_episode: Callable[[EpisodeResult], None] | None,
+        self, agent: Agent, task: BoundTask, settings: FilmSettings, on_episode: OnEpisode | None
     ) -> None:
         self._agent = agent
         self._settings = settings
@@ -156,48 +143,34 @@ class _Filming:
         self._marks: tuple[Mark, ...] = ()
         self._marked = 0.0  # remaining time of the mark, s
 
-    def frames(self, episodes: Iterator[Episode]) -> Iterator[Frame]:
-        for episode in episodes:
-            yield from self._film(episode)
-
-    def _film(self, episode: Episode) -> Iterator[Frame]:
+    def frames(self, episode: Episode) -> Iterator[Frame]:
+        """Yield the frames of an episode."""
         self._marked = 0.0
-        strip: list[Cell] = []
-        start = Caption(None, "start", (f"episode {episode.number}",))
+        number = f"episode {episode.number}"
+        strip: list[tuple[Actor, bool]] = []
+        start = Caption(None, "start", (number,))
         # All that belongs to the reset is one moment.
         for picture in self._camera.take()[-1:]:
             yield from self._shoot(picture, self._camera.period(1), start, None, always=True)
         for step in episode.steps:
             decision = step.decision
-            strip.append(Cell(decision.executed_by, decision.vetoed))
+            strip.append((decision.executed_by, decision.vetoed))
             marks = marks_of(self._agent, step)
             if marks:
                 self._marks, self._marked = marks, HOLD
-            caption = Caption(
-                decision.executed_by,
-                self._agent.task.actions.name(decision.action),
-                (
-                    f"episode {episode.number}",
-                    f"step {step.number}",
-                    f"return {_signed(step.episode.return_)}",
-                ),
-                strip=tuple(strip[-_STRIP:]),
-            )
-            ended = caption._replace(outcome=outcome_of(step.info) if step.last else "")
+            name = self._agent.task.actions.name(decision.action)
+            facts = (number, f"step {step.number}", f"return {_signed(step.episode.return_)}")
+            caption = Caption(decision.executed_by, name, facts, strip=tuple(strip))
             pictures = self._camera.take()
             period = self._camera.period(len(pictures))
             for k, picture in enumerate(pictures):
                 end = step.last and k == len(pictures) - 1
-                yield from self._shoot(
-                    picture, period, ended if end else caption, step,
-                    always=end or (bool(marks) and k == 0), end=end,
-                )  # fmt: skip
+                if end:
+                    caption = caption._replace(outcome=outcome_of(step.info))
+                always = end or (bool(marks) and k == 0)
+                yield from self._shoot(picture, period, caption, step, always=always, end=end)
             if step.last and self._on_episode is not None:
-                totals, outcome = step.episode, outcome_of(step.info)
-                counts = totals.decisions.vetoes, totals.decisions.unsafe_executed
-                self._on_episode(
-                    EpisodeResult(episode.number, step.number, totals.return_, *counts, outcome)
-                )
+                self._on_episode(episode.number, step)
 
     def _shoot(
         self,

@@ -7,8 +7,6 @@ behind the best edge that reaches it, and the other edges end there.
 
 from __future__ import annotations
 
-import heapq
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,19 +21,19 @@ MAX_EDGES: Final = 160
 """Largest number of edges shown; five actions to depth three are 155."""
 MAX_FAN: Final = 24
 """Largest number of edges shown out of one state; the best ones are shown."""
+HARMS: Final = ("unsafe", "risky", "doomed")
+"""Flagged by the file; with a risk that is not accepted; leading to something unsafe later on,
+whatever is done."""
 
-_LONGEST = 26  # characters of a label
-_DENSITIES = ((72, 0.175, 7.0), (130, 0.13, 6.0))  # up to so many rows: inches, size of labels
-_BARE = 0.09  # inches of a row without a label
-_APART = 0.05  # inches between the branches of two states
-_POINT = 1 / 72  # inches
-_CHARACTER = 0.63  # width of a character by its height
-_TURN = 0.45  # inches in which an edge turns from its source to the row of its target
+_LONGEST: Final = 26  # characters of a label
+_LABELLED: Final = 130  # most rows in which every edge has a label
+_BARE: Final = 0.5  # rows that an edge without a label takes
+_APART: Final = 0.3  # rows between the branches of two states
 
 
 @dataclass(eq=False)
 class Branch:
-    """An edge of the graph with its style and its position in inches.
+    """An edge of the graph with its style and its place.
 
     Attributes:
         source, target: Nodes.
@@ -43,17 +41,16 @@ class Branch:
         action: Position of the action.
         label: Text above it; may be empty.
         chosen: Whether it is on the best path.
-        unsafe: Whether the file flags it.
-        risky: Whether its risk is not accepted.
-        doomed: Whether something unsafe follows later on, whatever is done.
-        total: Discounted sum of rewards of the best path through it, from the root.
-        promise: `total` between low (0) and the best (1); 0 for what is `harmful`.
+        harm: One of `HARMS`, or empty.
+        so_far: Discounted sum of the rewards from the root along what is shown.
+        total: The same with the best that follows.
+        value: `total` between low (0) and the best (1); 0 for what is harmful.
         end: What is at its end: `leaf`, `ended` (the task), `fork` (more branches), `elsewhere`
             (its state is shown elsewhere with what follows) or `collapsed` (what follows is not
             shown).
         parent: The branch before it; None at the root.
-        x, y: Where it ends, from the upper left corner of the graph.
-        turned: Where it has reached its row.
+        children: The branches behind it.
+        row: Its row, from the top.
     """
 
     source: int
@@ -62,46 +59,35 @@ class Branch:
     action: int
     label: str
     chosen: bool
-    unsafe: bool
-    risky: bool
-    doomed: bool
+    harm: str
+    so_far: float
     total: float
-    promise: float = 1.0
-    end: str = "leaf"
-    parent: Branch | None = None
+    end: str
+    parent: Branch | None
+    value: float = 1.0
     children: list[Branch] = field(default_factory=list)
-    x: float = 0.0
-    y: float = 0.0
-    turned: float = 0.0
+    row: float = 0.0
 
     @property
-    def rank(self) -> tuple[bool, bool, bool, bool, float, int]:
+    def rank(self) -> tuple[bool, int, float, int]:
         """Sorts the best first."""
-        safety = (self.unsafe, self.risky, self.doomed)
-        return (not self.chosen, *safety, -self.total, self.action)
-
-    @property
-    def harmful(self) -> bool:
-        """Whether something unsafe may happen on it, or later on whatever is done."""
-        return self.unsafe or self.risky or self.doomed
+        danger = len(HARMS) - HARMS.index(self.harm) if self.harm else 0
+        return (not self.chosen, danger, -self.total, self.action)
 
 
 @dataclass(frozen=True)
 class PlanLayout:
-    """The edges to show, with positions in inches.
+    """The edges to show.
 
     Attributes:
         branches: The edges, each before its children.
-        root: Vertical position of the root.
-        width, height: Size of the graph.
-        size: Font size of the labels, points.
+        root: Row of the root.
+        rows: Number of rows.
     """
 
     branches: list[Branch]
     root: float
-    width: float
-    height: float
-    size: float
+    rows: float
 
 
 def lay_out(graph: nx.MultiDiGraph, weight: float, labels: Mapping[int, str]) -> PlanLayout:
@@ -112,21 +98,18 @@ def lay_out(graph: nx.MultiDiGraph, weight: float, labels: Mapping[int, str]) ->
         weight: Discount per edge.
         labels: Action → label of its edge out of the root; other edges have the action's name.
     """
-    first, branches = _select(graph, _leaving(graph, weight))
-    _set_promise(branches)
+    branches = _select(graph, weight)
+    _set_values(branches)
+    first = [branch for branch in branches if branch.parent is None]
     for branch in first:
         branch.label = labels[branch.action]
-    leaves = sum(not branch.children for branch in branches)
-    row, size = next(((r, s) for most, r, s in _DENSITIES if leaves <= most), (_BARE, 7.0))
-    if row == _BARE:
+    if sum(not branch.children for branch in branches) > _LABELLED:
         for branch in branches:
             if branch.layer and not branch.chosen:
                 branch.label = ""
-        row = _DENSITIES[0][1]
-    root = _place_rows(first, branches, row)
-    width = _place_columns(branches, size)
-    height = max((branch.y for branch in branches), default=0.0)
-    return PlanLayout(branches, root, width, height, size)
+    rows = _place(first, 0.0)
+    root = (first[0].row + first[-1].row) / 2 if first else 0.0
+    return PlanLayout(branches, root, rows)
 
 
 def short(name: str, longest: int = _LONGEST) -> str:
@@ -134,123 +117,80 @@ def short(name: str, longest: int = _LONGEST) -> str:
     return name if len(name) <= longest else name[: longest - 1] + "…"
 
 
-def _leaving(graph: nx.MultiDiGraph, weight: float) -> dict[int, list[Branch]]:
-    """Return the edges out of every node."""
-    # Nodes are numbered layer by layer, so that a source is reached before it is left.
-    reached = dict.fromkeys(graph, float("-inf"))
-    reached[0] = 0.0
-    leaving: dict[int, list[Branch]] = {}
-    for source in sorted(graph):
-        layer = graph.nodes[source]["layer"]
-        scale = weight**layer
-        for _, target, action, data in graph.out_edges(source, keys=True, data=True):
-            so_far = reached[source] + scale * data["reward"]
-            reached[target] = max(reached[target], so_far)
-            goal = graph.nodes[target]
-            branch = Branch(
-                source=source,
-                target=target,
-                layer=layer,
-                action=action,
-                label=short(data["action"])
-                + (f" ({percent(data['risk'])} risk)" if data["risky"] else ""),
-                chosen=data["chosen"],
-                unsafe=data["unsafe"],
-                risky=data["risky"],
-                doomed=goal["safe_steps"] is not None and not (data["unsafe"] or data["risky"]),
-                total=so_far + scale * weight * goal["value"],
-                end="ended" if goal["ended"] else "leaf",
-            )
-            leaving.setdefault(source, []).append(branch)
-    return leaving
-
-
-def _select(
-    graph: nx.MultiDiGraph, leaving: Mapping[int, list[Branch]]
-) -> tuple[list[Branch], list[Branch]]:
-    """Choose edges: those along the best path, then layer by layer those out of the best states.
-
-    Returns:
-        The branches out of the root, and all branches.
-    """
-    branches: list[Branch] = []
+def _select(graph: nx.MultiDiGraph, weight: float) -> list[Branch]:
+    """Choose edges: those along the best path, and layer by layer those out of the best states."""
+    branches = _fan(graph, 0, None, weight)
     forked: set[int] = set()
-
-    def fork(node: int, parent: Branch | None) -> list[Branch]:
-        fan = sorted(leaving.get(node, ()), key=lambda branch: branch.rank)[:MAX_FAN]
-        along = bool(fan) and fan[0].chosen
-        if parent is not None and not along and len(branches) + len(fan) > MAX_EDGES:
-            parent.end = "collapsed"
-            return []
-        forked.add(node)
-        fan.sort(key=lambda branch: branch.action)
-        branches.extend(fan)
-        for branch in fan:
-            branch.parent = parent
-            heapq.heappush(
-                waiting, (not branch.chosen, branch.layer, branch.rank, next(ties), branch)
-            )
-        return fan
-
-    ties = itertools.count()
-    waiting: list[tuple[bool, int, tuple[object, ...], int, Branch]] = []
-    first = fork(0, None)
+    waiting = list(branches)
     while waiting:
-        branch = heapq.heappop(waiting)[-1]
-        if branch.target not in leaving:
-            continue
-        if branch.target in forked:
-            branch.end = "elsewhere"
-            continue
-        branch.children = fork(branch.target, branch)
-        if branch.children:
-            branch.end = "fork"
-    return first, branches
+        layer, waiting = sorted(waiting, key=lambda branch: branch.rank), []
+        for branch in layer:
+            fan = _fan(graph, branch.target, branch, weight)
+            if not fan:
+                continue
+            along = any(child.chosen for child in fan)
+            if branch.target in forked:
+                branch.end = "elsewhere"
+            elif not along and len(branches) + len(fan) > MAX_EDGES:
+                branch.end = "collapsed"
+            else:
+                branch.end, branch.children = "fork", fan
+                forked.add(branch.target)
+                branches += fan
+                waiting += fan
+    return branches
 
 
-def _set_promise(branches: Sequence[Branch]) -> None:
-    safe = [b.total for b in branches if not b.harmful]
+def _fan(graph: nx.MultiDiGraph, node: int, parent: Branch | None, weight: float) -> list[Branch]:
+    """Return the best edges out of a node, in the order of the actions."""
+    layer = graph.nodes[node]["layer"]
+    scale = weight**layer
+    fan = []
+    for _, target, action, data in graph.out_edges(node, keys=True, data=True):
+        goal = graph.nodes[target]
+        so_far = (parent.so_far if parent else 0.0) + scale * data["reward"]
+        risk = f" ({percent(data['risk'])} risk)" if data["risky"] else ""
+        harms = data["unsafe"], data["risky"], goal["safe_steps"] is not None
+        branch = Branch(
+            source=node,
+            target=target,
+            layer=layer,
+            action=action,
+            label=short(data["action"]) + risk,
+            chosen=data["chosen"],
+            harm=next((harm for harm, is_so in zip(HARMS, harms, strict=True) if is_so), ""),
+            so_far=so_far,
+            total=so_far + scale * weight * goal["value"],
+            end="ended" if goal["ended"] else "leaf",
+            parent=parent,
+        )
+        fan.append(branch)
+    best = sorted(fan, key=lambda branch: branch.rank)[:MAX_FAN]
+    return sorted(best, key=lambda branch: branch.action)
+
+
+def _set_values(branches: Sequence[Branch]) -> None:
+    safe = [b.total for b in branches if not b.harm]
     totals = sorted(filter(math.isfinite, safe)) or [0.0]
     # A single very low return must not make all others look alike.
     high, low = totals[-1], totals[len(totals) // 5]
     if low == high:
         low = totals[0]
     for branch in branches:
-        if branch.harmful or math.isnan(branch.total):
-            branch.promise = 0.0
+        if branch.harm or math.isnan(branch.total):
+            branch.value = 0.0
         elif high > low:  # the shares are taken before the difference, which may overflow
             share = min(max(branch.total, low), high)
-            branch.promise = (share / 2 - low / 2) / (high / 2 - low / 2)
+            branch.value = (share / 2 - low / 2) / (high / 2 - low / 2)
 
 
-def _place_rows(first: Sequence[Branch], branches: Sequence[Branch], row: float) -> float:
-    """Set the height of every branch; return that of the root."""
-    below = 0.0
-    last: Branch | None = None
-    waiting = list(reversed(first))
-    while waiting:
-        branch = waiting.pop()
-        waiting += reversed(branch.children)
-        if not branch.children:
-            below += row if branch.label else _BARE
-            below += _APART if last is not None and last.parent is not branch.parent else 0.0
-            branch.y, last = below, branch
-    for branch in reversed(branches):
+def _place(fan: Sequence[Branch], rows: float) -> float:
+    """Set the rows of a state's edges below so many rows; return the number of rows then."""
+    for branch in fan:
         if branch.children:
-            branch.y = (branch.children[0].y + branch.children[-1].y) / 2
-    return (first[0].y + first[-1].y) / 2 if first else 0.0
-
-
-def _place_columns(branches: Sequence[Branch], size: float) -> float:
-    """Set where every branch turns and ends; return where the last one ends."""
-    layers: dict[int, list[Branch]] = {}
-    for branch in branches:
-        layers.setdefault(branch.layer, []).append(branch)
-    x = 0.0
-    for layer in sorted(layers):
-        longest = max(len(branch.label) for branch in layers[layer])
-        turned = x + _TURN
-        x = turned + 0.25 + _CHARACTER * size * _POINT * longest
-        for branch in layers[layer]:
-            branch.turned, branch.x = turned, x
-    return x
+            rows = _place(branch.children, rows)
+            branch.row = (branch.children[0].row + branch.children[-1].row) / 2
+        else:
+            rows += 1.0 if branch.label else _BARE
+            branch.row = rows
+    return rows + _APART

@@ -18,12 +18,11 @@ from tests.generated.models import (
     random_states,
 )
 from tests.generated.profile import examples
-from tests.generated.writer import FULL, PLANNABLE, SIMULATED, Texts, write_texts
+from tests.generated.writer import FULL, PLANNABLE, Texts, write_texts
 
 __all__ = [
     "FULL",
     "PLANNABLE",
-    "SIMULATED",
     "Generated",
     "Texts",
     "examples",

@@ -9,6 +9,7 @@ from random import Random
 import numpy as np
 from hypothesis import strategies as st
 
+from serp.model.goal_value import GoalValue
 from serp.model.loading import Domain
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.source import Source
@@ -47,7 +48,8 @@ class Generated:
     @cached_property
     def oracle(self) -> Oracle:
         """The same domain, read by the book."""
-        worth, theta = self.model.ground.goal_worth, self.model.theta.tolist()
+        ground, theta = self.model.ground, self.model.theta.tolist()
+        worth = GoalValue(ground) if ground.goal_parameter is not None else None
         return Oracle(
             self.domain.syntax,
             self.domain.problem_syntax,

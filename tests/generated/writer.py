@@ -22,25 +22,16 @@ class Flavour:
     """What the written domains may use.
 
     Attributes:
-        simulated: Keep to what unified-planning's simulator understands as serp does: no
-            scalings or reserved names, one `forall` an effect and its variable in every change
-            under it (else it is dropped), some effect in every action, no use of the type
-            `object`, and a value for every number.
         rewarding: Every domain declares `(reward)`, `(unsafe)` and `(terminal)`.
-        flowing: Processes and events may occur.
     """
 
-    simulated: bool = False
     rewarding: bool = False
-    flowing: bool = True
 
 
 FULL = Flavour()
 """Everything that serp supports."""
 PLANNABLE = Flavour(rewarding=True)
 """Everything, and the reserved names always among it: something to plan for."""
-SIMULATED = Flavour(simulated=True, flowing=False)
-"""What unified-planning's simulator supports too."""
 
 
 @dataclass(frozen=True)
@@ -97,36 +88,30 @@ class _Writer:
     # Declarations ------------------------------------------------------------------------------
 
     def write(self) -> Texts:
-        simulated = self.flavour.simulated
-        has_problem = simulated or self.maybe(70)
-        if simulated:
-            self.parents["thing"] = "object"
+        has_problem = self.maybe(70)
         for name in ("room", "hall", "robot", "tool")[: self.random.randint(0, 4)]:
             self.parents[name] = self.random.choice(self.known_types())
         names = [f"o{k}" for k in range(self.random.randint(1, 4))]
         for name in names:
             group = self.objects if has_problem and self.maybe(60) else self.constants
             group[name] = self.random.choice(self.known_types())
-        traps = () if simulated else _TRAPS
-        self.predicates = self.symbols("p", traps[:6])
-        self.functions = self.symbols("f", traps[6:])
-        if not simulated:
-            self.reserved = frozenset(
-                name
-                for name in ("reward", "unsafe", "terminal")
-                if self.flavour.rewarding or self.maybe(60)
-            )
+        self.predicates = self.symbols("p", _TRAPS[:6])
+        self.functions = self.symbols("f", _TRAPS[6:])
+        self.reserved = frozenset(
+            name
+            for name in ("reward", "unsafe", "terminal")
+            if self.flavour.rewarding or self.maybe(60)
+        )
         schemas = [self.schema("action", k) for k in range(self.random.randint(1, 3))]
-        if self.flavour.flowing:
-            schemas += [self.schema("process", k) for k in range(self.random.randint(0, 2))]
-            schemas += [self.schema("event", k) for k in range(self.random.randint(0, 3))]
+        schemas += [self.schema("process", k) for k in range(self.random.randint(0, 2))]
+        schemas += [self.schema("event", k) for k in range(self.random.randint(0, 3))]
         # The domain speaks of constants alone; what follows may name every object.
         self.constants.update(self.objects)
         return Texts(self.domain(schemas), self.problem() if has_problem else None)
 
     def symbols(self, prefix: str, traps: Sequence[str]) -> list[_Symbol]:
         names = [f"{prefix}{k}" for k in range(self.random.randint(1, 3))]
-        if traps and self.maybe(30):
+        if self.maybe(30):
             names[0] = self.random.choice(traps)
         return [
             _Symbol(
@@ -138,12 +123,11 @@ class _Writer:
         ]
 
     def known_types(self) -> list[str]:
-        root = [] if self.flavour.simulated else ["object"]
-        return [*self.parents, *root]
+        return [*self.parents, "object"]
 
     def types(self) -> Types:
         known = self.known_types()
-        if len(known) > 2 and not self.flavour.simulated and self.maybe(10):
+        if len(known) > 2 and self.maybe(10):
             return tuple(known[:2])
         return (self.random.choice(known),)
 
@@ -151,11 +135,9 @@ class _Writer:
         types = " ".join(f"{name} - {parent}" for name, parent in self.parents.items())
         constants = {name: t for name, t in self.constants.items() if name not in self.objects}
         flags = [f"({name})" for name in ("unsafe", "terminal") if name in self.reserved]
-        flags += ["(acted)"] if self.flavour.simulated else []
         reward = ["(reward)"] if "reward" in self.reserved else []
         lines = [
             "(define (domain generated)",
-            "  (:requirements :adl :numeric-fluents)" if self.flavour.simulated else "",
             f"  (:types {types})" if types else "",
             f"  (:constants {_typed(constants)})" if constants else "",
             f"  (:predicates {' '.join([*map(_declared, self.predicates), *flags])})",
@@ -169,9 +151,7 @@ class _Writer:
     def schema(self, kind: str, k: int) -> str:
         variables = {f"?v{i}": self.types() for i in range(self.random.choice((0, 1, 1, 2)))}
         conditions = self.some(0, 2, lambda: self.condition(variables, 2))
-        if self.flavour.simulated:
-            effects = ["(acted)", *self.effects(4, variables)]
-        elif kind == "process":
+        if kind == "process":
             effects = self.some(1, 2, lambda: self.flow(variables))
         else:
             effects = self.effects(4, variables)
@@ -215,7 +195,7 @@ class _Writer:
         if kind == 3:
             operator = self.random.choice(("<", "<=", "=", ">=", ">"))
             left, right = self.value(variables, 1), self.value(variables, 1)
-            if left[0] != "(":  # a literal, which some tools accept on the right side only
+            if left[0] != "(":
                 left = f"(+ {left} 0)"
             return f"({operator} {left} {right})"
         if kind == 4:
@@ -251,11 +231,9 @@ class _Writer:
         if kind <= 3:
             return self.applied(self.functions, variables) or self.number()
         first, second = (self.value(variables, depth - 1) for _ in range(2))
-        if kind == 4 and self.flavour.simulated:
-            return f"(/ {first} {self.random.choice((2, 4, 0.5))})"
-        if kind == 5 and not self.flavour.simulated:
+        if kind == 5:
             return self.random.choice((f"(- {first})", f"(+ {first} {second} 1)"))
-        operator = self.random.choice("+-*" if self.flavour.simulated else "+-*/")
+        operator = self.random.choice("+-*/")
         if operator == "/" and second == "0":
             operator = "*"
         return f"({operator} {first} {second})"
@@ -268,16 +246,13 @@ class _Writer:
             condition = self.condition(variables, 1)
             parts = self.effects(2, variables, (*inside, "when"))
             return f"(when {condition} (and {' '.join(parts)}))"
-        if kind == 1 and inside.count("forall") < (1 if self.flavour.simulated else 2):
+        if kind == 1 and inside.count("forall") < 2:
             listed, inner = self.quantified(variables)
             parts = self.effects(2, inner, (*inside, "forall"))
             return f"(forall ({listed}) (and {' '.join(parts)}))"
         if kind <= 5:
             return self.setting(variables)
-        change = self.change(variables)
-        if change and self.flavour.simulated and "forall" in inside:
-            return change if f"{list(variables)[-1]})" in change else None
-        return change
+        return self.change(variables)
 
     def setting(self, variables: Variables) -> str | None:
         flags = self.reserved - {"reward"}
@@ -296,7 +271,7 @@ class _Writer:
         kind = self.random.randint(0, 9)
         if kind <= 3:
             change = "assign"
-        elif kind <= 5 and not self.flavour.simulated:
+        elif kind <= 5:
             change = self.random.choice(("scale-up", "scale-down"))
         value = self.value(variables, 2)
         group = {"increase": "sum", "decrease": "sum", "assign": "assign"}.get(change, "product")
@@ -326,7 +301,7 @@ class _Writer:
         for predicate in self.predicates:
             if predicate.changes or self.maybe(70):
                 facts += [atom for atom in self.instances(predicate) if self.maybe(50)]
-        valued = self.flavour.simulated or self.maybe(70)
+        valued = self.maybe(70)
         for function in self.functions:
             if valued:
                 facts += [f"(= {term} {self.number()})" for term in self.instances(function)]
@@ -334,7 +309,7 @@ class _Writer:
             facts.append("(= (reward) 0)")
         goal = f"(and {' '.join(self.some(0, 2, lambda: self.condition({}, 2)))})"
         metric = ""
-        if "reward" not in self.reserved and not self.flavour.simulated and self.maybe(40):
+        if "reward" not in self.reserved and self.maybe(40):
             sense = self.random.choice(("maximize", "minimize"))
             value = self.random.choice((self.value({}, 2), "(total-time)"))
             metric = f"\n  (:metric {sense} {value})"

@@ -9,9 +9,6 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from serp.control.arbiter import Arbiter
-from serp.control.registry import make_planner
-from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
 from serp_adapters import cliff
 
@@ -87,16 +84,6 @@ def test_every_step_is_one_of_gymnasiums_table_and_a_fall_shows_its_cell(
     assert task.model.judge(task.ground(35), 2, task.ground(GOAL))[1:] == (False, True)
 
 
-def test_wherever_one_can_stand_only_one_cell_of_the_cliff_is_near(table: Table) -> None:
-    """Which is why the wrapper needs no more than the cell before."""
-    for cell in range(37):
-        near = {n for action in range(4) if (n := moved(cell, action)) in CLIFF}
-        falls = {a for a in range(4) if any(r == -100 for _, _, r, _ in table[cell][a])}
-        assert len(near) == bool(falls)
-        if falls:
-            assert near == {cell + (1 if cell == 36 else 12)}
-
-
 def test_grounding_is_row_and_column(task: BoundTask) -> None:
     for cell in range(48):
         row, column = task.ground(cell)
@@ -132,27 +119,6 @@ def test_the_goal_ends_an_episode_without_a_fall(task: BoundTask, table: Table) 
         reached += terminated
         assert reward == -1
     assert (fallen, reached) == (0, 30)
-
-
-def test_the_planner_without_adaptation_walks_along_the_edge_and_falls(task: BoundTask) -> None:
-    chosen = resolve("default", task.task.settings)
-    arbiter = Arbiter(make_planner(task.model, chosen.planner), task.actions, chosen.arbiter)
-    plan = [task.actions.name(arbiter.plan(task.ground(c)).action) for c in (36, *range(24, 36))]
-    assert plan == ["up", *["right"] * 11, "down"]
-    falls = steps = 0
-    cell, _ = task.reset(seed=5)
-    while steps < 2_000:
-        cell, _, terminated, truncated, info = task.step(arbiter.plan(task.ground(cell)).action)
-        steps += 1
-        falls += info["falls"]
-        if terminated or truncated:
-            cell, _ = task.reset()
-    assert 100 < 1_000 * falls / steps < 170
-
-
-def test_equal_seeds_give_equal_walks(task: BoundTask) -> None:
-    assert walk(task, 300, 6) == walk(task, 300, 6)
-    assert walk(task, 300, 6) != walk(task, 300, 7)
 
 
 def test_a_walk_is_cut_off_in_the_end(task: BoundTask) -> None:

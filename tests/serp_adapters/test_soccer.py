@@ -19,7 +19,6 @@ Vector = NDArray[np.float64]
 
 MIRRORED = {"free left": "free right", "pushed left": "pushed right"}
 MIRRORED |= {b: a for a, b in MIRRORED.items()}
-CHARGE = 4
 
 
 @pytest.fixture(scope="module")
@@ -50,25 +49,6 @@ def fluents(model: TransitionModel, robot: Point, opponent: Point, to_goal: floa
 
 
 @pytest.mark.parametrize(
-    ("robot", "to_goal", "share"),
-    [
-        ((0.42, 0.0), 2.0, 0.0),  # the place of cover-goal: the shadow, asin(0.2/0.42), is wider
-        ((0.2, 0.0), 0.75, 0.0),  # against the ball
-        ((-0.4, 0.0), 2.0, 1.0),  # behind the ball
-        ((0.0, 0.4), 2.0, 1.0),  # beside it
-        # On the line, 0.4 away, the goal 0.75: 45° to each post, 30° of them in the shadow.
-        ((0.4, 0.0), 0.75, 15 / 90),
-        # 0.283 away (shadow ± 45°) and 45° off the line, before the same goal.
-        ((0.2, 0.2), 0.75, 0.5),
-    ],
-)
-def test_goal_open_is_the_share_outside_the_shadow(
-    model: TransitionModel, robot: Point, to_goal: float, share: float
-) -> None:
-    assert fluents(model, robot, (-0.5, 0.0), to_goal)["goal-open"] == pytest.approx(share)
-
-
-@pytest.mark.parametrize(
     ("robot", "opponent", "left", "right", "lined"),
     [
         # The robot looks up the field, along -x: its left is -y.
@@ -90,11 +70,6 @@ def test_a_side_is_free_when_the_opponent_is_on_the_other_or_far(
     values = fluents(model, robot, opponent)
     found = (values["free left"], values["free right"], values["lined"])
     assert found == (left, right, lined)
-
-
-def test_in_range_ends_at_three_metres(model: TransitionModel) -> None:
-    at = [fluents(model, (0.3, 0), (-0.3, 0), to_goal)["in-range"] for to_goal in (2.99, 3.01)]
-    assert at == [1.0, 0.0]
 
 
 def test_grounding_agrees_with_the_poses_of_info(task: BoundTask) -> None:

@@ -113,11 +113,6 @@ def test_a_batch_grounds_like_its_rows(kind: Kind, seen: Vector) -> None:
     assert not batch[:, kind.momentary].any()  # they last within a step only
 
 
-def test_every_fluent_of_real_play_is_a_state(task: BoundTask, seen: Vector) -> None:
-    for row in seen[::7].astype(np.float32):
-        task.ground(row)  # as training does: raises on what is no state
-
-
 @pytest.mark.parametrize("name", KINDS)
 @settings(max_examples=200, deadline=None)
 @given(data=st.data())
@@ -161,30 +156,6 @@ def test_the_charge_alone_is_unsafe_wherever_it_is_chosen(
         assert forecast.safe.tolist() == [True] * kind.charge + [False]
         assert not arbiter.vetoes.admissible(forecast)[kind.charge]
         assert arbiter.plan(state).action != kind.charge
-
-
-def test_the_planner_is_useful_but_leaves_room_for_the_learner(
-    kind: Kind, task: BoundTask, at_random: Played
-) -> None:
-    """The bands, three standard errors of 500 episodes wide; the seed is fixed.
-
-    Those of goals and secured balls in soccer are the specified ones.
-    """
-    arbiter, episodes = planner_of(task), 500
-    returns, counts, _ = play(task, lambda raw: arbiter.plan(task.ground(raw)).action, episodes)
-    share = {name: 100 * count / episodes for name, count in counts.items()}
-    error = np.sqrt((returns.var() + at_random.returns.var()) / episodes)
-    assert returns.mean() - at_random.returns.mean() > 4.0 * error
-    assert counts["unsafe"] == 0
-    if kind.module is defender:
-        assert 14 <= share["goal"] <= 21
-        assert 35 <= share["secured"] <= 50
-        assert 1.2 <= returns.mean() <= 3.0
-        assert 14 <= counts["decisions"] / episodes <= 24
-    else:
-        assert 2.5 <= share["goal"] <= 9.0
-        assert 77 <= share["cleared"] + share["secured"] <= 88
-        assert 5.6 <= returns.mean() <= 7.3
 
 
 def test_without_pymunk_only_soccer_is_missing_and_the_message_names_the_extra() -> None:

@@ -82,14 +82,6 @@ def test_updates_after_a_last_whole_rollout_are_made() -> None:
         assert learner._model._n_updates == epochs
 
 
-@pytest.mark.parametrize("name", MAKERS)
-def test_it_learns(name: str) -> None:
-    learner = MAKERS[name](Sign(), "cartpole", 1)
-    learner.learn(2_048)
-    right = learner.act(INPUTS) == (INPUTS[:, 0] > 0.0)
-    assert right.mean() > 0.85
-
-
 @pytest.mark.parametrize(("name", "task"), CASES)
 def test_equal_seeds_give_equal_learners_whatever_happens_beside(name: str, task: str) -> None:
     played = []
@@ -151,18 +143,6 @@ def test_it_acts_on_batches_greedily_also_while_it_learns(name: str) -> None:
     other = Sign()
     MAKERS[name](other, "cartpole", 2).learn(300)
     assert other.actions == watched  # asking has changed nothing
-
-
-@pytest.mark.parametrize(("name", "task"), CASES)
-def test_terms_are_text_and_say_whose_settings_these_are(name: str, task: str) -> None:
-    characteristics = MAKERS[name](Sign(), task, 0).characteristics
-    assert {"settings", "network", "learning rate", "discount", "exploration"} <= set(
-        characteristics
-    )
-    assert all(
-        isinstance(text, str) and text for text in (*characteristics, *characteristics.values())
-    )
-    assert ("zoo" in characteristics["settings"]) == (task == "cartpole")
 
 
 def test_settings_that_are_not_adapted_are_the_defaults() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Final
 
 import gymnasium as gym
@@ -9,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import serp
-import serp_envs
 from serp_adapters.domains import domain_file
 from serp_adapters.soccer.shared import CONTACT, PROTOCOL, Numbers, open_share
 from serp_envs.soccer.corner_kick import MARK_GAP, UNIT
@@ -26,15 +26,6 @@ ROUND: Final = (CONTACT + STAND_MARGIN) / NAO.sideways
 """Time that the opponent needs to walk round the ball, facing it, s per rad."""
 
 _AHEAD: Final = np.arange(0.0, HORIZON + 0.5 * TIME_STEP, TIME_STEP)
-
-
-def make_env(**options: Any) -> gym.Env[Any, Any]:
-    """Return the environment; options are those of `serp_envs.soccer.CornerKickDefender`.
-
-    Grounding and domain file have the distances of its default field, `spl-2020`.
-    """
-    serp_envs.register()
-    return gym.make("serp/CornerKick-v0", **options)
 
 
 def until_met(x: Numbers, y: Numbers, vx: Numbers, vy: Numbers, gap: float) -> Numbers:
@@ -140,7 +131,8 @@ def task() -> serp.Task:
     """Return the task."""
     return serp.Task(
         name="corner-kick",
-        make_env=make_env,
+        # Grounding and domain file have the distances of its default field.
+        make_env=partial(gym.make, "serp_envs:serp/CornerKick-v0"),
         domain=domain_file("corner-kick"),
         ground=ground,
         actions={

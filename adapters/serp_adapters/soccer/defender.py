@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Final
 
 import gymnasium as gym
@@ -9,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 import serp
-import serp_envs
 from serp_adapters.domains import domain_file
 from serp_adapters.soccer.shared import PROTOCOL, open_share
 from serp_envs.soccer.fields import SPL_2020
@@ -24,15 +24,6 @@ LINED_ANGLE: Final = 0.5
 """Largest deviation of the opponent from the line through robot and ball, rad at the ball."""
 SHOT_RANGE: Final = 3.0
 """Largest distance to the middle of the goal from which a shot is dangerous, m."""
-
-
-def make_env(**options: Any) -> gym.Env[Any, Any]:
-    """Return the environment; options are those of `serp_envs.soccer.SoccerDefender`.
-
-    Grounding and domain file have the distances of its default field, `spl-2020`.
-    """
-    serp_envs.register()
-    return gym.make("serp/SoccerDefender-v0", **options)
 
 
 def ground(observation: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -96,7 +87,8 @@ def task() -> serp.Task:
     """Return the task."""
     return serp.Task(
         name="soccer",
-        make_env=make_env,
+        # Grounding and domain file have the distances of its default field.
+        make_env=partial(gym.make, "serp_envs:serp/SoccerDefender-v0"),
         domain=domain_file("soccer"),
         ground=ground,
         actions={

@@ -68,7 +68,7 @@ class CornerKickDefender(SoccerEnv):
 
     As in `SoccerDefender`, with the poses of the `kicker` too; `corner`, +1 for one on the
     defender's left and −1 for one on its right; `kicked`, whether it has been taken. Games,
-    snapshots, rendering and arguments are those of `SoccerDefender` too.
+    rendering and arguments are those of `SoccerDefender` too.
 
     ## How hard it is
 
@@ -97,10 +97,5 @@ class CornerKickDefender(SoccerEnv):
         ValueError: There is no such field or render mode.
     """
 
-    def __init__(
-        self,
-        field: str = "spl-2020",
-        render_mode: str | None = None,
-        real_time: bool | None = None,
-    ) -> None:
-        super().__init__(CornerKick(field_named(field)), render_mode, real_time)
+    def __init__(self, field: str = "spl-2020", render_mode: str | None = None) -> None:
+        super().__init__(CornerKick(field_named(field)), render_mode)

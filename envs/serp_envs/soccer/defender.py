@@ -79,9 +79,9 @@ class SoccerDefender(SoccerEnv):
 
     Contests chain to games of 600 s, with what approaches, contests and dead times take. A game
     does not end within a contest. `reset(seed=…)` leaves the game clock where it is;
-    `reset(options={"new_game": True})` begins the next game, `reset(options={"game": 0})` the one
-    with that number: with a seed, the run then equals that on a new object, clock and all. A
-    contest that was not played to its end counts for nothing.
+    `reset(options={"game": 0})` begins the game with that number: with a seed, the run then equals
+    that on a new object, clock and all. A contest that was not played to its end counts for
+    nothing. `state_dict` and `load_state_dict` save and continue the game between two contests.
 
     ## Info
 
@@ -97,14 +97,8 @@ class SoccerDefender(SoccerEnv):
       2.6 m, a ball of radius 0.11 m). Distances from the ball grow with its radius.
     * `render_mode`: `None`, `"human"` (a window), `"rgb_array"` (uint8 of shape `(H, W, 3)`) or
       `"rgb_array_list"` (all pictures since the last `render`, one each 0.1 s).
-    * `real_time`: whether a second takes a second; by default only with a window.
 
-    `env.unwrapped.caption` is a line of text for the pictures. They need pygame:
-    `pip install 'serp[watch]'`.
-
-    ## Snapshots
-
-    `state_dict` and `load_state_dict` save and continue game and contest, at any time, exactly.
+    Pictures need pygame: `pip install 'serp[watch]'`.
 
     ## Version history
 
@@ -114,10 +108,5 @@ class SoccerDefender(SoccerEnv):
         ValueError: There is no such field or render mode.
     """
 
-    def __init__(
-        self,
-        field: str = "spl-2020",
-        render_mode: str | None = None,
-        real_time: bool | None = None,
-    ) -> None:
-        super().__init__(Contest(field_named(field)), render_mode, real_time)
+    def __init__(self, field: str = "spl-2020", render_mode: str | None = None) -> None:
+        super().__init__(Contest(field_named(field)), render_mode)

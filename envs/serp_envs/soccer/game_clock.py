@@ -28,31 +28,15 @@ class GameClock:
         self.contest = 0
         """Contests of this game that were played."""
 
-    def start(self) -> None:
-        """Start a contest: open a new game if this one is over."""
-        if self.seconds >= GAME:
-            self.new_game()
-
-    def new_game(self) -> None:
-        """Go to the kick-off of the next game."""
-        self.kick_off(self.game + 1)
-
-    def kick_off(self, game: int) -> None:
-        """Go to the kick-off of a game.
-
-        Args:
-            game: Its number, from 0.
-        """
-        self.game = game
-        self.seconds = 0.0
-        self.contest = 0
+    def start(self, game: int | None = None) -> None:
+        """Start a contest, in a new game if this one is over, or with the kick-off of `game`."""
+        if game is None and self.seconds >= GAME:
+            game = self.game + 1
+        if game is not None:
+            self.game, self.seconds, self.contest = game, 0.0, 0
 
     def end(self, seconds: float) -> None:
-        """End a contest.
-
-        Args:
-            seconds: Its duration, approach and dead time included.
-        """
+        """End a contest that took so many seconds, approach and dead time included."""
         # Times are rounded to multiples of the tick, because sums of 0.1 are not exact.
         self.seconds = round(self.seconds + seconds, 6)
         self.contest += 1

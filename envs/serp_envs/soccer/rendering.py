@@ -55,13 +55,7 @@ TAIL: Final = 0.4
 class Viewer:
     """Draws worlds on one field, into a picture or a window."""
 
-    def __init__(self, field: Field, window: bool = False) -> None:
-        """Create a viewer of a field.
-
-        Args:
-            field: The pitch.
-            window: Open a window, at the first `show`.
-        """
+    def __init__(self, field: Field) -> None:
         pygame.font.init()
         self._field = field
         self._size = (round(2 * SCALE * field.max_y), BANNER + round(SCALE * SEEN))
@@ -71,8 +65,8 @@ class Viewer:
         self._small = pygame.font.Font(None, 25)
         self._pitch = _draw_pitch(field)
         self._top = 0.0
-        self._window = window
         self._screen: Any = None
+        self._clock = pygame.time.Clock()
 
     def _at(self, x: float, y: float) -> tuple[int, int]:
         return round(SCALE * (self._field.max_y - y)), BANNER + round(SCALE * (self._top - x))
@@ -85,7 +79,6 @@ class Viewer:
         alarm: bool = False,
         status: str = "",
         outcome: str = "",
-        caption: str = "",
     ) -> None:
         """Draw a world.
 
@@ -96,7 +89,6 @@ class Viewer:
             alarm: Whether that is unsafe.
             status: Game and clock.
             outcome: How the episode ended; nothing while it runs.
-            caption: Text at the lower edge, one line or more.
         """
         canvas, width, field = self._canvas, self._size[0], self._field
         lowest = SEEN - field.max_x
@@ -118,7 +110,6 @@ class Viewer:
         self._write(words, ALARM if alarm else TEXT, (16, middle), "midleft")
         self._write(outcome.upper(), NEWS, (width // 2, middle), "center")
         self._write(status, TEXT, (width - 16, middle), "midright")
-        self._draw_caption(caption.splitlines())
 
     def _draw_tail(self, world: World) -> None:
         """Draw a tail behind a rolling ball."""
@@ -155,19 +146,6 @@ class Viewer:
                 backed=True,
             )
 
-    def _draw_caption(self, lines: Sequence[str]) -> None:
-        if not lines:
-            return
-        width, height = self._size
-        line = self._small.get_linesize() + 2
-        band = pygame.Surface((width, line * len(lines) + 12), pygame.SRCALPHA)
-        band.fill((*INK, 200))
-        top = height - band.get_height()
-        self._canvas.blit(band, (0, top))
-        for number, text in enumerate(lines):
-            place = (width // 2, top + 6 + line * number + line // 2)
-            self._write(text, TEXT, place, "center", self._small)
-
     def _stamp(self, image: Any, place: tuple[int, int]) -> None:
         self._canvas.blit(image, image.get_rect(center=place))
 
@@ -196,10 +174,8 @@ class Viewer:
         pixels: NDArray[np.uint8] = pygame.surfarray.array3d(self._canvas)
         return np.ascontiguousarray(pixels.transpose(1, 0, 2))
 
-    def show(self) -> None:
-        """Put what was drawn last into the window."""
-        if not self._window:
-            return
+    def show(self, frames_per_second: float) -> None:
+        """Put what was drawn last into a window, no more often than that."""
         if self._screen is None:
             pygame.display.init()
             self._screen = pygame.display.set_mode(self._size)
@@ -207,6 +183,7 @@ class Viewer:
         pygame.event.pump()
         self._screen.blit(self._canvas, (0, 0))
         pygame.display.flip()
+        self._clock.tick(frames_per_second)
 
     def close(self) -> None:
         """Close the window; a later `show` opens another."""

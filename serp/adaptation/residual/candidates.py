@@ -74,27 +74,6 @@ class Statistics(NamedTuple):
 
 
 @cached_njit(nogil=True)
-def find_mode(x, bits, codes, modes):
-    """Return the code of the predicates that hold, and the mode that has it; 0 for none.
-
-    Args:
-        x: `[d]` inputs.
-        bits: Positions of the predicates within them.
-        codes: `[1 + MODES]` of the modes, from entry 1 on.
-        modes: How many there are.
-    """
-    code, weight = 0.0, 1.0
-    for k in range(bits.shape[0]):
-        if x[bits[k]] != 0.0:
-            code += weight
-        weight *= 2.0
-    for mode in range(1, modes + 1):
-        if codes[mode] == code:
-            return code, mode
-    return code, 0
-
-
-@cached_njit(nogil=True)
 def account(sample, mode, features, fourier, published, statistics):
     """Add one sample to the losses and then to the statistics of the regression.
 

@@ -27,18 +27,9 @@ _GROWN: Final = 1.3
 
 
 class FourierRegression:
-    """The regression of one group.
+    """The regression of one group, whose features and weights `parameters` receives.
 
-    Args:
-        parameters: Receives features and weights.
-        depth: Number of inputs, d.
-        count: Number of targets, T.
-        seed: Seed of the features.
-        enabled: Whether random features may be used; otherwise nothing is stored.
-
-    Attributes:
-        enabled: As above.
-        features: `[FOURIER]` of the last input, see `evaluate`.
+    `features` are those of the last input, see `evaluate`. Unless `enabled`, nothing is stored.
     """
 
     def __init__(
@@ -65,17 +56,10 @@ class FourierRegression:
         of = self._parameters
         if of.fourier:
             fourier_features(x, of.centre, of.shrink, of.frequency, of.phase, self.features)
-        return of.fourier > 0
+        return bool(of.fourier)
 
     def add(self, x: Vector, origin_x: Vector, y: Vector, evaluated: bool) -> None:
-        """Add a sample.
-
-        Args:
-            x: `[d]` inputs.
-            origin_x: `[d]` the same less the origin.
-            y: `[T]` targets.
-            evaluated: Whether `features` are those of x.
-        """
+        """Add a sample; `origin_x` is x less the origin, `features` are those of x if evaluated."""
         self._x[self._kept % _KEPT], self._y[self._kept % _KEPT] = x, y
         self._kept += 1
         if evaluated:
@@ -113,11 +97,7 @@ class FourierRegression:
         return first
 
     def solve(self, centre: Vector, half: Vector, origin: Vector) -> None:
-        """Publish the weights; without a finite solution they are unchanged.
-
-        Raises:
-            numpy.linalg.LinAlgError: There is no solution.
-        """
+        """Publish the weights; without a finite solution they are unchanged."""
         depth = len(centre)
         away = centre - origin
         matrix = self._gram + np.tril(self._gram, -1).T
@@ -149,11 +129,7 @@ class FourierRegression:
         return arrays, {"kept": self._kept, "random": self._random.bit_generator.state}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned; the owner restored the parameters before.
-
-        Raises:
-            RunError: It belongs to another feature group, or is damaged.
-        """
+        """Restore what `state_dict` returned, after the buffer; `RunError` if it does not fit."""
         saved = Saved("residual", arrays, meta)
         self._kept = saved.whole("kept")
         self._random.bit_generator.state = saved.generator_state("random", self._random)

@@ -35,13 +35,7 @@ Mask = NDArray[np.bool_]
 
 
 class OnlineResidual:
-    """Learns the one-step error of the targets of one group.
-
-    Args:
-        group: Any feature group of the key.
-        parameters: Receives the best predictor.
-        seed: Seed of the random features.
-        nonlinear: Whether random features may be used.
+    """Learns the one-step error of the targets of one group; `parameters` receive the result.
 
     Attributes:
         siblings: Residuals of other actions with the same inputs and targets, this one included.
@@ -55,7 +49,7 @@ class OnlineResidual:
         nonlinear: bool,
     ) -> None:
         depth, count, sets = len(group.inputs), len(group.targets), 1 + MODES
-        self._bits = np.array(group.bits, dtype=np.int64)
+        self._bits = group.bits
         self._warm_up = WarmUp(depth, np.array([group.inputs.index(t) for t in group.targets]))
         self._parameters = parameters
         self._published = parameters.linear, parameters.amplitude, parameters.kinds
@@ -83,7 +77,7 @@ class OnlineResidual:
         self._far_inputs = self._samples = self._since_solved = 0
 
     def learn(self, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask) -> bool:
-        """Learn from a sample and publish the best predictor.
+        """Learn from a sample; return whether any target is predicted by a residual now.
 
         Args:
             x: `[d]` inputs.
@@ -91,9 +85,6 @@ class OnlineResidual:
             valid: `[T]` whether that is observed.
             change: `[T]` observed change.
             enabled: `[T]` whether a residual may predict the target.
-
-        Returns:
-            Whether any target is predicted by a residual now.
         """
         used = self._learn(x, y, valid, change, enabled)
         if not self._warm_up.over:
@@ -107,9 +98,6 @@ class OnlineResidual:
         """Return whether half of the change of each target is predictable, over all siblings.
 
         Predictable by the file or any candidate, in use or not; True while that is unknown.
-
-        Args:
-            enabled: `[T]` whether a residual may predict the target.
         """
         left, allowed = np.zeros((2, len(enabled)))
         for group in self.siblings:
@@ -173,16 +161,19 @@ class OnlineResidual:
 
     def _mode(self, x: Vector) -> int:
         """Return the mode of an input, adding a separate model while there is room."""
-        if not len(self._bits):
+        if not self._bits:
             return 0
         parameters = self._parameters
-        code, mode = candidates.find_mode(x, self._bits, parameters.codes, parameters.modes)
-        if mode or parameters.modes == MODES:
-            return int(mode)
+        code = float(sum(2**k for k, bit in enumerate(self._bits) if x[bit] != 0.0))
+        known = parameters.codes[: 1 + parameters.modes].tolist()
+        if code in known[1:]:
+            return int(known.index(code, 1))
+        if parameters.modes == MODES:
+            return 0
         parameters.modes += 1
         parameters.codes[parameters.modes] = code
         parameters.kinds[parameters.modes] = parameters.kinds[0]
-        return parameters.modes
+        return int(parameters.modes)
 
     def _solve(self, mode: int) -> None:
         linear, statistics = self._parameters.linear, self._statistics
@@ -248,11 +239,7 @@ class OnlineResidual:
         }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned; the owner restored the parameters before.
-
-        Raises:
-            RunError: It belongs to another feature group, or is damaged.
-        """
+        """Restore what `state_dict` returned, after the buffer; `RunError` if it does not fit."""
         saved = Saved("residual", arrays, meta)
         self._samples, self._since_solved = saved.whole("samples"), saved.whole("since_solved")
         self._far_inputs = saved.whole("far_inputs")

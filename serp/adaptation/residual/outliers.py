@@ -20,14 +20,7 @@ PATIENCE = 3
 
 @cached_njit(nogil=True)
 def update_whole(state, next_state, numeric, whole):
-    """Update which fluents are whole numbers; return whether all are finite and not huge.
-
-    Args:
-        state: `[F]` before a step.
-        next_state: `[F]` observed after it.
-        numeric: `[F]` which fluents are numeric.
-        whole: `[F]` which were always whole; changed in place unless a number is huge.
-    """
+    """Update which fluents were always `whole` `[F]`; return whether none is NaN or huge."""
     for i in range(state.shape[0]):
         if not (abs(state[i]) < HUGE and abs(next_state[i]) < HUGE):
             return False
@@ -39,13 +32,9 @@ def update_whole(state, next_state, numeric, whole):
 
 @cached_njit(nogil=True)
 def far_off(x, low, high, limit):
-    """Return whether an input is more than `limit` half ranges from the middle of its range.
+    """Return whether an input `[d]` is more than `limit` half ranges from the middle of its range.
 
-    Args:
-        x: `[d]` inputs.
-        low: `[d]` least values so far.
-        high: `[d]` largest values so far.
-        limit: See above. An input that never changed has a half range of 1.
+    An input that never changed has a half range of 1.
     """
     for i in range(x.shape[0]):
         centre, half = (high[i] + low[i]) / 2, (high[i] - low[i]) / 2

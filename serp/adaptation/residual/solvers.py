@@ -63,18 +63,11 @@ def solve_pooled(grams, moments, centres, shrink, ridge, own, out):
 
 @cached_njit(nogil=True)
 def solve_ridge(grams, moments, counts, origin, centre, shrink, ridge, priors, out):
-    """Solve the ridge regression of every target that has samples.
+    """Solve the ridge regression of every target that has samples, where there is a solution.
 
-    Args:
-        grams: `[T, 1 + d, 1 + d]` statistics of the inputs less their origin.
-        moments: `[T, 1 + d]` likewise.
-        counts: `[T]` samples.
-        origin: `[d]`.
-        centre: `[d]`.
-        shrink: `[d]`.
-        ridge: Ridge of all weights, towards the prior.
-        priors: `[T, 1 + d]` weights of the inputs less their origin.
-        out: `[T, 1 + d]` receives the weights of the inputs, where there is a solution.
+    `grams` `[T, 1 + d, 1 + d]` and `moments` `[T, 1 + d]` are statistics of the inputs less their
+    `origin`, as the `priors` `[T, 1 + d]` towards which the ridge pulls; `out` are weights of the
+    inputs themselves.
     """
     size = moments.shape[1]
     # Rows of `change`: normalised inputs in terms of (1, x).
@@ -102,12 +95,7 @@ def solve_ridge(grams, moments, counts, origin, centre, shrink, ridge, priors, o
 def accumulate_fourier(x, y, features, gram, moment):
     """Add one sample to the statistics of (1, x, features), `[D, D]` and `[D, T]`.
 
-    Args:
-        x: `[d]` inputs less their origin.
-        y: `[T]`.
-        features: `[D - 1 - d]`.
-        gram: Its lower triangle.
-        moment: See above.
+    `x` `[d]` are the inputs less their origin; of `gram` the lower triangle is used.
     """
     depth, count = x.shape[0], features.shape[0]
     size = 1 + depth + count

@@ -28,12 +28,7 @@ _EXTREME: Final = 30.0
 
 
 class WarmUp:
-    """The first ten samples.
-
-    Args:
-        depth: Number of inputs, d.
-        places: `[T]` position of each target among the inputs.
-    """
+    """The first ten samples; `places` `[T]` are the positions of the targets among the d inputs."""
 
     def __init__(self, depth: int, places: NDArray[np.int64]) -> None:
         self._places = places
@@ -60,11 +55,8 @@ class WarmUp:
 
         A sample with an outlying input is dropped; one with an outlying target is kept without
         this target. The scale of a target is that of the other samples, or that of its fluent if
-        larger.
-
-        Args:
-            alike: Warm-ups of groups with the same inputs, this one included: a single action may
-                have been executed in few states.
+        larger. `alike` are warm-ups of groups with the same inputs, this one included: a single
+        action may have been executed in few states.
         """
         seen = np.concatenate([other._x[: other._kept] for other in alike])
         dropped = np.zeros(len(self._x), dtype=np.bool_)
@@ -91,11 +83,7 @@ class WarmUp:
         return {name: getattr(self, f"_{name}")[: self._kept].copy() for name in self._SAVED}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It belongs to another domain, or is damaged.
-        """
+        """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         saved = Saved("first samples", arrays, {})
         kept = min(len(arrays["x"]), _SAMPLES) if saved.has("x") and arrays["x"].ndim else 0
         for name in self._SAVED:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ from serp._util.text import plural
 from serp.cli.asked import asked_domain, asked_own_task
 from serp.cli.failures import DONE, MISTAKE, say
 from serp.cli.options import max_ground_schemas_option, own_task_name, own_task_option
-from serp.cli.output import ExampledCommand, open_console
+from serp.cli.output import examples, learned_from, open_console
 from serp.errors import MissingExtra, SerpError, TaskError
 
 if TYPE_CHECKING:
@@ -29,14 +30,13 @@ _WARNINGS = 100  # warnings of one domain that are printed
 
 @click.command(
     "check",
-    cls=ExampledCommand,
-    examples=[
+    epilog=examples(
         "serp check domains/cartpole.pddl",
         "serp check cartpole",
         "serp check domains/*.pddl",
         "serp check domain.pddl p01.pddl --portable",
         "serp check --task my_robot.py",
-    ],
+    ),
 )
 @click.argument("domains", metavar="FILE|NAME...", nargs=-1)
 @own_task_option
@@ -45,9 +45,7 @@ _WARNINGS = 100  # warnings of one domain that are printed
 @click.option("--portable-seconds", type=click.FloatRange(min=0, min_open=True), default=60.0,
               show_default=True, metavar="S", help="Most seconds to wait for it.")  # fmt: skip
 @max_ground_schemas_option
-@click.pass_context
 def command(
-    ctx: click.Context,
     domains: tuple[str, ...],
     portable: bool,
     portable_seconds: float,
@@ -68,28 +66,29 @@ def command(
 
     own = asked_own_task()
     if not domains and own is None:
-        raise click.UsageError("give files, names of installed tasks, or --task", ctx)
+        raise click.UsageError("give files, names of installed tasks, or --task")
     console = open_console()
-    wrong = warned = 0
+    seconds = portable_seconds if portable else None
+    warned, found = 0, Counter[str]()
     checks = pairs(domains) if domains else [DomainFiles(str(own_task_name()), None, None)]
     for position, check in enumerate(checks):
         if position:
             console.print("")
+        result = "right"
         try:
-            warned += _report(
-                console, check, own, portable_seconds if portable else None, max_ground_schemas
-            )
+            warned += _report(console, check, own, seconds, max_ground_schemas)
         except SerpError as error:
-            wrong += 1
-            found = "not checked" if isinstance(error, MissingExtra) else "wrong"
-            console.print(f"{check.name}: {found}", style="bold red")
+            result = "not checked" if isinstance(error, MissingExtra) else "wrong"
+            console.print(f"{check.name}: {result}", style="bold red")
             say(str(error))
+        found[result] += 1
     if len(checks) > 1:
+        unchecked = f", {found['not checked']} not checked" if found["not checked"] else ""
         console.print(
-            f"\n{plural(len(checks), 'domain')}: {len(checks) - wrong} right, {wrong} wrong, "
-            f"{plural(warned, 'warning')}"
+            f"\n{plural(len(checks), 'domain')}: {found['right']} right, {found['wrong']} wrong"
+            f"{unchecked}, {plural(warned, 'warning')}"
         )
-    return MISTAKE if wrong else DONE
+    return DONE if found["right"] == len(checks) else MISTAKE
 
 
 def _report(
@@ -104,45 +103,37 @@ def _report(
     Raises:
         SerpError: Something is wrong.
     """
-    from serp.cli.output import learned_from
     from serp.lint.portability import outside_portable_subset
     from serp.lint.rules import warnings_of
+    from serp.lint.unified_planning import ask_unified_planning
 
     domain, task = _load(pair, own, max_ground_schemas)
     findings = warnings_of(domain)
-    fits = None
+    lines = list(_summary(domain))
     if task is not None:
         fits, unfit = _fit(task, asked=own is not None or pair.domain is None)
         findings += unfit
-    sources = [s for s in (domain.source, domain.problem_source) if s is not None]
-    findings += [finding for source in sources for finding in outside_portable_subset(source)]
+        if fits is not None:
+            lines += [fits, learned_from(domain, task)]
+    for source in filter(None, (domain.source, domain.problem_source)):
+        findings += outside_portable_subset(source)
     console.print(f"{pair.name}: right", style="bold green")
-    for line in _summary(domain):
+    for line in lines:
         console.print(f"  {line}")
-    if fits is not None:
-        console.print(f"  {fits}")
-    if task is not None and fits is not None:
-        console.print(f"  {learned_from(domain, task)}")
-    for finding in findings[:_WARNINGS]:
-        console.print(f"  warning: {finding}", style="yellow")
-    if len(findings) > _WARNINGS:
-        console.print(f"  ... and {plural(len(findings) - _WARNINGS, 'more warning')}")
-    return len(findings) + _ask_unified_planning(console, domain, portable_seconds)
-
-
-def _ask_unified_planning(console: Console, domain: Domain, seconds: float | None) -> int:
-    """Print whether unified-planning reads the files; return the number of warnings."""
-    from serp.lint.unified_planning import ask_unified_planning
-
-    if seconds is None:
+    warnings = [str(finding) for finding in findings]
+    if portable_seconds is None:
         console.print("  unified-planning reads it: not asked (--portable asks)")
-        return 0
-    answer, finding = ask_unified_planning(domain.source, domain.problem_source, seconds)
-    console.print(f"  unified-planning reads it: {answer}")
-    if finding is None:
-        return 0
-    console.print(f"  warning: {finding}", style="yellow")
-    return 1
+    else:
+        answer, finding = ask_unified_planning(
+            domain.source, domain.problem_source, portable_seconds
+        )
+        console.print(f"  unified-planning reads it: {answer}")
+        warnings += [] if finding is None else [str(finding)]
+    for warning in warnings[:_WARNINGS]:
+        console.print(f"  warning: {warning}", style="yellow")
+    if len(warnings) > _WARNINGS:
+        console.print(f"  ... and {plural(len(warnings) - _WARNINGS, 'more warning')}")
+    return len(warnings)
 
 
 def _load(
@@ -192,49 +183,41 @@ def _fit(task: Task, *, asked: bool) -> tuple[str | None, list[DomainWarning]]:
 
 def _summary(domain: Domain) -> Iterator[str]:
     from serp.model.ground import REWARD_TARGET, TERMINAL_TARGET, UNSAFE_TARGET
-    from serp.model.symmetry.automorphisms import find_symmetries
 
     model = domain.model
     ground = model.ground
     problem = domain.problem_source.name if domain.problem_source else "no problem file"
     objects = domain.problem_syntax.objects if domain.problem_syntax else domain.syntax.constants
     yield f"domain {domain.name} ({domain.source.name}, {problem})"
-    yield ", ".join(
-        (
-            plural(len(model.fluents), "fluent"),
-            plural(len(ground.actions), "ground action"),
-            plural(len(ground.processes), "process", "processes"),
-            plural(len(ground.events), "event"),
-            plural(sum(p.role != "goal" for p in model.parameters), "parameter"),
-            plural(len(objects), "object"),
-        )
+    counts = (
+        plural(len(model.fluents), "fluent"),
+        plural(len(ground.actions), "ground action"),
+        plural(len(ground.processes), "process", "processes"),
+        plural(len(ground.events), "event"),
+        plural(sum(p.role != "goal" for p in model.parameters), "parameter"),
+        plural(len(objects), "object"),
     )
+    yield ", ".join(counts)
 
-    def changing(target: int) -> str:
+    def changing(target: int) -> list[str]:
+        """Return what changes a target, shortened."""
         names = {
             f"{s.kind.value} {s.schema}": None
             for s in ground.schemas
             if any(effect.target == target for effect in s.effects)
         }
+        listed = ", ".join([*names][:_NAMED])
         more = f" and {len(names) - _NAMED:,} more" if len(names) > _NAMED else ""
-        return (", ".join([*names][:_NAMED]) or "nothing") + more
+        return [listed + more] if names else []
 
-    rewarded = changing(REWARD_TARGET)
-    good = []
+    rewarded = []
     if ground.goal_rewarded:
-        worth = ground.goal_worth
-        good.append(f"the goal, worth {1.0 if worth is None else model.theta[worth.parameter]:g}")
+        worth = 1.0 if ground.goal_parameter is None else model.theta[ground.goal_parameter]
+        rewarded = [f"the goal, worth {worth:g}"]
     if ground.metric is not None:
-        good.append(f"the problem's metric, {ground.metric.place.text}")
-    rewarded = "; ".join(good) or rewarded
-    yield f"unsafe: {changing(UNSAFE_TARGET)}"
-    yield f"reward: {rewarded}"
-    ends = changing(TERMINAL_TARGET)
-    if ground.goal is not None:
-        ends = "the problem's goal" + ("" if ends == "nothing" else f", {ends}")
-    yield f"terminal: {ends}"
-    symmetries = find_symmetries(ground)
-    for symmetry in symmetries.described():
-        yield f"symmetry: {symmetry}"
-    if not symmetries.complete:
-        yield "symmetry: the search was stopped, there may be more"
+        rewarded.append(f"the problem's metric, {ground.metric.place.text}")
+    ends = ["the problem's goal"] if ground.goal is not None else []
+    ends += changing(TERMINAL_TARGET)
+    yield f"unsafe: {', '.join(changing(UNSAFE_TARGET)) or 'nothing'}"
+    yield f"reward: {'; '.join(rewarded or changing(REWARD_TARGET)) or 'nothing'}"
+    yield f"terminal: {', '.join(ends) or 'nothing'}"

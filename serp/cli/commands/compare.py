@@ -16,7 +16,7 @@ from serp.cli.options import (
     own_task_option,
     parse_settings,
 )
-from serp.cli.output import ExampledCommand, open_console, print_result, print_table
+from serp.cli.output import examples, open_console, print_result, print_table
 
 if TYPE_CHECKING:
     from serp.comparison.compare import Comparison
@@ -24,14 +24,13 @@ if TYPE_CHECKING:
 
 @click.command(
     "compare",
-    cls=ExampledCommand,
-    examples=[
+    epilog=examples(
         "serp compare --domain soccer --algorithms serp,mrp,dqn,ppo --seeds 5",
         "serp compare --domain cartpole --model-variants all",
         "serp compare --domain cartpole --model-variants cartpole-reversed,cartpole-cart-only",
         "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
         "serp compare --out runs/soccer --algorithms jump-start --seeds 10",
-    ],
+    ),
 )
 @click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
 @own_task_option
@@ -114,7 +113,7 @@ def command(
     except Interrupted as stop:
         missing = " and --out of that folder." if options["out"] is None else "."
         say(f"{stop}.\nGo on with the same command{missing}")
-        return stopped_by(stop.signal)
+        return stopped_by(stop)
     if options["quiet"]:
         print_result(comparison.path)
     else:

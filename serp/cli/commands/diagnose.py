@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 
-from serp._util.number_format import readable
+from serp._util.number_format import percent, readable
 from serp._util.text import plural
 from serp.cli.failures import say
-from serp.cli.output import ExampledCommand, open_console, print_json, print_table
+from serp.cli.options import OutputFile
+from serp.cli.output import examples, open_console, print_json, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.diagnosis.diagnosis import Diagnosis, FitRow
-    from serp.sysid.monitor import MonitorRow, Side
+    from serp.diagnosis.diagnosis import Diagnosis
+    from serp.sysid.monitor import Side
 
 _ROWS = 10  # of each table, without --all
 _NAMED = 6  # fluents of a state that is shown
@@ -27,27 +28,24 @@ _NAMED = 6  # fluents of a state that is shown
 
 @click.command(
     "diagnose",
-    cls=ExampledCommand,
-    examples=[
+    epilog=examples(
         "serp diagnose runs/seven",
         "serp diagnose runs/seven --all --svg diagnosis.svg",
         "serp diagnose runs/seven --json > diagnosis.json",
-    ],
+    ),
 )
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--all", "everything", is_flag=True,
               help="List what hardly matters, too.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-@click.option("--csv", "table", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.csv",
+@click.option("--csv", "table", type=OutputFile(".csv"), metavar="FILE.csv",
               help="Write the numbers there, a row for each ground action and "
                    "fluent.")  # fmt: skip
-@click.option("--png", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.png",
+@click.option("--png", type=OutputFile(".png"), metavar="FILE.png",
               help="Draw predicted against observed there.")  # fmt: skip
-@click.option("--svg", type=click.Path(path_type=Path, dir_okay=False), metavar="FILE.svg",
+@click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
               help="The same as SVG.")  # fmt: skip
-@click.pass_context
 def command(
-    ctx: click.Context,
     run: Path,
     everything: bool,
     as_json: bool,
@@ -61,10 +59,6 @@ def command(
     20,000): fluents, rewards and ends. What costs most comes first, and what is not explained is
     listed. The environment is not needed, and nothing is changed.
     """
-    for option, file, suffix in (("--csv", table, ".csv"), ("--png", png, ".png"),
-                                 ("--svg", svg, ".svg")):  # fmt: skip
-        if file is not None and file.suffix.lower() != suffix:
-            raise click.BadParameter(f"name a file that ends in {suffix}", ctx, param_hint=option)
     if png is not None or svg is not None:
         from serp._util.extras import needs_extra
 
@@ -87,32 +81,33 @@ def command(
         csv.writer(text, lineterminator="\n").writerows(export.table(diagnosis))
         write_durably(table, text.getvalue())
         say(f"The numbers are in {table}")
-    if png is not None:
-        write_durably(png, picture(diagnosis, "png"))
-        say(f"Predicted against observed is drawn in {png}")
-    if svg is not None:
-        write_durably(svg, picture(diagnosis, "svg"))
-        say(f"Predicted against observed is drawn in {svg}")
+    pictures: dict[Literal["png", "svg"], Path | None] = {"png": png, "svg": svg}
+    for kind, file in pictures.items():
+        if file is not None:
+            write_durably(file, picture(diagnosis, kind))
+            say(f"Predicted against observed is drawn in {file}")
 
 
 def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool = False) -> None:
-    """Print a diagnosis for people.
-
-    Args:
-        console: Where to.
-        diagnosis: What is printed.
-        everything: List what hardly matters, too.
-    """
-    from serp._util.number_format import percent
-
-    for line in _head(diagnosis):
-        console.print(line)
+    """Print a diagnosis for people; also what hardly matters, if everything is asked for."""
+    recorded, sample = diagnosis.recorded, diagnosis.sample
+    file = next(iter(recorded.files.values()), recorded.domain.name)
+    newest = plural(len(recorded.experience), "step")
+    console.print(f"{recorded.run}: {file} beside the last {newest} of {recorded.env_steps:,}")
+    if sample.left_out:
+        reasons = ", ".join(f"{count:,} {reason}" for reason, count in sample.left_out.items())
+        console.print(f"{plural(sample.skipped, 'step')} left out because of: {reasons}")
+    if recorded.learned_from == "environment":
+        console.print(
+            "Rewards are compared with those of the environment, from which the learner learns."
+        )
+    console.print(diagnosis.verdict)
     told = [*diagnosis.matter, *(diagnosis.others if everything else ())]
     if told:
         console.print("")
         rows = [(percent(diagnosis.share(remark), 2), remark.text) for remark in told]
-        print_table(console, ("of its error", "what the file says, and what was observed"), rows,
-                    right=[0])  # fmt: skip
+        head = ("of its error", "what the file says, and what was observed")
+        print_table(console, head, rows, right=[0])
     if diagnosis.others and not everything:
         rest = plural(len(diagnosis.others), "finding that hardly matters",
                       "findings that hardly matter")  # fmt: skip
@@ -121,42 +116,22 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool 
         console.print("\nNot explained:")
         for sentence in diagnosis.unexplained:
             console.print(f"* {sentence}")
-    wrong = [row for row in diagnosis.fits if row.cost > 0.0]
-    _table(console, "Predicted one step ahead", _FIT_HEAD, list(_fit_rows(wrong)), everything,
-           range(2, 7))  # fmt: skip
-    missed = [row for row in diagnosis.observed if not row.numeric and _missed(row.written)]
-    _table(console, "Predicates and ends, over the whole run", _PREDICATE_HEAD,
-           list(_predicate_rows(missed)), everything, range(2, 7))  # fmt: skip
-    _table(console, "Predicted worst, over the whole run", _WORST_HEAD,
-           list(_worst_rows(diagnosis)), everything, (2, 3))  # fmt: skip
+    for title, titles, rows_of, right in _TABLES:
+        lines = list(rows_of(diagnosis))
+        shown = lines if everything else lines[:_ROWS]
+        if shown:
+            console.print(f"\n{title}:")
+            print_table(console, titles, shown, right=right)
+        if len(shown) < len(lines):
+            console.print(f"and {len(lines) - len(shown)} more: --all lists them")
 
 
-def _head(diagnosis: Diagnosis) -> Iterator[str]:
-    recorded, sample = diagnosis.recorded, diagnosis.sample
-    file = next(iter(recorded.files.values()), recorded.domain.name)
-    yield (
-        f"{recorded.run}: {file} beside the last {plural(len(recorded.experience), 'step')} of "
-        + (f"{recorded.env_steps:,}")
-    )
-    if sample.left_out:
-        reasons = ", ".join(f"{count:,} {reason}" for reason, count in sample.left_out.items())
-        yield f"{plural(sample.skipped, 'step')} left out because of: {reasons}"
-    if recorded.learned_from == "environment":
-        yield "Rewards are compared with those of the environment, from which the learner learns."
-    yield diagnosis.verdict
-
-
-_FIT_HEAD = ("after", "fluent", "steps", "change", "error", "with findings", "range")
-
-
-def _fit_rows(fits: Sequence[FitRow]) -> Iterator[tuple[str, ...]]:
-    for row in fits:
-        numbers = row.change, row.rmse_written, row.rmse_found, row.scale
-        yield row.action, row.fluent, f"{row.steps:,}", *(readable(value, 3) for value in numbers)
-
-
-_PREDICATE_HEAD = ("after", "predicate", "steps", "predicted changes", "happened", "unpredicted",
-                   "wrong if adapted")  # fmt: skip
+def _fit_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
+    for row in diagnosis.fits:
+        if row.cost > 0.0:
+            numbers = row.change, row.rmse_written, row.rmse_found, row.scale
+            texts = (readable(value, 3) for value in numbers)
+            yield row.action, row.fluent, f"{row.steps:,}", *texts
 
 
 def _missed(side: Side) -> int:
@@ -164,29 +139,21 @@ def _missed(side: Side) -> int:
     return side.predicted - side.happened + side.unpredicted
 
 
-def _predicate_rows(rows: Sequence[MonitorRow]) -> Iterator[tuple[str, ...]]:
-    for row in sorted(rows, key=lambda row: -_missed(row.written)):
+def _predicate_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
+    missed = [row for row in diagnosis.observed if not row.numeric and _missed(row.written)]
+    for row in sorted(missed, key=lambda row: -_missed(row.written)):
         side = row.written
-        counts = row.samples, side.predicted, side.happened, side.unpredicted
-        numbers = (*counts, _missed(row.adapted))
-        yield row.action, row.fluent, *(f"{count:,}" for count in numbers)
-
-
-_WORST_HEAD = ("after", "fluent", "predicted", "observed", "in the state")
+        counts = row.samples, side.predicted, side.happened, side.unpredicted, _missed(row.adapted)
+        yield row.action, row.fluent, *(f"{count:,}" for count in counts)
 
 
 def _worst_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
     """Yield the worst step of each pair of action and fluent, most of the range first."""
-    model = diagnosis.recorded.model
-
-    def size(row: MonitorRow) -> float:
-        return row.worst[0].error / (row.scale or 1.0)
-
-    for row in sorted((row for row in diagnosis.observed if row.worst), key=lambda r: -size(r)):
-        case = row.worst[0]
+    cases = [(row, row.worst) for row in diagnosis.observed if row.worst is not None]
+    for row, case in sorted(cases, key=lambda pair: -pair[1].error / (pair[0].scale or 1.0)):
         state = ""
         if case.state is not None:
-            values = list(model.values(case.state).items())
+            values = list(diagnosis.recorded.model.values(case.state).items())
             shown = [
                 f"{name}={str(value).lower() if isinstance(value, bool) else readable(value, 3)}"
                 for name, value in values[:_NAMED]
@@ -195,18 +162,22 @@ def _worst_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
         yield row.action, row.fluent, readable(case.written), readable(case.observed), state
 
 
-def _table(
-    console: Console,
-    title: str,
-    head: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    everything: bool,
-    right: Sequence[int],
-) -> None:
-    if not rows:
-        return
-    shown = rows if everything else rows[:_ROWS]
-    console.print(f"\n{title}:")
-    print_table(console, head, shown, right=right)
-    if len(shown) < len(rows):
-        console.print(f"and {len(rows) - len(shown)} more: --all lists them")
+_TABLES = (
+    (
+        "Predicted one step ahead",
+        ("after", "fluent", "steps", "change", "error", "with findings", "range"),
+        _fit_rows, range(2, 7),
+    ),
+    (
+        "Predicates and ends, over the whole run",
+        ("after", "predicate", "steps", "predicted changes", "happened", "unpredicted",
+         "wrong if adapted"),
+        _predicate_rows, range(2, 7),
+    ),
+    (
+        "Predicted worst, over the whole run",
+        ("after", "fluent", "predicted", "observed", "in the state"),
+        _worst_rows, range(2, 4),
+    ),
+)  # fmt: skip
+"""Title, head, rows and right-aligned columns of each table."""

@@ -10,18 +10,17 @@ from serp._util.number_format import readable
 from serp._util.text import plural
 from serp.cli.asked import open_run
 from serp.cli.options import policy_of_run
-from serp.cli.output import ExampledCommand, open_console, print_json, print_table
+from serp.cli.output import examples, open_console, print_json, print_table
 from serp.training.policies import Policy
 
 
 @click.command(
     "evaluate",
-    cls=ExampledCommand,
-    examples=[
+    epilog=examples(
         "serp evaluate runs/seven",
         "serp evaluate runs/seven --policy planner --episodes 500",
         "serp evaluate runs/seven --policy learner --json > learner.json",
-    ],
+    ),
 )
 @policy_of_run
 @click.option("--episodes", type=click.IntRange(min=1), default=100, show_default=True, metavar="N",
@@ -29,13 +28,7 @@ from serp.training.policies import Policy
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the environment.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print all numbers as JSON.")
-def command(
-    run: Path,
-    policy: Policy,
-    episodes: int,
-    seed: int,
-    as_json: bool,
-) -> None:
+def command(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) -> None:
     """Measure a policy of RUN, the folder that plan-and-learn made.
 
     Return is the sum of the environment's rewards. The interval holds the mean of all episodes with
@@ -52,8 +45,10 @@ def command(
     console.print(f"{run}, policy {policy}, {plural(episodes, 'episode')}, seed {seed}")
     console.print(f"Measured: {result['meaning']}.")
     steps = sum(result["lengths"])
-    low, high = result["confidence_interval"] or (None, None)
-    interval = f", 95 % interval {readable(low)} to {readable(high)}" if low is not None else ""
+    interval = ""
+    if result["confidence_interval"] is not None:
+        low, high = map(readable, result["confidence_interval"])
+        interval = f", 95 % interval {low} to {high}"
     print_table(
         console,
         ("", ""),

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
+from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from serp.cli.output import ExampledCommand, open_console, print_table
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
+from serp.cli.output import examples, open_console, print_table
 
 PRESETS = {
     "default": "what gives the best result today",
@@ -18,13 +15,12 @@ PRESETS = {
 }
 
 
-@click.command(
-    "list",
-    cls=ExampledCommand,
-    examples=["serp list"],
-)
+@click.command("list", epilog=examples("serp list"))
 def command() -> None:
-    """List the installed tasks, with their domain files, and the presets."""
+    """List the installed tasks, with their domain files, and what the settings can name."""
+    from serp._util.plugins import offered
+    from serp.comparison.algorithms import OWN, algorithm_entries
+    from serp.control.registry import LEARNERS, PLANNERS, STRATEGIES
     from serp.tasks.registry import task_entries
 
     console = open_console()
@@ -37,8 +33,17 @@ def command() -> None:
         print_table(console, ("task", "", "domain file", "package"), rows, styles=styles)
     else:
         console.print("No task is installed.")
-    console.print("")
-    print_table(console, ("preset", ""), list(PRESETS.items()))
+    algorithms = [(name, algorithm.description) for name, algorithm in OWN.items()]
+    algorithms += [(name, _package(entry)) for name, entry in algorithm_entries().items()]
+    tables = {"preset": list(PRESETS.items()), "algorithm (serp compare)": algorithms}
+    for setting, group in (
+        ("guide.strategy", STRATEGIES), ("planner.name", PLANNERS), ("learner.name", LEARNERS)
+    ):  # fmt: skip
+        found = sorted(offered(group).items())
+        tables[f"{setting} (--set)"] = [(name, _package(entry)) for name, entry in found]
+    for title, lines in tables.items():
+        console.print("")
+        print_table(console, (title, ""), lines)
 
 
 def _about(name: str) -> tuple[str, str, bool]:

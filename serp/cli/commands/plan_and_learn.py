@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import shlex
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,13 +16,12 @@ from serp._util.text import plural
 from serp.cli.asked import asked_task
 from serp.cli.failures import say, stopped_by
 from serp.cli.options import (
-    as_record,
     max_ground_schemas_option,
     own_task_name,
     own_task_option,
-    parse_settings,
+    settings_option,
 )
-from serp.cli.output import ExampledCommand, open_console, print_result, print_table
+from serp.cli.output import examples, open_console, print_result, print_table
 
 if TYPE_CHECKING:
     from serp.tasks.task import Task
@@ -31,41 +29,26 @@ if TYPE_CHECKING:
 
 _FROM_OUT = ""
 """What `--resume` holds without a value of its own."""
-
-
-@dataclass(frozen=True)
-class TrainingOptions:
-    """What `serp plan-and-learn` is given; the help of the command says what each is."""
-
-    domain: str | None
-    preset: str
-    episodes: int | None
-    env_steps: int | None
-    seed: int
-    out: Path | None
-    resume: str | None
-    adapt: str | None
-    max_ground_schemas: int | None
-    assignments: tuple[str, ...]
-    quiet: bool
-
-
-def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> None:
-    if value is not None:
-        raise click.UsageError(f"{option.opts[0]} is now called --adapt", ctx)
+_FIXED = {
+    "preset": "--preset",
+    "seed": "--seed",
+    "adapt": "--adapt",
+    "max_ground_schemas": "--max-ground-schemas",
+    "settings": "--set",
+}
+"""What cannot change in a run that is resumed."""
 
 
 @click.command(
     "plan-and-learn",
-    cls=ExampledCommand,
-    examples=[
+    epilog=examples(
         "serp plan-and-learn --domain cartpole",
         "serp plan-and-learn --domain cartpole --episodes 300 --seed 7 --out runs/seven",
         "serp plan-and-learn --domain my/cartpole.pddl --set planner.depth=7",
         "serp plan-and-learn --domain cartpole --adapt off",
         "serp plan-and-learn --task my_robot.py",
         "serp plan-and-learn --resume runs/seven --episodes 500",
-    ],
+    ),
 )
 @click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")
 @own_task_option
@@ -83,13 +66,19 @@ def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> 
               help="Continue a run: this one, or that in --out.")  # fmt: skip
 @click.option("--adapt", metavar="off|parameters|residual|full",
               help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
-@click.option("--correct", hidden=True, expose_value=False, callback=_renamed)
 @max_ground_schemas_option
-@click.option("--set", "assignments", multiple=True, metavar="SECTION.NAME=VALUE",
-              help="Change a setting; may be repeated.")  # fmt: skip
+@settings_option
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
-@as_record(TrainingOptions)
-def command(ctx: click.Context, given: TrainingOptions) -> int | None:
+def command(
+    domain: str | None,
+    out: Path | None,
+    resume: str | None,
+    adapt: str | None,
+    max_ground_schemas: int | None,
+    settings: dict[str, dict[str, Any]],
+    quiet: bool,
+    **options: Any,
+) -> int | None:
     """Train on a task, or continue a training.
 
     The planner acts from the first step and the learner takes over; what the domain file flags
@@ -99,18 +88,17 @@ def command(ctx: click.Context, given: TrainingOptions) -> int | None:
     episode is finished first. A second one stops at once, and the run goes on from its last
     checkpoint.
     """
-    settings = parse_settings(given.assignments)
-    if given.adapt is not None:
+    if adapt is not None:
         if "mode" in settings.setdefault("adaptation", {}):
-            raise click.UsageError("give --adapt or --set adaptation.mode, not both", ctx)
-        settings["adaptation"]["mode"] = given.adapt
-    resuming = given.resume is not None
-    path = _run_to_resume(ctx, given.resume or None, given.out) if resuming else given.out
-    task = asked_task(given.domain, given.max_ground_schemas)
+            raise click.UsageError("give --adapt or --set adaptation.mode, not both")
+        settings["adaptation"]["mode"] = adapt
+    resuming = resume is not None
+    path = out if resume is None else _run_to_resume(resume, out)
+    task = asked_task(domain, max_ground_schemas)
     if task is None:
         if path is None or not resuming:
             raise click.UsageError(
-                "give --domain (`serp list` names the tasks), --task, or --resume RUN", ctx
+                "give --domain (`serp list` names the tasks), --task, or --resume RUN"
             )
         task = _task_of_run(path)
     from serp.errors import Interrupted
@@ -120,44 +108,34 @@ def command(ctx: click.Context, given: TrainingOptions) -> int | None:
     try:
         with _own_task_added():
             run = plan_and_learn(
-                task, preset=given.preset, settings=settings, episodes=given.episodes,
-                env_steps=given.env_steps, seed=given.seed, out=path, resume=resuming,
-                quiet=given.quiet,
-            )  # fmt: skip
-    except Interrupted as stop:
-        say("\n".join([str(stop), *_notes(stop)]))
-        return stopped_by(stop.signal)
-    except KeyboardInterrupt as stop:
-        if not _notes(stop):
+                task, settings=settings, out=path, resume=resuming, quiet=quiet, **options
+            )
+    except (Interrupted, KeyboardInterrupt) as stop:
+        if not isinstance(stop, Interrupted) and not _notes(stop):
             raise
-        say("\n".join(["Stopped at once.", *_notes(stop)]))
+        said = str(stop) if isinstance(stop, Interrupted) else "Stopped at once."
+        say("\n".join([said, *_notes(stop)]))
         return stopped_by(stop)
     if resuming and _episodes(run.path) == episodes_before:
         say("Nothing was left to do. To train on, give more --episodes or --env-steps in all.")
-    if given.quiet:
+    if quiet:
         print_result(run.path)
     else:
-        _print_results(run, given.domain)
+        _print_results(run, domain)
     return None
 
 
-def _run_to_resume(ctx: click.Context, given: str | None, out: Path | None) -> Path:
+def _run_to_resume(given: str, out: Path | None) -> Path:
     """Return the run that `--resume` means; what belongs to its beginning cannot be given."""
-    fixed = {
-        "preset": "--preset",
-        "seed": "--seed",
-        "adapt": "--adapt",
-        "max_ground_schemas": "--max-ground-schemas",
-        "assignments": "--set",
-    }
-    for name, option in fixed.items():
-        if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:
-            raise click.UsageError(f"{option} cannot change in a run that is resumed", ctx)
-    if given is not None and out is not None and Path(given) != out:
-        raise click.UsageError(f"which run: --resume {given} or --out {out}?", ctx)
-    path = Path(given) if given is not None else out
+    for name, option in _FIXED.items():
+        source = click.get_current_context().get_parameter_source(name)
+        if source is ParameterSource.COMMANDLINE:
+            raise click.UsageError(f"{option} cannot change in a run that is resumed")
+    if given and out is not None and Path(given) != out:
+        raise click.UsageError(f"which run: --resume {given} or --out {out}?")
+    path = Path(given) if given else out
     if path is None:
-        raise click.UsageError("give the run to continue: --resume RUN", ctx)
+        raise click.UsageError("give the run to continue: --resume RUN")
     return path
 
 
@@ -201,8 +179,15 @@ def _print_results(run: Run, domain: str | None) -> None:
     from serp.runs.summary import spans
 
     summary: dict[str, Any] = run.summary
-    returns = summary["return"]
+    episodes, returns = plural(summary["episodes"], "episode"), summary["return"]
     first, last = spans(summary["episodes"])
+    said = readable(returns["first_10"])
+    if first < summary["episodes"]:
+        said += f" in the first {plural(first, 'episode')}, "
+        said += f"{readable(returns['last_20'])} in the last {last}"
+    unsafe = plural(summary["unsafe_executed"], "action")
+    quoted = shlex.quote(str(run.path))
+    shown = shlex.quote(domain if domain is not None else str(run.path / "domain.pddl"))
     console = open_console()
     console.print("")
     print_table(
@@ -210,33 +195,14 @@ def _print_results(run: Run, domain: str | None) -> None:
         ("", ""),
         [
             ("run", str(run.path)),
-            (
-                "length",
-                f"{plural(summary['episodes'], 'episode')}, "
-                f"{plural(summary['env_steps'], 'env step')}",
-            ),
-            (
-                "return",
-                f"{readable(returns['first_10'])} in the first {plural(first, 'episode')}, "
-                f"{readable(returns['last_20'])} in the last {last}"
-                if first < summary["episodes"]
-                else readable(returns["first_10"]),
-            ),
-            (
-                "terminated",
-                f"{plural(summary['terminations'], 'episode')} ended by the environment "
-                "(a fall, a crash, the goal)",
-            ),
+            ("length", f"{episodes}, {plural(summary['env_steps'], 'env step')}"),
+            ("return", said),
+            ("terminated", f"{plural(summary['terminations'], 'episode')} ended by the environment "
+                           "(a fall, a crash, the goal)"),
             ("vetoes", f"{plural(summary['vetoes'], 'proposal')} refused"),
-            (
-                "unsafe",
-                f"{plural(summary['unsafe_executed'], 'action')} executed that the "
-                "domain file flags unsafe",
-            ),
+            ("unsafe", f"{unsafe} executed that the domain file flags unsafe"),
         ],
-    )
-    quoted = shlex.quote(str(run.path))
-    shown = shlex.quote(domain if domain is not None else str(run.path / "domain.pddl"))
+    )  # fmt: skip
     console.print("\nNext:")
     print_table(
         console,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import codecs
 import difflib
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +12,8 @@ import click
 
 from serp._util.text import plural
 from serp.cli.failures import say
-from serp.cli.output import ExampledCommand, open_console
+from serp.cli.options import OutputFile
+from serp.cli.output import examples, open_console
 from serp.errors import SerpError
 
 if TYPE_CHECKING:
@@ -26,20 +26,18 @@ _STYLES = {"+": "green", "-": "red", "@": "cyan"}
 
 @click.command(
     "repair",
-    cls=ExampledCommand,
-    examples=[
+    epilog=examples(
         "serp repair runs/seven",
         "serp repair runs/seven -o cartpole-repaired.pddl",
         "serp repair runs/seven -o domains/cartpole.pddl --force",
-    ],
+    ),
 )
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("-o", "--out", type=click.Path(path_type=Path), metavar="FILE.pddl",
+@click.option("-o", "--out", type=OutputFile(".pddl"), metavar="FILE.pddl",
               help="Where the repaired file goes.  [default: it is only shown]")  # fmt: skip
 @click.option("--force", is_flag=True,
               help="Replace FILE.pddl and its problem file where they exist.")  # fmt: skip
-@click.pass_context
-def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> None:
+def command(run: Path, out: Path | None, force: bool) -> None:
     """Correct the domain file of RUN, a folder of plan-and-learn, and show what changes.
 
     What `serp diagnose` lists is written: numbers are changed where they stand, and effects that
@@ -47,8 +45,6 @@ def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> Non
     as it is. What is rewarded, unsafe or an end is never touched: what came of it, and what chance
     does, is told in comments. What is not explained is listed, and stands at the head of the file.
     """
-    if out is not None and out.suffix.lower() != ".pddl":
-        raise click.BadParameter("name a file that ends in .pddl", ctx, param_hint="--out")
     if out is not None and not force:
         _refuse_to_replace(out)
 
@@ -69,19 +65,18 @@ def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> Non
     console = open_console()
     name = recorded.files.get("domain.pddl", "domain.pddl")
     steps = plural(len(diagnosis.sample), "step")
-    if not repaired.repairs:
-        console.print(
-            f"{name}: nothing to repair was found in {steps}"
-            + ("" if out is None else f", and {out} was not written")
-        )
+    if repaired.repairs:
+        new_name = "repaired" if out is None else str(out)
+        old = recorded.domain.source.text
+        _print_difference(console, old, repaired.text, Path(name).name, new_name)
+    else:
+        unwritten = "" if out is None else f", and {out} was not written"
+        console.print(f"{name}: nothing to repair was found in {steps}{unwritten}")
         console.print(diagnosis.verdict)
-        _print_open(repaired.open)
+    if repaired.open:
+        say("\n  ".join(["Not explained, and left as it is:", *repaired.open]))
+    if not repaired.repairs:
         return
-    _print_difference(
-        console, recorded.domain.source.text, repaired.text, Path(name).name,
-        "repaired" if out is None else str(out),
-    )  # fmt: skip
-    _print_open(repaired.open)
     changes = plural(len(repaired.repairs), "change")
     if out is None:
         say(f"{changes}, from {steps}; -o FILE.pddl writes the repaired file")
@@ -90,17 +85,15 @@ def command(ctx: click.Context, run: Path, out: Path | None, force: bool) -> Non
     say(f"{changes}, from {steps}; the repaired file is {out}")
 
 
-def _print_open(sentences: Sequence[str]) -> None:
-    """Say what is not explained, or not written."""
-    if sentences:
-        say("Not explained, and left as it is:")
-    for sentence in sentences:
-        say(f"  {sentence}")
-
-
 def _refuse_to_replace(file: Path) -> None:
     if os.path.lexists(file):
         raise SerpError(f"{file} exists; give another name, or replace it with --force")
+
+
+def _refuse_the_copies(recorded: Recorded, out: Path) -> None:
+    """Refuse the run's own copies, which say what its lines and numbers are about."""
+    if os.path.realpath(out) in {os.path.realpath(recorded.run / n) for n in recorded.files}:
+        raise SerpError(f"{out} belongs to the run; give a name outside {recorded.run}")
 
 
 def _refuse_another_problem(recorded: Recorded, out: Path) -> None:
@@ -115,41 +108,16 @@ def _refuse_another_problem(recorded: Recorded, out: Path) -> None:
         _refuse_to_replace(beside)
 
 
-def _refuse_the_copies(recorded: Recorded, out: Path) -> None:
-    """Refuse the run's own copies, which say what its lines and numbers are about."""
-    if os.path.realpath(out) in {os.path.realpath(recorded.run / n) for n in recorded.files}:
-        raise SerpError(f"{out} belongs to the run; give a name outside {recorded.run}")
-
-
 def _write(recorded: Recorded, text: str, out: Path) -> None:
-    problem = recorded.domain.problem_source
-    beside = write_with_problem(out, text, None if problem is None else problem.text)
-    if beside is not None:
-        say(f"Its problem file is copied to {beside}")
-
-
-def write_with_problem(out: Path, text: str, problem: str | None) -> Path | None:
-    """Write a domain file and, where it is not there already, its problem file beside it.
-
-    Args:
-        out: The domain file.
-        text: What is written to it.
-        problem: Text of the problem; None where there is none.
-
-    Returns:
-        The problem file; None where none was written.
-
-    Raises:
-        SerpError: One of them cannot be written; see `write_together`.
-    """
+    """Write the domain file and, where it is not there already, its problem file beside it."""
     from serp._util.files import write_together
 
-    beside = _problem_beside(out)
-    if problem is None or _holds(beside, problem):
+    beside, problem = _problem_beside(out), recorded.domain.problem_source
+    if problem is None or _holds(beside, problem.text):
         write_together({out: text})
-        return None
-    write_together({beside: problem, out: text})
-    return beside
+        return
+    write_together({beside: problem.text, out: text})
+    say(f"Its problem file is copied to {beside}")
 
 
 def _problem_beside(out: Path) -> Path:
@@ -168,7 +136,5 @@ def _print_difference(console: Console, old: str, new: str, name: str, new_name:
         old.splitlines(), new.splitlines(), name, new_name, n=2, lineterm=""
     )
     for line in lines:
-        style = _STYLES.get(line[:1])
-        if line.startswith(("+++", "---")):
-            style = "bold"
+        style = "bold" if line.startswith(("+++", "---")) else _STYLES.get(line[:1])
         console.print(line, style=style, soft_wrap=True)

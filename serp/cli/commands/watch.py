@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,34 +12,31 @@ from serp._util.number_format import readable
 from serp._util.text import plural
 from serp.cli.asked import open_run
 from serp.cli.failures import say
-from serp.cli.options import policy_of_run
-from serp.cli.output import ExampledCommand, open_console
+from serp.cli.options import OutputFile, policy_of_run
+from serp.cli.output import examples, open_console
 from serp.training.policies import Policy
 
 if TYPE_CHECKING:
-    from serp.viz.film import EpisodeResult
+    from serp.control.step_record import StepRecord
 
 _GIF_WIDTH = 640
-_FILM_FPS = {".gif": 50.0, ".mp4": 60.0}
 
 
 @click.command(
     "watch",
-    cls=ExampledCommand,
-    examples=[
+    epilog=examples(
         "serp watch runs/seven",
         "serp watch runs/seven --policy planner --episodes 10 --speed 2",
         "serp watch runs/seven --out seven.gif",
         "serp watch runs/seven --episodes 1 --seed 3 --out seven.mp4",
-    ],
+    ),
 )
 @policy_of_run
 @click.option("--episodes", type=click.IntRange(min=1), default=3, show_default=True, metavar="N",
               help="Episodes to show.")  # fmt: skip
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
               help="Seed of the environment; `serp evaluate` has the same episodes.")  # fmt: skip
-@click.option("-o", "--out", type=click.Path(path_type=Path, dir_okay=False),
-              metavar="FILE.gif|FILE.mp4",
+@click.option("-o", "--out", type=OutputFile(".gif", ".mp4"), metavar="FILE.gif|FILE.mp4",
               help="Write a film there; no screen is needed.  [default: a window]")  # fmt: skip
 @click.option("--speed", type=click.FloatRange(min=0.05, max=100), default=1.0,
               show_default=True, metavar="X", help="How much faster than real time.")  # fmt: skip
@@ -47,9 +45,7 @@ _FILM_FPS = {".gif": 50.0, ".mp4": 60.0}
 @click.option("--width", type=click.IntRange(min=64), metavar="N",
               help="Most pixels in width.  [default: 640 in a GIF, else as it is drawn]",
               )  # fmt: skip
-@click.pass_context
 def command(
-    ctx: click.Context,
     run: Path,
     policy: Policy,
     episodes: int,
@@ -64,45 +60,41 @@ def command(
     Below the picture stands who acts and what is done; in red what was refused, and why in the
     words of the domain file. In the window, Space pauses and Escape closes.
     """
-    kind = out.suffix.lower() if out is not None else ""
-    if out is not None and kind not in _FILM_FPS:
-        raise click.BadParameter("a film is a GIF or an MP4; name a file that ends in .gif or .mp4",
-                                 ctx, param_hint="--out")  # fmt: skip
-
     from serp._util.extras import needs_extra
 
     with needs_extra("watch", "watching a policy"):
         from serp.viz.film import FilmSettings
-        from serp.viz.watch import show_film, write_film
-        from serp.viz.window import require_display
+        from serp.viz.film_files import write_film
+        from serp.viz.window import show_film
 
-    if out is None:
-        require_display()
-    most = _FILM_FPS.get(kind, 60.0)
+    is_gif = out is not None and out.suffix.lower() == ".gif"
+    most = 50.0 if is_gif else 60.0
     settings = FilmSettings(
         policy=policy,
         episodes=episodes,
         seed=seed,
         speed=speed,
         fps=most if fps is None else min(fps, most),
-        width=_GIF_WIDTH if width is None and kind == ".gif" else width,
+        width=_GIF_WIDTH if width is None and is_gif else width,
     )
     loaded = open_run(run)
     if out is None:
         show_film(loaded, settings, f"{loaded.task.name}, policy {policy}, {run}", _report)
         return
-    written = write_film(loaded, out, settings, _report)
-    open_console().print(
-        f"{out}: {plural(written.frames, 'frame')}, {written.seconds:.1f} s, "
-        f"{written.size / 1e6:.2f} MB"
-    )
+    os.environ.setdefault("SDL_VIDEODRIVER", "dummy")  # environments draw with SDL on no screen
+    write_film(loaded, out, settings, _report)
+    open_console().print(f"{out}: {out.stat().st_size / 1e6:.2f} MB")
 
 
-def _report(result: EpisodeResult) -> None:
+def _report(number: int, last: StepRecord) -> None:
     """Say what came of an episode, while the next one is played."""
-    unsafe = f", {plural(result.unsafe, 'unsafe action')} executed" if result.unsafe else ""
+    from serp.training.evaluation import outcome_of
+
+    totals, counts = last.episode, last.episode.decisions
+    outcome = f"{outcome_of(last.info)}, " if outcome_of(last.info) else ""
+    unsafe = f", {plural(counts.unsafe_executed, 'unsafe action')} executed"
     say(
-        f"episode {result.number}: {result.outcome and result.outcome + ', '}"
-        f"return {readable(result.total)} in "
-        f"{plural(result.steps, 'step')}, {plural(result.vetoes, 'proposal')} refused{unsafe}"
+        f"episode {number}: {outcome}return {readable(totals.return_)} in "
+        f"{plural(last.number, 'step')}, {plural(counts.vetoes, 'proposal')} refused"
+        + (unsafe if counts.unsafe_executed else "")
     )

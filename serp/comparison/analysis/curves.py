@@ -18,24 +18,14 @@ GRID: Final = 200
 
 
 class Curves(NamedTuple):
-    """Curves of several seeds on one grid.
-
-    Attributes:
-        x: `[G]`.
-        y: `[seeds, G]`, all finite; no rows if nothing was measured.
-    """
+    """Curves `[seeds, G]` on one grid `[G]`, all finite; no rows if nothing was measured."""
 
     x: Array
     y: Array
 
 
 class Checkpoints(NamedTuple):
-    """Evaluations of the learner, without planner and veto, during a training.
-
-    Attributes:
-        env_steps: `[C]`, rising: env steps of training before each.
-        returns: `[C]`: mean return of its episodes.
-    """
+    """Evaluations of the learner during a training: rising env steps `[C]`, mean returns `[C]`."""
 
     env_steps: Array
     returns: Array

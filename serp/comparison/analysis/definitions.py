@@ -15,7 +15,8 @@ class Measure(NamedTuple):
         meaning: Its definition, in a sentence or two.
         unit: `return`, `env steps`, `episodes`, `steps`, `seconds`, `share` or `count`.
         better: Which way is better; None where neither is.
-        time: Whether it is a time until something, infinite where that never happened.
+        table: The table of the report that has it: `returns`, `times`, `safety` or `cost`.
+        compared: Whether the report has the differences between algorithms.
     """
 
     name: str
@@ -23,7 +24,13 @@ class Measure(NamedTuple):
     meaning: str
     unit: str
     better: Literal["higher", "lower"] | None
-    time: bool = False
+    table: Literal["returns", "times", "safety", "cost"]
+    compared: bool = False
+
+    @property
+    def time(self) -> bool:
+        """Whether it is a time until something, infinite where that never happened."""
+        return self.table == "times" and self.unit != "share"
 
 
 # fmt: off
@@ -32,79 +39,79 @@ MEASURES: Final = (
             "Time average, over the budget, of the return of the training episode that is running "
             "at each env step; the last complete episode's return goes on to the end of the "
             "budget.",
-            "return", "higher"),
+            "return", "higher", "returns", True),
     Measure("learner_area", "area under the learner's curve",
             "Area under the mean returns of the learner alone (greedy, no planner, no veto) at "
             "the checkpoints, by the trapezoid rule, divided by the budget; the first and the "
             "last value go on to the ends of the budget.",
-            "return", "higher"),
+            "return", "higher", "returns", True),
     Measure("first_10", "first 10 episodes",
             "Mean return of the first 10 training episodes (of all, where there are fewer).",
-            "return", "higher"),
+            "return", "higher", "returns", True),
     Measure("first_50", "first 50 episodes",
             "Mean return of the first 50 training episodes (of all, where there are fewer).",
-            "return", "higher"),
+            "return", "higher", "returns", True),
     Measure("last_20", "last 20 episodes",
             "Mean return of the last 20 training episodes (of all, where there are fewer).",
-            "return", "higher"),
+            "return", "higher", "returns", True),
     Measure("threshold_env_steps", "env steps to the threshold",
             "Env steps until the mean return of 20 training episodes in a row first reaches the "
             "threshold. Fewer than 20 training episodes are too few to say so, or to say never.",
-            "env steps", "lower", True),
+            "env steps", "lower", "times", True),
     Measure("threshold_episodes", "episodes to the threshold",
             "Training episodes until the same.",
-            "episodes", "lower", True),
+            "episodes", "lower", "times"),
     Measure("learner_threshold_env_steps", "env steps to the learner's threshold",
             "Env steps until an evaluation of the learner alone first reaches the threshold in "
             "the mean. Fewer than 20 evaluation episodes in all are too few to say so, or to say "
             "never.",
-            "env steps", "lower", True),
+            "env steps", "lower", "times"),
     Measure("learner_threshold_held", "threshold held",
             "Share of the evaluations after that one that reach the threshold, too.",
-            "share", "higher"),
+            "share", "higher", "times"),
     Measure("final_learner", "final learner alone",
             "Mean return of the learner alone (greedy, no planner, no veto) at the end of "
             "training. `residual` keeps the planner's values, which are a part of its Q.",
-            "return", "higher"),
+            "return", "higher", "returns", True),
     Measure("final_vetoed", "final policy within the vetoes",
             "The same within the vetoes. What takes the place of a refused proposal is for the "
             "algorithm's settings to say (`arbiter.after_veto`); for external algorithms it "
             "is the planner's action.",
-            "return", "higher"),
+            "return", "higher", "returns"),
     Measure("planner", "planner alone",
             "Mean return of the planner alone, evaluated at the end of training.",
-            "return", "higher"),
+            "return", "higher", "returns"),
     Measure("episodes", "episodes",
             "Complete training episodes.",
-            "episodes", None),
+            "episodes", None, "cost"),
     Measure("terminated", "terminated episodes",
             "Training episodes that the environment ended (a fall, a goal; not a limit of time or "
             "steps).",
-            "episodes", None),
+            "episodes", None, "safety"),
     Measure("unsafe", "unsafe executed",
             "Actions executed in training that the domain file flags unsafe.",
-            "steps", "lower"),
+            "steps", "lower", "safety", True),
     Measure("avoidable_unsafe", "avoidable unsafe executed",
             "Those of them that were executed while another action was not flagged.",
-            "steps", "lower"),
+            "steps", "lower", "safety"),
     Measure("final_learner_unsafe", "unsafe, final learner alone",
             "Unsafe actions of the final evaluation of the learner alone, an episode.",
-            "steps", "lower"),
+            "steps", "lower", "safety"),
     Measure("final_vetoed_unsafe", "unsafe, final policy within the vetoes",
             "Unsafe actions of the final evaluation within the vetoes, an episode.",
-            "steps", "lower"),
+            "steps", "lower", "safety"),
     Measure("vetoes", "vetoes",
             "Proposals refused in training.",
-            "steps", None),
+            "steps", None, "safety"),
     Measure("planner_share", "planner's share",
             "Share of the env steps in which the planner's action was executed.",
-            "share", None),
+            "share", None, "cost"),
     Measure("seconds", "seconds of training",
             "Wall time of training, evaluations left out.",
-            "seconds", "lower"),
+            "seconds", "lower", "cost"),
     Measure("seconds_per_1000", "seconds per 1,000 env steps",
             "The same per 1,000 env steps.",
-            "seconds", "lower"),
+            "seconds", "lower", "cost"),
 )
 """All measures that every trial has, in the order in which they are reported."""
 # fmt: on
@@ -119,10 +126,10 @@ def extra_measures(names: Iterable[str]) -> tuple[Measure, ...]:
         kind, _, what = name.partition(".")
         if kind == "outcome":
             meaning = f"Training episodes that ended with the outcome “{what}”."
-            found.append(Measure(name, f"outcome {what}", meaning, "episodes", None))
+            found.append(Measure(name, f"outcome {what}", meaning, "episodes", None, "safety"))
         else:
             meaning = (
                 f"Sum, over the training episodes, of the environment's “{what}” at their end."
             )
-            found.append(Measure(name, what, meaning, "count", None))
+            found.append(Measure(name, what, meaning, "count", None, "safety"))
     return tuple(found)

@@ -32,12 +32,15 @@ ENOUGH: Final = 5
 class Results:
     """Finished trials, in the order of the tables, and their measures.
 
+    Methods that take a variant use the base by default.
+
     Args:
         records: Of finished trials, in any order; some may be missing.
         metadata: The metadata of the comparison.
 
     Attributes:
         metadata: As given.
+        plan: That of the metadata.
         records: In the order of algorithms, variants (the base first) and seeds.
         measured: Trial → name of a measure → value; see `serp.comparison.analysis.measures`.
         undecided: Trial → measures of the threshold that it has too few episodes for.
@@ -46,46 +49,35 @@ class Results:
 
     def __init__(self, records: Iterable[Record], metadata: ComparisonMetadata) -> None:
         self.metadata = metadata
+        self.plan = plan = metadata.plan
         found = {record.trial: record for record in records}
-        order = [
-            trial
-            for algorithm in metadata.algorithms
-            for variant in self.variants
-            for seed in metadata.seeds
-            if (trial := Trial(algorithm, variant, seed)) in found
-        ]
-        self.records = tuple(found[trial] for trial in order)
-        self.measured = {
-            trial: measure(found[trial], metadata.protocol.env_steps, metadata.threshold)
-            for trial in order
-        }
-        self.undecided = {trial: undecided(found[trial], metadata.threshold) for trial in order}
-        self.missing = tuple(trial for trial in metadata.trials if trial not in found)
-        self._estimates: dict[tuple[str, str, str], Estimate] = {}
+        algorithms, variants = list(plan.algorithms), list(plan.variants)
 
-    @cached_property
-    def variants(self) -> tuple[str, ...]:
-        """Names of the domain files that were asked for, the base first."""
-        others = (name for name in self.metadata.variants if name != self.metadata.base)
-        return (self.metadata.base, *others)
+        def place(trial: Trial) -> tuple[int, int, int]:
+            return algorithms.index(trial.algorithm), variants.index(trial.variant), trial.seed
+
+        self.records = tuple(found[trial] for trial in sorted(found, key=place))
+        self.measured = {
+            record.trial: measure(record, plan.protocol.env_steps, plan.threshold)
+            for record in self.records
+        }
+        self.undecided = {r.trial: undecided(r, plan.threshold) for r in self.records}
+        self.missing = tuple(trial for trial in plan.trials if trial not in found)
+        self._estimates: dict[tuple[str, str, str], Estimate] = {}
 
     @cached_property
     def algorithms(self) -> tuple[str, ...]:
         """Algorithms with a finished trial on the base variant."""
-        return self.on(self.metadata.base)
+        return self.on(self.plan.base)
 
     def on(self, variant: str) -> tuple[str, ...]:
         """Return the algorithms with a finished trial on a variant, in order."""
         return tuple(dict.fromkeys(t.algorithm for t in self.measured if t.variant == variant))
 
     def of(self, algorithm: str, variant: str | None = None) -> tuple[Record, ...]:
-        """Return the trials of an algorithm on a variant (the base by default), by seed."""
-        chosen = self.metadata.base if variant is None else variant
-        return tuple(
-            record
-            for record in self.records
-            if record.trial.algorithm == algorithm and record.trial.variant == chosen
-        )
+        """Return the trials of an algorithm on a variant, by seed."""
+        key = (algorithm, variant or self.plan.base)
+        return tuple(record for record in self.records if record.trial[:2] == key)
 
     @cached_property
     def table(self) -> tuple[Measure, ...]:
@@ -100,36 +92,23 @@ class Results:
         An outcome that a trial never had counts 0; NaN is what was not measured.
         """
         absent = 0.0 if name.startswith("outcome.") else np.nan
-        return np.array(
-            [
-                self.measured[record.trial].get(name, absent)
-                for record in self.of(algorithm, variant)
-            ],
-            dtype=np.float64,
-        )
+        trials = (record.trial for record in self.of(algorithm, variant))
+        return np.array([self.measured[trial].get(name, absent) for trial in trials], np.float64)
 
     def times(self, algorithm: str, name: str, variant: str | None = None) -> Times:
         """Return the median of a measure that is a time until something, with its interval."""
         few = sum(name in self.undecided[record.trial] for record in self.of(algorithm, variant))
         return times(self.values(algorithm, name, variant), few)
 
-    def caution(self, *variants: str) -> str | None:
-        """Return a warning if some variants (the base by default) have few seeds.
-
-        It is shown with all intervals and verdicts.
-        """
-        counts = {
-            (name, variant): len(self.of(name, variant))
-            for variant in variants or (self.metadata.base,)
-            for name in self.on(variant)
-        }
-        few = {place: count for place, count in counts.items() if count < ENOUGH}
+    @cached_property
+    def caution(self) -> str | None:
+        """A warning of too few seeds; None if there are enough. It is shown with intervals."""
+        counts = [len(self.of(name, v)) for v in self.plan.variants for name in self.on(v)]
+        few = sorted(count for count in counts if count < ENOUGH)
         if not few:
             return None
-        least, most = min(few.values()), max(few.values())
-        of = "" if len(few) == len(counts) else f" of {', '.join(dict.fromkeys(n for n, _ in few))}"
-        seeds = f"{least}" if least == most else f"{least} to {most}"
-        return f"Few seeds ({seeds}{of}): intervals and verdicts are rough. Take at least {ENOUGH}."
+        seeds = f"{few[0]}" if few[0] == few[-1] else f"{few[0]} to {few[-1]}"
+        return f"Few seeds ({seeds}): intervals are rough. Take at least {ENOUGH}."
 
     def known(self, algorithm: str, name: str, variant: str | None = None) -> Array:
         """Return the values of a measure for intervals: those that are unknown are left out.
@@ -140,7 +119,7 @@ class Results:
         values = self.values(algorithm, name, variant)
         measured = BY_NAME.get(name)
         if measured is not None and measured.time:
-            whole: Array | float = float(self.metadata.protocol.env_steps)
+            whole: Array | float = float(self.plan.protocol.env_steps)
             if measured.unit == "episodes":
                 whole = self.values(algorithm, "episodes", variant)
             values = np.where(np.isposinf(values), whole, values)
@@ -148,7 +127,7 @@ class Results:
 
     def estimate(self, algorithm: str, name: str, variant: str | None = None) -> Estimate:
         """Return the interquartile mean of a measure over the seeds, with its 95 % interval."""
-        key = (algorithm, name, variant or self.metadata.base)
+        key = (algorithm, name, variant or self.plan.base)
         if key not in self._estimates:
             self._estimates[key] = estimate([self.known(*key)])
         return self._estimates[key]
@@ -162,11 +141,9 @@ class Results:
     @cached_property
     def range(self) -> float:
         """Largest less smallest return of an episode, of training or evaluation, in any trial."""
-        columns = [
-            column["return"].astype(np.float64)
-            for record in self.records
-            for column in (record.episodes, record.evaluations)
+        tables = [
+            table for record in self.records for table in (record.episodes, record.evaluations)
         ]
-        returns = np.concatenate([np.zeros(0), *columns])
+        returns = np.concatenate([np.zeros(0), *(table["return"] for table in tables)])
         returns = returns[np.isfinite(returns)]
         return float(np.ptp(returns)) if len(returns) else 0.0

@@ -13,6 +13,7 @@ those of `scipy.stats.bootstrap`, except that of a median of times (see `times`)
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -64,13 +65,7 @@ class Times(NamedTuple):
 
 
 class CurveBand(NamedTuple):
-    """A curve with a band around it, all `[G]`.
-
-    Attributes:
-        centre: The statistic at each point.
-        low: Lower edge; equal to the centre where there is one seed.
-        high: Upper edge; likewise.
-    """
+    """A curve with the edges of a band around it, all `[G]`; for one seed they are the curve."""
 
     centre: Array
     low: Array
@@ -79,22 +74,19 @@ class CurveBand(NamedTuple):
 
 def mean(values: Array) -> Array:
     """Return the mean along the last axis; NaN if that is empty."""
-    with np.errstate(invalid="ignore"):  # infinities of both signs
-        return _reduced(np.mean, values)
+    return _reduced(np.mean, values)
 
 
 def interquartile_mean(values: Array) -> Array:
     """Return the mean of the middle half along the last axis; NaN if that is empty."""
-    with np.errstate(invalid="ignore"):
-        return _reduced(lambda v, axis: trim_mean(v, 0.25, axis=axis), values)
+    return _reduced(partial(trim_mean, proportiontocut=0.25), values)
 
 
 def standard_deviation(values: Array) -> Array:
     """Return the standard deviation (n - 1) along the last axis; 0 for one value, NaN for none."""
     if values.shape[-1] == 1:
         return np.zeros(values.shape[:-1])
-    with np.errstate(invalid="ignore"):
-        return _reduced(lambda v, axis: np.std(v, axis=axis, ddof=1), values)
+    return _reduced(partial(np.std, ddof=1), values)
 
 
 def median(values: Array) -> float:
@@ -105,7 +97,8 @@ def median(values: Array) -> float:
 def _reduced(statistic: Callable[..., Any], values: Array) -> Array:
     if not values.shape[-1]:
         return np.full(values.shape[:-1], np.nan)
-    return np.asarray(statistic(values, axis=-1), dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # infinities of both signs
+        return np.asarray(statistic(values, axis=-1), dtype=np.float64)
 
 
 def estimate(strata: Sequence[ArrayLike], statistic: Statistic = interquartile_mean) -> Estimate:
@@ -119,10 +112,8 @@ def estimate(strata: Sequence[ArrayLike], statistic: Statistic = interquartile_m
     Returns:
         The value with its percentile interval, widened to hold the value where it would not.
     """
-    return _interval(
-        [_sorted(stratum) for stratum in strata],
-        lambda parts: statistic(np.concatenate(parts, axis=-1)),
-    )
+    values = [_sorted(stratum) for stratum in strata]
+    return _interval(values, lambda parts: statistic(_pooled(parts)))
 
 
 def difference(
@@ -143,16 +134,13 @@ def difference(
     ours, theirs = (
         [values for values in map(_sorted, side) if len(values)] for side in (first, second)
     )
-    # One value on a side tells nothing of its spread, so that there is no interval.
-    if min(_most(ours), _most(theirs)) < 2:
-        return Estimate(_difference(ours, theirs, statistic), None, None)
     split = len(ours)
+
+    # One value on a side tells nothing of its spread, so that there is no interval.
     return _interval(
         [*ours, *theirs],
-        lambda parts: (
-            statistic(np.concatenate(parts[:split], axis=-1))
-            - statistic(np.concatenate(parts[split:], axis=-1))
-        ),
+        lambda parts: statistic(_pooled(parts[:split])) - statistic(_pooled(parts[split:])),
+        known=min(_most(ours), _most(theirs)) > 1,
     )
 
 
@@ -168,8 +156,6 @@ def times(values: ArrayLike, too_few: int = 0) -> Times:
     """
     found = _sorted(values)
     never = int(np.isinf(found).sum())
-    if not len(found):
-        return Times(float("nan"), None, None, 0, 0, too_few)
     middle = median(found)
     if len(found) < 2:
         return Times(middle, None, None, never, len(found), too_few)
@@ -184,23 +170,21 @@ def times(values: ArrayLike, too_few: int = 0) -> Times:
 
 def mean_band(curves: Array) -> CurveBand:
     """Return the mean of curves `[seeds, G]` ± one standard deviation, as in the paper."""
-    across = curves.T
-    centre, spread = mean(across), standard_deviation(across)
+    centre, spread = mean(curves.T), standard_deviation(curves.T)
     return CurveBand(centre, centre - spread, centre + spread)
 
 
 def interquartile_band(curves: Array) -> CurveBand:
     """Return the interquartile mean of curves `[seeds, G]` with its pointwise 95 % interval.
 
-    All points use the same resampled seeds. Rows that hold a NaN are left out.
+    All points use the same resampled seeds.
     """
-    curves = np.sort(curves[np.isfinite(curves).all(axis=1)], axis=0)
-    across = np.ascontiguousarray(curves.T)
+    across = np.ascontiguousarray(np.sort(curves, axis=0).T)
     centre = interquartile_mean(across)
     if len(curves) < 2:
-        return CurveBand(centre, centre.copy(), centre.copy())
+        return CurveBand(centre, centre, centre)
     low, high = _bootstrap(
-        (across,), lambda parts: interquartile_mean(parts[0]), resamples=CURVE_RESAMPLES
+        [across], lambda parts: interquartile_mean(parts[0]), resamples=CURVE_RESAMPLES
     )
     return CurveBand(centre, np.minimum(low, centre), np.maximum(high, centre))
 
@@ -210,22 +194,23 @@ def _sorted(values: ArrayLike) -> Array:
     return np.sort(found[~np.isnan(found)])
 
 
+def _pooled(parts: Sequence[Array]) -> Array:
+    return np.concatenate(parts, axis=-1) if parts else np.zeros(0)
+
+
 def _most(strata: Sequence[Array]) -> int:
     return max((len(stratum) for stratum in strata), default=0)
 
 
-def _difference(ours: Sequence[Array], theirs: Sequence[Array], statistic: Statistic) -> float:
-    sides = [np.concatenate([np.zeros(0), *side]) for side in (ours, theirs)]
-    with np.errstate(invalid="ignore"):  # infinity less infinity
-        return float(statistic(sides[0]) - statistic(sides[1]))
-
-
-def _interval(strata: Sequence[Array], statistic: Callable[[Sequence[Array]], Array]) -> Estimate:
+def _interval(
+    strata: Sequence[Array], statistic: Callable[[Sequence[Array]], Array], *, known: bool = True
+) -> Estimate:
+    """Return a statistic of strata with its interval, where that is `known`."""
     strata = [stratum for stratum in strata if len(stratum)] or [np.zeros(0)]
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # infinity less infinity
         value = float(statistic(strata))
-    known = all(np.isfinite(stratum).all() for stratum in strata)
-    if not known or _most(strata) < 2:
+    finite = all(np.isfinite(stratum).all() for stratum in strata)
+    if not known or not finite or _most(strata) < 2:
         return Estimate(value, None, None)
     low, high = _bootstrap(strata, statistic, resamples=RESAMPLES)
     return Estimate(value, min(float(low), value), max(float(high), value))

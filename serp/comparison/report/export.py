@@ -7,9 +7,10 @@ import dataclasses
 import io
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, Final
 
 from serp._util.json_files import finite, json_text
+from serp.comparison.analysis.definitions import Measure
 from serp.comparison.analysis.results import Results
 from serp.comparison.analysis.statistics import (
     Estimate,
@@ -18,8 +19,8 @@ from serp.comparison.analysis.statistics import (
     median,
     standard_deviation,
 )
-from serp.comparison.analysis.variants import Check, pooled_final, subject, variant_rows
-from serp.comparison.report.tables import DIFFERENCES
+from serp.comparison.analysis.variants import subject, variant_rows
+from serp.comparison.report.tables import COMPARED
 from serp.comparison.trial_records import (
     EPISODE_COLUMNS,
     EVALUATION_COLUMNS,
@@ -28,8 +29,7 @@ from serp.comparison.trial_records import (
     Trial,
 )
 
-FORMAT = 2
-_LEADING = ("algorithm", "variant", "seed")
+FORMAT: Final = 3
 
 
 def measures_csv(results: Results) -> str:
@@ -39,14 +39,13 @@ def measures_csv(results: Results) -> str:
         [*trial, *(_cell(values.get(name)) for name in names)]
         for trial, values in results.measured.items()
     )
-    return _csv([*_LEADING, *names], rows)
+    return _csv(names, rows)
 
 
 def episodes_csv(records: Sequence[Record]) -> str:
     """Return the training episodes of all trials; cells of absent counters are empty."""
-    extra = {name: None for record in records for name in record.episodes}
-    names = list(dict.fromkeys([*EPISODE_COLUMNS, *extra]))
-    return _merged(names, ((record.trial, record.episodes) for record in records))
+    names = dict.fromkeys([*EPISODE_COLUMNS, *(name for r in records for name in r.episodes)])
+    return _merged(list(names), ((record.trial, record.episodes) for record in records))
 
 
 def evaluations_csv(records: Sequence[Record]) -> str:
@@ -60,30 +59,40 @@ def comparison_json(results: Results) -> str:
     Null stands for what was not measured and for infinity; a trial's `never` names the times until
     what did not happen, its `too_few_episodes` the measures that it has too few episodes for.
     """
-    metadata = results.metadata
-    about = dataclasses.asdict(metadata)
-    protocol = about.pop("protocol")
-    del about["trials"]
+    plan = results.plan.model_dump(exclude={"format", "trials", "protocol"})
+    about = {field.name: getattr(results.metadata, field.name)
+             for field in dataclasses.fields(results.metadata) if field.name != "plan"}  # fmt: skip
+    rows = variant_rows(results)
     content = {
         "format": FORMAT,
+        **plan,
+        **results.plan.protocol.model_dump(),
         **about,
-        **protocol,
-        "seeds": metadata.seeds,
+        "base": results.plan.base,
+        "seeds": results.plan.seeds,
         "missing": [trial._asdict() for trial in results.missing],
         "range": results.range,
         "measures": {measure.name: measure._asdict() for measure in results.table},
         "characteristics": {
             name: {
-                "characteristics": results.of(name)[0].metadata.get("characteristics"),
-                "settings": results.of(name)[0].metadata.get("settings"),
+                key: results.of(name)[0].metadata.get(key)
+                for key in ("characteristics", "settings")
             }
             for name in results.algorithms
         },
-        "caution": results.caution(*results.variants),
+        "caution": results.caution,
         "trials": [_trial(results, trial) for trial in results.measured],
-        "statistics": {variant: _statistics(results, variant) for variant in results.variants},
+        "statistics": {
+            variant: {
+                algorithm: {
+                    m.name: _statistic(results, algorithm, m, variant) for m in results.table
+                }
+                for algorithm in results.on(variant)
+            }
+            for variant in results.plan.variants
+        },
         "differences": _differences(results),
-        "model_variants": _variants(results),
+        "model_variants": {"algorithm": subject(results), "rows": [_named(row) for row in rows]},
     }
     return json_text(finite(content))
 
@@ -95,92 +104,53 @@ def _trial(results: Results, trial: Trial) -> dict[str, Any]:
     return {**trial._asdict(), "measures": values, "never": never, "too_few_episodes": few}
 
 
-def _statistics(results: Results, variant: str) -> dict[str, Any]:
-    return {
-        algorithm: {
-            measure.name: _statistic(results, algorithm, measure.name, variant, measure.time)
-            for measure in results.table
-        }
-        for algorithm in results.on(variant)
-    }
-
-
-def _statistic(
-    results: Results, algorithm: str, name: str, variant: str, time: bool
-) -> dict[str, Any]:
-    values = results.known(algorithm, name, variant)
+def _statistic(results: Results, algorithm: str, measure: Measure, variant: str) -> dict[str, Any]:
+    values = results.known(algorithm, measure.name, variant)
     found: dict[str, Any] = {
         "seeds": len(values),
         "mean": float(mean(values)),
         "std": float(standard_deviation(values)),
         "median": median(values),
-        "iqm": _estimate(results.estimate(algorithm, name, variant)),
+        "iqm": _named(results.estimate(algorithm, measure.name, variant)),
     }
-    if time:
-        summed = results.times(algorithm, name, variant)
+    if measure.time:
+        summed = results.times(algorithm, measure.name, variant)
         found |= {"median": summed.median, "median_low": summed.low, "median_high": summed.high,
                   "never": summed.never, "too_few_episodes": summed.too_few}  # fmt: skip
     return found
 
 
 def _differences(results: Results) -> list[dict[str, Any]]:
-    if not results.algorithms:
-        return []
-    first, *others = results.algorithms
+    first, *others = results.algorithms or ("",)
     return [
         {
             "algorithm": other,
             "less": first,
-            "measure": name,
-            "mean": _estimate(results.difference(other, first, name, mean)),
-            "iqm": _estimate(results.difference(other, first, name, interquartile_mean)),
+            "measure": measure.name,
+            "mean": _named(results.difference(other, first, measure.name, mean)),
+            "iqm": _named(results.difference(other, first, measure.name, interquartile_mean)),
         }
         for other in others
-        for name in DIFFERENCES
+        for measure in COMPARED
     ]
 
 
-def _variants(results: Results) -> dict[str, Any]:
-    rows = variant_rows(results)
-    if len(rows) < 2:
-        return {}
+def _named(row: Any) -> dict[str, Any]:
+    """Return the fields of a named tuple by name, estimates in it likewise."""
     return {
-        "algorithm": subject(results),
-        "rows": [
-            {key: _plain_value(value) for key, value in row._asdict().items()} for row in rows
-        ],
-        "all_final_check": _plain_value(pooled_final(results)),
+        name: _named(value) if isinstance(value, Estimate) else value
+        for name, value in row._asdict().items()
     }
-
-
-def _plain_value(value: Any) -> Any:
-    if isinstance(value, Estimate):
-        return _estimate(value)
-    if isinstance(value, Check):
-        return value._asdict() | {"difference": _estimate(value.difference)}
-    return value
-
-
-def _estimate(found: Estimate | None) -> dict[str, float | None] | None:
-    return None if found is None else found._asdict()
 
 
 def _merged(names: Sequence[str], tables: Iterable[tuple[Trial, Columns]]) -> str:
     def rows() -> Iterable[Sequence[Any]]:
         for trial, columns in tables:
-            count = len(next(iter(columns.values()), ()))
-            cells = [_cells(columns[name].tolist()) if name in columns else [""] * count
-                     for name in names]  # fmt: skip
-            for row in zip(*cells, strict=True):
-                yield (*trial, *row)
+            for i in range(len(columns["return"])):
+                cells = (columns[name][i].item() if name in columns else None for name in names)
+                yield [*trial, *map(_cell, cells)]
 
-    return _csv([*_LEADING, *names], rows())
-
-
-def _cells(values: list[Any]) -> list[Any]:
-    if values and isinstance(values[0], bool | float):
-        return [_cell(value) for value in values]
-    return values
+    return _csv(names, rows())
 
 
 def _cell(value: Any) -> Any:
@@ -190,9 +160,9 @@ def _cell(value: Any) -> Any:
     return "" if value is None or value != value else value
 
 
-def _csv(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+def _csv(names: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
+    writer.writerow(["algorithm", "variant", "seed", *names])
     writer.writerows(rows)
     return text.getvalue()

@@ -18,17 +18,14 @@ def number(value: float | None) -> str:
     return _fixed(value, _decimals([value]))
 
 
-def estimate_text(found: Estimate | None, *, signed: bool = False) -> str:
+def estimate_text(found: Estimate, *, signed: bool = False) -> str:
     """Return a value with its interval, if it has one, such as `482.1 [471.0, 495.2]`."""
-    if found is None or math.isnan(found.value):
+    if math.isnan(found.value):
         return NOTHING
-    ends = [end for end in (found.low, found.high) if end is not None]
-    decimals = _decimals([found.value, *ends])
-    value = _fixed(found.value, decimals, signed=signed)
-    if len(ends) < 2:
-        return value
-    low, high = (_fixed(end, decimals, signed=signed) for end in ends)
-    return f"{value} [{low}, {high}]"
+    numbers = [end for end in found if end is not None]
+    decimals = _decimals(numbers)
+    value, *ends = (_fixed(end, decimals, signed=signed) for end in numbers)
+    return f"{value} [{', '.join(ends)}]" if ends else value
 
 
 def spread_text(mean: float, deviation: float) -> str:
@@ -59,10 +56,9 @@ def times_text(found: Times) -> str:
 
 def seeds_text(seeds: Sequence[int]) -> str:
     """Return seeds as a range where they are one: `0 to 4`, `1, 7`."""
-    found = list(seeds)
-    if len(found) > 2 and found == list(range(found[0], found[0] + len(found))):
-        return f"{found[0]} to {found[-1]}"
-    return ", ".join(map(str, found))
+    if len(seeds) > 2 and list(seeds) == list(range(seeds[0], seeds[-1] + 1)):
+        return f"{seeds[0]} to {seeds[-1]}"
+    return ", ".join(map(str, seeds))
 
 
 def _time(value: float) -> str:
@@ -71,11 +67,9 @@ def _time(value: float) -> str:
 
 def _decimals(values: Sequence[float]) -> int:
     """Return how many decimals leave the largest of some values about four digits, at least."""
-    size = max((abs(value) for value in values if math.isfinite(value)), default=0.0)
-    if size == 0 or size >= 1000:
-        return 0
-    whole = [float(value).is_integer() for value in values if math.isfinite(value)]
-    if all(whole):
+    finite = [float(value) for value in values if math.isfinite(value)]
+    size = max(map(abs, finite), default=0.0)
+    if size == 0 or size >= 1000 or all(value.is_integer() for value in finite):
         return 0
     return min(4, max(1, 2 - math.floor(math.log10(size))))
 

@@ -25,45 +25,25 @@ _NOT_OF_TRAINING: Final = (
 """Settings that a comparison does not read."""
 
 
-def characteristics_of(
-    algorithm: Algorithm, settings: Settings, source: Source
-) -> Mapping[str, str]:
+def characteristics_of(algorithm: Algorithm, settings: Settings, source: Source) -> dict[str, str]:
     """Return the characteristics of one of serp's algorithms: name → text.
+
+    Its settings are reported beside them, see `settings_in_use`.
 
     Args:
         algorithm: The algorithm.
         settings: All its settings.
         source: The source of the reward that it learns from.
     """
-    planner = settings.planner
-    plan = f"lookahead, depth {planner.depth}, {planner.repeat} control periods an edge"
-    if settings.adaptation.mode != "off":
-        plan += f", adapted ({settings.adaptation.mode})"
-    if settings.bootstraps_leaves:
-        plan += f", the learner's values at its leaves ({planner.leaf_value})"
-    vetoes = "unsafe and not applicable"
-    if settings.arbiter.veto_horizon == "lookahead":
-        vetoes += ", and what leads there within the lookahead"
-    if settings.arbiter.r_min is not None:
-        vetoes += f", reward below {settings.arbiter.r_min:g}"
-    baseline = algorithm.kind == "baseline"
+    learns, plans = algorithm.kind != "planner", algorithm.kind != "baseline"
+    acting = {"planner": "planner", "baseline": "learner"}
     return {
-        "learner": "none" if algorithm.kind == "planner" else f"DQN, preset {algorithm.preset}",
-        "learned from": "none" if algorithm.kind == "planner" else REWARDS[source],
-        "planner": "none" if baseline else plan,
-        "who acts": _who_acts(algorithm, settings),
-        "vetoes": "none" if baseline else vetoes,
+        "learner": f"DQN, preset {algorithm.preset}" if learns else "none",
+        "learned from": REWARDS[source] if learns else "none",
+        "planner": "lookahead" if plans else "none",
+        "who acts": acting.get(algorithm.kind, settings.guide.strategy),
+        "vetoes": "by the domain file" if plans else "none",
     }
-
-
-def _who_acts(algorithm: Algorithm, settings: Settings) -> str:
-    match algorithm.kind:
-        case "planner":
-            return "planner"
-        case "baseline":
-            return "learner"
-        case _:
-            return settings.guide.strategy
 
 
 def settings_in_use(algorithm: Algorithm, settings: Settings) -> dict[str, dict[str, Any]] | None:
@@ -71,7 +51,8 @@ def settings_in_use(algorithm: Algorithm, settings: Settings) -> dict[str, dict[
     if algorithm.kind == "external":
         return None
     said = settings.as_dict()
-    said["training"] = _without(said["training"], _NOT_OF_TRAINING)
+    for name in _NOT_OF_TRAINING:
+        del said["training"][name]
     if algorithm.kind == "baseline":
         return {name: said[name] for name in ("learner", "training")}
     if algorithm.kind == "planner":
@@ -82,7 +63,3 @@ def settings_in_use(algorithm: Algorithm, settings: Settings) -> dict[str, dict[
             section, _, name = setting.partition(".")
             said[section].pop(name, None)
     return said
-
-
-def _without(values: Mapping[str, Any], names: tuple[str, ...]) -> dict[str, Any]:
-    return {name: value for name, value in values.items() if name not in names}

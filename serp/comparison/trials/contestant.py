@@ -47,28 +47,14 @@ class Contestant(Protocol):
 def make_contestant(
     algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
 ) -> Contestant:
-    """Return an algorithm, ready to be trained.
-
-    Args:
-        algorithm: Which.
-        task: The task, in the environment to train in.
-        settings: All settings.
-        seed: Seed of everything random.
-    """
+    """Return an algorithm, ready to be trained in a task's environment."""
     if algorithm.make_external is not None:
         return _External(algorithm, task, Agent(task, settings, seed), seed)
     return _Own(algorithm, task, settings, seed)
 
 
 class _Own:
-    """A contestant that `Trainer` trains.
-
-    Args:
-        algorithm: Which of our own.
-        task: The task, in the environment to train in.
-        settings: All settings.
-        seed: Seed of everything random.
-    """
+    """A contestant that `Trainer` trains."""
 
     def __init__(
         self, algorithm: Algorithm, task: BoundTask, settings: Settings, seed: int
@@ -76,7 +62,9 @@ class _Own:
         self.agent = Agent(task, settings, seed, baseline=algorithm.kind == "baseline")
         self._trainer = Trainer(task, settings, seed, agent=self.agent)
         self._trainer.prepare()  # loading compiled code does not count as training
-        self.characteristics = characteristics_of(algorithm, settings, self._trainer.judge.source)
+        self.characteristics: Mapping[str, str] = characteristics_of(
+            algorithm, settings, self._trainer.judge.source
+        )
 
     def train(self, env_steps: int, on_step: OnStep) -> None:
         self._trainer.on_step = on_step
@@ -116,7 +104,8 @@ class _External:
 
     def train(self, env_steps: int, on_step: OnStep) -> None:
         self._on_step = on_step
-        self._algorithm.learn(env_steps)
+        with self._blamed():
+            self._algorithm.learn(env_steps)
 
     def greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
         with self._blamed():
@@ -132,7 +121,7 @@ class _External:
 
     @contextlib.contextmanager
     def _blamed(self) -> Iterator[None]:
-        """Raise a RunError that names the algorithm for whatever it raises."""
+        """Raise a RunError that names the algorithm for any exception of it."""
         try:
             yield
         except SerpError:

@@ -28,6 +28,7 @@ class Log:
         clock: Monotonic clock, seconds; by default without compilation.
 
     Attributes:
+        counters: As given.
         env_steps: Env steps so far.
         rows: For each complete episode an `EpisodeRow` and the value of each counter.
         pauses: Seconds that were not training.
@@ -42,7 +43,7 @@ class Log:
     ) -> None:
         self._available = available
         self._unit = unit
-        self._counters = tuple(counters)
+        self.counters = tuple(counters)
         self._clock = clock
         self._begin = clock()
         self.pauses = 0.0
@@ -92,7 +93,7 @@ class Log:
             planner_steps=counts["planner_steps"],
             seconds=self.seconds,
         )
-        self.rows.append((row, tuple(_counted(info, name) for name in self._counters)))
+        self.rows.append((row, tuple(_counted(info, name) for name in self.counters)))
         self._avoidable = 0
 
 

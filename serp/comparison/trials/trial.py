@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -12,15 +13,15 @@ from numpy.typing import NDArray
 
 from serp._util.terminal import visible
 from serp._util.threads import one_thread
-from serp.comparison.algorithms import Algorithm, Changes, merged
-from serp.comparison.protocol import ComparisonProtocol
-from serp.comparison.trial_records import EvaluationRow, Trial
+from serp.comparison.algorithms import Algorithm
+from serp.comparison.plan import ComparisonProtocol
+from serp.comparison.trial_records import EvaluationRow
 from serp.comparison.trials.arena import Act, Arena
 from serp.comparison.trials.contestant import Contestant, make_contestant
 from serp.comparison.trials.log import Log
 from serp.control.decision import Actor, Decision, Reason
 from serp.control.step_record import StepRecord
-from serp.errors import Notice, RunError, SerpError
+from serp.errors import Notice, RunError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.planning.action_map import ActionForecast
@@ -31,8 +32,11 @@ from serp.tasks.task import Task
 from serp.tasks.watchdog import Watchdog
 
 
-class _Spent(Exception):
-    """The budget is spent; this interrupts the training in the middle of an episode."""
+class _Spent(BaseException):
+    """The budget is spent; this interrupts the training in the middle of an episode.
+
+    No `Exception`, which an external algorithm might handle.
+    """
 
 
 @dataclass(frozen=True)
@@ -52,49 +56,34 @@ class Measured:
     seconds: dict[str, float]
 
 
-def trial_settings(algorithm: Algorithm, task: Task, changes: Changes) -> Settings:
-    """Return the settings of an algorithm on a task.
-
-    Args:
-        algorithm: The algorithm; its own changes override those of the user.
-        task: The task.
-        changes: The user's changes for all algorithms.
-
-    Raises:
-        SettingsError: A setting does not exist, or a value is out of range.
-    """
-    return resolve(algorithm.preset, task.settings, merged(changes, algorithm.changes))
-
-
 def unit_of(task: Task) -> str:
     """Return the unit that the paper counts iterations of a task in, such as `game`."""
     return resolve("paper", task.settings).arbiter.rho_unit
 
 
 def run_trial(
-    trial: Trial,
     algorithm: Algorithm,
     task: Task,
+    settings: Settings,
+    seed: int,
     protocol: ComparisonProtocol,
-    changes: Changes,
     on_progress: Callable[[int], None],
 ) -> Measured:
     """Train and measure.
 
     Args:
-        trial: The trial.
-        algorithm: Its algorithm.
+        algorithm: The algorithm.
         task: The task, with the domain file of the variant.
+        settings: All settings.
+        seed: Seed of everything random in training.
         protocol: Budget and evaluations.
-        changes: The user's changes to the settings of all algorithms.
         on_progress: Called with the env steps so far, a few times per second at most.
 
     Raises:
         SerpError: Task, settings or environment are wrong.
     """
-    settings = trial_settings(algorithm, task, changes)
     with one_thread(), task.bind() as bound:
-        contestant = make_contestant(algorithm, bound, settings, trial.seed)
+        contestant = make_contestant(algorithm, bound, settings, seed)
         return _Trial(algorithm, contestant, bound, protocol, on_progress).run()
 
 
@@ -108,14 +97,15 @@ class _Trial:
         on_progress: Callable[[int], None],
     ) -> None:
         self._algorithm = algorithm
+        self._external = algorithm.kind == "external"
         self._contestant = contestant
+        self._guarded = contestant.agent.guarded
         self._bound = bound
         self._protocol = protocol
         self._on_progress = on_progress
         self._next_progress = 0.0
         self._evaluations: list[EvaluationRow] = []
-        available = contestant.agent.guarded.vetoes.available
-        self._log = Log(available, unit_of(bound.task), bound.task.counters)
+        self._log = Log(self._guarded.vetoes.available, unit_of(bound.task), bound.task.counters)
         self._watchdog = Watchdog(
             bound,
             contestant.agent.settings.training.slow_step_seconds,
@@ -132,35 +122,20 @@ class _Trial:
         finally:
             self._arena.close()
         log = self._log
-        return Measured(
-            log,
-            self._evaluations,
-            dict(self._contestant.characteristics),
-            {"training": log.seconds, "evaluation": log.pauses},
-        )
+        seconds = {"training": log.seconds, "evaluation": log.pauses}
+        return Measured(log, self._evaluations, dict(self._contestant.characteristics), seconds)
 
     def _train(self) -> None:
-        protocol, log, name = self._protocol, self._log, self._algorithm.name
-        try:
-            self._contestant.train(protocol.env_steps, self._after_step)
-        except _Spent:
-            pass
-        except SerpError:
-            raise
-        except Exception as error:
-            if not self._external:
-                raise
-            raise RunError(f"`{name}` failed: {type(error).__name__}: {error}") from error
+        budget = self._protocol.env_steps
+        with contextlib.suppress(_Spent):
+            self._contestant.train(budget, self._after_step)
         if self._external:
-            if log.env_steps < protocol.env_steps:
+            if self._log.env_steps < budget:
                 raise RunError(
-                    f"`{name}` made {log.env_steps} env steps of {protocol.env_steps} and ended"
+                    f"`{self._algorithm.name}` made {self._log.env_steps} env steps of {budget} "
+                    "and ended"
                 )
             self._evaluate(last=True)
-
-    @property
-    def _external(self) -> bool:
-        return self._algorithm.kind == "external"
 
     def _after_step(self, step: StepRecord) -> None:
         log, protocol = self._log, self._protocol
@@ -181,20 +156,16 @@ class _Trial:
             raise _Spent
 
     def _evaluate(self, *, last: bool) -> None:
+        episodes = self._protocol.final_episodes
         with self._log.paused():
-            self._evaluate_now(last=last)
-
-    def _evaluate_now(self, *, last: bool) -> None:
-        protocol = self._protocol
-        if self._algorithm.kind == "planner":
-            if last:
-                self._play("planner", self._plan, protocol.final_episodes)
-            return
-        if not last:
-            self._play("learner", self._greedy, protocol.evaluation_episodes)
-            return
-        self._play("learner", self._greedy_forecast, protocol.final_episodes)
-        self._play("vetoed", self._vetoed, protocol.final_episodes)
+            if self._algorithm.kind == "planner":
+                if last:
+                    self._play("planner", self._plan, episodes)
+            elif last:
+                self._play("learner", self._greedy_forecast, episodes)
+                self._play("vetoed", self._vetoed, episodes)
+            else:
+                self._play("learner", self._greedy, self._protocol.evaluation_episodes)
 
     def _play(self, policy: str, act: Act, episodes: int) -> None:
         self._evaluations += self._arena.play(
@@ -214,9 +185,8 @@ class _Trial:
     ) -> list[Decision]:
         """Decide by the learner, with forecasts."""
         actions = self._contestant.greedy(states, inputs)
-        execute = self._contestant.agent.guarded.execute
         return [
-            execute(state, Proposal(int(action), False, None))
+            self._guarded.execute(state, Proposal(int(action), False, None))
             for state, action in zip(states, actions, strict=True)
         ]
 
@@ -224,7 +194,7 @@ class _Trial:
         return list(map(self._contestant.vetoed, states, inputs))
 
     def _plan(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> list[Decision]:
-        return list(map(self._contestant.agent.guarded.plan, states))
+        return list(map(self._guarded.plan, states))
 
 
 def _not_forecast(action: int, size: int) -> Decision:

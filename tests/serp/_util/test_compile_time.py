@@ -65,8 +65,8 @@ def test_compilation_is_shown_where_there_is_any(
         compile_something()
     assert (quiet.getvalue(), idle.getvalue()) == ("", "")
     text = shown.getvalue()
-    assert "Compiling, once: loop 1, 0.0 s so far" in text
-    assert ("loop 2" in text) == terminal  # plain lines come every few seconds
+    assert "Compiling, once" in text
+    assert ("loop 2" in text) == terminal  # elsewhere only the beginning and the end are told
     assert "Compiled 2 loops in " in text.splitlines()[-1]
     assert ("\r" in text) == terminal
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from serp.errors import MissingExtra
 from tests.serp.cli.conftest import QUICK, WALK, WALK_PROBLEM, Run
 
 DOMAINS = Path(__file__).resolve().parents[3] / "domains"
@@ -59,14 +60,12 @@ def test_a_fluent_that_the_task_does_not_ground_is_named(run: Run, folder: Path)
     assert not Path("runs").exists()
 
 
-def test_symmetries_and_what_the_learner_of_the_task_learns_from_are_told(run: Run) -> None:
+def test_what_the_learner_of_the_task_learns_from_are_told(run: Run) -> None:
     shown = run("check", "soccer").stdout
-    assert "symmetry: left <-> right\n" in shown
     assert "task soccer: the learner learns from the environment's reward" in shown
     assert "guide the planner only" in " ".join(shown.split())
     planned = run("plan", "--domain=soccer", "--observe", "--depth=1").stdout
     assert "guide the planner only" in " ".join(planned.split())
-    assert "symmetry" not in run("check", "cartpole").stdout
 
 
 def test_a_wrong_file_is_said_where_and_what(run: Run, folder: Path) -> None:
@@ -88,6 +87,18 @@ def test_every_file_is_checked_even_where_the_first_is_wrong(run: Run, walk: Pat
     assert "there is no task `nosuch`" in result.stderr
     assert ". is a folder" in result.stderr
     assert "5 domains: 1 right, 4 wrong, 0 warnings" in result.stdout
+
+
+def test_a_task_whose_extra_is_missing_is_not_checked(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def missing(name: str) -> None:
+        raise MissingExtra(f"task {name}", "soccer")
+
+    monkeypatch.setattr("serp.tasks.registry.load_task", missing)
+    result = run("check", "soccer", "nosuch.pddl", expect=1)
+    assert "soccer: not checked" in result.stdout
+    assert "2 domains: 0 right, 1 wrong, 1 not checked, 0 warnings" in result.stdout
 
 
 def test_warnings_do_not_fail(run: Run, folder: Path) -> None:

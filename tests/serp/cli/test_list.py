@@ -7,18 +7,20 @@ from pathlib import Path
 
 import pytest
 
+from serp.comparison.algorithms import OWN, algorithm_entries
+from serp.control.registry import strategy_names
 from serp.settings import PRESETS as KNOWN
 from serp.tasks.registry import GROUP, load_task, task_entries
 from tests.serp.cli.conftest import Run
 
 
-def test_every_task_and_preset_is_listed(run: Run) -> None:
+def test_everything_installed_is_listed(run: Run) -> None:
     shown = run("list").stdout
     for name in task_entries():
         assert f"\n{name} " in shown
         assert load_task(name).description in shown
-    for preset in KNOWN:
-        assert f"\n{preset} " in shown
+    for name in (*KNOWN, *OWN, *algorithm_entries(), *strategy_names(), "lookahead", "dqn"):
+        assert f"\n{name} " in shown
 
 
 def test_a_domain_of_the_working_directory_is_named(run: Run) -> None:

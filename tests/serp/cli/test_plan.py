@@ -115,6 +115,13 @@ def test_the_task_gives_control_period_and_settings(run: Run) -> None:
     assert (shown["control_period"], shown["repeat"], shown["depth"]) == (0.5, 1, 3)
 
 
+def test_settings_of_the_planner_can_be_set_and_no_others(run: Run) -> None:
+    shown = planned(run, "--domain=cartpole", "--set=planner.depth=2", "--set=planner.repeat=3")
+    assert (shown["depth"], shown["repeat"]) == (2, 3)
+    refused = run("plan", "--domain=cartpole", "--set=arbiter.rho=1", expect=1).stderr
+    assert "one decision uses only planner.depth" in refused
+
+
 def test_a_domain_of_no_task_needs_a_state(run: Run, folder: Path) -> None:
     Path("edge.pddl").write_text(EDGE)
     assert "which state?" in run("plan", "--domain=edge.pddl", expect=1).stderr

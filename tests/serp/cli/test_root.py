@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -38,12 +39,10 @@ def test_help_lists_every_command_with_its_summary(run: Run) -> None:
 @pytest.mark.parametrize("name", ["", *COMMANDS])
 def test_examples_of_the_help_are_valid_command_lines(name: str, run: Run) -> None:
     shown = run(*filter(None, [name]), "--help").stdout
-    examples = (subcommand(name) if name else group).examples
+    examples = re.findall(r"^    (serp .+)$", shown, re.M)
     assert examples
     for example in examples:
-        assert f"\n  {example}\n" in shown
         words = shlex.split(example.partition(">")[0])
-        assert words[0] == "serp"
         assert not name or words[1] == name
         if words[-1] != "--help":
             with group.make_context("serp", words[1:]) as ctx:
@@ -72,9 +71,7 @@ def test_python_can_run_the_package(tmp_path: Path) -> None:
 
 
 def test_an_unknown_command_or_option_says_what_there_is(run: Run) -> None:
-    misspelt = "there is no command 'evalute'. Did you mean 'evaluate'?"
-    assert misspelt in run("evalute", expect=2).stderr
-    assert all(name in run("xyzzy", expect=2).stderr for name in COMMANDS)
+    assert "Did you mean 'evaluate'?" in run("evalute", expect=2).stderr
     assert "No such option" in run("--nonsense", expect=2).stderr
 
 

@@ -15,7 +15,8 @@ from tests.serp.cli.conftest import Run
 @pytest.fixture(autouse=True)
 def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
-        monkeypatch.delenv(name, raising=False)
+        monkeypatch.setenv(name, "")  # so that it is restored
+        monkeypatch.delenv(name)
 
 
 def test_cartpole_on_a_gif(run: Run, trained: Path) -> None:
@@ -24,7 +25,7 @@ def test_cartpole_on_a_gif(run: Run, trained: Path) -> None:
     with Image.open("x.gif") as gif:
         assert gif.width == 300
         assert gif.n_frames == sum(measured.lengths) + 2  # type: ignore[attr-defined]
-        assert f"x.gif: {gif.n_frames:,} frames" in done.stdout  # type: ignore[attr-defined]
+    assert done.stdout.startswith("x.gif: 0.")
     for number, value in enumerate(measured.returns, 1):
         assert f"episode {number}: return {value:g} in " in done.stderr
 

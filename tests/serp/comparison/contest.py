@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from serp.comparison.algorithms import GROUP, Algorithm, find_algorithm
 from serp.comparison.compare import Comparison, compare
-from serp.comparison.protocol import ComparisonProtocol
+from serp.comparison.plan import ComparisonProtocol
 from serp.comparison.trial_files import trial_folder
 from serp.comparison.trial_records import Trial
 from serp.comparison.trials.trial import Measured, run_trial
@@ -118,9 +118,9 @@ def measured(
 ) -> Measured:
     """Run one trial."""
     found = algorithm if isinstance(algorithm, Algorithm) else find_algorithm(algorithm)
-    trial = Trial(found.name, "walk", seed)
     chosen = task or walk(folder)
-    return run_trial(trial, found, chosen, protocol, changes or {}, on_progress)
+    settings = found.settings(chosen, changes or {})
+    return run_trial(found, chosen, settings, seed, protocol, on_progress)
 
 
 def episodes_of(found: Measured) -> list[Any]:

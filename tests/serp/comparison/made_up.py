@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from serp.comparison.metadata import ComparisonMetadata
-from serp.comparison.protocol import ComparisonProtocol
+from serp.comparison.plan import ComparisonPlan, ComparisonProtocol
 from serp.comparison.trial_records import EPISODE_COLUMNS, EVALUATION_COLUMNS, Record, Trial
 
 
@@ -98,21 +98,24 @@ def records(seeds=range(4), levels=LEVELS, **more):
 
 def metadata(found, **more):
     """A comparison that was asked for these records."""
-    values = {
+    plan = {
         "task": "walkway",
-        "algorithms": list(dict.fromkeys(r.trial.algorithm for r in found)),
-        "variants": {name: f"{name}.pddl" for name in dict.fromkeys(r.trial.variant for r in found)}
-        or {"base": "base.pddl"},
-        "base": "base",
-        "trials": [r.trial for r in found],
+        "algorithms": {r.trial.algorithm: {} for r in found},
+        "variants": tuple(dict.fromkeys(["base", *(r.trial.variant for r in found)])),
+        "trials": tuple(r.trial for r in found),
         "protocol": ComparisonProtocol(
             env_steps=600, evaluate_every=200, evaluation_episodes=7, final_episodes=7
         ),
+        "changes": {},
         "threshold": 80.0,
+        "max_ground_schemas": 1000,
+    }
+    plan |= {name: more.pop(name) for name in list(more) if name in plan}
+    about = {
         "rewarded_by": "domain",
         "inputs": "observation",
         "command": "serp compare --domain walkway",
-        "machine": "a machine",
+        "machine": {"cores": 2},
         "versions": {"serp": "1"},
     }
-    return ComparisonMetadata(**{**values, **more})
+    return ComparisonMetadata(plan=ComparisonPlan(**plan), **{**about, **more})

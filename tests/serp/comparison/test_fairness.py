@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -12,7 +11,7 @@ import pytest
 from serp.comparison.fairness import judges_alike
 from serp.tasks.registry import load_task
 from tests.serp.comparison.contest import Walk, walk
-from tests.serp.comparison.test_plan import plan
+from tests.serp.comparison.test_prepared import prepared
 from tests.serp.sample_tasks import CORRIDOR
 
 DIFFERENT = {
@@ -30,7 +29,7 @@ def notes(folder: Path, text: str, learned: str = "task", **changes: Any) -> lis
     variants = {"walk": task, "other": walk(folder, **{**changes, "domain": other})}
     with task.bind() as bound:
         asked = {"training": {"reward": learned}}
-        return judges_alike(plan(folder, variants=variants, changes=asked), bound)
+        return judges_alike(prepared(folder, tasks=variants, changes=asked), bound)
 
 
 @pytest.mark.parametrize("name", list(DIFFERENT))
@@ -85,21 +84,13 @@ def test_an_environment_that_reuses_its_buffer_is_judged_all_the_same(tmp_path: 
     assert notes(tmp_path, CORRIDOR, make_env=Reusing) == []
 
 
-def test_the_shipped_variants_are_on_equal_terms() -> None:
+def test_the_shipped_variants_are_on_equal_terms(tmp_path: Path) -> None:
     task = load_task("cartpole")
     folder = Path(__file__).parents[3] / "domains"
     variants = {"cartpole": task}
-    import dataclasses
-
     for file in sorted(folder.glob("cartpole-*.pddl")):
         variants[file.stem] = dataclasses.replace(task, domain=file)
     assert len(variants) == 6
 
-    class Of:
-        base = "cartpole"
-        changes: Mapping[str, Any] = MappingProxyType({})
-
-    made: Any = Of()
-    made.variants = variants
     with task.bind() as bound:
-        assert judges_alike(made, bound) == []
+        assert judges_alike(prepared(tmp_path, tasks=variants), bound) == []

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from serp.comparison.folder import SavedPlan, keep_domain, read_plan, write_plan, writing
+from serp.comparison.folder import keep_domain, writing
+from serp.comparison.plan import ComparisonPlan, read_plan, write_plan
 from serp.comparison.trial_records import Trial
 from serp.errors import RunError
 from tests.serp.comparison.contest import PROTOCOL, walk
@@ -64,11 +65,11 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
 
 
 def test_a_plan_is_read_as_it_was_written(tmp_path: Path) -> None:
-    plan = SavedPlan(
+    plan = ComparisonPlan(
         task="walk",
-        variants=["walk", "other"],
+        variants=("walk", "other"),
         algorithms={"serp": {}, "serp:x": {"arbiter": {"r_min": None, "exploration_slack": 0.5}}},
-        trials=[Trial("serp", "walk", 3)],
+        trials=(Trial("serp", "walk", 3),),
         protocol=PROTOCOL,
         changes={"arbiter": {"exploration_slack": math.inf}, "learner": {"hidden": (8, 8)}},
         threshold=None,
@@ -84,7 +85,7 @@ def test_a_plan_is_read_as_it_was_written(tmp_path: Path) -> None:
     [
         ("{", "is damaged"),
         ("{}", "is not the plan of a comparison"),
-        ('{"conditions": {}}', "was written by another version of serp"),
+        ('{"algorithms": 3}', "is not the plan of a comparison"),
         ('{"format": 3}', "was written by another version of serp"),
     ],
 )

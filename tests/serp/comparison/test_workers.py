@@ -20,7 +20,8 @@ from tests.serp.comparison.contest import PROTOCOL, Deadly, Pothole, Signalled, 
 def job(folder: Path, task: Task, algorithm: str, seed: int) -> Job:
     folder.mkdir(exist_ok=True)
     trial = Trial(algorithm, "walk", seed)
-    return Job(folder, trial, find_algorithm(algorithm), task, PROTOCOL, {}, {})
+    found = find_algorithm(algorithm)
+    return Job(folder, trial, found, task, found.settings(task, {}), PROTOCOL, {})
 
 
 def test_processes_find_what_this_one_finds_and_nobody_dies_for_another(

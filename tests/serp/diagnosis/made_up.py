@@ -29,7 +29,7 @@ from serp.diagnosis.recorded_run import Recorded
 from serp.diagnosis.repair.repair import Repaired, repair
 from serp.model.loading import Domain
 from serp.model.transition_model import TransitionModel, Vector
-from serp.sysid.monitor import Monitor
+from serp.sysid.monitor import Monitor, accumulate
 from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.regression_data import predicted_steps
 from serp.sysid.transitions import GOES_ON, OVER, TransitionMemory
@@ -109,7 +109,9 @@ def recorded(
     for k, action in enumerate(actions.tolist()):
         ending = OVER if over[k] else GOES_ON
         experience.add(states[k], action, next_states[k], int(ending), rewards[k])
-        run.monitor.observe(states[k], action, np.stack([predicted[k], predicted[k], after[k]]))
+        if action >= 0:
+            step = np.stack([predicted[k], predicted[k], after[k]])
+            accumulate(states[k], step, run.monitor.row_of(action), run.monitor.tables)
     return dataclasses.replace(run, model=model, env_steps=len(states))
 
 

@@ -12,13 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from serp.learning.dqn import DQN
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.learning.symmetry_group import SymmetryGroup
 from tests.serp.learning.learners import (
     GROUPS,
     GUIDES,
-    MIRROR,
     TARGETS,
     A,
     F,
@@ -211,34 +209,6 @@ def test_q_of_a_mirror_image_is_the_mirror_image_of_q(name: str, guide: str) -> 
             )
 
 
-def mirrored(agent: DQN) -> None:
-    """Put the mirror in front of the first layer and behind the last."""
-    for name, flat in agent.learning.arrays().items():
-        if name not in ("parameters", "target"):
-            continue
-        first = flat[:, : F * 8].reshape(-1, F, 8)  # z = x · W, so W' = mirror · W
-        signs = np.array(MIRROR.signs, np.float32)[:, None]
-        first[:] = (first[:, list(MIRROR.columns)] * signs).copy()
-        last = flat[:, -9 * A :].reshape(-1, 9, A)  # 8 rows of weights and the bias
-        last[:] = MIRROR.of_actions(last)
-
-
-@pytest.mark.parametrize("name", GUIDES)
-def test_a_mirrored_learner_learns_the_mirror_image(name: str) -> None:
-    agent, other = learner(guided=GUIDES[name]), learner(guided=GUIDES[name])
-    mirrored(other)
-    live(agent, np.random.default_rng(0), 80)
-    live(other, np.random.default_rng(0), 80, MIRROR)
-    assert agent.updates > 60
-    x = np.random.default_rng(1).standard_normal((20, F)).astype(np.float32)
-    base = np.random.default_rng(2).standard_normal((20, A))
-    np.testing.assert_allclose(
-        other.q_values(MIRROR.of_input(x), MIRROR.of_actions(base)),
-        MIRROR.of_actions(agent.q_values(x, base)),
-        atol=1e-3,
-    )
-
-
 # --- what changes nothing ------------------------------------------------------------------------
 
 
@@ -403,7 +373,7 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(
         (lambda a, m: m["replay"]["pending_guide"].pop(), "pending_guide"),
         (lambda a, m: m["replay"].update(pending_guide=[[A, 0.0]] * 2), "pending_guide"),
         (lambda a, m: m["replay"].update(sizes=[99, 0, 0]), "sizes"),
-        (lambda a, m: m["replay"].update(recent=[[0, 99, 0]]), "recent"),
+        (lambda a, m: m["replay"].update(recent=[[99, 0]]), "recent"),
     ],
 )  # fmt: skip
 def test_a_broken_state_is_refused_and_changes_nothing(spoil: Any, message: str) -> None:

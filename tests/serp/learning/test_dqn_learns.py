@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from serp.learning.dqn import DQN
-from serp.learning.guidance import Guidance, GuidedLearning
 from serp.settings import LearnerSettings
 
 STATES, ACTIONS, DISCOUNT = 5, 2, 0.8
@@ -108,68 +107,3 @@ def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
         agent.pretrain(1500)
         reached[clip] = float(np.abs(agent.q_values(INPUTS)).max())
     assert reached[True] <= 100.0 < 150.0 < reached[False], reached
-
-
-def test_learns_from_single_steps_while_it_acts() -> None:
-    """The whole loop: propose, remember, learn."""
-    agent = DQN(
-        STATES,
-        ACTIONS,
-        LearnerSettings(
-            hidden=(32,), discount=DISCOUNT, n_step=1, epsilon_steps=800, learning_starts=50
-        ),
-        seed=3,
-    )
-    rng = np.random.default_rng(0)
-    state = 2
-    for _ in range(1500):
-        action = agent.propose(INPUTS[state]).action
-        after, reward, terminated = step(state, action)
-        agent.remember(INPUTS[state], action, reward, INPUTS[after], terminated, False)
-        agent.learn()
-        state = int(rng.integers(STATES)) if terminated else after
-    assert agent.greedy_batch(INPUTS).tolist() == optimal_q().argmax(axis=1).tolist()
-
-
-class _Told(DQN):
-    """Is told something wrong about every step."""
-
-    wrong = optimal_q()[:, ::-1] + np.arange(STATES)[:, None]
-
-    def remember(self, observation: Any, action: int, *rest: Any, **_: Any) -> None:
-        state, after = int(observation.argmax()), int(rest[1].argmax())
-        guidance = Guidance(0, self.wrong[state, action], 0, self.wrong[after])
-        super().remember(observation, action, *rest, guidance=guidance)
-
-
-def told(guided: GuidedLearning) -> _Told:
-    settings = LearnerSettings(
-        hidden=(32,), learning_rate=0.003, discount=DISCOUNT, batch_size=32, target_period=50,
-        n_step=1, learning_starts=1,
-    )  # fmt: skip
-    return _Told(STATES, ACTIONS, settings, 1, guided=guided)
-
-
-@pytest.mark.parametrize(("residual", "bootstrap"), [(True, False), (True, True), (False, True)])
-def test_a_wrong_guide_leaves_the_optimal_q_as_it_is(residual: bool, bootstrap: bool) -> None:
-    agent = told(GuidedLearning(residual=residual, bootstrap_guide=bootstrap))
-    experience(agent, 60, np.random.default_rng(0))
-    agent.pretrain(2000)
-    base = agent.wrong if residual else None
-    np.testing.assert_allclose(agent.q_values(INPUTS, base), optimal_q(), atol=0.1)
-
-
-@pytest.mark.parametrize(("filtered", "obeys"), [(False, True), (True, False)])
-def test_only_the_filter_saves_the_learner_from_imitating_a_bad_guide(
-    filtered: bool, obeys: bool
-) -> None:
-    agent = told(GuidedLearning(margin_weight=5.0, q_filter=filtered))
-    agent.margin_weight = 0.0
-    experience(agent, 60, np.random.default_rng(0))
-    agent.pretrain(1500)
-    agent.margin_weight = 5.0
-    agent.pretrain(500)
-    best = optimal_q().argmax(1)
-    assert best.tolist() != [0] * STATES
-    chosen = agent.greedy_batch(INPUTS)
-    assert chosen.tolist() == ([0] * STATES if obeys else best.tolist())

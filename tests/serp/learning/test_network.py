@@ -8,18 +8,18 @@ import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from serp.learning.export import MeanOfMembers, module_of
+from serp.learning.export import MeanModule, module_of
 from serp.learning.learning import QLearning
 from serp.learning.network import QNetwork, Workspace
 from serp.settings import LearnerSettings
-from tests.serp.learning.learners import TARGETS, learner
+from tests.serp.learning.learners import TARGETS
 
 
 def random_network(
     inputs: int, actions: int, hidden: list[int], layer_norm: bool, members: int, seed: int
 ) -> tuple[QNetwork, np.random.Generator]:
     rng = np.random.default_rng(seed)
-    network = QNetwork(inputs, actions, hidden, layer_norm=layer_norm, members=members, rng=rng)
+    network = QNetwork((inputs, *hidden, actions), layer_norm=layer_norm, members=members, rng=rng)
     noise = rng.standard_normal(tuple(network.parameters.shape), np.float32) * np.float32(0.3)
     network.parameters.add_(torch.from_numpy(noise))  # gains and shifts that matter
     return network, rng
@@ -71,7 +71,7 @@ def test_outputs_and_gradient_are_those_of_torch(
     work.q_gradient[...] = slope
     network.backward(work)
     whole = module_of(network).double()
-    modules = list(whole.members) if isinstance(whole, MeanOfMembers) else [whole]
+    modules = list(whole.members) if isinstance(whole, MeanModule) else [whole]
     for m, module in enumerate(modules):
         x_m = torch.from_numpy(x[m]).double()
         assume(well_conditioned(module, x_m))  # type: ignore[arg-type]
@@ -87,7 +87,7 @@ def test_outputs_and_gradient_are_those_of_torch(
 
 
 def test_one_member_is_exported_as_an_ordinary_sequential_of_its_own() -> None:
-    network = QNetwork(3, 2, (8, 4), layer_norm=True, rng=np.random.default_rng(0))
+    network = QNetwork((3, 8, 4, 2), layer_norm=True, rng=np.random.default_rng(0))
     module = module_of(network)
     assert [type(layer).__name__ for layer in module] == [  # type: ignore[arg-type]
         *("Linear", "LayerNorm", "ReLU") * 2,
@@ -99,7 +99,7 @@ def test_one_member_is_exported_as_an_ordinary_sequential_of_its_own() -> None:
 
 
 def test_start_is_that_of_torch_linear_in_distribution() -> None:
-    network = QNetwork(16, 4, (400,), rng=np.random.default_rng(0))
+    network = QNetwork((16, 400, 4), rng=np.random.default_rng(0))
     first, last = network.layers
     flat = network.parameters[0].numpy()
     for layer, bound in ((first, 1 / 4), (last, 1 / 20)):
@@ -107,18 +107,6 @@ def test_start_is_that_of_torch_linear_in_distribution() -> None:
         assert np.abs(values).max() <= bound
         assert values.std() == pytest.approx(bound / np.sqrt(3), rel=0.1)
         assert abs(values.mean()) < bound / 10
-
-
-def test_members_start_apart_and_do_not_mix() -> None:
-    network = QNetwork(3, 2, (8,), layer_norm=True, members=2, rng=np.random.default_rng(0))
-    x = np.random.default_rng(1).standard_normal((5, 3)).astype(np.float32)
-    work = Workspace(network, 5)
-    before = network.forward(x, work).copy()
-    assert not np.array_equal(before[0], before[1])
-    network.parameters[1] += 1.0
-    after = network.forward(x, work)
-    np.testing.assert_array_equal(after[0], before[0])
-    assert not np.array_equal(after[1], before[1])
 
 
 @pytest.mark.parametrize("kind", TARGETS)
@@ -139,13 +127,3 @@ def test_the_target_network_follows_as_the_settings_say(kind: str) -> None:
         else:
             expected = online.parameters
         torch.testing.assert_close(target.parameters, expected)
-
-
-def test_places_of_parameters_are_told_apart() -> None:
-    network = learner(layer_norm=True).learning.online
-    words = [network.place_of(column) for column in range(network.parameters.shape[1])]
-    assert list(dict.fromkeys(words)) == [
-        *(f"{part} of layer {n}" for n in (1, 2) for part in ("weights", "bias", "gain", "shift")),
-        "weights of layer 3", "bias of layer 3",
-    ]  # fmt: skip
-    assert words.count("weights of layer 1") == 4 * 8

@@ -133,7 +133,7 @@ def stored(memory: ReplayBuffer, name: str) -> list[tuple[Any, ...]]:
     """Return the samples of one memory, from the oldest on."""
     arrays, meta = memory.state_dict()
     rows = rows_of({k: a for k, a in arrays.items() if k.startswith(f"{name}.")})
-    head = {"ring": meta["head"], "failing": meta["failing_head"], "early": 0}[name]
+    head = meta["heads"][["ring", "early", "failing"].index(name)]
     capacity = {"ring": "buffer_size"}.get(name, f"protected_{name}")
     start = head if len(rows) == meta["shapes"][capacity] else 0
     return rows[start:] + rows[:start]

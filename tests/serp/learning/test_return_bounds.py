@@ -40,14 +40,6 @@ def test_bounds_are_reached(discount: float, low: float, high: float, last: floa
     assert bounds.upper == pytest.approx(max(*for_ever, last))
 
 
-def test_a_fall_counts_once() -> None:
-    bounds = ReturnBounds(0.9)
-    for reward in (0.0, 0.7, 1.0):
-        bounds.observe(reward, terminated=False)
-    bounds.observe(-1.0, terminated=True)
-    assert (bounds.lower, bounds.upper) == (-1.0, pytest.approx(10.0))
-
-
 def test_unbounded_before_any_reward() -> None:
     bounds = ReturnBounds(0.9)
     assert (bounds.lower, bounds.upper) == (-math.inf, math.inf)

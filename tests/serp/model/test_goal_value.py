@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 
+from serp.model.goal_value import GoalValue
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.replanner import MonitorReplanner
 from tests.generated import Generated, Texts, examples, load_texts, models_with_states
@@ -70,8 +71,8 @@ def test_a_metric_without_bounds_is_warned_of() -> None:
 def test_no_step_of_any_domain_gains_more_than_the_bound(drawn: tuple[Generated, Vector]) -> None:
     generated, states = drawn
     model = generated.model
-    worth = model.ground.goal_worth
-    if worth is None or not worth.bounded(model.theta.tolist(), 1.0):
+    bounded = GoalValue(model.ground).bounded if model.ground.goal_parameter else None
+    if bounded is None or not bounded(model.theta.tolist(), 1.0):
         return
     for state in states:
         for action in range(len(model.actions)):

@@ -87,18 +87,6 @@ def test_static_facts_keep_large_domains_small() -> None:
     assert len(model.fluents) == 100
 
 
-def test_a_static_fact_about_constants_rules_a_schema_out_before_any_binding() -> None:
-    started = time.process_time()
-    model = with_objects(
-        "(:constants k) (:predicates (p ?a) (static ?a))"
-        f" (:action go :parameters {EIGHT} :precondition (and (static k)) :effect (p ?a))",
-        30,
-        "(static o1)",
-    ).model
-    assert not model.actions
-    assert time.process_time() - started < 2.0
-
-
 DOMAIN = (
     "(define (domain d) (:types room hall - place place) (:constants lobby - hall)"
     " (:predicates (at ?p - place) (lit ?p - room) (open)) (:functions (size ?p - place))"
@@ -167,25 +155,3 @@ def test_parameters_carry_their_roles() -> None:
         **{1: "condition", 2: "condition", 3: "effect", 4: "rate", 5: "condition", 6: "effect"},
         **{7: "condition", 9: "metric", 1e6: "goal"},
     }
-
-
-def test_one_literal_is_one_parameter_however_many_instances_read_it() -> None:
-    domain = (
-        "(define (domain d) (:constants o1 o2 o3) (:functions (x ?o))"
-        " (:action a :parameters (?o) :effect (forall (?u) (increase (x ?u) 2.5))))"
-    )
-    assert load_texts(Texts(domain, None)).model.theta.tolist() == [2.5]
-
-
-def test_a_static_value_is_needed_only_where_a_static_fact_asks_for_it() -> None:
-    texts = Texts(
-        "(define (domain d) (:predicates (road ?a ?b) (at ?a)) (:functions (length ?a ?b) (far))"
-        " (:action go :parameters (?a ?b) :precondition (and (at ?a) (road ?a ?b)"
-        "   (forall (?c) (imply (road ?b ?c) (< (length ?b ?c) 5))))"
-        "  :effect (and (at ?b) (not (at ?a)) (increase (far) (length ?a ?b)))))",
-        "(define (problem e) (:domain d) (:objects k l m)"
-        " (:init (at k) (road k l) (road l m) (= (length k l) 2) (= (length l m) 3) (= (far) 0)))",
-    )
-    actions, _, model = names(texts)
-    assert actions == ["go k l", "go l m"] and model.initial_state is not None
-    assert model.values(model.step(model.initial_state, "go k l").state)["far"] == 2.0

@@ -55,26 +55,6 @@ def test_machine_code_gives_the_same_bits(seed: int) -> None:
         check_same_bits(model.step(rows, 0), model.step(states, 0))
 
 
-def test_a_batch_mixes_applicable_and_not() -> None:
-    texts = Texts(
-        "(define (domain d) (:predicates (lit) (unsafe)) (:functions (heat) (reward))"
-        " (:action on :precondition (and (not (lit)))"
-        "  :effect (and (lit) (increase (reward) 2) (when (> (heat) 1) (unsafe))))"
-        " (:action invert :effect (and (assign (heat) (/ 1 (heat))))))",
-        None,
-    )
-    model = load_texts(texts).model
-    states = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 2.0], [0.0, 0.0], [1.0, 4.0]])
-    outcome = model.step(states, [0, 0, 0, 1, 1])
-    assert outcome.applicable.tolist() == [True, False, True, False, True]
-    assert outcome.state.tolist() == [[1.0, 0.0], [1.0, 0.0], [1.0, 2.0], [0.0, 0.0], [1.0, 0.25]]
-    assert outcome.reward.tolist() == [2.0, 0.0, 2.0, 0.0, 0.0]
-    assert outcome.unsafe.tolist() == [False, False, True, False, False]
-    one_for_all = model.step(states, "on")
-    assert one_for_all.applicable.tolist() == [True, False, True, True, False]
-    check_same_bits(one_for_all, in_cpython(model, states, "on"))
-
-
 def test_batches_of_none_and_states_of_nothing() -> None:
     model = load_texts(Texts("(define (domain d) (:action wait))", None)).model
     for step in (model.step, lambda *given: in_cpython(model, *given)):

@@ -51,21 +51,6 @@ def test_a_number_that_is_missing_starts_at_0_with_a_warning() -> None:
     assert stated.model.initial_state is not None and not stated.warnings
 
 
-def test_a_predicate_that_nobody_states_and_nothing_changes_takes_no_columns() -> None:
-    objects = " ".join(f"o{k}" for k in range(25))
-    texts = Texts(
-        "(define (domain d) (:predicates (link4 ?a ?b ?c ?d) (on)) (:action go"
-        " :parameters (?a ?b ?c ?d) :precondition (link4 ?a ?b ?c ?d) :effect (on))"
-        " (:action rest :effect (on)))",
-        f"(define (problem p) (:domain d) (:objects {objects}) (:init))",
-    )
-    model = load_texts(texts).model
-    assert [f.name for f in model.fluents] == ["on"]
-    assert [a.name for a in model.actions] == ["rest"]
-    with pytest.raises(DomainError, match="--max-ground-schemas N"):
-        _ = load_texts(texts).observed().model
-
-
 @pytest.mark.parametrize(
     ("condition", "leads"),
     [

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from serp.pddl.edits import Edit, edited, indent_at, line_end, line_start, newline_of
+from serp.pddl.edits import Edit, edited, indent_at, line_end, line_start
 
 TEXTS = st.text("ab \n\r", max_size=40)
 
@@ -43,8 +43,3 @@ def test_lines_are_found(text: str, data: st.DataObject) -> None:
     assert "\n" not in text[at:end]
     indent = indent_at(text, at)
     assert not indent.strip() and text[start:].startswith(indent)
-
-
-def test_the_line_break_is_that_of_the_text() -> None:
-    assert newline_of("a\r\nb") == "\r\n"
-    assert newline_of("a\nb") == newline_of("a") == "\n"

@@ -108,7 +108,7 @@ IN_DOMAIN = {
     "parameter twice": (
         "(define (domain d) (:types t) (:action go :parameters (?x - t «?x»)))",
         "parameter `?x` is declared twice", ""),
-    "constraint": (DOMAIN % "«(:constraint slow :condition)»", "expected `(:constraint NAME", ""),
+    "constraint": (DOMAIN % "«(:constraint slow)»", "`:constraint` is not supported", "`(unsafe)`"),
     "object fluent": ("(define (domain d) (:types t) (:functions (f) - «t»))",
                       "other than numbers", "write `- number`"),
     "reward as predicate": ("(define (domain d) (:predicates «(reward)»))",
@@ -151,11 +151,6 @@ IN_DOMAIN = {
                         "a process"),
     # Numbers
     "argument without ()": (action("(increase (speed) «charge»)"), "expected a number", ""),
-    "root": (action("(increase (speed) (^ (speed) «0.5»))"), "`^` to the power of 0.5", "1 to 8"),
-    "powers of powers": (
-        action("(increase (speed) «(^ (^ (^ (^ (speed) 8) 8) 8) 8)»)"),
-        "more than 512 numbers", "a function of its own",
-    ),
     "unknown function": (action("(increase (speed) («sped»))"), "unknown function `sped`",
                          "did you mean `speed`?"),
     "predicate as number": (action("(increase (speed) («tired»))"), "`tired` is a predicate", ""),

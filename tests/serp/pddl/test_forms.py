@@ -58,7 +58,6 @@ FORMS = {
         "(= (limit) 2) (= (total-time) 0)",
         "(total-time)` always starts",
     ),
-    "a power": ("(* (limit) (limit))", "(^ (limit) 2)", "`(^ (limit) 2)` is read as a product"),
     "a bare declaration": (
         "(:functions (speed)",
         "(:functions speed",
@@ -68,12 +67,6 @@ FORMS = {
     "a bare target": ("(increase (speed)", "(increase speed", "`speed` is read as `(speed)`"),
     "a bare value": ("(= (speed) 0)", "(= speed 0)", "`speed` is read as `(speed)`"),
     "a bare metric": ("minimize (speed)", "minimize speed", "`speed` is read as `(speed)`"),
-    "a constraint": (
-        DOMAIN[DOMAIN.index("  (:event") : -1],
-        "  (:constraint slow :parameters (?x - boat)"
-        " :condition (and (> (speed) (- 0 (limit))) (>= (fuel ?x) 0)))",
-        "constraint `slow` is read as an event",
-    ),
 }
 
 

@@ -116,12 +116,6 @@ def test_damaged_domains_load_or_are_refused(block: int) -> None:
     assert 2 < loaded < 120  # some of the damage does no harm
 
 
-@given(st.randoms(use_true_random=False), st.sampled_from(SHIPPED))
-@examples(150)
-def test_any_damage_loads_or_is_refused(random: Random, texts: Texts) -> None:
-    load_or_refuse(damage(texts, random))
-
-
 @given(st.text(alphabet=st.characters(codec="utf-8"), max_size=80))
 @examples(150)
 def test_any_text_loads_or_is_refused(text: str) -> None:
@@ -205,15 +199,3 @@ def test_deep_and_wide_conditions_run(condition: str) -> None:
 )
 def test_absurd_files_do_not_take_long(text: str) -> None:
     load_or_refuse(Texts(text, None))
-
-
-def test_very_long_names_are_harmless() -> None:
-    name = "x" * 20_000
-    model = load_texts(
-        Texts(
-            f"(define (domain {name}) (:predicates (p-{name}))"
-            f" (:action {name} :effect (p-{name})))",
-            None,
-        )
-    ).model
-    assert model.step(np.zeros((2, 1)), name).state.tolist() == [[1.0], [1.0]]

@@ -32,6 +32,8 @@ class Arc:
     """Of the first period: 0, 1 with a risk that is not accepted, 2 flagged by the file."""
     danger: float
     """Probability of damage in any of them, accepted risks left out."""
+    risky: bool
+    """Whether any that the file does not flag has a risk that is not accepted."""
     risk: float
     """The same, of all, to a multiple of 2⁻²⁴ after each period."""
 
@@ -107,6 +109,7 @@ class Reference:
             steps=next((k for k, own in enumerate(dangers) if own), len(dangers)),
             rank=2 if unsafe[0] else int(dangers[0] > 0),
             danger=danger,
+            risky=any(own and not flagged for own, flagged in zip(dangers, unsafe, strict=True)),
             risk=1.0 if any(unsafe) else risk,
         )
 
@@ -200,7 +203,7 @@ class Reference:
                         reward=arc.reward,
                         unsafe=arc.unsafe,
                         risk=arc.risk,
-                        risky=arc.danger > 0.0 and not arc.unsafe,
+                        risky=arc.risky,
                         chosen=False,
                     )
             frontier = [node for (_, ended), node in known.items() if not ended]

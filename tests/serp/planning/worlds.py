@@ -12,8 +12,10 @@ from random import Random
 
 import numpy as np
 
+from serp.adaptation.adapted_model import AdaptedModel
 from serp.model.transition_model import TransitionModel, Vector
 from tests.generated import Texts, load_texts
+from tests.serp.adaptation import worlds as adapted
 
 WORLDS = 20
 """Seeds from 0 on that the tests share; each costs a compilation of its own."""
@@ -33,6 +35,16 @@ def text_of(seed: int) -> str:
 def world(seed: int) -> TransitionModel:
     """Return the random domain of a seed, loaded."""
     return load(text_of(seed))
+
+
+@functools.cache
+def risky_world(seed: int) -> AdaptedModel:
+    """A world whose model has counted outcomes, and in half of the cases residuals as well."""
+    model, rng = AdaptedModel(world(seed)), np.random.default_rng(seed)
+    if seed % 2:
+        adapted.publish(model, rng, adapted.MILD)
+    adapted.count(model, rng)
+    return model
 
 
 def states_of(model: TransitionModel, random: Random, count: int) -> Vector:

@@ -1,7 +1,8 @@
+"""A checkpoint comes back exactly, or is refused; there is always a whole one."""
+
 from __future__ import annotations
 
 import json
-import math
 import os
 import signal
 import subprocess
@@ -31,23 +32,11 @@ from serp.runs.checkpoint import (
 DTYPES = [bool, np.int8, np.uint8, np.int32, np.int64, np.uint64, np.float32, np.float64]
 ARRAYS = {"weights": np.arange(6, dtype=np.float32).reshape(2, 3), "filled": np.array(3)}
 META = {"episode": 7, "rho": 0.1, "name": "größer", "list": [1, None, True]}
-
-
-def json_values():
-    plain = (
-        st.none()
-        | st.booleans()
-        | st.integers(min_value=-(2**200), max_value=2**200)
-        | st.floats(allow_nan=False)
-        | st.text()
-    )
-    return st.recursive(
-        plain,
-        lambda inner: (
-            st.lists(inner) | st.dictionaries(st.text() | st.just("float"), inner, max_size=3)
-        ),
-        max_leaves=8,
-    )
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers(-(2**200), 2**200) | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=8,
+)
 
 
 @given(
@@ -56,7 +45,7 @@ def json_values():
         hnp.arrays(st.sampled_from(DTYPES), hnp.array_shapes(min_dims=0, max_dims=3, min_side=0)),
         max_size=4,
     ),
-    meta=st.dictionaries(st.text(), json_values(), max_size=4),
+    meta=st.dictionaries(st.text(), JSON, max_size=4),
 )
 @settings(max_examples=50, deadline=None)
 def test_everything_comes_back_exactly(tmp_path_factory, arrays, meta):
@@ -69,44 +58,24 @@ def test_everything_comes_back_exactly(tmp_path_factory, arrays, meta):
         assert loaded[name].shape == array.shape
         assert loaded[name].tobytes() == array.tobytes()  # NaN payloads and -0.0 too
         assert loaded[name].flags.writeable
-    assert loaded_meta == meta
     assert json.dumps(loaded_meta) == json.dumps(meta)  # 1, 1.0 and True are equal to Python
-
-
-def test_the_header_is_json_for_strict_readers_whatever_the_numbers(tmp_path):
-    def refuse(word):
-        raise AssertionError(word)
-
-    meta = {
-        "seen": [math.inf, -math.inf, {"deep": math.nan}], "own": {"float": [math.inf, "inf"]},
-        "scalars": [np.int64(3), np.float64(0.1)],
-    }  # fmt: skip
-    save(tmp_path / "c", {}, meta)
-    data = (tmp_path / "c").read_bytes()
-    size = int.from_bytes(data[:8], "little")
-    header = json.loads(data[8 : 8 + size], parse_constant=refuse)
-    json.loads(header["__metadata__"]["serp"], parse_constant=refuse)
-    loaded = load(tmp_path / "c")[1]
-    assert (loaded["own"], loaded["scalars"]) == (meta["own"], [3, 0.1])
-    assert loaded["seen"][:2] == meta["seen"][:2]
-    assert math.isnan(loaded["seen"][2]["deep"])
 
 
 @pytest.mark.parametrize(
     "view",
     [
         lambda a: a.T,
-        lambda a: a[::2, 1:],
-        lambda a: a[::-1],
+        lambda a: a[::-1, 1:],
         lambda a: a.astype(">f8"),
-        lambda a: np.asfortranarray(a),
         lambda a: np.broadcast_to(a[0], (4, 3)),
     ],
 )
 def test_views_are_saved_as_what_they_show(tmp_path, view):
     array = view(np.arange(12.0).reshape(4, 3))
-    save(tmp_path / "c", {"x": array}, {})
-    assert (load(tmp_path / "c")[0]["x"] == array).all()
+    save(tmp_path / "c", {"x": array}, {"scalars": [np.int64(3), np.float64(0.1)]})
+    arrays, meta = load(tmp_path / "c")
+    assert (arrays["x"] == array).all()
+    assert meta == {"scalars": [3, 0.1]}
 
 
 def test_equal_states_give_equal_bytes_in_the_open_format(tmp_path):
@@ -120,7 +89,6 @@ def test_equal_states_give_equal_bytes_in_the_open_format(tmp_path):
 @pytest.mark.parametrize(
     ("array", "meta", "said"),
     [
-        (np.array(["text"]), {}, "'x' has dtype"),
         (np.array([None]), {}, "'x' has dtype"),
         (np.zeros(2, complex), {}, "'x' has dtype"),
         (np.zeros(2), {"x": {1, 2}}, "cannot hold a set"),
@@ -132,7 +100,7 @@ def test_what_the_format_cannot_hold_is_refused(tmp_path, array, meta, said):
     assert not os.listdir(tmp_path)
 
 
-def test_every_cut_is_noticed(tmp_path):
+def test_every_cut_and_every_flipped_bit_is_noticed_or_without_effect(tmp_path):
     path = tmp_path / "c"
     save(path, ARRAYS, META)
     whole = path.read_bytes()
@@ -140,13 +108,6 @@ def test_every_cut_is_noticed(tmp_path):
         path.write_bytes(whole[:length])
         with pytest.raises(CheckpointDamaged, match="is damaged"):
             load(path)
-
-
-def test_a_flipped_bit_anywhere_is_noticed_or_without_effect(tmp_path):
-    path = tmp_path / "c"
-    save(path, ARRAYS, META)
-    whole = path.read_bytes()
-    data_begins = 8 + int.from_bytes(whole[:8], "little")
     unnoticed = 0
     rng = np.random.default_rng(0)
     for bit in 8 * np.arange(len(whole)) + rng.integers(8, size=len(whole)):
@@ -159,19 +120,24 @@ def test_a_flipped_bit_anywhere_is_noticed_or_without_effect(tmp_path):
             continue
         # A letter of an escape may change its case: the same JSON in other words.
         unnoticed += 1
-        assert bit // 8 < data_begins
         assert meta == META
         assert all((arrays[name] == array).all() for name, array in ARRAYS.items())
     assert unnoticed < 3
 
 
+@pytest.mark.parametrize("text", ["[1]", '"text"', "[" * 10**5, '{"a": 1', "3" * 5000])
+def test_forged_metadata_with_a_digest_that_fits_is_damage(tmp_path, text):
+    entry = {"format": FORMAT, "sha256": checkpoint._digest({}, text), "meta": text}
+    data = safetensors.numpy.save({}, {"serp": json.dumps(entry)})
+    (tmp_path / NEWEST).write_bytes(data)
+    with pytest.raises(CheckpointDamaged, match="its metadata cannot be read"):
+        load(tmp_path / NEWEST)
+
+
 @pytest.mark.parametrize(
     ("version", "said"),
     [
-        (
-            FORMAT + 1,
-            f"format {FORMAT + 1}; this serp knows .* {FORMAT}. Install a newer",
-        ),
+        (FORMAT + 1, f"format {FORMAT + 1}; this serp knows .* {FORMAT}. Install a newer"),
         (1, "has format 1, which an earlier serp wrote"),
     ],
 )
@@ -184,51 +150,34 @@ def test_other_formats_are_refused_with_the_reason(tmp_path, monkeypatch, versio
         load_newest(tmp_path)
 
 
-def test_other_safetensors_files_are_no_checkpoints(tmp_path):
-    safetensors.numpy.save_file(ARRAYS, tmp_path / "c")
+def test_what_is_no_checkpoint_is_a_run_error(tmp_path):
+    with pytest.raises(RunError, match=r"there is no checkpoint.*once it has written its first"):
+        load_newest(tmp_path)
+    safetensors.numpy.save_file(ARRAYS, tmp_path / NEWEST)
     with pytest.raises(RunError, match="not a checkpoint of serp"):
-        load(tmp_path / "c")
-
-
-def test_missing_and_unreadable_files_are_run_errors(tmp_path):
-    with pytest.raises(RunError, match="there is no checkpoint"):
-        load_newest(tmp_path)
-    (tmp_path / NEWEST).mkdir()
-    with pytest.raises(RunError, match="is a link, a folder"):
         load_newest(tmp_path)
 
 
-def test_rotation_keeps_the_one_before(tmp_path):
+@pytest.mark.parametrize("links", [True, False])
+def test_rotation_keeps_the_one_before(tmp_path, monkeypatch, links):
+    def no_links(*_):
+        raise OSError(95, "Operation not supported")
+
+    if not links:
+        monkeypatch.setattr(os, "link", no_links)
     for episode in range(4):
         save_rotating(tmp_path, ARRAYS, {"episode": episode})
-    assert load(tmp_path / NEWEST)[1] == {"episode": 3}
     assert load(tmp_path / PREVIOUS)[1] == {"episode": 2}
     assert sorted(os.listdir(tmp_path)) == [PREVIOUS, NEWEST]
     found = load_newest(tmp_path)
     assert (found.meta, found.path, found.fallback) == ({"episode": 3}, tmp_path / NEWEST, None)
 
 
-def test_rotation_works_without_hard_links(tmp_path, monkeypatch):
-    def no_links(*_):
-        raise OSError(95, "Operation not supported")
-
-    monkeypatch.setattr(os, "link", no_links)
-    test_rotation_keeps_the_one_before(tmp_path)
-
-
-def test_rotation_after_a_crash_between_its_two_renames(tmp_path):
-    save_rotating(tmp_path, ARRAYS, {"episode": 0})
-    os.link(tmp_path / NEWEST, tmp_path / PREVIOUS)
-    save_rotating(tmp_path, ARRAYS, {"episode": 1})
-    assert sorted(os.listdir(tmp_path)) == [PREVIOUS, NEWEST]
-    assert load(tmp_path / PREVIOUS)[1] == {"episode": 0}
-
-
 @pytest.mark.parametrize("damage", ["cut", "flipped", "gone"])
 def test_damaged_newest_falls_back_to_the_previous_and_says_so(tmp_path, damage):
     save_rotating(tmp_path, ARRAYS, {"episode": 0})
     save_rotating(tmp_path, ARRAYS, {"episode": 1})
-    newest = tmp_path / NEWEST
+    newest, previous = tmp_path / NEWEST, tmp_path / PREVIOUS
     content = bytearray(newest.read_bytes())
     if damage == "cut":
         newest.write_bytes(content[: len(content) // 2])
@@ -238,17 +187,20 @@ def test_damaged_newest_falls_back_to_the_previous_and_says_so(tmp_path, damage)
     else:
         newest.unlink()
     found = load_newest(tmp_path)
-    assert found.meta == {"episode": 0}
-    assert found.path == tmp_path / PREVIOUS
+    assert (found.meta, found.path) == ({"episode": 0}, previous)
     assert str(newest) in found.fallback
+    previous.write_bytes(b"")
+    with pytest.raises(RunError, match=r"The one before it.*damaged.*restore a checkpoint from a"):
+        load_newest(tmp_path)
 
 
 _SAVE_FOR_EVER = """
 import sys
+from pathlib import Path
 import numpy as np
 from serp.runs.checkpoint import save_rotating
 for episode in range(10**9):
-    save_rotating(sys.argv[1], {"x": np.full(20_000, float(episode))}, {"episode": episode})
+    save_rotating(Path(sys.argv[1]), {"x": np.full(20_000, float(episode))}, {"episode": episode})
     if episode == 1:
         print(flush=True)
 """
@@ -267,21 +219,3 @@ def test_killed_at_any_moment_a_whole_checkpoint_is_there(tmp_path):
         found = load_newest(tmp_path)
         assert found.fallback is None
         assert (found.arrays["x"] == found.meta["episode"]).all()
-        assert load(tmp_path / PREVIOUS)[1]["episode"] <= found.meta["episode"]
-
-
-def test_metadata_of_no_known_form_is_damage(tmp_path):
-    """Whoever forges it can make its digest fit."""
-    deep = "[" * 900 + "]" * 900
-    for text in ('{"a": {"float": "1"}}', '{"a": {"float": {}}}', '{"a": {"float": []}}',
-                 '{"a": {"float": null}}', '[1]', '"text"', f'{{"a": {deep}}}'):  # fmt: skip
-        meta = json.loads(text)
-        entry = {"format": FORMAT, "sha256": checkpoint._digest({}, meta), "meta": meta}
-        data = safetensors.numpy.save({}, {"serp": json.dumps(entry)})
-        (tmp_path / NEWEST).write_bytes(data)
-        try:
-            arrays, found = load(tmp_path / NEWEST)
-        except CheckpointDamaged as error:
-            assert "its metadata cannot be read" in str(error)
-        else:
-            assert (arrays, found) == ({}, meta)

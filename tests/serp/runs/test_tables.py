@@ -1,3 +1,5 @@
+"""Tables: what is written is read back, row by row, wherever the file or the process ended."""
+
 from __future__ import annotations
 
 import math
@@ -13,14 +15,24 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from serp.runs.reading import read_rows
+from serp.runs.reading import count_decisions, read_metrics, read_rows
+from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS, MetricsRow
 from serp.runs.tables import Position, Table
 
 COLUMNS = ("a", "b", "c")
+ROW = MetricsRow(
+    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, None, 0.25
+)
 
 
-def cells(path, columns=COLUMNS):
-    return [row for _, row in read_rows(path, columns)]
+def cells(path):
+    return [row for _, row in read_rows(path, COLUMNS)]
+
+
+def write(path, rows, columns=COLUMNS):
+    with Table(path, columns) as table:
+        for row in rows:
+            table.append(row)
 
 
 class Who(StrEnum):
@@ -36,37 +48,32 @@ class Slow:
         return "told, late"
 
 
+# Writing -----------------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize(
     ("value", "cell"),
     [
         (True, "1"),
-        (False, "0"),
-        (np.True_, "1"),
+        (np.False_, "0"),
         (None, ""),
-        (3, "3"),
         (-(2**70), str(-(2**70))),
         (np.int64(3), "3"),
         (0.1, "0.1"),
         (np.float64(0.1), "0.1"),
         (np.float32(0.1), "0.10000000149011612"),
         (-0.0, "-0.0"),
-        (1e300, "1e+300"),
-        (math.inf, "inf"),
         (math.nan, "nan"),
-        ("plain", "plain"),
         ('a "b", c', 'a "b", c'),
         ("two\nlines\r\nmore", "two lines more"),
-        ("größer ρ", "größer ρ"),
         (Who.PLANNER, "planner"),
         (Level.HIGH, "3"),
         (Slow(), "told, late"),
     ],
 )
 def test_values_are_written_as_the_table_promises(tmp_path, value, cell):
-    with Table(tmp_path / "t", COLUMNS) as table:
-        table.append((value, value, 1))
-        table.append((value, "other", 2))  # a column of one kind, and one of several
-    assert cells(tmp_path / "t") == [[cell, cell, "1"], [cell, "other", "2"]]
+    write(tmp_path / "t", [(value, value, 1)])
+    assert cells(tmp_path / "t") == [[cell, cell, "1"]]
 
 
 @given(rows=st.lists(st.tuples(st.floats(), st.integers(), st.text() | st.none()), max_size=20))
@@ -74,13 +81,9 @@ def test_values_are_written_as_the_table_promises(tmp_path, value, cell):
 def test_floats_come_back_exactly_and_every_line_is_a_row(tmp_path_factory, rows):
     path = tmp_path_factory.getbasetemp() / "table.csv"
     path.unlink(missing_ok=True)
-    with Table(path, COLUMNS) as table:
-        for row in rows:
-            table.append(row)
+    write(path, rows)
     assert path.read_bytes().count(b"\n") == len(rows) + 1
-    read = cells(path)
-    assert len(read) == len(rows)
-    for row, found in zip(rows, read, strict=True):
+    for row, found in zip(rows, cells(path), strict=True):
         assert np.float64(found[0]).tobytes() == np.float64(row[0]).tobytes() or row[0] != row[0]
         assert int(found[1]) == row[1]
         if row[2] is not None and not {"\n", "\r"} & set(row[2]):
@@ -88,108 +91,27 @@ def test_floats_come_back_exactly_and_every_line_is_a_row(tmp_path_factory, rows
 
 
 def test_nothing_is_written_before_the_flush_and_everything_after(tmp_path):
-    table = Table(tmp_path / "t", COLUMNS)
-    table.append((1, 2, 3))
-    assert cells(tmp_path / "t") == []
-    table.flush()
-    assert cells(tmp_path / "t") == [["1", "2", "3"]]
-    for step in range(10_000):
-        table.append((step, step, step))
-    assert len(cells(tmp_path / "t")) > 8_000  # as many are held as fit into a small buffer
-    table.close()
-    table.close()
-    assert len(cells(tmp_path / "t")) == 10_001
-
-
-def test_rows_of_another_width_are_refused(tmp_path):
-    with Table(tmp_path / "t", COLUMNS) as table, pytest.raises(ValueError, match="3 columns"):
-        table.append((1, 2))
-
-
-def test_truncate_and_write_again_equals_writing_once(tmp_path):
-    def write(table, steps):
-        for step in steps:
-            table.append((step, step / 7, f"ρ{step}"))
-
-    with Table(tmp_path / "once", COLUMNS) as table:
-        write(table, range(30))
-    with Table(tmp_path / "twice", COLUMNS) as table:
-        write(table, range(10))
-        position = table.position()
-        write(table, range(10, 25))
-    with Table(tmp_path / "twice", COLUMNS) as table:
-        table.append((99, 99, 99))
-        table.truncate(position)
-        write(table, range(10, 30))
-    assert (tmp_path / "once").read_bytes() == (tmp_path / "twice").read_bytes()
-
-
-@pytest.mark.parametrize("position", [0, 3, 10_000])
-def test_truncating_to_where_the_table_never_was_is_refused(tmp_path, position):
     with Table(tmp_path / "t", COLUMNS) as table:
         table.append((1, 2, 3))
+        assert cells(tmp_path / "t") == []
         table.flush()
-        with pytest.raises(RunError, match="the table was truncated or changed"):
-            table.truncate(Position(position, 0))
-
-
-@pytest.mark.parametrize("reopened", [False, True])
-def test_rows_that_were_changed_since_are_refused(tmp_path, reopened):
-    path = tmp_path / "t"
-    with Table(path, COLUMNS) as table:
-        for step in range(1000):
-            table.append((step, "x" * 90, None))
-        position = table.position()
-        for _ in range(10):
-            table.append((1, 2, 3))
-    if reopened:
-        with Table(path, COLUMNS) as table:
-            assert table.position() != position
-            table.truncate(position)
-            assert table.position() == position
-    content = path.read_bytes()
-    for place in (20, 70_000, position.bytes - 3):
-        path.write_bytes(content[:place] + b"7" + content[place + 1 :])
-        with (
-            Table(path, COLUMNS) as table,
-            pytest.raises(RunError, match="were changed after the checkpoint"),
-        ):
-            table.truncate(position)
-
-
-@pytest.mark.parametrize("tail", [b"4,5", b'4,"5', b"\0\0\0\0", b"x" * 200_000])
-def test_reopening_drops_a_cut_last_line(tmp_path, tail):
-    path = tmp_path / "t"
-    with Table(path, COLUMNS) as table:
-        table.append((1, 2, 3))
-    with open(path, "ab") as file:
-        file.write(tail)
-    assert cells(path) == [["1", "2", "3"]]  # reading leaves it out as well
-    with Table(path, COLUMNS) as table:
-        table.append((7, 8, 9))
-    assert cells(path) == [["1", "2", "3"], ["7", "8", "9"]]
-
-
-def test_header_that_was_cut_is_written_anew(tmp_path):
-    (tmp_path / "t").write_bytes(b"a,b")
-    with Table(tmp_path / "t", COLUMNS) as table:
-        table.append((1, 2, 3))
-    assert cells(tmp_path / "t") == [["1", "2", "3"]]
-
-
-def test_file_with_other_columns_is_left_alone(tmp_path):
-    (tmp_path / "t").write_bytes(b"a,b\n1,2\n")
-    with pytest.raises(RunError, match=r"t:1: has other columns"):
-        Table(tmp_path / "t", COLUMNS)
-    assert (tmp_path / "t").read_bytes() == b"a,b\n1,2\n"
+        assert cells(tmp_path / "t") == [["1", "2", "3"]]
+        for step in range(10_000):
+            table.append((step, step, step))
+        assert len(cells(tmp_path / "t")) > 8_000  # as many are held as fit into a small buffer
+        with pytest.raises(ValueError, match="3 columns"):
+            table.append((1, 2))
+        table.close()
+    assert len(cells(tmp_path / "t")) == 10_001
 
 
 _FILL_THE_DISK = """
 import resource, sys
+from pathlib import Path
 from serp.errors import RunError
 from serp.runs.tables import Table
 soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-table = Table(sys.argv[1], ("a", "b", "c"))
+table = Table(Path(sys.argv[1]), ("a", "b", "c"))
 table.append((1, 2, 3))
 table.flush()
 for step in range(500):
@@ -217,10 +139,133 @@ def test_write_that_fails_half_way_leaves_whole_rows_and_can_be_done_again(tmp_p
     assert len(cells(path)) == 501  # nothing was lost once there was room again
 
 
-def test_no_file_stays_open_when_opening_fails(tmp_path):
-    (tmp_path / "t").write_bytes(b"other\n")
+# Continuing --------------------------------------------------------------------------------------
+
+
+def test_truncate_and_write_again_equals_writing_once(tmp_path):
+    rows = [(step, step / 7, f"ρ{step}") for step in range(30)]
+    write(tmp_path / "once", rows)
+    write(tmp_path / "twice", rows[:10])
+    with Table(tmp_path / "twice", COLUMNS) as table:
+        position = table.position()
+        for row in rows[10:25]:
+            table.append(row)
+    with Table(tmp_path / "twice", COLUMNS) as table:
+        assert table.position() != position
+        table.append((99, 99, 99))
+        table.truncate(position)
+        assert table.position() == position
+        for row in rows[10:]:
+            table.append(row)
+    assert (tmp_path / "once").read_bytes() == (tmp_path / "twice").read_bytes()
+
+
+def test_a_table_that_was_changed_since_is_refused(tmp_path):
+    path = tmp_path / "t"
+    write(path, [(step, "x" * 90, None) for step in range(1000)])
+    with Table(path, COLUMNS) as table:
+        position = table.position()
+        for other in (0, 3, 10**6):
+            with pytest.raises(RunError, match="the table was truncated or changed"):
+                table.truncate(Position(other, 0))
+    content = path.read_bytes()
+    for place in (20, 70_000, position.bytes - 3):
+        path.write_bytes(content[:place] + b"7" + content[place + 1 :])
+        with (
+            Table(path, COLUMNS) as table,
+            pytest.raises(RunError, match="were changed after the checkpoint"),
+        ):
+            table.truncate(position)
+
+
+@pytest.mark.parametrize("tail", [b"4,5", b'4,"5', b"\0\0\0\0", b"x" * 200_000])
+def test_reopening_drops_a_cut_last_line(tmp_path, tail):
+    path = tmp_path / "t"
+    write(path, [(1, 2, 3)])
+    with open(path, "ab") as file:
+        file.write(tail)
+    assert cells(path) == [["1", "2", "3"]]  # reading leaves it out as well
+    write(path, [(7, 8, 9)])
+    assert cells(path) == [["1", "2", "3"], ["7", "8", "9"]]
+
+
+def test_header_that_was_cut_is_written_anew_and_another_one_is_left_alone(tmp_path):
+    path = tmp_path / "t"
+    path.write_bytes(b"a,b")
+    write(path, [(1, 2, 3)])
+    assert cells(path) == [["1", "2", "3"]]
+    path.write_bytes(b"a,b\n1,2\n")
     before = len(os.listdir("/dev/fd")) if Path("/dev/fd").exists() else 0
-    for _ in range(5):
-        with pytest.raises(RunError):
-            Table(tmp_path / "t", COLUMNS)
-    assert before in (0, len(os.listdir("/dev/fd")))
+    with pytest.raises(RunError, match=r"t:1: has other columns"):
+        Table(path, COLUMNS)
+    assert before in (0, len(os.listdir("/dev/fd")))  # no file stays open
+    assert path.read_bytes() == b"a,b\n1,2\n"
+
+
+# Reading -----------------------------------------------------------------------------------------
+
+
+def test_metrics_come_back_exactly_with_their_types(tmp_path):
+    rows = [ROW, ROW._replace(episode=2, loss=0.1 + 0.2, terminated=False)]
+    write(tmp_path / "m", rows, METRICS_COLUMNS)
+    metrics = read_metrics(tmp_path / "m")
+    assert tuple(metrics) == METRICS_COLUMNS
+    assert metrics["episode"].dtype == np.int64
+    assert metrics["terminated"].dtype == bool
+    assert metrics["terminated"].tolist() == [True, False]
+    assert metrics["return"].tolist() == [1 / 3, 1 / 3]
+    assert math.copysign(1, metrics["domain_return"][0]) == -1
+    assert np.isnan(metrics["epsilon"]).all()
+    assert np.isnan(metrics["loss"][0]) and metrics["loss"][1] == 0.1 + 0.2
+
+
+def test_wherever_the_file_is_cut_all_whole_rows_are_read_whatever_the_line_ends(tmp_path):
+    write(tmp_path / "m", [ROW._replace(episode=e) for e in range(1, 4)], METRICS_COLUMNS)
+    whole = (tmp_path / "m").read_bytes()
+    header = whole.index(b"\n") + 1
+    for length in range(header, len(whole)):
+        (tmp_path / "m").write_bytes(whole[:length])
+        expected = whole[:length].count(b"\n") - 1
+        metrics = read_metrics(tmp_path / "m")
+        assert metrics["episode"].tolist() == [1, 2, 3][:expected]
+        assert metrics["episode"].dtype == np.int64 and metrics["rho"].dtype == np.float64
+    (tmp_path / "m").write_bytes(whole.replace(b"\n", b"\r\n"))
+    assert read_metrics(tmp_path / "m")["episode"].tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (b"\n2,", b"\n,", r"m:3: episode is ''; it must be a whole number"),
+        (b"\n2,", b"\n99999999999999999999,", r"m:3: episode is .* of 64 bits"),
+        (b"\n2,", b"\n2,2,", r"m:3: 20 cells where the header has 19"),
+        (b"\n2,", b"\n\n2,", r"m:3: 0 cells where the header has 19"),
+        (b"\n2,23,", b'\n2,"23,', r"m:3: unexpected end of data"),
+        (b"\n2,23,", b"\n2,\xff,", r"m:3: not UTF-8"),
+        (b",1,0,0.01,", b",yes,0,0.01,", r"m:2: terminated is 'yes'; it must be 0 or 1"),
+        (b",0,0.01,", b",0,0.0.1,", r"m:2: rho is '0\.0\.1'; it must be a number"),
+        (b"episode,", b"epsiode,", r"m:1: the columns are not episode, env_steps"),
+    ],
+)
+def test_malformed_rows_are_named_by_file_and_line(tmp_path, old, new, message):
+    path = tmp_path / "m"
+    write(path, [ROW._replace(episode=e) for e in range(1, 4)], METRICS_COLUMNS)
+    content = path.read_bytes()
+    assert old in content
+    path.write_bytes(content.replace(old, new, 1))
+    with pytest.raises(RunError, match=message):
+        read_metrics(path)
+
+
+def test_files_that_are_no_tables_are_run_errors(tmp_path):
+    path = tmp_path / "d"
+    with pytest.raises(RunError, match=r"cannot read .*: No such file"):
+        count_decisions(path)
+    path.write_bytes(b"")
+    with pytest.raises(RunError, match="is empty"):
+        count_decisions(path)
+    path.unlink()
+    row = dict.fromkeys(DECISIONS_COLUMNS, 0) | {"reason": "proposal accepted", "vetoed": "no"}
+    write(path, [tuple(row.values())], DECISIONS_COLUMNS)
+    with pytest.raises(RunError, match=r"d:2: vetoed is 'no'; it must be 0 or 1"):
+        count_decisions(path)

@@ -8,7 +8,6 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 
-import serp_envs
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.loading import Domain, load_domain
 from serp.model.transition_model import TransitionModel, Vector
@@ -51,8 +50,7 @@ def balance(text: str, seed: int, steps: int, noise: float = 0.0) -> tuple[Trans
         steps: Env steps.
         noise: Share of the actions that are random.
     """
-    serp_envs.register()
-    env = gym.make("serp/CartPole-v0")
+    env = gym.make("serp_envs:serp/CartPole-v0")
     rng = np.random.default_rng(seed)
     experience = TransitionMemory(steps, 4, 9)
     falls = 0

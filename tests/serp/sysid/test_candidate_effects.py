@@ -39,8 +39,7 @@ def test_columns_are_the_changes_that_the_terms_would_make() -> None:
     rng = np.random.default_rng(0)
     seen = imagined(model, carts_states(80, rng), rng, 0.1)
     sample = regression_data(model, seen.states, seen.actions, seen.next_states)
-    estimator = ParameterEstimator(model.ground, model.dt)
-    rows = estimator.estimate(sample, model.theta, model.theta).rows["v"]
+    rows = ParameterEstimator(model).estimate(sample, model.theta).rows["v"]
     lifted = LiftedModel(model.ground)
     after = sample.states + 1.0  # what the actions have done to it
     terms, columns = candidate_effects(lifted, sample, after, rows, "v", 0.1, [])

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.parameter_dependencies import parameter_dependencies
-from serp.sysid.parameter_fit import estimate_parameters
+from serp.sysid.parameter_fit import ParameterEstimator, estimate_parameters
 from serp.sysid.regression_data import Flow, predictions
 from tests.serp.sysid.rolls import DT, balance, cartpole, from_text, imagined
 
@@ -48,6 +51,10 @@ def carts_states(number: int, rng: np.random.Generator) -> np.ndarray:
     return np.where(numeric, states, states > 0)
 
 
+def estimated(model: TransitionModel, *seen: Any) -> tuple[Vector, Vector]:
+    return estimate_parameters(ParameterEstimator(model), model, *seen)
+
+
 def test_only_parameters_that_change_fluents_are_estimated() -> None:
     ground = from_text(CARTS).model.ground
     found = {(i.schema, i.symbol, i.parameter.value) for i in parameter_dependencies(ground)}
@@ -67,11 +74,11 @@ def test_a_compiled_model_predicts_the_same() -> None:
     rng = np.random.default_rng(2)
     states, actions = carts_states(300, rng), rng.integers(len(model.actions), size=300)
     states[0], states[1] = np.nan, -9.0  # no number; a precondition that fails
-    by_python = Flow(model.ground, model.dt).predict(states, actions, model.theta)
+    by_python = Flow(model).predict(states, actions, model.theta)
     whole = predictions(model, states, actions)
     assert not model.compiled
     model.native_step()
-    native = Flow(model.ground, model.dt, compiled=model).predict(states, actions, model.theta)
+    native = Flow(model).predict(states, actions, model.theta)
     assert native.tobytes() == by_python.tobytes()
     assert predictions(model, states, actions).tobytes() == whole.tobytes()
 
@@ -93,7 +100,7 @@ def test_other_parameters_are_recovered_within_their_errors(
     theta[changed] = values[: len(changed)]
     rng = np.random.default_rng(seed)
     seen = imagined(model.replace(theta=theta), carts_states(400, rng), rng, noise)
-    estimate, errors = estimate_parameters(model, seen.states, seen.actions, seen.next_states)
+    estimate, errors = estimated(model, seen.states, seen.actions, seen.next_states)
     assert np.isfinite(errors[changed]).all()
     gap = np.abs(estimate - theta)[changed]
     assert (gap <= 5.0 * errors[changed] + 1e-6).all()
@@ -109,7 +116,7 @@ def test_of_a_product_of_parameters_one_moves() -> None:
     theta[product[0]] *= 2.0
     rng = np.random.default_rng(0)
     seen = imagined(model.replace(theta=theta), carts_states(400, rng), rng)
-    estimate, errors = estimate_parameters(model, seen.states, seen.actions, seen.next_states)
+    estimate, errors = estimated(model, seen.states, seen.actions, seen.next_states)
     assert np.isfinite(errors[product]).sum() == 1
     assert estimate[product].prod() == pytest.approx(theta[product].prod(), rel=1e-4)
 
@@ -120,7 +127,7 @@ def test_what_was_never_seen_stays_as_written() -> None:
     seen = imagined(model, carts_states(300, rng), rng)
     pushed = seen.actions < 2
     rows = (seen.states[pushed], seen.actions[pushed], seen.next_states[pushed])
-    estimate, errors = estimate_parameters(model.replace(theta=model.theta + 1.0), *rows)
+    estimate, errors = estimated(model.replace(theta=model.theta + 1.0), *rows)
     stop = next(
         i.parameter.index for i in parameter_dependencies(model.ground) if i.schema == "stop"
     )
@@ -130,7 +137,7 @@ def test_what_was_never_seen_stays_as_written() -> None:
     assert (
         estimate[rest] == [p.value for p in np.array(model.parameters, dtype=object)[rest]]
     ).all()
-    none, unknown = estimate_parameters(model, *(r[:0] for r in rows))
+    none, unknown = estimated(model, *(r[:0] for r in rows))
     assert (none == [p.value for p in model.parameters]).all()
     assert np.isinf(unknown).all()
 
@@ -143,7 +150,7 @@ def test_a_few_wild_observations_move_nothing() -> None:
     wild = rng.choice(len(after), size=6, replace=False)
     after[wild] += rng.normal(scale=100.0, size=after[wild].shape)
     after[wild[0], 0] = np.nan
-    estimate, errors = estimate_parameters(model, seen.states, seen.actions, after)
+    estimate, errors = estimated(model, seen.states, seen.actions, after)
     known = np.isfinite(errors)
     assert known.any()
     assert (np.abs(estimate - model.theta)[known] <= 5.0 * errors[known] + 1e-6).all()
@@ -159,13 +166,13 @@ def test_numbers_that_jump_by_chance_are_no_rates() -> None:
     actions = np.zeros(400, dtype=np.int64)
     after = states.copy()
     after[:, columns[0]] += rng.integers(0, 2, size=400)
-    estimate, errors = estimate_parameters(model, states, actions, after)
+    estimate, errors = estimated(model, states, actions, after)
     push = next(
         i.parameter.index for i in parameter_dependencies(model.ground) if i.schema == "push"
     )
     assert errors[push] == np.inf
     after[:, columns[0]] = states[:, columns[0]] + 2.0
-    estimate, errors = estimate_parameters(model, states, actions, after)
+    estimate, errors = estimated(model, states, actions, after)
     assert estimate[push] == pytest.approx(2.0)
 
 
@@ -183,7 +190,7 @@ def test_a_wall_hides_neither_too_much_nor_too_little(written: str) -> None:
     states = rng.uniform(0.2, 1.0, size=(300, 1))
     seen = imagined(from_text(WALL).model, states, rng)
     model = from_text(WALL.replace("0.1)", f"{written})")).model
-    estimate, errors = estimate_parameters(model, seen.states, seen.actions, seen.next_states)
+    estimate, errors = estimated(model, seen.states, seen.actions, seen.next_states)
     (walk,) = (i.parameter.index for i in parameter_dependencies(model.ground))
     assert np.isfinite(errors[walk])
     assert estimate[walk] == pytest.approx(0.1, abs=1e-6)
@@ -193,7 +200,7 @@ def test_the_real_cartpole_tells_signs_and_gravity() -> None:
     experience, _ = balance(cartpole().source.text, 0, 500)
     for name, sign in (("cartpole", 1.0), ("cartpole-reversed", -1.0)):
         model = cartpole(name).model.replace(dt=DT)
-        theta, errors = estimate_parameters(
+        theta, errors = estimated(
             model, experience.states, experience.actions, experience.next_states
         )
         known = {p.value: theta[p.index] for p in model.parameters if np.isfinite(errors[p.index])}

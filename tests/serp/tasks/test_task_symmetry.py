@@ -146,39 +146,6 @@ def test_a_dictionary_is_mirrored_in_the_order_of_its_space(hall: Callable[..., 
         train(replace(task, symmetries=(BOTH_SIDES,)), settings())
 
 
-def test_a_symmetry_of_the_domain_alone_serves_a_learner_of_states(
-    hall: Callable[..., Task],
-) -> None:
-    text = (
-        HALL.replace("(x) (room", "(room")
-        .replace(
-            "(:action west :parameters () :precondition (and) :effect (and (decrease (x) 1)))", ""
-        )
-        .replace(
-            "(:action east :parameters () :precondition (and) :effect (and (increase (x) 1)))", ""
-        )
-    )
-
-    def of_rooms(seen: NDArray[Any]) -> dict[str, float]:
-        return {k: v for k, v in ground(seen).items() if k != "x"}
-
-    names = {"go left": 0, "go right": 1, "wait": 2}
-    task = hall(text, ground=of_rooms, actions=names, symmetries=())
-    with task.bind() as bound:
-        assert symmetry_group(bound, (), "both") is None
-        assert symmetry_group(bound, (), "state") is None  # nobody says what actions 3, 4 become
-
-    class Narrow(Hall):
-        action_space = spaces.Discrete(3)  # type: ignore[assignment]
-
-    with replace(task, make_env=Narrow).bind() as bound:
-        group = symmetry_group(bound, (), "state")
-        assert group is not None
-        assert [e.actions for e in group.elements] == [(0, 1, 2), (1, 0, 2)]
-        assert Agent(bound, settings(inputs="state"), 0).learner.symmetry is not None
-        assert Agent(bound, settings(inputs="both"), 0).learner.symmetry is None
-
-
 def test_actions_that_the_domain_does_not_mention_go_by_number(hall: Callable[..., Task]) -> None:
     class Dancing(Hall):
         action_space = spaces.Discrete(7)  # type: ignore[assignment]
@@ -280,14 +247,6 @@ def test_something_else_than_symmetries_is_refused(hall: Callable[..., Task]) ->
     for wrong in (BOTH_SIDES, ({"left": "right"},)):
         with hall(symmetries=wrong).bind() as bound, pytest.raises(TaskError, match=r"serp\.Symm"):
             Agent(bound, settings(), 0)
-
-
-def test_a_rule_for_one_side_only_is_said_with_its_line(hall: Callable[..., Task]) -> None:
-    text = HALL.replace("(decrease (x) 1)", "(tired)").replace("(increase (x) 1)", "(wall left)")
-    symmetry = replace(BOTH_SIDES, flip=(), actions={})
-    with hall(text, symmetries=(symmetry,)).bind() as bound:
-        (notice,) = Agent(bound, settings(), 0).notices
-        assert re.search(r"hall\.pddl:7:\d+: action `east` has no mirror", notice)
 
 
 @pytest.mark.parametrize(

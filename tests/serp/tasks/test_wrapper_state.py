@@ -1,4 +1,4 @@
-"""What wrappers and environments carry from one episode to the next is saved, or noticed."""
+"""What wrappers and environments carry from one episode to the next is saved."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium import wrappers
 
-from serp.tasks.wrapper_state import UnsavedStateDetector, restore, restore_statistics, save
+from serp.tasks.wrapper_state import restore, save
 from tests.serp.sample_tasks import Corridor
 
 Env = gym.Env[Any, Any]
@@ -92,7 +92,7 @@ def test_statistics_can_be_taken_over_alone() -> None:
     episodes(trained, range(3))
     other: Any = wrappers.NormalizeObservation(Found())
     noise = other.env.noise.bit_generator.state
-    restore_statistics(other, json.loads(json.dumps(save(trained))))
+    restore(other, json.loads(json.dumps(save(trained))), statistics_only=True)
     assert other.env.noise.bit_generator.state == noise
     assert (other.obs_rms.mean == trained.obs_rms.mean).all()
     assert other.obs_rms.mean.dtype == trained.obs_rms.mean.dtype
@@ -115,78 +115,3 @@ def test_other_layers_than_the_saved_ones_are_refused(make: Callable[[], Env], s
     saved = save(wrappers.NormalizeObservation(Found()))
     with pytest.raises(ValueError, match=said):
         restore(make(), saved)
-
-
-# What nobody saves --------------------------------------------------------------------------------
-
-
-class Drifting(gym.Wrapper[Any, Any, Any, Any]):
-    """Carries `drift` on; `steps`, `last` and `ticks` are cleared, set or counted by resets too."""
-
-    def __init__(self, env: Env, **options: Any) -> None:
-        super().__init__(env)
-        self.drift = np.zeros(2)
-        self.steps = 0
-        self.ticks = 0
-        self.last = np.nan
-        self.cache: Any = None
-        self.name = "drifting"
-
-    def reset(self, **options: Any) -> Any:
-        self.steps = 0
-        self.ticks += 1
-        seen, info = super().reset(**options)
-        self.last = float(seen[0])
-        return seen, info
-
-    def step(self, action: Any) -> Any:
-        self.steps += 1
-        self.ticks += 1
-        self.drift += 0.01
-        self.cache = "made once"
-        seen, *rest = super().step(action)
-        self.last = float(seen[0])
-        return seen, *rest
-
-
-class Saved(Drifting):
-    def state_dict(self) -> Any:
-        return self.drift.tolist()
-
-    def load_state_dict(self, state: Any) -> None:
-        self.drift[:] = state
-
-
-def noticed(env: Env, count: int) -> list[list[str]]:
-    watch, said = UnsavedStateDetector(env), []
-    for number in range(count):
-        watch.before_reset()
-        env.reset(seed=number)
-        said.append(watch.after_reset())
-        ended = False
-        while not ended:
-            _, _, terminated, truncated, _ = env.step(0)
-            ended = terminated or truncated
-    return said
-
-
-def test_what_a_wrapper_carries_unsaved_is_noticed_once() -> None:
-    said = noticed(wrappers.TimeLimit(Drifting(Found()), 4), 9)
-    assert [text for texts in said for text in texts] == ["Drifting keeps `drift`"]
-    assert said[5]
-
-
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda: Found(),
-        lambda: Saved(Found()),
-        lambda: wrappers.NormalizeReward(wrappers.NormalizeObservation(Found())),
-        lambda: wrappers.RecordEpisodeStatistics(
-            wrappers.OrderEnforcing(wrappers.PassiveEnvChecker(Found()))
-        ),
-        lambda: wrappers.FrameStackObservation(wrappers.TimeLimit(Found(), 3), 2),
-    ],
-)
-def test_what_is_harmless_or_saved_raises_no_alarm(make: Callable[[], Env]) -> None:
-    assert not any(noticed(make(), 9))

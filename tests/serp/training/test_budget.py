@@ -24,7 +24,7 @@ def test_the_first_end_that_is_reached_counts() -> None:
 
 
 def test_no_end_is_never_reached() -> None:
-    assert not Budget().given
+    assert not Budget().limits
     assert not Budget().spent_by(at(10**9, 10**9, 10**9))
 
 

@@ -42,7 +42,8 @@ class Run:
         self.folder = folder
         self.rows: list[MetricsRow] = []
         self.decisions = Table(folder / "decisions.csv", DECISIONS_COLUMNS)
-        self.trainer = Trainer(task.bind(), settings_of(task, preset), seed, self.decisions)
+        self.trainer = Trainer(task.bind(), settings_of(task, preset), seed)
+        self.trainer.decisions = self.decisions
 
     def train(self, episodes: int) -> None:
         while self.trainer.episode < episodes:

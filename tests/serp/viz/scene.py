@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -80,13 +79,11 @@ def reckless(agent: Agent) -> Agent:
     return agent
 
 
-def bound(folder: Path, make_env: Any = Drawn, mode: str = "rgb_array") -> BoundTask:
+def bound(folder: Path, make_env: Any = Drawn) -> BoundTask:
+    mode = make_env.metadata["render_modes"][-1]
     return drawn(folder, make_env).bind(render_mode=mode)
 
 
 def reckless_agent(folder: Path) -> Agent:
     task = drawn(folder)
     return reckless(Agent(task.bind(), resolve("default", task.settings), 0))
-
-
-several = functools.partial(bound, mode="rgb_array_list")

@@ -13,7 +13,7 @@ from serp.errors import EnvironmentFailure, TaskError
 from serp.training.run import Run, load_run
 from serp.viz.camera import Camera, render_mode_of
 from tests.serp.sample_tasks import Corridor
-from tests.serp.viz.scene import HEIGHT, WIDTH, Drawn, Ticking, bound, drawn, several
+from tests.serp.viz.scene import HEIGHT, WIDTH, Drawn, Ticking, bound, drawn
 
 
 def run_of(recorded: Path, folder: Path, make_env: Any) -> Run:
@@ -26,7 +26,7 @@ def test_an_environment_with_several_pictures_a_step_gives_all(
 ) -> None:
     assert render_mode_of(run_of(recorded, tmp_path, Drawn)) == "rgb_array"
     assert render_mode_of(run_of(recorded, tmp_path, Ticking)) == "rgb_array_list"
-    task = several(tmp_path, Ticking)
+    task = bound(tmp_path, Ticking)
     camera = Camera(task)
     task.reset(seed=1)
     assert len(camera.take()) == 1
@@ -36,18 +36,13 @@ def test_an_environment_with_several_pictures_a_step_gives_all(
     assert [picture.shape for picture in pictures] == [(HEIGHT, WIDTH, 3)] * 8
 
 
-def test_an_environment_that_draws_nothing_is_refused(recorded: Path, tmp_path: Path) -> None:
+def test_environments_that_cannot_draw_are_told_how(recorded: Path, tmp_path: Path) -> None:
     class Blind(Corridor):
         def __init__(self, render_mode: str | None = None) -> None:
             super().__init__()
 
     with pytest.raises(TaskError, match="draws no pictures; it needs the render mode `rgb_array`"):
         render_mode_of(run_of(recorded, tmp_path, Blind))
-
-
-def test_a_task_whose_make_env_takes_no_render_mode_is_told_to(
-    recorded: Path, tmp_path: Path
-) -> None:
     with pytest.raises(TaskError, match="let it take one and pass it on, as `lambda \\*\\*options"):
         render_mode_of(run_of(recorded, tmp_path, lambda: Drawn()))
 
@@ -64,16 +59,19 @@ def test_what_is_no_picture_is_refused(tmp_path: Path, picture: Any) -> None:
         Camera(bound(tmp_path, Odd)).take()
 
 
-def test_an_environment_that_fails_to_draw_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("error", "says"),
+    [
+        (ZeroDivisionError("no light"), "task corridor: render failed: .*no light"),
+        (DependencyNotInstalled("pygame is missing"), "pygame is missing .*'serp\\[watch\\]'"),
+    ],
+)
+def test_an_environment_that_fails_to_draw_is_named(
+    tmp_path: Path, error: Exception, says: str
+) -> None:
     class Broken(Drawn):
         def render(self) -> Any:
-            raise ZeroDivisionError("no light")
+            raise error
 
-    class Without(Drawn):
-        def render(self) -> Any:
-            raise DependencyNotInstalled("pygame is missing")
-
-    with pytest.raises(EnvironmentFailure, match="task corridor: render failed: .*no light"):
+    with pytest.raises(EnvironmentFailure, match=says):
         Camera(bound(tmp_path, Broken)).take()
-    with pytest.raises(EnvironmentFailure, match="pygame is missing .*'serp\\[watch\\]'"):
-        Camera(bound(tmp_path, Without)).take()

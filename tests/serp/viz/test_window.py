@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
 
 import pytest
 from PIL import Image
@@ -11,20 +12,16 @@ from PIL import Image
 from serp.errors import MissingExtra
 from serp.viz.caption import Caption
 from serp.viz.film import Frame
-from serp.viz.window import NoDisplay, Window, require_display
+from serp.viz.window import NoDisplay, Window
 
 pygame = pytest.importorskip("pygame")
 
 
 @pytest.fixture
-def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
-        monkeypatch.delenv(name, raising=False)
-
-
-@pytest.fixture
-def dummy(no_screen: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def dummy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A screen that shows nothing, taken for one."""
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    monkeypatch.setattr("serp.viz.window._NO_SCREEN", ())
 
 
 def frames(count: int, seconds: float = 0.01) -> list[Frame]:
@@ -34,21 +31,17 @@ def frames(count: int, seconds: float = 0.01) -> list[Frame]:
     ]
 
 
-def press(key: int) -> None:
-    pygame.event.post(pygame.event.Event(pygame.KEYDOWN, key=key))
-
-
 def test_every_frame_is_shown_for_its_time(dummy: None) -> None:
     seen = []
 
-    def looked_at() -> object:
+    def looked_at() -> Iterator[Frame]:
         for frame in frames(10, 0.02):
             yield frame
             seen.append(pygame.display.get_surface().get_at((5, 5))[:3])
 
-    with Window("watching") as window:
+    with Window("watching") as shown:
         begun = time.monotonic()
-        assert window.show(looked_at())  # type: ignore[arg-type]
+        assert shown.show(looked_at())
         assert time.monotonic() - begun >= 10 * 0.02
         assert pygame.display.get_caption()[0] == "watching"
     assert seen == [(number, 0, 200) for number in range(10)]
@@ -59,58 +52,49 @@ def test_every_frame_is_shown_for_its_time(dummy: None) -> None:
 def test_closing_the_window_ends_it(dummy: None, key: str) -> None:
     taken = []
 
-    def closing() -> object:
+    def closing() -> Iterator[Frame]:
         for number, frame in enumerate(frames(1000)):
             taken.append(number)
-            if number == 3:
-                if key == "cross":
-                    pygame.event.post(pygame.event.Event(pygame.QUIT))
-                else:
-                    press(pygame.key.key_code(key))
+            if number == 3 and key == "cross":
+                pygame.event.post(pygame.event.Event(pygame.QUIT))
+            elif number == 3:
+                press = pygame.event.Event(pygame.KEYDOWN, key=pygame.key.key_code(key))
+                pygame.event.post(press)
             yield frame
 
-    with Window("watching") as window:
-        assert not window.show(closing())  # type: ignore[arg-type]
+    with Window("watching") as shown:
+        assert not shown.show(closing())
     assert len(taken) == 4
 
 
 def test_space_pauses_until_it_is_pressed_again(dummy: None) -> None:
-    with Window("watching") as window:
-        assert window.show(frames(1))
-        press(pygame.K_SPACE)
-        pygame.time.set_timer(pygame.event.Event(pygame.KEYDOWN, key=pygame.K_SPACE), 200, 1)
+    space = pygame.event.Event(pygame.KEYDOWN, key=pygame.K_SPACE)
+    with Window("watching") as shown:
+        assert shown.show(frames(1))
+        pygame.event.post(space)
+        pygame.time.set_timer(space, 200, 1)
         begun = time.monotonic()
-        assert window.show(frames(2))
+        assert shown.show(frames(2))
         assert time.monotonic() - begun >= 0.2
 
 
 @pytest.mark.skipif(sys.platform in ("win32", "darwin"), reason="these need no DISPLAY")
-def test_without_a_screen_the_message_says_what_to_do(no_screen: None) -> None:
-    with pytest.raises(NoDisplay, match="DISPLAY.*--out FILE.gif"):
-        require_display()
-
-
-def test_a_driver_that_shows_nothing_is_no_screen(dummy: None) -> None:
-    with pytest.raises(NoDisplay, match="SDL_VIDEODRIVER is dummy.*--out FILE.gif"):
-        require_display()
-
-
-def test_a_screen_that_is_not_there_after_all(
-    no_screen: None, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    "environment", [{}, {"SDL_VIDEODRIVER": "dummy"}, {"SDL_VIDEODRIVER": "x11", "DISPLAY": ":987"}]
+)
+def test_without_a_screen_the_message_says_what_to_do(
+    monkeypatch: pytest.MonkeyPatch, environment: dict[str, str]
 ) -> None:
     pygame.display.quit()
-    monkeypatch.setenv("SDL_VIDEODRIVER", "x11")
-    monkeypatch.setenv("DISPLAY", ":987")
-    require_display()
-    with pytest.raises(NoDisplay, match="--out FILE.gif"):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "SDL_VIDEODRIVER"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(NoDisplay, match="no window can be opened here .*--out FILE.gif"):
         Window("watching")
 
 
-def test_without_pygame_the_extra_is_named(
-    no_screen: None, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("DISPLAY", ":0")
+def test_without_pygame_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
-    with pytest.raises(MissingExtra, match="pip install 'serp\\[watch\\]'") as caught:
-        require_display()
-    assert "--out FILE.gif" in caught.value.__notes__[0]
+    with pytest.raises(MissingExtra, match="pip install 'serp\\[watch\\]'"):
+        Window("watching")

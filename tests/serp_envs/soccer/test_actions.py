@@ -57,12 +57,6 @@ def test_a_charge_hits_within_40_cm_and_within_0_6_rad_of_its_heading(
         assert (robot.down_until, opponent.down_until) == (0, 0)
 
 
-def test_the_heading_of_a_turned_robot_counts_across_pi() -> None:
-    for heading in (math.pi - 0.01, -math.pi + 0.01):
-        poses = ((0.0, 0.0, heading), (-0.35, 0.0, 0.0))
-        assert charge(World(SPL_2020, NAO, FAR_AWAY, poses))
-
-
 def test_seven_hits_in_ten_fell_the_opponent_and_two_the_charger_for_four_seconds() -> None:
     hits = 4000
     rng = np.random.default_rng(7)

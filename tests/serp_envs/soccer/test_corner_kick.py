@@ -78,30 +78,6 @@ def test_a_ball_that_the_attacker_kicked_since_is_not_cleared() -> None:
     assert math.hypot(world.ball_x - world.goal_x, world.ball_y) > 2.8
 
 
-def test_the_kick_of_a_charge_counts_as_the_defenders() -> None:
-    for ball, kicks in (((-3.0, 0.0), True), ((-2.0, 2.0), False)):
-        corner = placed(ball, (-3.22, 0.0), (-1.0, 0.0))
-        corner.command(5, np.random.default_rng(0))
-        assert (corner.world.kicked_by is corner.world.robots[0]) == kicks
-
-
-def test_everybody_who_kicks_the_ball_is_remembered() -> None:
-    env = CornerKickDefender()
-    by = set()
-    for seed in range(6):
-        _, info = env.reset(seed=seed)
-        action = 4 if seed % 2 else 2
-        ended = False
-        while not ended:
-            world = env.scenario.world
-            assert (world.kicked_by is None) == (not info["kicked"])
-            _, _, terminated, truncated, info = env.step(action)
-            if world.kicked_by is not None:
-                by.add(world.robots.index(world.kicked_by))
-            ended = terminated or truncated
-    assert by == {0, 1, 2}
-
-
 def test_a_clearance_leaves_away_from_the_goal_but_not_behind_the_robot() -> None:
     rng = np.random.default_rng(0)
     directions = []

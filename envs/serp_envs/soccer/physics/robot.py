@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from math import atan2, cos, sin, sqrt
 from typing import Final
 
+from serp_envs.soccer.physics import chipmunk
 from serp_envs.soccer.physics.geometry import wrap
 from serp_envs.soccer.physics.periods import TICK
-from serp_envs.soccer.physics.pymunk_interface import Drive
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class Robot:
     """
 
     __slots__ = (
-        "_drive",
+        "_control",
         "_max_x",
         "_max_y",
         "down_until",
@@ -62,17 +62,13 @@ class Robot:
         "y",
     )
 
-    def __init__(self, walk: Walk, drive: Drive, max_x: float, max_y: float) -> None:
+    def __init__(self, walk: Walk, control: chipmunk.Handle, max_x: float, max_y: float) -> None:
         """Create a robot whose bodies are in the physics already.
 
-        Args:
-            walk: The limits of its walk.
-            drive: Sets the velocity of its control body.
-            max_x: Targets beyond ± this are taken to be there.
-            max_y: Targets beyond ± this are taken to be there.
+        Targets beyond ± `max_x` and ± `max_y` are taken to be there.
         """
         self.walk = walk
-        self._drive = drive
+        self._control = control
         self._max_x = max_x
         self._max_y = max_y
         self.x = self.y = self.heading = 0.0
@@ -86,6 +82,10 @@ class Robot:
     def stop(self) -> None:
         """Stand still."""
         self._drive(0.0, 0.0, 0.0)
+
+    def _drive(self, vx: float, vy: float, turn: float) -> None:
+        chipmunk.set_velocity(self._control, (vx, vy))
+        chipmunk.set_turn(self._control, turn)
 
     def go_to(self, x: float, y: float, face_x: float, face_y: float, pace: float = 1.0) -> None:
         """Walk straight towards (x, y) with the face towards (face_x, face_y).

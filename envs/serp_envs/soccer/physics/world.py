@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import cos, sin
+from math import cos, pi, sin
 from typing import Final
 
 import numpy as np
 import pymunk
 
 from serp_envs.soccer.fields import Field
-from serp_envs.soccer.physics import pymunk_interface as engine
+from serp_envs.soccer.physics import chipmunk
+from serp_envs.soccer.physics.geometry import wrap
+from serp_envs.soccer.physics.periods import PHYSICS_STEP, STEPS_PER_TICK
 from serp_envs.soccer.physics.robot import Robot, Walk
 
 ITERATIONS: Final = 10
@@ -33,7 +35,9 @@ class World:
     """
 
     __slots__ = (
-        "_engine",
+        "_ball",
+        "_bodies",
+        "_space",
         "ball_vx",
         "ball_vy",
         "ball_x",
@@ -46,6 +50,11 @@ class World:
         "robots",
         "tick",
     )
+
+    ball_x: float
+    ball_y: float
+    ball_vx: float
+    ball_vy: float
 
     def __init__(
         self, field: Field, walk: Walk, ball: tuple[float, float], poses: Sequence[Pose]
@@ -67,15 +76,14 @@ class World:
         """The same distance, of a ball that it can just kick, m."""
         self.tick = 0
         """Ticks since the situation started."""
-        space = pymunk.Space()
+        space = self._space = pymunk.Space()
         space.iterations = ITERATIONS
-        body = _add_ball(space, field, ball)
+        self._ball = _add_ball(space, field, ball)._body
         bodies = [_add_robot(space, walk, pose) for pose in poses]
         _add_posts(space, field)
-        self._engine = engine.ENGINE(space, body, bodies)
+        self._bodies = [body._body for body, _ in bodies]
         self.robots = tuple(
-            Robot(walk, self._engine.driver(number), field.max_x, field.max_y)
-            for number in range(len(bodies))
+            Robot(walk, control._body, field.max_x, field.max_y) for _, control in bodies
         )
         """The robots in the order of their poses."""
         self.kicked_by: Robot | None = None
@@ -84,14 +92,22 @@ class World:
 
     def advance(self) -> None:
         """Simulate one tick and update positions and velocities."""
-        self._engine.advance()
+        step, space = chipmunk.step, self._space._space
+        for _ in range(STEPS_PER_TICK):
+            step(space, PHYSICS_STEP)
         self.tick += 1
         self.update()
 
     def update(self) -> None:
         """Copy positions, headings and the ball's velocity from the physics."""
-        self.ball_x, self.ball_y, self.ball_vx, self.ball_vy = self._engine.ball()
-        self._engine.place(self.robots)
+        place, velocity = chipmunk.position(self._ball), chipmunk.velocity(self._ball)
+        self.ball_x, self.ball_y = place.x, place.y
+        self.ball_vx, self.ball_vy = velocity.x, velocity.y
+        for robot, body in zip(self.robots, self._bodies, strict=True):
+            place = chipmunk.position(body)
+            robot.x, robot.y = place.x, place.y
+            angle = chipmunk.angle(body)
+            robot.heading = angle if -pi <= angle <= pi else wrap(angle % (2.0 * pi))
 
     def kick(
         self,
@@ -111,7 +127,7 @@ class World:
         self.kicked_by = by
         speed *= rng.uniform(1.0 - KICK_SPREAD, 1.0 + KICK_SPREAD)
         self.ball_vx, self.ball_vy = speed * cos(direction), speed * sin(direction)
-        self._engine.kick(self.ball_vx, self.ball_vy)
+        chipmunk.set_velocity(self._ball, (self.ball_vx, self.ball_vy))
 
 
 def _add_ball(space: pymunk.Space, field: Field, position: tuple[float, float]) -> pymunk.Body:

@@ -9,11 +9,10 @@ from tests.serp.comparison.made_up import metadata, record, records, trial
 
 def test_trials_come_in_the_order_asked_for_whatever_their_order():
     found = [*records(seeds=(3, 1)), trial("serp", 1, 10.0, variant="a-variant")]
-    asked = metadata(found, algorithms=["dqn", "serp", "mrp"])
+    asked = metadata(found, algorithms={name: {} for name in ("dqn", "serp", "mrp")})
     one, other = Results(found, asked), Results(found[::-1], asked)
     assert [r.trial for r in one.records] == [r.trial for r in other.records]
     assert one.algorithms == ("dqn", "serp", "mrp")
-    assert one.variants == ("base", "a-variant")
     assert [r.trial.seed for r in one.of("serp")] == [1, 3]
     assert one.on("a-variant") == ("serp",)
     assert one.estimate("serp", "training_area") == other.estimate("serp", "training_area")
@@ -41,13 +40,12 @@ def test_never_counts_as_the_whole_training_in_intervals_only():
 
 def test_few_seeds_are_named_and_enough_are_not():
     found = [trial("serp", s, 90.0) for s in range(5)] + [trial("dqn", s, 30.0) for s in range(3)]
-    assert "(3 of dqn)" in Results(found, metadata(found)).caution()
+    assert "Few seeds (3):" in Results(found, metadata(found)).caution
     found += [trial("dqn", s, 30.0) for s in (3, 4)]
-    found.append(trial("serp", 0, 9.0, variant="wrong"))
-    enough = Results(found, metadata(found))
-    assert enough.caution() is None
-    assert "(1 of serp)" in enough.caution("base", "wrong")
-    assert Results([], metadata(found)).caution() is None
+    assert Results(found, metadata(found)).caution is None
+    found += [trial("serp", s, 9.0, variant=name) for name, s in (("a", 0), ("b", 0), ("b", 1))]
+    assert "Few seeds (1 to 2):" in Results(found, metadata(found)).caution
+    assert Results([], metadata(found)).caution is None
 
 
 def test_an_outcome_that_never_came_counts_nothing():

@@ -6,9 +6,8 @@ import pytest
 from serp._util.figures import render
 from serp.comparison.analysis.results import Results
 from serp.comparison.analysis.variants import variant_rows
-from serp.comparison.report.charts import estimates_chart, variants_chart
+from serp.comparison.report.charts import estimates_chart, line_styles, variants_chart
 from serp.comparison.report.figures import pictures
-from serp.comparison.report.line_styles import line_styles
 from tests.serp.comparison.made_up import metadata, record, records, trial
 
 
@@ -71,21 +70,6 @@ def with_seeds(count, level):
 def test_a_figure_of_few_seeds_says_so(seeds):
     for picture in pictures(made(with_seeds(seeds, 90.0))):
         assert ("Few seeds (2)" in picture.figure.get_supxlabel()) == (seeds < 5)
-
-
-@pytest.mark.parametrize(("level", "cut"), [(900.0, True), (-900.0, True), (0.5, False)])
-def test_an_axis_that_does_not_show_0_says_so(level, cut):
-    for picture in pictures(made(with_seeds(2, level), threshold=None)):
-        marked = False
-        for axes in picture.figure.axes:
-            for axis, limits in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
-                if "return" not in axis.get_label_text():
-                    continue
-                shows_0 = min(limits) <= 0 <= max(limits)
-                assert ("(axis cut)" in axis.get_label_text()) == (not shows_0)
-                marked |= not shows_0
-        assert ("axis cut" in picture.caption) == marked
-        assert marked == cut or picture.name != "training"
 
 
 def test_a_chart_of_estimates_has_a_point_for_each_known_value():

@@ -24,7 +24,7 @@ def test_estimates_share_their_decimals():
     assert estimate_text(Estimate(482.123, 471.0, 495.26)) == "482.1 [471.0, 495.3]"
     assert estimate_text(Estimate(1.5, None, None), signed=True) == "+1.50"
     assert estimate_text(Estimate(-0.001, -50.0, 50.0), signed=True) == "0.0 [−50.0, +50.0]"
-    assert estimate_text(None) == estimate_text(Estimate(np.nan, None, None)) == NOTHING
+    assert estimate_text(Estimate(np.nan, None, None)) == NOTHING
     assert spread_text(480.31, 12.06) == "480.3 ± 12.1"
 
 

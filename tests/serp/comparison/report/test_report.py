@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import base64
 import re
+from html.parser import HTMLParser
 
 import pytest
 
@@ -10,47 +12,70 @@ from serp.comparison.report.rendering import html_page
 from serp.comparison.report.report import report_text, write_report
 from serp.errors import RunError
 from tests.serp.comparison.made_up import metadata, record, records, trial
-from tests.serp.comparison.report.test_rendering import read
+
+SVG = b'<svg xmlns="http://www.w3.org/2000/svg"/>'
+OF_TWO_FILES = [*records(), *(trial("serp", s, 70.0, variant="wrong") for s in range(3))]
+ASKED = metadata(OF_TWO_FILES, notes=["Made up."])
 
 
-def texts(found, asked=None):
-    """The report as Markdown and as a page, without its figures."""
-    results = Results(found, asked or metadata(found))
-    markdown = report_text(results, ())
-    return markdown, html_page(markdown, results.metadata.task, {})
+class Reader(HTMLParser):
+    """Every tag and every address of a page."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.tags, self.addresses = [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.addresses += [value for name, value in attrs if name in ("src", "href", "data")]
+
+
+def text_of(found, asked=None):
+    """The report as Markdown, without its figures."""
+    return report_text(Results(found, asked or metadata(found)), ())
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """A folder with a whole report of two domain files."""
     folder = tmp_path_factory.mktemp("report")
-    found = [*records(), *(trial("serp", s, 70.0, variant="wrong") for s in range(3))]
-    write_report(folder, Results(found, metadata(found, notes=["Made up."])))
+    write_report(folder, Results(OF_TWO_FILES, ASKED))
     return folder
 
 
 def test_a_report_can_be_read_alone(whole):
-    text, html = ((whole / f"report.{kind}").read_text() for kind in ("md", "html"))
+    text, page = ((whole / f"report.{kind}").read_text() for kind in ("md", "html"))
     for heading in (
         "# Comparison: walkway", "## What was compared", "## What is equal and what differs",
-        "### Returns",
-        "### Time until good", "### Safety and outcomes", "## Differences to serp",
-        "## How bad may the model be?", "## How to reproduce",
-        "## Definitions",
+        "### Returns", "### Time until good", "### Safety and outcomes", "## Differences to serp",
+        "## How bad may the model be?", "## How to reproduce", "## Definitions",
     ):  # fmt: skip
         assert f"\n{heading}\n" in "\n" + text
-    assert "* Made up." in text
-    assert "serp compare --domain walkway" in text
-    assert "never (4 of 4)" in text
+    for part in ("* Made up.", "serp compare --domain walkway", "never (4 of 4)", "**Few seeds (3"):
+        assert part in text
     assert "not complete" not in text
     for address in re.findall(r"!\[.*?\]\((.*?)\)", text):
         assert (whole / address).is_file()
         assert (whole / address).with_suffix(".png").is_file()
-    reader = read(html)
+    reader = Reader(page)
     assert text.count("![") == len(reader.addresses) > 0
     assert all(address.startswith("data:image/") for address in reader.addresses)
     assert not {"script", "link", "iframe", "a"} & set(reader.tags)
-    assert not re.search(r"https?://|url\(", html)
+    assert not re.search(r"https?://|url\(", page)
+
+
+def test_a_page_holds_its_pictures_and_shows_html_as_text():
+    report = "![a picture](figures/x.svg)\n\n<script>alert(1)</script> & <b>x</b>\n\n"
+    page = html_page(report + "| a | b |\n|---|---:|\n| 1 | 2 |\n", "</title><script>",
+                     {"figures/x.svg": SVG})  # fmt: skip
+    reader = Reader(page)
+    (address,) = reader.addresses
+    assert address == f"data:image/svg+xml;base64,{base64.b64encode(SVG).decode()}"
+    assert not {"script", "b"} & set(reader.tags)
+    assert "&lt;script&gt;alert" in page and "default-src 'none'" in page
+    assert '<div class="wide"><table>' in page
+    assert page.count("<div") == page.count("</div>") == 1
 
 
 def test_names_that_hold_markup_are_shown_as_text():
@@ -60,44 +85,28 @@ def test_names_that_hold_markup_are_shown_as_text():
                metadata={"characteristics": {odd: odd + str(seed)}})
         for seed in range(2)
     ] + [trial("serp", seed, 2.0, variant=odd) for seed in range(2)]  # fmt: skip
-    asked = metadata(found, task=odd, base=odd, variants={odd: odd, "b": odd}, notes=[odd],
-                  command=f"```\n{odd}", inputs=odd)  # fmt: skip
-    text, html = texts(found, asked)
-    reader = read(html)
+    about = {"notes": [odd], "command": f"```\n{odd}", "inputs": odd, "machine": {odd: odd}}
+    asked = metadata(found, task=odd, variants=(odd, "b"), **about)
+    text = text_of(found, asked)
+    page = html_page(text, odd, {})
+    reader = Reader(page)
     assert "script" not in reader.tags and "a" not in reader.tags
     assert not reader.addresses
-    assert "&lt;script&gt;|alert(1)|&lt;/script&gt;" in html
+    assert "&lt;script&gt;|alert(1)|&lt;/script&gt;" in page
     headings = [line for line in text.splitlines() if line.startswith("# ")]
     assert headings[0].startswith("# Comparison: \\<script\\>\\|")
 
 
 def test_what_is_missing_is_said():
     found = records()
-    asked = metadata(found)
-    text, _ = texts([r for r in found if r.trial.algorithm != "dqn"][1:], asked)
+    text = text_of([r for r in found if r.trial.algorithm != "dqn"][1:], metadata(found))
     assert "7 of 12 trials are finished" in text
-    assert "serp on base (seed 0); dqn on base (seeds 0 to 3)" in text
-    text, _ = texts([], asked)
-    assert "No trial has finished yet." in text
-
-
-@pytest.mark.parametrize("seeds", [4, 5])
-def test_intervals_and_verdicts_of_few_seeds_carry_a_warning(seeds):
-    found = [*records(seeds=range(seeds)),
-             *(trial("serp", s, 70.0, variant="wrong") for s in range(seeds))]  # fmt: skip
-    text, html = texts(found)
-    asking = re.findall(r"^#+ (.+)\n\n(?:(?!#).*\n)*?\*\*Few seeds \(4\)", text, re.M)
-    shown = [
-        "Comparison: walkway", "Returns", "Differences to serp", "How bad may the model be?",
-    ]  # fmt: skip
-    assert asking == (shown if seeds < 5 else [])
-    assert ("Few seeds (4): intervals" in html) == (seeds < 5)
+    assert "Missing: serp on base, seed 0; dqn on base, seed 0; dqn on base, seed 1" in text
+    assert "No trial has finished yet." in text_of([], metadata(found))
 
 
 def test_equal_records_in_any_order_give_equal_files(whole, tmp_path):
-    found = [*records(), *(trial("serp", s, 70.0, variant="wrong") for s in range(3))]
-    asked = metadata(found, notes=["Made up."])
-    write_report(tmp_path, Results(found[::-1], asked))
+    write_report(tmp_path, Results(OF_TWO_FILES[::-1], ASKED))
     one, other = (
         {file.relative_to(at): file.read_bytes() for file in at.rglob("*") if file.is_file()}
         for at in (whole, tmp_path)
@@ -105,32 +114,24 @@ def test_equal_records_in_any_order_give_equal_files(whole, tmp_path):
     assert one == other
 
 
-def test_terms_are_sorted_into_equal_and_different():
-    def one(name, seed, planner, gamma):
+def test_settings_that_differ_are_shown():
+    def one(name, planner, gamma):
         settings = {"learner": {"gamma": gamma, "batch": 64}}
-        more = {
-            "characteristics": {"planner": planner, "reward": "the domain's"},
-            "settings": settings,
-        }
-        return record([1.0], trial=(name, "base", seed), metadata=more)
+        more = {"characteristics": {"planner": planner}, "settings": settings}
+        return record([1.0], trial=(name, "base", 0), metadata=more)
 
-    found = [one("serp", 0, "lookahead", 0.9), one("dqn", 0, "none", 0.97)]
-    text, _ = texts(found)
-    equal, different = text.split("What differs", 1)
-    assert "| reward | the domain's |" in equal
-    assert "| planner | lookahead | none |" in different
-    assert "| learner.gamma | 0.9 | 0.97 |" in different
+    text = text_of([one("serp", "lookahead", 0.9), one("dqn", "none", 0.97)])
+    assert "| planner | lookahead | none |" in text
+    assert "| learner.gamma | 0.9 | 0.97 |" in text
     assert "learner.batch" not in text
-    text, _ = texts([*found, one("serp", 1, "lookahead", 0.5)])
-    assert "The trials of serp were not made with the same settings." in text
 
 
 def test_trials_of_the_base_file_may_be_missing():
     found = [
         trial(name, seed, 70.0, variant="wrong") for name in ("serp", "mrp") for seed in (0, 1)
     ]
-    asked = metadata(found, variants={"base": "a", "wrong": "b", "third": "c"})
-    text, _ = texts(found, asked)
+    asked = metadata(found, variants=("base", "wrong", "third"))
+    text = text_of(found, asked)
     assert "## Results" not in text and "## Definitions" in text
     for picture in pictures(Results([*found, trial("serp", 0, 3.0, variant="third")], asked)):
         picture.figure.draw_without_rendering()
@@ -143,6 +144,6 @@ def test_a_folder_that_is_not_there_is_refused(tmp_path):
 
 def test_without_a_threshold_the_report_has_none():
     found = records(seeds=[0, 1])
-    text, _ = texts(found, metadata(found, threshold=None))
+    text = text_of(found, metadata(found, threshold=None))
     assert "Time until good" not in text
     assert "never (" not in text

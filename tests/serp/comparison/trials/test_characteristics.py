@@ -7,7 +7,7 @@ import json
 import pytest
 
 from serp.comparison.algorithms import OWN, Algorithm, find_algorithm
-from serp.comparison.trials.characteristics import characteristics_of, settings_in_use
+from serp.comparison.trials.characteristics import settings_in_use
 from serp.control.registry import strategy_names
 from serp.settings import GuideSettings, Settings, resolve
 from tests.serp.comparison.contest import GUIDED
@@ -47,14 +47,3 @@ def test_every_setting_of_the_guide_is_read_by_some_strategy() -> None:
 
 def test_of_an_external_one_nothing_is_known(external: None) -> None:
     assert settings_in_use(find_algorithm("drawing"), Settings()) is None
-
-
-def test_the_vetoes_are_told_as_they_are_set() -> None:
-    algorithm = find_algorithm("serp")
-    changes = {"arbiter": {"veto_horizon": "step", "r_min": -0.5}}
-    plain = characteristics_of(algorithm, settings_of(algorithm), "domain")["vetoes"]
-    assert "within the lookahead" in plain
-    changed = characteristics_of(algorithm, settings_of(algorithm).replace(changes), "domain")[
-        "vetoes"
-    ]
-    assert changed == "unsafe and not applicable, reward below -0.5"

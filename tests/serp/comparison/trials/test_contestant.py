@@ -12,7 +12,6 @@ import pytest
 from serp.comparison.algorithms import find_algorithm
 from serp.comparison.trials.contestant import Contestant, make_contestant
 from serp.comparison.trials.external_env import ExternalEnv
-from serp.comparison.trials.trial import trial_settings
 from serp.errors import RunError
 from tests.serp.comparison.contest import OWN, Drawing, walk
 
@@ -23,7 +22,7 @@ def trained(folder: Path, name: str, env_steps: int = 60) -> tuple[Contestant, A
     task = walk(folder)
     algorithm = find_algorithm(name)
     bound = task.bind()
-    contestant = make_contestant(algorithm, bound, trial_settings(algorithm, task, {}), 0)
+    contestant = make_contestant(algorithm, bound, algorithm.settings(task, {}), 0)
     contestant.train(env_steps, lambda step: None)
     return contestant, bound
 

@@ -12,7 +12,6 @@ import pytest
 from serp.comparison.algorithms import find_algorithm
 from serp.comparison.trials.contestant import make_contestant
 from serp.comparison.trials.external_env import ExternalEnv
-from serp.comparison.trials.trial import trial_settings
 from serp.control.step_record import StepRecord
 from serp.settings import Settings, resolve
 from serp.tasks.task import Task
@@ -48,7 +47,7 @@ def test_an_external_one_meets_what_our_learner_meets(
     bound = task.bind()
     changes = {"training": {"inputs": inputs, "episode_steps": 9}}
     algorithm = find_algorithm("dqn")
-    settings = trial_settings(algorithm, task, changes)
+    settings = algorithm.settings(task, changes)
     trainer = make_contestant(algorithm, bound, settings, SEED)
     met: list[tuple[Any, ...]] = []
     learner = trainer.agent.learner

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import time
 from collections.abc import Callable
@@ -77,8 +76,8 @@ def test_equal_seeds_give_equal_records_and_others_give_others(
 def test_evaluations_change_nothing_in_training(
     tmp_path: Path, algorithm: str, external: None, once: Once
 ) -> None:
-    often = dataclasses.replace(
-        PROTOCOL, evaluate_every=7, evaluation_episodes=5, evaluation_seed=1
+    often = PROTOCOL.model_copy(
+        update={"evaluate_every": 7, "evaluation_episodes": 5, "evaluation_seed": 1}
     )
     runs = [measured(tmp_path, algorithm, protocol=often, changes=SWIFT), once(algorithm)]
     assert episodes_of(runs[0]) == episodes_of(runs[1])

@@ -9,7 +9,7 @@ import pytest
 
 from serp.control.strategies.argmax_q import ArgmaxQ
 from serp.settings import Settings
-from tests.serp.control.strategies.scene import Known, forecast, situation
+from tests.serp.control.scene import Known, situation, told
 
 STRATEGY = ArgmaxQ(Settings())
 
@@ -18,20 +18,19 @@ STRATEGY = ArgmaxQ(Settings())
 def test_the_better_of_both_proposals_by_the_target_network_is_taken(greedily: bool) -> None:
     random, taken = Random(0), set()
     for _ in range(300):
-        seen = situation([random.random() for _ in range(4)])
+        seen = situation([random.random() for _ in range(4)], explorable=[True, False, True, True])
         explored = None if greedily or random.random() < 0.7 else random.randrange(4)
         q = [random.random() for _ in range(4)]
         target = [random.choice((0.0, 0.5, 1.0)) for _ in range(4)]
         learner = Known(q, target, explored)
         proposed = int(np.argmax(q)) if explored is None else explored
-        planned = seen.forecast.choice
         answer = (STRATEGY.propose_greedily if greedily else STRATEGY.propose)(seen, learner)
-        if target[planned] >= target[proposed]:  # of equals, the planner
+        if target[seen.forecast.choice] >= target[proposed]:  # of equals, the planner
             assert answer is None
         else:
             assert answer is not None
-            assert answer.action == proposed
-            assert answer.exploratory == (explored is not None)
+            assert (answer.action, answer.exploratory) == (proposed, explored is not None)
+        assert greedily or learner.explorable is seen.explorable
         taken.add(answer is None)
     assert taken == {True, False}
 
@@ -39,28 +38,14 @@ def test_the_better_of_both_proposals_by_the_target_network_is_taken(greedily: b
 def test_a_plan_that_is_refused_or_none_at_all_is_no_proposal() -> None:
     learner = Known([0.0, 1.0], [5.0, 0.0])
     refused = situation([1.0, 0.0], admissible=[False, True])
-    answer = STRATEGY.propose(refused, learner)
-    assert answer is not None
-    assert answer.action == 1
     none = refused._replace(forecast=refused.forecast._replace(choice=-1))
-    answer = STRATEGY.propose_greedily(none, learner)
-    assert answer is not None
-    assert answer.action == 1
-
-
-def test_exploration_is_kept_to_what_may_be_explored() -> None:
-    learner = Known([0.0, 1.0, 0.0])
-    STRATEGY.propose(situation([1.0, 0.0, 0.0], explorable=[True, False, True]), learner)
-    assert learner.explorable is not None
-    assert learner.explorable.tolist() == [True, False, True]
+    for seen in (refused, none):
+        answer = STRATEGY.propose_greedily(seen, learner)
+        assert answer is not None
+        assert answer.action == 1
 
 
 def test_the_next_states_candidate_is_the_planners_choice_there() -> None:
-    assert STRATEGY.guided is not None
-    assert STRATEGY.guided.bootstrap_guide
-    said = STRATEGY.guidance(forecast([0.0, 1.0]), 0, forecast([3.0, 2.0]))
-    assert said is not None
+    said = told(STRATEGY, 0, [0.0, 1.0], [3.0, 2.0])
     assert (said.action, said.next_action) == (-1, 0)
-    ended = STRATEGY.guidance(forecast([0.0, 1.0]), 0, None)
-    assert ended is not None
-    assert ended.next_action == -1
+    assert told(STRATEGY, 0, [0.0, 1.0]).next_action == -1

@@ -9,7 +9,7 @@ import pytest
 
 from serp.control.strategies.residual import Residual
 from serp.settings import Settings
-from tests.serp.control.strategies.scene import Known, forecast, situation
+from tests.serp.control.scene import Known, forecast, situation, told
 
 
 def residual(scale: float) -> Residual:
@@ -28,7 +28,6 @@ def test_a_network_that_adds_nothing_leaves_the_planners_choice(scale: float) ->
             strategy.propose_baseline(seen, learner),
         ):
             assert proposal.action == seen.forecast.choice
-            assert proposal.q is not None
             assert proposal.q == pytest.approx(scale * seen.forecast.value)
 
 
@@ -45,10 +44,7 @@ def test_an_action_without_a_value_counts_as_the_least_of_the_others() -> None:
 
 
 def test_the_learner_is_told_the_planners_values_of_both_states() -> None:
-    said = residual(0.5).guidance(forecast([2.0, 4.0]), 0, forecast([6.0, 8.0]))
-    assert said is not None
-    assert (said.action, said.value) == (-1, 1.0)
-    assert said.next_values.tolist() == [3.0, 4.0]
-    ended = residual(0.5).guidance(forecast([2.0, 4.0]), 1, None)
-    assert ended is not None
+    said = told(residual(0.5), 0, [2.0, 4.0], [6.0, 8.0])
+    assert (said.action, said.value, said.next_values.tolist()) == (-1, 1.0, [3.0, 4.0])
+    ended = told(residual(0.5), 1, [2.0, 4.0])
     assert (ended.value, ended.next_values.tolist()) == (2.0, [0.0, 0.0])

@@ -8,31 +8,31 @@ import numpy as np
 import pytest
 
 from serp.control.strategies.restrict import Restrict
-from tests.serp.control.strategies.scene import Known, guide, situation
+from tests.serp.control.scene import Known, guide, situation
+
+NONE = -np.inf
+"""The value of an action that the model does not know."""
 
 
 @pytest.mark.parametrize(
-    ("values", "slack", "reasonable"),
+    ("values", "admissible", "slack", "reasonable"),
     [
-        ([10.0, 8.0, 7.9, -5.0], 0.2, [True, True, False, False]),
-        ([-10.0, -12.0, -12.1, 0.0], 0.2, [False, False, False, True]),
-        ([-10.0, -12.0, -12.1], 0.2, [True, True, False]),
-        ([0.0, 0.0, -0.1], 5.0, [True, True, False]),
-        ([1.0, 1.0, 0.999], 0.0, [True, True, False]),
+        ([10.0, 8.0, 7.9, -5.0], "1111", 0.2, "1100"),
+        ([-10.0, -12.0, -12.1, 0.0], "1111", 0.2, "0001"),
+        ([-10.0, -12.0, -12.1], "111", 0.2, "110"),
+        ([0.0, 0.0, -0.1], "111", 5.0, "110"),
+        ([1.0, 1.0, 0.999], "111", 0.0, "110"),
+        ([100.0, 10.0, 9.0, 1.0], "0111", 0.2, "0110"),  # what is refused sets no mark
+        ([1.0, NONE, NONE], "111", 0.2, "100"),
+        ([1.0, NONE, NONE], "011", 0.0, "011"),  # there are no others
     ],
 )
 def test_an_action_is_reasonable_within_a_share_of_the_best_plans_worth(
-    values: list[float], slack: float, reasonable: list[bool]
+    values: list[float], admissible: str, slack: float, reasonable: str
 ) -> None:
-    seen = situation(values)
-    strategy = Restrict(guide(restrict_slack=slack))
-    assert strategy.allowed(seen.forecast, seen.admissible).tolist() == reasonable
-
-
-def test_what_is_refused_sets_no_mark_and_is_not_reasonable() -> None:
-    seen = situation([100.0, 10.0, 9.0, 1.0], admissible=[False, True, True, True])
-    allowed = Restrict(guide(restrict_slack=0.2)).allowed(seen.forecast, seen.admissible)
-    assert allowed.tolist() == [False, True, True, False]
+    seen = situation(values, [bit == "1" for bit in admissible])
+    allowed = Restrict(guide(restrict_slack=slack)).allowed(seen.forecast, seen.admissible)
+    assert "".join(str(int(one)) for one in allowed) == reasonable
 
 
 def test_choice_exploration_and_value_of_the_next_state_are_all_restricted() -> None:
@@ -44,23 +44,8 @@ def test_choice_exploration_and_value_of_the_next_state_are_all_restricted() -> 
         learner = Known([random.random() for _ in range(5)])
         allowed = strategy.allowed(seen.forecast, seen.admissible)
         assert allowed.any() == any(admissible)
-        greedy = (strategy.propose(seen, learner), strategy.propose_greedily(seen, learner))
-        for proposal in greedy:
-            assert proposal.action == int(np.where(allowed, learner.q, -np.inf).argmax()) or (
-                not allowed.any()
-            )
-        assert learner.explorable is not None
-        assert learner.explorable.tolist() == allowed.tolist()
-        assert learner.among is not None
-        assert learner.among.tolist() == allowed.tolist()
-
-
-@pytest.mark.parametrize("slack", [0.0, 0.2])
-def test_actions_that_the_model_does_not_know_are_reasonable_where_there_are_no_others(
-    slack: float,
-) -> None:
-    seen = situation([1.0, -np.inf, -np.inf], admissible=[True, True, True])
-    strategy = Restrict(guide(restrict_slack=slack))
-    assert strategy.allowed(seen.forecast, seen.admissible).tolist() == [True, False, False]
-    only = np.array([False, True, True])
-    assert strategy.allowed(seen.forecast, only).tolist() == [False, True, True]
+        for proposal in (strategy.propose(seen, learner), strategy.propose_greedily(seen, learner)):
+            assert learner.among is not None and learner.explorable is not None
+            assert learner.among.tolist() == learner.explorable.tolist() == allowed.tolist()
+            best = int(np.where(allowed, learner.q, -np.inf).argmax())
+            assert proposal.action == best or not allowed.any()

@@ -7,9 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from serp_envs.soccer import SoccerDefender
 from serp_envs.soccer.fields import FIELDS, SPL_2020, Field, field_named
-from serp_envs.soccer.physics import pymunk_interface as engine
 from serp_envs.soccer.physics.robot import NAO
 from serp_envs.soccer.physics.world import World
 
@@ -63,15 +61,6 @@ def test_a_robot_turns_no_faster_than_it_can_and_arrives() -> None:
     assert headings[-1] == pytest.approx(math.pi, abs=0.02)
 
 
-def test_targets_outside_the_carpet_mean_its_edge() -> None:
-    world = World(SPL_2020, NAO, (0.0, 0.0), ((5.0, 3.5, 0.0), FAR[1]))
-    robot = world.robots[0]
-    for _ in range(100):
-        robot.go_to(9.0, 9.0, 20.0, 3.5)
-        world.advance()
-    assert (robot.x, robot.y) == pytest.approx((5.2, 3.7), abs=0.01)
-
-
 def test_a_shot_does_not_pass_a_robot() -> None:
     world = World(SPL_2020, NAO, (0.0, 0.0), ((-1.0, 0.0, 0.0), FAR[1]))
     world.kick(math.pi, 1.5, np.random.default_rng(0))
@@ -79,24 +68,6 @@ def test_a_shot_does_not_pass_a_robot() -> None:
         world.advance()
     assert world.ball_vx > -1e-9
     assert world.ball_x > -0.82  # touching, and a little overlap
-
-
-@pytest.mark.skipif(not engine.NATIVE, reason="this pymunk has one way in")
-def test_both_engines_agree_bit_for_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    def contests() -> list[bytes]:
-        env = SoccerDefender()
-        seen = [env.reset(seed=5)[0].tobytes()]
-        for step in range(400):
-            observation, _, terminated, truncated, _ = env.step(step * 7 % 5)
-            seen.append(observation.tobytes())
-            if terminated or truncated:
-                seen.append(env.reset()[0].tobytes())
-        return seen
-
-    monkeypatch.setattr(engine, "ENGINE", engine.Native)
-    native = contests()
-    monkeypatch.setattr(engine, "ENGINE", engine.Portable)
-    assert contests() == native
 
 
 def test_an_unknown_field_is_refused_with_the_known_ones() -> None:

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from serp.control.model_confidence import ModelConfidence
 from serp.control.protocols import Mask, Values
 from serp.control.strategies.strategy import Situation, Strategy
 from serp.learning.dqn import Proposal
+from serp.learning.guidance import Guidance
 from serp.model.flags import APPLICABLE
 from serp.planning.action_map import ActionForecast
 from serp.planning.forecast import SAFE
@@ -35,20 +36,19 @@ def situation(
     values: Sequence[float],
     admissible: Sequence[bool] | None = None,
     explorable: Sequence[bool] | None = None,
+    confidence: ModelConfidence = ModelConfidence.OPEN,
 ) -> Situation:
     """A state in which the plans from each action on are worth so much."""
     allowed = np.ones(len(values), bool) if admissible is None else np.array(admissible)
-    return Situation(
-        forecast(values), allowed, None if explorable is None else np.array(explorable)
-    )
+    explored = None if explorable is None else np.array(explorable)
+    return Situation(forecast(values), allowed, explored, confidence)
 
 
 class Known:
     """A learner whose values are given; it explores where an action to be explored is given.
 
     Attributes:
-        asked: How often it was asked to propose.
-        explorable, among, base: What it was last asked with.
+        explorable, among: What it was last asked with.
     """
 
     def __init__(
@@ -62,24 +62,21 @@ class Known:
         self.members = np.array([q] if members is None else members, dtype=np.float32)
         self.target = self.q if target is None else np.array(target, dtype=np.float32)
         self.explored = explored
-        self.asked = 0
-        self.explorable: NDArray[np.bool_] | None = None
-        self.among: NDArray[np.bool_] | None = None
-        self.base: Values | None = None
+        self.explorable: Mask | None = None
+        self.among: Mask | None = None
 
     def propose(
         self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
     ) -> Proposal:
         self.explorable = explorable
-        if self.explored is None:
-            return self.propose_greedily(among=among, base=base)
-        self.asked, self.among, self.base = self.asked + 1, among, base
-        return Proposal(self.explored, True, None)
+        if self.explored is not None:
+            return Proposal(self.explored, True, None)
+        return self.propose_greedily(among=among, base=base)
 
     def propose_greedily(
         self, *, among: Mask | None = None, base: Values | None = None
     ) -> Proposal:
-        self.asked, self.among, self.base = self.asked + 1, among, base
+        self.among = among
         q = self.q if base is None else (self.q + base).astype(np.float32)
         choice = q if among is None or not among.any() else np.where(among, q, -np.inf)
         return Proposal(int(choice.argmax()), False, q)
@@ -94,6 +91,14 @@ class Known:
 def learner_acts(strategy: Strategy) -> bool:
     """Whether the learner is asked next, all else equal."""
     return strategy.propose(situation([1.0, 0.0]), Known([0.0, 1.0])) is not None
+
+
+def told(strategy: Strategy, action: int, *values: Sequence[float]) -> Guidance:
+    """What the learner is told after an action, of one state or two; the second is the next."""
+    ahead = forecast(values[1]) if len(values) > 1 else None
+    said = strategy.guidance(forecast(values[0]), action, ahead)
+    assert said is not None
+    return said
 
 
 def guide(**values: object) -> Settings:

@@ -6,13 +6,11 @@ both: step(σs, σa) = σ step(s, a), with equal rewards and flags.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from serp.model import ground as g
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 
@@ -28,60 +26,19 @@ class ModelSymmetry:
     """A symmetry of a domain: (σs)[i] = signs[i] · s[columns[i]], and σa = actions[a].
 
     Attributes:
-        objects: Object → its image; objects that stay are left out.
         columns: A column of the state for each column.
         signs: 1.0 or -1.0 for each column.
         actions: The image of each ground action.
     """
 
-    objects: Mapping[str, str]
     columns: tuple[int, ...]
     signs: tuple[float, ...]
     actions: tuple[int, ...]
-
-    @property
-    def trivial(self) -> bool:
-        """Whether it changes neither states nor actions."""
-        return (
-            self.columns == tuple(range(len(self.columns)))
-            and self.actions == tuple(range(len(self.actions)))
-            and set(self.signs) <= {1.0}
-        )
 
     def of_state(self, state: Vector) -> Vector:
         """Return σs for a state `[F]`, or a batch `[..., F]`."""
         image: Vector = state[..., list(self.columns)] * np.array(self.signs)
         return image
-
-
-def cycles(mapping: Mapping[Any, Any]) -> str:
-    """Return a permutation in words: `left <-> right, a -> b -> c -> a`."""
-    told: list[str] = []
-    seen: set[Any] = set()
-    for start in mapping:
-        if start in seen or mapping[start] == start:
-            continue
-        cycle = [start]
-        while (following := mapping[cycle[-1]]) != start:
-            cycle.append(following)
-        seen.update(cycle)
-        names = [str(name) for name in cycle]
-        told.append(" <-> ".join(names) if len(cycle) == 2 else " -> ".join([*names, names[0]]))
-    return ", ".join(told)
-
-
-def permuted_columns(
-    fluents: Sequence[g.Fluent], objects: Mapping[str, str]
-) -> tuple[int, ...] | g.Fluent:
-    """Return the columns of σs for a permutation of objects, or a fluent without an image."""
-    index = {fluent.key: fluent.index for fluent in fluents}
-    columns = [0] * len(fluents)
-    for fluent in fluents:
-        image = index.get((fluent.symbol, *(objects.get(o, o) for o in fluent.arguments)))
-        if image is None:
-            return fluent
-        columns[image] = fluent.index
-    return tuple(columns)
 
 
 def violation(model: TransitionModel, symmetry: ModelSymmetry, seed: int = 0) -> str | None:

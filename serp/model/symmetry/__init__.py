@@ -1,1 +1,0 @@
-"""Permutations of objects that map a transition model onto itself."""

@@ -1,0 +1,128 @@
+"""What holds under every strategy: what ρ says, what is resumed, and what is learned from."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from serp.control.decision import Actor
+from serp.control.registry import find_strategy, strategy_names
+from serp.control.step_record import StepRecord
+from serp.control.strategies.strategy import Strategy
+from serp.runs.checkpoint import NEWEST, load
+from serp.settings import resolve
+from serp.training.plan_and_learn import plan_and_learn
+from serp.training.trainer import Trainer
+from tests.serp.control.scene import Known, learner_acts, situation
+from tests.serp.sample_tasks import corridor
+
+EPISODES = 15
+
+
+def changes(strategy: str) -> dict[str, dict[str, Any]]:
+    """So that every phase of a strategy is met within a few episodes."""
+    return {
+        "guide": {
+            "strategy": strategy,
+            "jump_stages": 3,
+            "jump_tolerance": 2.0,
+            "imitation_steps": 60,
+        },
+        "arbiter": {"rho": 0.2, "rho_increment": 0.1, "rho_unit": "episode", "rho_max": 1.0},
+        "learner": {"epsilon_end": 0.2},
+        "training": {"checkpoint_seconds": 1_000.0},
+    }
+
+
+def made(strategy: str, seed: int = 0) -> Strategy:
+    return find_strategy(strategy)(resolve("default", None, changes(strategy)), seed)
+
+
+def episode(strategy: Strategy, random: Random) -> list[bool]:
+    """Play an episode; return for every step whether the learner acted."""
+    acted = []
+    length = random.randint(1, 12)
+    for _ in range(length):
+        rho = strategy.rho
+        acted.append(learner_acts(strategy))
+        if rho in (0.0, 1.0):  # else it is drawn
+            assert acted[-1] == bool(rho)
+        assert 0.0 <= rho <= 1.0
+        strategy.end_unit("step")
+    strategy.end_episode(random.gauss(0.0, 1.0), length)
+    strategy.end_unit("episode")
+    return acted
+
+
+@pytest.mark.parametrize("name", [name for name in strategy_names() if name != "argmax-q"])
+def test_rho_is_the_probability_that_the_learner_acts_and_ends_at_one(name: str) -> None:
+    for seed in range(20):
+        strategy, random = made(name, seed), Random(seed)
+        played = [episode(strategy, random) for _ in range(60)]
+        assert all(played[-1])
+
+
+@pytest.mark.parametrize("name", strategy_names())
+def test_a_restored_strategy_goes_on_as_the_saved_one(name: str) -> None:
+    for episodes in range(0, 60, 7):
+        strategy, other = made(name), made(name, seed=1)
+        random = Random(episodes)
+        for _ in range(episodes):
+            episode(strategy, random)
+        before = json.dumps(strategy.state_dict())
+        strategy.propose_greedily(situation([1.0, 0.0]), Known([0.0, 1.0]))  # draws nothing
+        assert json.dumps(strategy.state_dict()) == before
+        other.load_state_dict(json.loads(before))
+        one, another = Random(0), Random(0)
+        for _ in range(30):
+            assert episode(strategy, one) == episode(other, another)
+        assert strategy.state_dict() == other.state_dict()
+
+
+def train(folder: Path, out: Path, strategy: str, **options: Any) -> tuple[Any, ...]:
+    """Train, and return whatever the run has left behind, but for the time it took."""
+    given: Any = {} if options.get("resume") else {"settings": changes(strategy), "seed": 3}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
+        plan_and_learn(corridor(folder), out=out, quiet=True, **given, **options)
+    with open(out / "metrics.csv", newline="") as file:
+        rows = [{**row, "wall_time": ""} for row in csv.DictReader(file)]
+    arrays, meta = load(out / NEWEST)
+    del meta["wall_time"], meta["tables"]
+    return (
+        rows,
+        (out / "decisions.csv").read_bytes(),
+        {name: (a.dtype, a.shape, a.tobytes()) for name, a in sorted(arrays.items())},
+        json.dumps(meta, sort_keys=True),
+    )
+
+
+@pytest.mark.parametrize("strategy", strategy_names())
+def test_a_resumed_training_equals_an_uninterrupted_one(tmp_path: Path, strategy: str) -> None:
+    whole = train(tmp_path, tmp_path / "whole", strategy, episodes=EPISODES)
+    train(tmp_path, tmp_path / "run", strategy, episodes=3)
+    resumed = train(tmp_path, tmp_path / "run", strategy, episodes=EPISODES, resume=True)
+    assert resumed == whole
+
+
+@pytest.mark.parametrize("strategy", strategy_names())
+def test_the_learner_learns_is_asked_in_the_end_and_imitates_as_the_strategy_says(
+    tmp_path: Path, strategy: str
+) -> None:
+    task = corridor(tmp_path)
+    trainer = Trainer(task.bind(), resolve("default", task.settings, changes(strategy)), 1)
+    learner, steps = trainer.agent.learner, list[StepRecord]()
+    trainer.on_step = steps.append
+    for _ in range(45):
+        trainer.run_episode()
+    assert learner.updates > 100
+    assert learner.margin_weight == trainer.agent.strategy.margin_weight
+    assert np.isfinite(learner.q_values(np.zeros(3))).all()
+    late = {step.decision.proposed_by for step in steps[-100:]}
+    assert late & {Actor.LEARNER, Actor.EXPLORATION}

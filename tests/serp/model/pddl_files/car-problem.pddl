@@ -1,5 +1,0 @@
-(define (problem drive)
-  (:domain car)
-  (:init (= (distance) 0) (= (speed) 0) (= (acceleration) 0) (= (top-speed) 6))
-  (:goal (and (>= (distance) 8) (not (broken))))
-  (:metric maximize (reward)))

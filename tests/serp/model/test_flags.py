@@ -1,0 +1,27 @@
+"""Flags carry a risk beside their bits."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from serp.model.flags import UNSAFE, joined, risk_of, with_risk
+from tests.generated.profile import examples
+
+
+@examples(100)
+@given(st.integers(0, 31), st.integers(0, 31), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_flags_carry_a_risk_beside_their_bits(
+    bits: int, others: int, risk: float, other: float
+) -> None:
+    flags, further = with_risk(bits, risk), with_risk(others, other)
+    assert flags & 0xFF == bits
+    both = joined(flags, further)
+    assert both & 0xFF == bits | others
+    if not bits & UNSAFE:
+        assert risk_of(flags) == pytest.approx(risk, abs=2.0**-25)
+    if not (bits | others) & UNSAFE:
+        assert risk_of(both) == pytest.approx(1 - (1 - risk) * (1 - other), abs=2.0**-22)
+    else:
+        assert risk_of(both) == 1.0
