@@ -24,11 +24,12 @@ Grid = NDArray[np.integer[Any]]
 
 
 def _make(name: str, **options: Any) -> gym.Env[Any, Any]:
-    """Return an environment whose observation is the whole grid, `[x, y, (object, colour, state)]`."""
+    """Return an environment that shows the grid, `[x, y, (object, colour, state)]`."""
     import minigrid  # noqa: F401, it registers its environments
     from minigrid.wrappers import FullyObsWrapper, ImgObsWrapper
 
-    return ImgObsWrapper(FullyObsWrapper(gym.make(name, **options)))
+    whole = FullyObsWrapper(gym.make(name, **options))  # type: ignore[no-untyped-call]
+    return ImgObsWrapper(whole)  # type: ignore[no-untyped-call]
 
 
 def make_door_key(**options: Any) -> gym.Env[Any, Any]:

@@ -93,6 +93,7 @@ class OutcomeCounts:
                 return True
             self._others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._context)
             self.table = new_table(self._places, self._context, self._others)
+            _parts(self.table)["ranges"][:] = state[columns, None]
             totals = int(self.table[c.T_TOTALS])
             self.table[int(self.table[c.T_COUNTS])] = self.table[totals] = self._samples - 1
         rate = rate_of(self._samples - 1, _MEMORY)
@@ -163,7 +164,7 @@ class OutcomeCounts:
             raise saved.wrong(f"changes are of {kinds} outcomes")
         table[c.T_KINDS], table[c.T_ROWS] = kinds, rows
         for name, part in _parts(table).items():
-            low = None if name == "changes" else 0.0
+            low = None if name in ("changes", "ranges", "evidence") else 0.0
             part[:] = saved.array(name, np.float64, part.shape, low)
         if not table[int(table[c.T_TOTALS])] > 0.0:  # probabilities are counts divided by it
             raise saved.wrong("totals are of no sample")
@@ -177,6 +178,8 @@ def _parts(table: Vector) -> dict[str, Vector]:
     kinds, rows, columns = (int(table[k]) for k in (c.T_KINDS, c.T_ROWS, c.T_COLUMNS))
     shapes = {
         "changes": (c.T_CHANGES, (kinds, columns)),
+        "ranges": (c.T_RANGES, (columns, 2)),
+        "evidence": (c.T_SCORES, (len(c.WEIGHTS),)),
         "codes": (c.T_CODES, (rows,)),
         "counts": (c.T_COUNTS, (rows, c.KINDS)),
         "totals": (c.T_TOTALS, (rows,)),
@@ -199,6 +202,8 @@ def new_table(
         c.T_PLACES: len(places),
         c.T_CONTEXT: len(predicates) + len(others),
         c.T_CHANGES: c.KINDS * len(places),
+        c.T_RANGES: 2 * len(places),
+        c.T_SCORES: len(c.WEIGHTS),
         c.T_CODES: c.ROWS,
         c.T_SLOTS: c.SLOTS,
         c.T_COUNTS: c.ROWS * c.KINDS,

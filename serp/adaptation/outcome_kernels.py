@@ -1,10 +1,12 @@
 """The compiled loops of outcome counts, the same for every domain.
 
 A table is one float64 array, so that the compiled adapted step can read it by its address:
-header, columns, context, changes, codes, hash table of the rows, counts, totals.
+header, columns, context, changes, ranges, scores, codes, hash table of the rows, counts, totals.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
@@ -22,11 +24,15 @@ SLOTS = 4096
 # Header of a table.
 (
     T_COLUMNS, T_KINDS, T_ROWS, T_COUNT, T_PREDICATES, T_CONTEXT, T_PLACES, T_CHANGES, T_CODES,
-    T_SLOTS, T_COUNTS, T_TOTALS, TABLE,
-) = range(13)  # fmt: skip
-_BROAD, _NARROW = 3.0, 10.0
-"""Weight of the prior of a context in samples (MacKay & Peto, Natural Language Engineering 1,
-1995): for contexts by predicates, and for those by whole numbers too."""
+    T_SLOTS, T_COUNTS, T_TOTALS, T_RANGES, T_SCORES, TABLE,
+) = range(15)  # fmt: skip
+WEIGHTS = (0.1, 1.0, 10.0)
+"""Weights, in samples, that a broader context may have as the prior of a narrower one (MacKay &
+Peto, Natural Language Engineering 1, 1995); the one that has predicted best is used."""
+_MEMORY = 0.995
+"""Weight of the past in the scores of the weights, per sample."""
+_LEAST = 1e-6
+"""Probability that an outcome is taken to have had at least, in the scores."""
 _BASIS, _PRIME, _FOLD, _EXACT = (
     np.uint64(0xCBF29CE484222325), np.uint64(0x100000001B3), np.uint64(29), np.uint64(11),
 )  # fmt: skip
@@ -77,28 +83,73 @@ def row_of(table, inputs, state, narrow):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def fill_probabilities(table, broad, narrow, probabilities):
+def _best_weight(table):
+    """Return the weight that has predicted best."""
+    scores = int(table[T_SCORES])
+    best = 0
+    for k in range(1, len(WEIGHTS)):
+        if table[scores + k] > table[scores + best]:
+            best = k
+    return WEIGHTS[best]
+
+
+@cached_njit(nogil=True, forceinline=True)
+def fill_probabilities(table, broad, narrow, weight, probabilities):
     """Compute the probability of each outcome, `[KINDS]`; there must be samples."""
     counts, totals = int(table[T_COUNTS]), int(table[T_TOTALS])
     total = table[totals]
     for kind in range(KINDS):
         probabilities[kind] = table[counts + kind] / total
     if broad:
-        start, total = counts + broad * KINDS, table[totals + broad] + _BROAD
+        start, total = counts + broad * KINDS, table[totals + broad] + weight
         for kind in range(KINDS):
-            probabilities[kind] = (table[start + kind] + _BROAD * probabilities[kind]) / total
+            probabilities[kind] = (table[start + kind] + weight * probabilities[kind]) / total
     if narrow:
-        start, total = counts + narrow * KINDS, table[totals + narrow] + _NARROW
+        start, total = counts + narrow * KINDS, table[totals + narrow] + weight
         for kind in range(KINDS):
-            probabilities[kind] = (table[start + kind] + _NARROW * probabilities[kind]) / total
+            probabilities[kind] = (table[start + kind] + weight * probabilities[kind]) / total
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _within(table, kind, inputs, state):
+    """Return whether an outcome leaves every counted fluent within its observed range."""
+    columns, places = int(table[T_COLUMNS]), int(table[T_PLACES])
+    changes, ranges = int(table[T_CHANGES]) + kind * columns, int(table[T_RANGES])
+    for k in range(columns):
+        value = state[int(inputs[int(table[places + k])])] + table[changes + k]
+        if value < table[ranges + 2 * k] or value > table[ranges + 2 * k + 1]:
+            return False
+    return True
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _extend(table, inputs, state):
+    """Extend the observed ranges by a state."""
+    columns, places, ranges = int(table[T_COLUMNS]), int(table[T_PLACES]), int(table[T_RANGES])
+    for k in range(columns):
+        value = state[int(inputs[int(table[places + k])])]
+        table[ranges + 2 * k] = min(table[ranges + 2 * k], value)
+        table[ranges + 2 * k + 1] = max(table[ranges + 2 * k + 1], value)
 
 
 @cached_njit(nogil=True, forceinline=True)
 def likeliest(table, inputs, state, probabilities):
-    """Return the likeliest outcome in a state; write `probabilities`."""
+    """Return the likeliest outcome in a state; write `probabilities`.
+
+    An outcome that leads out of the range in which a fluent was observed has none.
+    """
     broad = row_of(table, inputs, state, False)
     narrow = row_of(table, inputs, state, True)
-    fill_probabilities(table, broad, narrow, probabilities)
+    fill_probabilities(table, broad, narrow, _best_weight(table), probabilities)
+    left = 1.0
+    for kind in range(1, int(table[T_KINDS])):
+        if not _within(table, kind, inputs, state):
+            left -= probabilities[kind]
+            probabilities[kind] = 0.0
+    if left <= _LEAST:
+        probabilities[0] = left = 1.0
+    for kind in range(int(table[T_KINDS])):
+        probabilities[kind] /= left
     best, most = 0, probabilities[0]
     for kind in range(1, int(table[T_KINDS])):
         if probabilities[kind] > most:
@@ -140,6 +191,8 @@ def count(table, inputs, state, written, observed, loss, rate, most):
     """
     columns, places = int(table[T_COLUMNS]), int(table[T_PLACES])
     changes, kinds = int(table[T_CHANGES]), int(table[T_KINDS])
+    _extend(table, inputs, state)
+    _extend(table, inputs, observed)
     kind = 0
     for k in range(columns):
         column = int(inputs[int(table[places + k])])
@@ -160,7 +213,13 @@ def count(table, inputs, state, written, observed, loss, rate, most):
     score = 1.0
     if table[int(table[T_TOTALS])] > 0.0:
         probabilities = np.empty(KINDS)
-        fill_probabilities(table, broad, narrow, probabilities)
+        if kind >= 0:
+            scores = int(table[T_SCORES])
+            for k in range(len(WEIGHTS)):
+                fill_probabilities(table, broad, narrow, WEIGHTS[k], probabilities)
+                gained = math.log(max(_LEAST, probabilities[kind]))
+                table[scores + k] = _MEMORY * table[scores + k] + gained
+        fill_probabilities(table, broad, narrow, _best_weight(table), probabilities)
         for k in range(kinds):
             p = probabilities[k]
             score += p * p - (2.0 * p if k == kind else 0.0)

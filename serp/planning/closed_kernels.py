@@ -499,10 +499,7 @@ def look_up(arrays, node, discount, unit, found):
         if unit > 0.0:
             value = np.round(value / unit) * unit
         danger = _risk_through(graph, edge, node, discount)
-        if danger <= ALIKE:
-            danger = 0.0
-        else:
-            danger = np.round(danger / ALIKE) * ALIKE
+        danger = 0.0 if danger <= ALIKE else np.round(danger / ALIKE) * ALIKE
         steps = _steps_through(graph, edge) if danger > 0.0 else np.int64(SAFE)
         flags = graph.flags[edge]
         first.value[action], first.path_risk[action] = value, danger
