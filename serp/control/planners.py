@@ -1,10 +1,10 @@
-"""The planner `lookahead`: compiled if the model allows it, else on a planning graph."""
+"""The planners `closed-graph` and `lookahead`, for every size of domain."""
 
 from __future__ import annotations
 
 from serp.control.protocols import Planner
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight import ClosedGraphPlanner
+from serp.planning.far_sight import ClosedGraphPlanner, LeafValueClosedGraphPlanner
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner
@@ -41,4 +41,7 @@ def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:
 
 def closed_graph(model: TransitionModel, settings: PlannerSettings) -> Planner:
     """Return the planner that sees to the end of a finite task."""
-    return ClosedGraphPlanner(model, settings, lookahead(model, settings))
+    near = lookahead(model, settings)
+    if isinstance(near, Lookahead):
+        return LeafValueClosedGraphPlanner(model, settings, near)
+    return ClosedGraphPlanner(model, settings, near)

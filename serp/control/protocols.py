@@ -48,6 +48,14 @@ class LeafValuePlanner(Planner, Protocol):
     leaves: NDArray[np.float64]
 
 
+@runtime_checkable
+class EpisodicPlanner(Planner, Protocol):
+    """A planner that keeps what it found while an episode of training lasts."""
+
+    def begin_episode(self) -> None:
+        """Forget everything, so that an episode depends on nothing before it."""
+
+
 MakePlanner = Callable[[TransitionModel, PlannerSettings], Planner]
 
 

@@ -17,7 +17,7 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning import closed_kernels as kernels
 from serp.planning.closed_kernels import ALIKE, OUTCOMES, Counters, GraphArrays
 from serp.planning.forecast import Forecast
-from serp.planning.kernel_records import room_for_actions
+from serp.planning.kernel_records import FirstActions, room_for_actions
 from serp.planning.limits import Bound
 from serp.settings import PlannerSettings
 
@@ -25,7 +25,7 @@ MAX_EDGES: Final = 400_000
 """Most edges of a graph; with this many, expansion and solution take about a second."""
 MAX_NUMBERS: Final = 20_000_000
 """Most numbers in the states of a graph: 160 MB."""
-_JUDGED_FROM, _NEVER_MET = 4_096, 0.98
+_JUDGED_FROM, _NEVER_MET = 512, 0.98
 """Expansion ends if, after so many edges, this fraction of them leads to new states."""
 _SMALLEST: Final = 256
 """Nodes that the arrays have room for at first."""
@@ -51,6 +51,19 @@ class ClosedGraph:
         self._max_edges = max_edges
         self._max_nodes = max(1, MAX_NUMBERS // max(1, self._width))
         self._room = np.empty(OUTCOMES * (self._width + 3))
+        self.clear()
+        if model.compiles and self._actions:
+            self._precompile()
+
+    def _precompile(self) -> None:
+        """Call every compiled loop once, so that no decision waits for a compilation."""
+        state = np.zeros(self._width)
+        kernels.add_root(self._arrays_tuple, state)
+        self._expand_native()
+        self._solve()
+        self._look_up(0)
+        kernels.rehash(self._arrays_tuple)
+        kernels.find(self._arrays_tuple, state)
         self.clear()
 
     def clear(self) -> None:
@@ -91,9 +104,11 @@ class ClosedGraph:
         while not expand() and self._enlarge():
             if self.edges >= _JUDGED_FROM and self.nodes > _NEVER_MET * self.edges:
                 break  # edges that hardly ever lead to a known state will not close the graph
-        discount = self._settings.discount
+        self._solve()
+
+    def _solve(self) -> None:
         allowed = np.empty(self._arrays.action.shape[0], dtype=np.uint8)
-        kernels.solve(self._arrays_tuple, discount, allowed)
+        kernels.solve(self._arrays_tuple, self._settings.discount, allowed)
         self._unit = ALIKE * kernels.largest_value(self._arrays_tuple)
 
     def forecast(self, state: Vector) -> Forecast | None:
@@ -106,17 +121,21 @@ class ClosedGraph:
         node = kernels.find(self._arrays_tuple, state)
         if node < 0 or not arrays.inside[node]:
             return None
-        found = room_for_actions(self._actions)
-        choice = kernels.look_up(
-            self._arrays_tuple, node, self._settings.discount, self._unit, found
-        )
+        choice, found = self._look_up(node)
         if arrays.undefined[node]:
-            flags, values = found[4], state.tolist()
+            flags, values = found.flags, state.tolist()
             for action in np.flatnonzero(flags == 0).tolist():
                 flags[action] = self._model.transition(values, action)[1]
         depth = int(arrays.layer[node])
         bound = Bound.EXHAUSTED if self.complete else Bound.NODES
         return Forecast(choice, *found, depth, bound)
+
+    def _look_up(self, node: int) -> tuple[int, FirstActions]:
+        """Return the chosen action of a node, and what is predicted for every action."""
+        found = room_for_actions(self._actions)
+        discount = self._settings.discount
+        choice = kernels.look_up(self._arrays_tuple, node, discount, self._unit, found)
+        return choice, FirstActions(*found)
 
     # Expansion ---------------------------------------------------------------------------------
 

@@ -449,7 +449,7 @@ def _solve_values(graph, expanded, discount, allowed):
             if allowed[edge]:
                 value = _value_through(graph, edge, node, discount)
                 if best < 0 or value > most + unit:
-                    most, best = value, edge
+                    most, best = value, np.int64(edge)
         graph.best[node] = best
 
 

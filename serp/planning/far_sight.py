@@ -7,21 +7,26 @@ from typing import Final, Protocol
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.closed_graph import ClosedGraph
 from serp.planning.forecast import Forecast
+from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 
 _PATIENCE: Final = 4
 """After a graph could not be closed, so many times more decisions pass before the next attempt."""
 
 
-class _Forecasting(Protocol):
-    def forecast(self, state: Vector) -> Forecast: ...
+class NearPlanner(Protocol):
+    """The planner that is asked outside of the graph."""
+
+    def forecast(self, state: Vector) -> Forecast:
+        """Return the forecast for a state `[F]`."""
 
 
 class ClosedGraphPlanner:
-    """Plans on the closed graph where the best policy stays inside it, else by a lookahead.
+    """Plans on the closed graph where the best policy stays inside it, else by another planner.
 
-    The graph is built again when the model has changed. It is forgotten between episodes, so that
-    decisions depend on nothing but the episode.
+    The graph is built again when the model has changed, or when the world is in a state that is
+    not in it. After a graph could not be closed, so many decisions pass before the next attempt
+    that attempts take little time.
 
     Args:
         model: The transition model.
@@ -29,33 +34,54 @@ class ClosedGraphPlanner:
         near: The planner that is asked outside of the graph.
 
     Attributes:
+        model: As above.
         graph: The graph.
-        near: As above.
     """
 
     def __init__(
-        self, model: TransitionModel, settings: PlannerSettings, near: _Forecasting
+        self, model: TransitionModel, settings: PlannerSettings, near: NearPlanner
     ) -> None:
-        self._model = model
-        self.near = near
+        self.model = model
         self.graph = ClosedGraph(model, settings)
-        self._revision = model.revision
-        self._waited, self._wait = 0, 0
+        self._near = near
+        self.begin_episode()
+
+    def begin_episode(self) -> None:
+        """Forget the graph, so that decisions depend on nothing before this episode."""
+        self.graph.clear()
+        self._revision = self.model.revision
+        self._waited = self._wait = 0
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
-        if self._model.revision != self._revision:
-            self._revision = self._model.revision
+        if self.model.revision != self._revision:
+            self._revision = self.model.revision
             self.graph.clear()
         found = self.graph.forecast(state)
         if found is None and self._waited >= self._wait:
-            self._waited = 0
             if not self.graph.complete:
                 self.graph.clear()
             self.graph.grow(state)
             found = self.graph.forecast(state)
-            self._wait = 0 if found is not None else max(1, _PATIENCE * self._wait)
+            self._waited, self._wait = 0, 0 if found is not None else _PATIENCE * self._wait + 1
         if found is not None:
             return found
         self._waited += 1
-        return self.near.forecast(state)
+        return self._near.forecast(state)
+
+
+class LeafValueClosedGraphPlanner(ClosedGraphPlanner):
+    """The same with a `Lookahead`, which can add learned values at its leaves."""
+
+    def __init__(self, model: TransitionModel, settings: PlannerSettings, near: Lookahead) -> None:
+        super().__init__(model, settings, near)
+        self._lookahead = near
+
+    @property
+    def leaves(self) -> Vector:
+        """The value function at the leaves, see `Lookahead.leaves`."""
+        return self._lookahead.leaves
+
+    @leaves.setter
+    def leaves(self, packed: Vector) -> None:
+        self._lookahead.leaves = packed

@@ -16,7 +16,7 @@ from serp.control.arbiter import Arbiter
 from serp.control.decision import Decision
 from serp.control.leaf_value_bootstrap import LeafValueBootstrap
 from serp.control.proposers import LearnerProposer
-from serp.control.protocols import LeafValuePlanner, Mask, Proposer
+from serp.control.protocols import EpisodicPlanner, LeafValuePlanner, Mask, Proposer
 from serp.control.registry import find_learner, find_strategy, make_planner
 from serp.control.step_record import StepRecord
 from serp.control.strategies.strategy import Strategy
@@ -261,3 +261,9 @@ class Agent:
         if self.leaf_values is not None:
             self.leaf_values.load_state_dict(*saved.part("leaf_values"))
         self._random.bit_generator.state = saved.generator_state("random", self._random)
+
+    def begin_episode(self) -> None:
+        """Prepare for an episode of training."""
+        planner = self.arbiter.planner
+        if isinstance(planner, EpisodicPlanner):
+            planner.begin_episode()
