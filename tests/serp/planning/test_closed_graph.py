@@ -1,0 +1,189 @@
+"""The closed planning graph finds the best policy of a finite task, and keeps it."""
+
+from __future__ import annotations
+
+from random import Random
+
+import numpy as np
+import pytest
+
+from serp.control.planners import closed_graph
+from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.closed_graph import ClosedGraph
+from serp.planning.forecast import SAFE
+from serp.planning.limits import Bound
+from serp.planning.lookahead import Lookahead
+from serp.planning.preference import hazard, marked, rank_of
+from serp.settings import PlannerSettings
+from tests.serp.planning import worlds
+
+SETTINGS = PlannerSettings(discount=0.9)
+MOST = 400
+"""States of a finite world, at most."""
+EXACT = 1e-6
+
+State = tuple[float, ...]
+
+CORRIDOR = """
+(define (domain corridor)
+  (:predicates (unsafe) (terminal))
+  (:functions (x) (reward))
+  (:action right :parameters () :precondition (and (< (x) {end}))
+    :effect (and (increase (x) 1) (decrease (reward) 1)))
+  (:action left :parameters () :precondition (and (> (x) 0))
+    :effect (and (decrease (x) 1) (decrease (reward) 1)))
+  (:action leap :parameters () :precondition (and (< (x) {end}))
+    :effect (and (assign (x) {end}) (unsafe)))
+  (:event goal :parameters () :precondition (and (= (x) {end}))
+    :effect (and (increase (reward) 10) (terminal))))
+"""
+
+
+def reachable(model: TransitionModel, root: State) -> list[State] | None:
+    """All states that can be reached, found one by one; None if there are more than `MOST`."""
+    known, position = [root], 0
+    seen = {root}
+    while position < len(known):
+        state = list(known[position])
+        position += 1
+        for action in range(len(model.actions)):
+            out, flags = model.transition(state, action)
+            target = tuple(out[:-1])
+            if flags & APPLICABLE and not flags & TERMINAL and target not in seen:
+                seen.add(target)
+                known.append(target)
+        if len(known) > MOST:
+            return None
+    return known
+
+
+def best_values(model: TransitionModel, states: list[State]) -> tuple[Vector, Vector]:
+    """Risks and values of all states, by sweeps over every state and action in plain Python."""
+    where = {state: k for k, state in enumerate(states)}
+    discount, accepted = SETTINGS.discount, SETTINGS.accepted_risk
+    edges: list[list[tuple[float, float, int]]] = []
+    risk, value = np.zeros((2, len(states)))
+    fixed = np.zeros(len(states), dtype=bool)
+    for k, state in enumerate(states):
+        found = []
+        undefined = False
+        for action in range(len(model.actions)):
+            out, flags = model.transition(list(state), action)
+            if not flags & APPLICABLE:
+                undefined |= bool(flags & UNDEFINED)
+                continue
+            danger = hazard(flags, accepted)
+            target = -1 if flags & TERMINAL else where[tuple(out[:-1])]
+            found.append((rank_of(marked(flags, danger)), danger, out[-1], target))
+        least = min((rank for rank, *_ in found), default=0)
+        edges.append([rest for rank, *rest in found if rank == least])  # type: ignore[misc]
+        if not found:
+            risk[k], fixed[k] = float(undefined), True
+
+    def sweep(of: Vector, one, choose) -> None:  # type: ignore[no-untyped-def]
+        for _ in range(2_000):
+            old = of.copy()
+            for k, out in enumerate(edges):
+                if not fixed[k]:
+                    of[k] = choose(one(edge) for edge in out)
+            if np.abs(of - old).max(initial=0.0) < 1e-12:
+                return
+
+    def risk_of(edge: tuple[float, float, int]) -> float:
+        danger, _, target = edge
+        return danger + (1.0 - danger) * discount * (risk[target] if target >= 0 else 0.0)
+
+    sweep(risk, risk_of, min)
+    for k, out in enumerate(edges):
+        edges[k] = [edge for edge in out if risk_of(edge) <= risk[k] + 1e-7]
+    sweep(value, lambda e: e[1] + discount * (value[e[2]] if e[2] >= 0 else 0.0), max)
+    return risk, value
+
+
+@pytest.mark.parametrize("seed", range(worlds.WORLDS))
+def test_values_and_risks_are_those_of_plain_sweeps(seed: int) -> None:
+    model = worlds.world(seed)
+    for start in worlds.states_of(model, Random(seed), 5):
+        states = reachable(model, tuple(start.tolist()))
+        if states is None:
+            continue
+        graph = ClosedGraph(model, SETTINGS)
+        graph.grow(start)
+        assert graph.complete and graph.nodes == len(states)
+        risk, value = best_values(model, states)
+        for k, state in enumerate(states):
+            forecast = graph.forecast(np.array(state))
+            assert forecast is not None
+            if forecast.choice >= 0:
+                assert forecast.path_risk[forecast.choice] == pytest.approx(risk[k], abs=EXACT)
+                assert forecast.value[forecast.choice] == pytest.approx(
+                    value[k], abs=EXACT, rel=1e-5
+                )
+
+
+@pytest.mark.parametrize("seed", range(worlds.WORLDS))
+def test_what_one_step_predicts_is_what_the_lookahead_predicts(seed: int) -> None:
+    model = worlds.world(seed)
+    for start in worlds.states_of(model, Random(seed), 5):
+        graph = ClosedGraph(model, SETTINGS, max_edges=600)
+        graph.grow(start)
+        found, near = graph.forecast(start), Lookahead(model, SETTINGS).forecast(start)
+        if found is not None:
+            assert found.flags.tolist() == near.flags.tolist()
+            assert found.reward.tolist() == near.reward.tolist()
+
+
+def test_it_sees_to_the_end_and_avoids_what_is_unsafe() -> None:
+    model = worlds.load(CORRIDOR.format(end=60))
+    planner = closed_graph(model, PlannerSettings())
+    state, steps = np.array([5.0]), 0
+    while state[0] < 60:
+        forecast = planner.forecast(state)
+        assert model.actions[forecast.choice].name == "right"
+        assert forecast.bound is Bound.EXHAUSTED and forecast.safe_steps[0] == SAFE
+        state = model.step(state, forecast.choice).state
+        steps += 1
+    assert steps == 55
+
+
+def test_decisions_follow_the_model_when_it_changes() -> None:
+    model = worlds.load(CORRIDOR.format(end=9))
+    planner = closed_graph(model, PlannerSettings())
+    before = planner.forecast(np.array([5.0]))
+    model._set([p.value for p in model.parameters], 1.0)
+    model.revision += 1
+    after = planner.forecast(np.array([5.0]))
+    assert (before.value == after.value).all()
+    theta = np.array([-5.0 if p.value == 10 else p.value for p in model.parameters])
+    changed = closed_graph(model.replace(theta=theta), PlannerSettings())
+    assert changed.forecast(np.array([5.0])).value[0] < after.value[0]
+
+
+def test_what_never_closes_is_left_to_the_lookahead_in_bounded_memory() -> None:
+    model = worlds.load(
+        "(define (domain endless) (:functions (x) (y) (reward))"
+        "(:action a :parameters () :precondition (and)"
+        " :effect (and (increase (x) (+ 1 (* 0.3 (y)))) (increase (reward) (x))))"
+        "(:action b :parameters () :precondition (and)"
+        " :effect (and (increase (y) (+ 1 (* 0.7 (x)))))))"
+    )
+    graph = ClosedGraph(model, SETTINGS)
+    graph.grow(np.zeros(2))
+    assert not graph.complete and graph.edges < 4_000 and graph.forecast(np.zeros(2)) is None
+    forecast = closed_graph(model, SETTINGS).forecast(np.zeros(2))
+    near = Lookahead(model, SETTINGS).forecast(np.zeros(2))
+    assert forecast.choice == near.choice and (forecast.value == near.value).all()
+
+
+def test_machine_code_and_interpreter_build_the_same_graph() -> None:
+    model = worlds.load(CORRIDOR.format(end=9))
+    native, interpreted = ClosedGraph(model, SETTINGS), ClosedGraph(model, SETTINGS)
+    interpreted._expand_native = interpreted._expand_interpreted  # type: ignore[method-assign]
+    state = np.array([4.0])
+    for graph in (native, interpreted):
+        graph.grow(state)
+    for x in range(9):
+        one, other = (graph.forecast(np.array([float(x)])) for graph in (native, interpreted))
+        assert one is not None and other is not None
+        assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
