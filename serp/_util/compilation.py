@@ -105,5 +105,6 @@ def _names(code: CodeType) -> Iterator[str]:
 
 @functools.cache
 def _source(file: str) -> bytes:
+    """Return the text of a module; a compiled model has none."""
     path = Path(file)
     return path.read_bytes() if path.is_file() else b""
