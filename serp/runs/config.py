@@ -53,10 +53,6 @@ def config_text(
         domain_files: Name of each copy in the run → name of the original file.
         command: The command line.
         now: When the run began, local time.
-
-    Raises:
-        TypeError: A value of the configuration cannot be written as JSON.
-        ValueError: A number in it is NaN or infinite; `serp.Settings.as_dict` gives none.
     """
     return json_text(
         {
@@ -73,12 +69,7 @@ def config_text(
 
 
 def read_config(folder: Path) -> dict[str, Any]:
-    """Read the ``config.json`` of a run: the keys that `config_text` writes.
-
-    Raises:
-        RunError: The folder is missing or not a run, or its ``config.json`` is damaged or of
-            another version of serp.
-    """
+    """Read the ``config.json`` of a run: the keys that `config_text` writes."""
     if not os.path.isdir(folder):
         raise RunError(f"there is no run {folder}: no such folder.")
     file = folder / CONFIG

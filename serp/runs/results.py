@@ -17,14 +17,8 @@ from serp.runs.summary import summarize
 def write_results(run: RunFolder, compile_seconds: float = 0.0) -> None:
     """Write ``summary.json``, ``report.md``, ``learning-curve.png`` and ``learning-curve.svg``.
 
-    Without matplotlib there is no learning curve, and a `Notice` is issued.
-
-    Args:
-        run: The run, open for writing; its tables are flushed first.
-        compile_seconds: Seconds of compilation, which are not part of training.
-
-    Raises:
-        RunError: A table is malformed, or a write failed.
+    Without matplotlib there is no learning curve, and a `Notice` is issued. `compile_seconds` of
+    compilation are not part of training.
     """
     run.flush()
     metrics = read_metrics(run.path / METRICS)
