@@ -170,15 +170,10 @@ def _decode(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], d
                 raise ValueError("not a JSON object")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise CheckpointDamaged(f"{damaged} its metadata cannot be read.") from error
-    if version > FORMAT:
+    if version != FORMAT:
         raise RunError(
-            f"the checkpoint {path} has format {version}; this serp knows formats up to {FORMAT}. "
-            "Install a newer serp to read it."
-        )
-    if version < FORMAT:
-        raise RunError(
-            f"the checkpoint {path} has format {version}, which an earlier serp wrote; this one "
-            f"reads format {FORMAT}. Use the run with the version that config.json names, or train "
+            f"the checkpoint {path} has format {version}, which another version of serp wrote; "
+            f"this one reads format {FORMAT}. Use the version that config.json names, or train "
             "again."
         )
     if not intact:

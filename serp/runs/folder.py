@@ -24,7 +24,7 @@ import numpy as np
 
 from serp._util.closing import Closing
 from serp._util.files import aside_of, cannot_write, require_regular, sync_folder, write_durably
-from serp._util.json_files import finite, json_text, read_json
+from serp._util.json_files import read_json
 from serp._util.saved_state import Saved
 from serp.errors import RunError
 from serp.model.loading import problem_beside
@@ -192,10 +192,6 @@ class RunFolder(Closing):
             raise self._read_only()
         write_durably(self.path / name, content)
         return self.path / name
-
-    def write_summary(self, summary: Mapping[str, Any]) -> Path:
-        """Write ``summary.json``; NaN and infinities become null."""
-        return self.write(SUMMARY, json_text(finite(summary)))
 
     def read_summary(self) -> dict[str, Any]:
         """Read ``summary.json``."""

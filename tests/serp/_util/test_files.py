@@ -54,7 +54,7 @@ def use(path):
         load_newest(path)
         run.decisions.append((0,) * len(DECISIONS_COLUMNS))
         run.save_checkpoint({"x": np.arange(3)}, {})
-        run.write_summary({"episodes": 1})
+        run.write(SUMMARY, '{"episodes": 1}')
         run.write("report.md", "what came of it")
         run.read_summary()
         read_metrics(path / METRICS)
