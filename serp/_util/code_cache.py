@@ -77,9 +77,8 @@ class _Serialisation(CompileResultCacheImpl):
 class CodeCache(NullCache):
     """The cached code of one function, in place of numba's own cache.
 
-    Args:
-        function: The function. Its module and its name determine the file.
-        stamp: Digest of its sources; code with another digest is compiled again.
+    Its module and its name determine the file. Code of which the sources had another digest
+    (`stamp`) is compiled again.
     """
 
     def __init__(self, function: Callable[..., Any], stamp: str) -> None:

@@ -31,9 +31,7 @@ class Section(BaseModel):
     """A section of the settings: immutable, and validated on creation.
 
     NumPy numbers are converted to Python numbers. Booleans and NaN are not accepted as numbers.
-
-    Raises:
-        SettingsError: A value is outside its range, of another type, or unknown.
+    What is outside its range, of another type, or unknown is a `SettingsError`.
     """
 
     model_config = ConfigDict(
@@ -60,11 +58,7 @@ class Section(BaseModel):
         return cls.__name__.removesuffix("Settings").lower()
 
     def replace(self, **changes: Any) -> Self:
-        """Return the section with other values.
-
-        Raises:
-            SettingsError: A value is outside its range, of another type, or unknown.
-        """
+        """Return the section with other values."""
         return type(self)(**{**dict(self), **changes})
 
     def as_dict(self) -> dict[str, Any]:

@@ -140,9 +140,7 @@ def test_other_formats_are_refused_with_the_reason(tmp_path, monkeypatch, versio
         other.setattr(checkpoint, "FORMAT", version)
         save(tmp_path / NEWEST, ARRAYS, META)
     save(tmp_path / PREVIOUS, ARRAYS, META)  # it is not damaged: there is no way round it
-    with pytest.raises(
-        RunError, match=f"has format {version}, which another version"
-    ):
+    with pytest.raises(RunError, match=f"has format {version}, which another version"):
         load_newest(tmp_path)
 
 
