@@ -21,31 +21,24 @@ FLAGS = (
 )  # fmt: skip
 
 
-def forecast_of(flags: list[int], steps: list[int], choice: int) -> Forecast:
-    actions = len(flags)
-    return Forecast(
-        choice, np.arange(actions, dtype=float), (np.array(steps) != SAFE).astype(float),
-        np.array(steps), np.zeros(actions), np.array(flags), 3, Bound.DEPTH,
-    )  # fmt: skip
-
-
 @st.composite
 def situations(draw: st.DrawFn) -> tuple[Forecast, list[int]]:
     """Forecasts whose choice is unsafe only where nothing is predicted safe, and counts."""
     actions = draw(st.integers(1, 5))
     flags = draw(st.lists(st.sampled_from(FLAGS), min_size=actions, max_size=actions))
+    risky = UNSAFE | RISKY
     steps = [
-        -1
-        if not f & APPLICABLE
-        else 0
-        if f & (UNSAFE | RISKY)
-        else draw(st.sampled_from((1, 2, SAFE)))
+        (0 if f & risky else draw(st.sampled_from((1, 2, SAFE)))) if f & APPLICABLE else -1
         for f in flags
     ]
     best = max(range(actions), key=lambda k: (steps[k], k))
-    choice = best if steps[best] >= 0 else -1
     visits = draw(st.lists(st.integers(0, MIN_VISITS + 1), min_size=actions, max_size=actions))
-    return forecast_of(flags, steps, choice), visits
+    forecast = Forecast(
+        best if steps[best] >= 0 else -1, np.arange(actions, dtype=float),
+        (np.array(steps) != SAFE).astype(float), np.array(steps), np.zeros(actions),
+        np.array(flags), 3, Bound.DEPTH,
+    )  # fmt: skip
+    return forecast, visits
 
 
 @given(situation=situations())
