@@ -20,8 +20,7 @@ from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel, LiftedS
 from serp.sysid.parameter_fit import Rows
 from serp.sysid.regression_data import RegressionData
 
-_MAX_FACTORS = 12
-"""Number of fluents whose products are candidates."""
+_MAX_FACTORS = 12  # number of fluents whose products are candidates
 
 MIN_ROWS = 12
 """Fewest transitions in which an estimated effect applies."""

@@ -21,18 +21,13 @@ from serp.sysid.parameter_fit import (
 )
 from serp.sysid.regression_data import RegressionData, predictions
 
-_AGREE = 2.0
-"""Standard errors within which two estimates agree."""
+_AGREE = 2.0  # standard errors within which two estimates agree
 _SIGN_TEST = 2.0
 """Standard deviations of the sign test that decides which errors are usually smaller."""
-_CLEARLY = 0.9
-"""Largest ratio of median errors that counts as clearly smaller."""
-_REMAINDER = 0.25
-"""Least fraction of an effect of the file that remains beside an added effect."""
-_AS_GOOD = 0.02
-"""Relative increase of the squared error that is ignored."""
-_TRIMMED = 0.02
-"""Fraction of the rows, those with the largest errors, that a comparison ignores."""
+_CLEARLY = 0.9  # largest ratio of median errors that counts as clearly smaller
+_REMAINDER = 0.25  # least fraction of an effect of the file that remains beside an added effect
+_AS_GOOD = 0.02  # relative increase of the squared error that is ignored
+_TRIMMED = 0.02  # fraction of the rows, those with the largest errors, that a comparison ignores
 
 
 class EffectFit:

@@ -11,8 +11,7 @@ from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel
 from serp.sysid.regression_data import RegressionData
 
 _MAX_SWEEPS = 6
-_EQUAL = 0.1
-"""Coefficients that differ by less than this fraction of the larger one may be equal."""
+_EQUAL = 0.1  # coefficients that differ by less than this fraction of the larger one may be equal
 
 
 def fit_jointly(model: TransitionModel, data: RegressionData) -> EffectFit:

@@ -20,18 +20,13 @@ from serp.sysid.parameter_dependencies import ParameterDependency, parameter_dep
 from serp.sysid.regression import Regression, independent, regress
 from serp.sysid.regression_data import Flow, RegressionData, regression_data
 
-_MAX_ITERATIONS = 4
-"""Most Gauss-Newton iterations."""
-_LINEAR = 1e-6
-"""Deviation from linearity, in ranges of the fluent, at which the iterations end."""
+_MAX_ITERATIONS = 4  # most Gauss-Newton iterations
+_LINEAR = 1e-6  # deviation from linearity, in ranges of the fluent, at which the iterations end
 _LINEAR_QUANTILE = 0.9
 """Quantile of the rows at which it is measured; a row that crosses a threshold may jump."""
-_DIFFERENCE = 2.0**-10
-"""Step of the finite differences, relative to the parameter."""
-_PRIOR_WIDTH = 10.0
-"""Standard deviation of the prior, relative to the written value."""
-_MAX_WHOLE_VALUES = 64
-"""Most distinct values of a function that counts as one of whole numbers."""
+_DIFFERENCE = 2.0**-10  # step of the finite differences, relative to the parameter
+_PRIOR_WIDTH = 10.0  # standard deviation of the prior, relative to the written value
+_MAX_WHOLE_VALUES = 64  # most distinct values of a function that counts as one of whole numbers
 _WHOLE_TOLERANCE, _WHOLE_SHARE = 1e-6, 0.9
 """Such a function is deterministic if this fraction of rows is explained this exactly."""
 

@@ -19,8 +19,7 @@ from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import Change
 
-_BLOCK = 20
-"""Number of consecutive transitions whose errors are assumed to be correlated."""
+_BLOCK = 20  # number of consecutive transitions whose errors are assumed to be correlated
 
 _TAIL, _FAR = 0.005, 5.0
 """A value is a fault if it is this many ranges from the median; the range is that between the two

@@ -33,12 +33,10 @@ the baseline and more than this fraction of the squared change."""
 _FOURIER_GAIN, _FOURIER_KEPT = 0.7, 0.85
 """Random features cost a hundred times as much as a linear model, so they must reduce its loss to
 these fractions to be chosen, and to be kept."""
-_BETTER = 0.9
-"""Fraction of the loss to which another candidate must reduce it to replace one."""
+_BETTER = 0.9  # fraction of the loss to which another candidate must reduce it to replace one
 _PREDICTED, _CERTAIN = 0.5, 0.02
 """Largest fraction of the squared change, or of the file's squared error, left by a candidate."""
-_MIN_MODE_SAMPLES = 10.0
-"""Samples of a mode before which it follows the choice over all modes."""
+_MIN_MODE_SAMPLES = 10.0  # samples of a mode before which it follows the choice over all modes
 JUDGED_FROM = 120
 """Samples of an action from which on it is known whether a target can be predicted."""
 

@@ -12,13 +12,11 @@ import pytest
 
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.control.model_confidence import ModelConfidence
-from serp.errors import RunError
 from serp.model.transition_model import TransitionModel
 from serp.runs import checkpoint
 from serp.settings import resolve
 from serp.sysid.transitions import CUT_OFF, GOES_ON, OVER
 from serp.tasks.registry import load_task
-from serp.tasks.task import Task
 from serp.training.trainer import Trainer
 from tests.serp.adaptation.worlds import (
     EDGE,
@@ -122,38 +120,7 @@ def test_resumed_equals_uninterrupted_bit_for_bit(tmp_path: Path, text: str, mod
     assert resumed.visits.tolist() == whole.visits.tolist()
 
 
-def test_another_domains_adaptation_is_refused() -> None:
-    saved = adaptation(FLEET).state_dict()
-    with pytest.raises(RunError):
-        adaptation(PLANE).load_state_dict(*saved)
-
-
 # What teaches ----------------------------------------------------------------------------------
-
-
-def test_every_env_step_counts_and_nothing_across_a_reset() -> None:
-    """A training with falls and a time limit: each transition is one of the environment's own."""
-    task = cartpole("empty")
-    changes: dict[str, dict[str, Any]] = {
-        **{section: dict(values) for section, values in SMALL.items()},
-        "training": {"episode_steps": 40, "checkpoint_seconds": 0.0},
-        "adaptation": {"mode": "residual"},
-        "arbiter": {"rho": 1.0},
-    }
-    with task.bind() as bound:
-        trainer = Trainer(bound, resolve("default", task.settings, changes), 3)
-        lengths = [trainer.run_episode().length for _ in range(12)]
-    of = trainer.agent.adaptation
-    seen = of.experience
-    assert len(seen) == sum(lengths) == trainer.env_steps
-    ends = np.flatnonzero(seen.ended)
-    assert ends.tolist() == (np.cumsum(lengths) - 1).tolist()
-    assert min(lengths) < 40 == max(lengths)  # it fell, and it was stopped
-    # Within an episode each step begins where the last one ended, after it somewhere else.
-    follows = (seen.states[1:] == seen.next_states[:-1]).all(axis=1)
-    assert (follows == ~seen.ended[:-1]).all()
-    dynamics = seen.next_states[:, 0] - seen.states[:, 0] - 0.02 * seen.states[:, 1]
-    assert np.abs(dynamics).max() < 1e-6  # no jump from a fall to a start
 
 
 def test_steps_that_end_an_episode_teach_as_others_and_equal_seeds_give_equal_bits() -> None:
@@ -262,31 +229,7 @@ def test_rewards_and_ends_are_compared_as_fluents_are(mode: str, compiled: bool)
     assert (of.experience.rewards == -0.5).all()
 
 
-def test_forecast_skill_and_monitor_are_of_the_model_in_use() -> None:
-    on, off = adaptation(PLANE), adaptation(PLANE, "off")
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        state = rng.normal(size=2)
-        for of in (on, off):
-            of.observe(state, 0, plus(state, 0.3 * state[1], 0.2), False)
-    assert on.forecast_skill.reliable and not off.forecast_skill.reliable
-    for of, gains in ((on, True), (off, False)):
-        for row in of.monitor.rows():
-            if row.action == "push" and row.fluent in ("p", "v"):
-                assert row.samples == 200
-                assert (row.adapted.rmse < 0.5 * row.written.rmse) == gains
-
-
 # What is not adapted -------------------------------------------------------------------------
-
-
-def test_switched_off_the_model_is_the_written_one() -> None:
-    of, again = adaptation(PLANE, "off"), adaptation(PLANE, "off")
-    written = of.model
-    observe(of, steps_of(of, 60, 0))
-    assert of.model is written and type(written) is TransitionModel and of.notice is None
-    again.load_state_dict(*of.state_dict())
-    assert bits(again.state_dict()) == bits(of.state_dict())
 
 
 def test_a_model_too_large_to_compile_is_used_as_written_and_that_is_said(
@@ -299,11 +242,10 @@ def test_a_model_too_large_to_compile_is_used_as_written_and_that_is_said(
 
 
 def test_a_domain_without_fluents_has_nothing_to_correct() -> None:
-    of = adaptation("(define (domain nothing) (:action wait))", "full")
+    of, again = (adaptation("(define (domain nothing) (:action wait))", "full") for _ in range(2))
     for _ in range(40):
         of.observe(np.zeros(0), 0, np.zeros(0), False)
     assert of.visits.tolist() == [40]
-    again = adaptation("(define (domain nothing) (:action wait))", "full")
     again.load_state_dict(*of.state_dict())
     assert bits(again.state_dict()) == bits(of.state_dict())
 
@@ -311,22 +253,19 @@ def test_a_domain_without_fluents_has_nothing_to_correct() -> None:
 # In a training ---------------------------------------------------------------------------------
 
 
-def cartpole(variant: str) -> Task:
-    file = DOMAINS / f"cartpole-{variant}.pddl"
-    return dataclasses.replace(load_task("cartpole"), domain=file, problem=None)
-
-
-def trained(folder: Path, stops: tuple[int, ...]) -> tuple[list[int], Any, str]:
+def trained(folder: Path, *stops: int) -> tuple[list[int], Any, str]:
     """Train with a new trainer after each stop; return lengths, arrays and meta."""
+    folder.mkdir()
     changes: dict[str, dict[str, Any]] = {
         **{section: dict(values) for section, values in SMALL.items()},
         "adaptation": {"mode": "full", "min_visits": 4},
         "training": {"episode_steps": 60, "checkpoint_seconds": 0.0},
         "arbiter": {"rho": 0.5},
     }
+    file = DOMAINS / "cartpole-empty.pddl"
+    task = dataclasses.replace(load_task("cartpole"), domain=file, problem=None)
     lengths: list[int] = []
     for number, stop in enumerate(stops):
-        task = cartpole("empty")
         with task.bind() as bound:
             trainer = Trainer(bound, resolve("default", task.settings, changes), 11)
             if number:
@@ -341,10 +280,7 @@ def trained(folder: Path, stops: tuple[int, ...]) -> tuple[list[int], Any, str]:
 
 
 def test_a_training_resumed_equals_one_never_interrupted(tmp_path: Path) -> None:
-    whole, cut = tmp_path / "whole", tmp_path / "cut"
-    for folder in (whole, cut):
-        folder.mkdir()
-    assert trained(cut, (1, 2, 4, 6)) == trained(whole, (6,))
+    assert trained(tmp_path / "cut", 1, 2, 4, 6) == trained(tmp_path / "whole", 6)
 
 
 def test_new_parameters_do_not_take_away_what_is_known_of_actions_not_tried_lately() -> None:

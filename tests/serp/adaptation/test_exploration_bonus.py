@@ -10,10 +10,7 @@ from serp.adaptation.exploration_bonus import ExplorationBonus
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.limits import Bound
-from serp.planning.lookahead import Lookahead
-from serp.settings import PlannerSettings
 from tests.generated.profile import examples
-from tests.serp.adaptation import worlds
 
 MIN_VISITS = 3
 FLAGS = (
@@ -58,17 +55,3 @@ def test_the_least_visited_of_the_safe_actions_is_preferred(
     expected = min(unknown, key=lambda k: (visits[k], k)) if unknown else planned.choice
     assert preferred.choice == expected
     assert ExplorationBonus(np.array(visits), 0)(planned) is planned
-
-
-def test_visits_are_read_at_every_step() -> None:
-    model = worlds.edge()
-    planner, visits = Lookahead(model, PlannerSettings(depth=2)), np.zeros(3, dtype=np.int64)
-    bonus = ExplorationBonus(visits, MIN_VISITS)
-    state = model.state({"x": 1.0, "y": 0.0, "wet": False})
-    chosen = []
-    for _ in range(MIN_VISITS * 3 + 3):
-        choice = bonus(planner.forecast(state)).choice
-        chosen.append(model.actions[choice].name)
-        visits[choice] += 1
-    assert chosen[: MIN_VISITS * 3] == ["left", "right", "jump"] * MIN_VISITS
-    assert set(chosen[MIN_VISITS * 3 :]) == {model.actions[planner.forecast(state).choice].name}

@@ -25,6 +25,7 @@ from tests.serp.adaptation.worlds import (
 )
 
 World = Callable[[Vector, int], Vector]
+Draw = Callable[[np.random.Generator], Vector]
 PUSH, REST = 0, 1
 
 
@@ -43,13 +44,11 @@ def as_written(state: Vector, action: int) -> Vector:
     return np.array([state[0] + 0.1 * state[1], state[1]])
 
 
-def typical(of: ModelAdaptation, world: World, seed: int = 99, states: int = 200) -> Vector:
-    """`[F]` root mean squared error of the model in use, in states not seen before."""
-    rng = np.random.default_rng(seed)
-    errors = []
-    for _ in range(states):
-        state, action = any_state(of.model, rng), int(rng.integers(len(of.model.actions)))
-        errors.append(error(of, state, action, world(state, action)))
+def typical(of: ModelAdaptation, world: World, draw: Draw | None = None) -> Vector:
+    """`[F]` root mean squared error of the model in use, over both actions."""
+    rng = np.random.default_rng(99)
+    states = [any_state(of.model, rng) if draw is None else draw(rng) for _ in range(200)]
+    errors = [error(of, state, a, world(state, a)) for state in states for a in (PUSH, REST)]
     rmse: Vector = np.sqrt(np.square(errors).mean(axis=0))
     return rmse
 
@@ -107,9 +106,7 @@ def test_different_things_are_learned_in_modes_however_seldom_they_are_met(share
 
     of = adaptation(ICE, nonlinear=False)
     teach(of, world, np.random.default_rng(0), int(150 / share), draw=draw)
-    for icy in (0.0, 1.0):
-        state = np.array([icy, 0.3, -0.4])
-        assert (error(of, state, PUSH, world(state, PUSH)) < 1e-2).all()
+    assert (typical(of, world) < 1e-2).all()
 
 
 def test_what_is_learned_of_one_object_is_known_of_all_of_its_type() -> None:
@@ -128,11 +125,9 @@ def test_what_is_learned_of_one_object_is_known_of_all_of_its_type() -> None:
 
     rng = np.random.default_rng(0)
     teach(of, world, rng, 150, actions=(model.action_index("drive ada"),))
-    for name in ("drive ada", "drive bob", "drive cid"):
-        action = model.action_index(name)
-        for _ in range(10):
-            state = any_state(model, rng)
-            assert (error(of, state, action, world(state, action)) < 0.01).all(), name
+    for action in (model.action_index(f"drive {name}") for name in ("ada", "bob", "cid")):
+        state = any_state(model, rng)
+        assert (error(of, state, action, world(state, action)) < 0.01).all()
 
 
 def test_what_the_world_does_by_itself_is_known_for_an_action_hardly_tried() -> None:
@@ -145,8 +140,7 @@ def test_what_the_world_does_by_itself_is_known_for_an_action_hardly_tried() -> 
     teach(of, world, rng, 100, actions=(PUSH,))
     teach(of, world, rng, 3, actions=(REST,))
     # Three samples alone do not tell three weights of a state they have not been near.
-    for state in (np.array([2.0, -1.0]), np.array([-2.0, 2.0])):
-        assert error(of, state, REST, world(state, REST))[1] < 0.02
+    assert typical(of, world)[1] < 0.02
 
 
 def test_inputs_that_do_not_change_do_no_harm() -> None:
@@ -164,13 +158,10 @@ def test_inputs_that_do_not_change_do_no_harm() -> None:
         after[columns[:2]] = linear_world(state[columns[:2]], action)
         return after
 
-    rng = np.random.default_rng(0)
-    teach(of, world, rng, 300, draw=draw)
-    for _ in range(20):
-        state = draw(rng)
-        assert (error(of, state, PUSH, world(state, PUSH)) < 1e-3).all()
-        state[columns[2]] += 1.0  # and where they do change nothing is made of it
-        assert (error(of, state, PUSH, world(state, PUSH)) < 1e-2).all()
+    teach(of, world, np.random.default_rng(0), 300, draw=draw)
+    assert (typical(of, world, draw) < 1e-3).all()
+    # And where they do change nothing is made of it.
+    assert (typical(of, world, lambda rng: draw(rng) + np.eye(4)[columns[2]]) < 1e-2).all()
 
 
 @pytest.mark.parametrize("world", [linear_world, pendulum])
@@ -187,14 +178,9 @@ def test_how_far_from_0_a_fluent_is_makes_no_difference(world: World, offset: fl
         def seen(state: Vector, action: int, origin: Vector = origin) -> Vector:
             return origin + world(state - origin, action)
 
-        rng = np.random.default_rng(0)
-        teach(of, seen, rng, 200, draw=draw)
-        state = np.array([draw(rng) for _ in range(50)])
-        errors.append(
-            np.max([error(of, s, a, seen(s, a)) for s in state for a in (PUSH, REST)], axis=0)
-        )
-    rounding = 4 * np.spacing(abs(offset))
-    assert (errors[1] <= 2 * errors[0] + rounding).all()
+        teach(of, seen, np.random.default_rng(0), 200, draw=draw)
+        errors.append(typical(of, seen, draw))
+    assert (errors[1] <= 2 * errors[0] + 4 * np.spacing(abs(offset))).all()
     assert errors[1][1] < 1e-2
 
 
