@@ -66,7 +66,7 @@ class ParameterEstimation:
             estimate_parameters(self._estimator, model, states[:n], actions[:n], next_states[:n])
             for n in (first, len(actions))
         )
-        rows = usable_rows(self._written, states, actions, next_states)
+        rows, _ = usable_rows(self._written, states, actions, next_states)
         rows = rows[rows >= first]
         now, free, bounded, change = self._errors(
             (theta, earlier, self._bounded(earlier)), states[rows], actions[rows], next_states[rows]

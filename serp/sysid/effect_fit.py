@@ -31,17 +31,11 @@ _TRIMMED = 0.02  # fraction of the rows, those with the largest errors, that a c
 
 
 class EffectFit:
-    """A model with given added effects, fitted to transitions.
+    """The model as written with added effects, fitted to at least one transition.
 
-    Args:
-        model: The model as written.
-        lifted: The lifted model.
-        data: At least one transition.
-        added: The added effects.
-        before: The fit whose estimates are the initial values; None: the file's parameters.
+    The estimates of the fit `before` are the initial values, or the file's parameters.
 
     Attributes:
-        lifted, added: As above.
         ground: The model with the added effects.
         fit: All parameters; the coefficients of the added effects follow those of the file.
     """

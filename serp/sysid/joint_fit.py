@@ -15,12 +15,7 @@ _EQUAL = 0.1  # coefficients that differ by less than this fraction of the large
 
 
 def fit_jointly(model: TransitionModel, data: RegressionData) -> EffectFit:
-    """Return the model as written with estimated parameters and the effects that it lacks.
-
-    Args:
-        model: The model as written.
-        data: At least one transition.
-    """
+    """Return the model as written with estimated parameters and the effects that it lacks."""
     refused: list[AddedEffect] = []
     fit = EffectFit(model, LiftedModel(model.ground), data, ())
     for turn in range(_MAX_SWEEPS):

@@ -71,12 +71,7 @@ class ParameterFit:
 
 
 class ParameterEstimator:
-    """Estimates the parameters of one model.
-
-    Args:
-        model: The model.
-        lifted: The lifted model of its file, if the model has added effects.
-        added: These; their coefficients are the last parameters.
+    """Estimates the parameters of one model; the last ones are coefficients of `added` effects.
 
     Attributes:
         flow: The model without its events.
@@ -242,14 +237,7 @@ def estimate_parameters(
 
     The written value and infinity where the transitions hold no information: for parameters of
     rewards, conditions and events, of actions never executed, and of fluents with random whole
-    numbers.
-
-    Args:
-        estimator: Of the same ground model.
-        model: The model; its θ `[P]` are the initial values.
-        states: `[N, F]` before the actions, in order of time.
-        actions: `[N]` positions of the executed ground actions, −1 where the model knows none.
-        next_states: `[N, F]` after them.
+    numbers. θ of the model are the initial values; the transitions `[N]` are in order of time.
     """
     data = regression_data(model, states, actions, next_states)
     written = estimator.written
@@ -281,7 +269,7 @@ def whole_symbols(functions: Mapping[str, list[int]], data: RegressionData) -> s
     """Return the functions, by their columns, whose observed values are a few whole numbers."""
     found = set()
     for symbol, fluents in functions.items():
-        values = np.unique(np.concatenate((data.states[:, fluents], data.next_states[:, fluents])))
+        values = np.unique((data.states[:, fluents], data.next_states[:, fluents]))
         if 1 < len(values) <= _MAX_WHOLE_VALUES and (values == np.round(values)).all():
             found.add(symbol)
     return found

@@ -75,15 +75,10 @@ class Statistics(NamedTuple):
 def account(sample, mode, features, fourier, published, statistics):
     """Add one sample to the losses and then to the statistics of the regression.
 
-    Args:
-        sample: Inputs `[d]`; the same less the origin of the statistics; `[T]` observed next value
-            less that of effects and processes; `[T]` whether that is observed; `[T]` observed
-            change.
-        mode: Its set besides set 0; 0 for none.
-        features: `[FOURIER]` random features, if `fourier`.
-        fourier: Whether there are random features.
-        published: `linear`, `amplitude` and `kinds` of `GroupParameters`.
-        statistics: Fields of `Statistics`.
+    A sample is the inputs `[d]`; the same less the origin of the statistics; `[T]` observed next
+    value less that of effects and processes; `[T]` whether that is observed; `[T]` the change.
+    `mode` is its set besides set 0, 0 for none. `features` are valid if `fourier`. `published` are
+    `linear`, `amplitude` and `kinds` of `GroupParameters`.
 
     Returns:
         Whether every target was used, and whether a permanent change is assumed.
