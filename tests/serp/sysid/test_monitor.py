@@ -4,13 +4,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.errors import RunError
 from serp.model.transition_model import TransitionModel
 from serp.sysid import monitor as module
 from serp.sysid.monitor import ADAPTED, END, OBSERVED, REWARD, WRITTEN, Monitor, accumulate
+from tests.generated.profile import examples
 from tests.serp.sysid.rolls import from_text
 
 LAMP = """(define (domain lamp)
@@ -55,8 +56,8 @@ def told(monitor: Monitor) -> str:
     return repr(monitor.rows())
 
 
-@settings(max_examples=30, deadline=None)  # the first example compiles
 @given(count=st.integers(0, 60), seed=st.integers(0, 1000))
+@examples(30)
 def test_rows_are_what_numpy_finds(count: int, seed: int) -> None:
     steps = seen(count, seed)
     rows = {(row.action, row.fluent): row for row in observe(Monitor(MODEL), *steps).rows()}

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.parameter_fit import ParameterEstimator, estimate_parameters
 from serp.sysid.regression_data import Flow, predictions
+from tests.generated.profile import examples
 from tests.serp.sysid.rolls import from_text, imagined
 
 CARTS = """
@@ -89,12 +90,12 @@ def test_a_compiled_model_predicts_the_same() -> None:
     assert predictions(model, states, actions).tobytes() == whole.tobytes()
 
 
-@settings(max_examples=10, deadline=None)
 @given(
     st.lists(st.floats(-2.0, 2.0), min_size=5, max_size=5),
     st.sampled_from([0.0, 0.01, 0.1]),
     st.integers(0, 1_000),
 )
+@examples(10)
 def test_other_parameters_are_recovered_within_their_errors(
     values: list[float], noise: float, seed: int
 ) -> None:
