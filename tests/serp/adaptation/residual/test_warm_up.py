@@ -44,20 +44,6 @@ def test_nothing_usual_is_wild(seed: int, scale: float) -> None:
             assert cleaned(warm_up(inputs, scale * target[:, None])) is None
 
 
-@pytest.mark.parametrize("where", [0, 4, 8])
-def test_a_sample_with_a_wild_input_goes_altogether_a_wild_target_alone(where: int) -> None:
-    x, y = numbers(where)
-    x[where, where % 2] = -1e50
-    kept = cleaned(warm_up(x, y))
-    assert kept is not None
-    np.testing.assert_array_equal([sample[0] for sample in kept], np.delete(x, where, axis=0))
-    x, y = numbers(where)
-    y[where] = 100.0
-    kept = cleaned(warm_up(x, y))
-    assert kept is not None
-    assert [bool(sample[2][0]) for sample in kept] == [k != where for k in range(SAMPLES)]
-
-
 @pytest.mark.parametrize("wild", [range(6, 10), range(2, 6), range(8, 10), range(9, 10)])
 def test_what_lasts_or_may_last_is_not_wild(wild: range) -> None:
     x, y = numbers(0)
