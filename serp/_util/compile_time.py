@@ -25,7 +25,7 @@ class _CompileTimer(event.Listener):
         self._depth = 0
         self._begin = 0.0
         self._total = 0.0
-        self._name: Any = None
+        self._name = ""
 
     @property
     def seconds(self) -> float:
@@ -34,14 +34,13 @@ class _CompileTimer(event.Listener):
             return self._total + running
 
     def on_start(self, event: Any) -> None:
-        name = _name_of(event.data)
         with self._lock:
             self._depth += 1
             if self._depth > 1:
                 return
             self._begin = time.monotonic()
-            fresh = name != self._name
-            self._name = name
+            before, self._name = self._name, _name_of(event.data)
+            fresh = before != self._name
             self.loops += fresh
         if fresh and self.on_loop is not None:
             self.on_loop()
@@ -53,12 +52,11 @@ class _CompileTimer(event.Listener):
                 self._total += time.monotonic() - self._begin
 
 
-def _name_of(data: Any) -> Any:
+def _name_of(data: Any) -> str:
     """Return what identifies the function that is being compiled."""
-    dispatcher = data.get("dispatcher")
-    if dispatcher is not None:
-        return dispatcher.py_func.__module__, dispatcher.py_func.__qualname__
-    return data["module"], data["qualname"]
+    if "dispatcher" in data:
+        return f"{data['dispatcher'].py_func.__module__}.{data['dispatcher'].py_func.__qualname__}"
+    return f"{data['module']}.{data['qualname']}"
 
 
 _TIMER: Final = _CompileTimer()

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Callable, Mapping
-from typing import Any, Final, TypeVar
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,14 +21,22 @@ LARGEST: Final = float(np.finfo(np.float64).max)
 MOST: Final = 2**53
 """Largest count: whole numbers up to it are exact as floats, too."""
 
-_ANY: Final = -1
 _MOST_OF_GENERATORS: Final = {
     "has_uint32": 1, "uinteger": 2**32 - 1, "pos": 624, "buffer_pos": 4,
 }  # fmt: skip
 """Largest values of entries in the states of NumPy's generators, which NumPy does not check."""
 
-_T = TypeVar("_T")
 Arrays = dict[str, npt.NDArray[Any]]
+
+
+class _Check(NamedTuple):
+    """A check of a JSON value, and what passes it, for messages."""
+
+    fits: Callable[[Any], bool]
+    expected: str
+
+
+_TRUTH: Final = _Check(lambda value: isinstance(value, bool), "true or false")
 
 
 def nested(part: str, arrays: Mapping[str, npt.NDArray[Any]]) -> Arrays:
@@ -79,7 +87,7 @@ class Saved:
         if array.dtype != np.dtype(dtype):
             raise self.wrong(f"{name} is of {array.dtype}, not of {np.dtype(dtype)}")
         if array.ndim != len(shape) or any(
-            wanted not in (_ANY, size) for size, wanted in zip(array.shape, shape, strict=True)
+            wanted not in (-1, size) for size, wanted in zip(array.shape, shape, strict=True)
         ):
             expected = str(shape).replace("-1", "any")
             raise self.wrong(f"{name} has shape {array.shape}, not {expected}")
@@ -90,7 +98,7 @@ class Saved:
 
     def whole(self, name: str, low: int = 0, high: int = MOST) -> int:
         """Return a whole number from `low` to `high`."""
-        return self._checked(name, self._value(name), _whole(low, high))
+        return int(self._checked(name, self._value(name), _whole(low, high)))
 
     def wholes(self, name: str, length: int, low: int = 0, high: int = MOST) -> list[int]:
         """Return a list of `length` whole numbers."""
@@ -98,7 +106,7 @@ class Saved:
 
     def real(self, name: str, low: float = -LARGEST, high: float = LARGEST) -> float:
         """Return a number from `low` to `high`, never NaN."""
-        return self._checked(name, self._value(name), _real(low, high))
+        return float(self._checked(name, self._value(name), _real(low, high)))
 
     def reals(
         self,
@@ -109,31 +117,31 @@ class Saved:
         least: int | None = None,
     ) -> list[float]:
         """Return a list of `length` numbers, or of `least` to `length` numbers."""
-        return self._list(name, length if least is None else least, length, _real(low, high))
+        values = self._list(name, length if least is None else least, length, _real(low, high))
+        return [float(value) for value in values]
 
     def truth(self, name: str) -> bool:
         """Return a truth value."""
-        return self._checked(name, self._value(name), _truth)
+        return bool(self._checked(name, self._value(name), _TRUTH))
 
     def truths(self, name: str, length: int) -> list[bool]:
         """Return a list of `length` truth values."""
-        return self._list(name, length, length, _truth)
+        return self._list(name, length, length, _TRUTH)
 
     def rows(
         self, name: str, most: int, check: Callable[[list[Any]], bool], expected: str
     ) -> list[list[Any]]:
         """Return a list of at most `most` lists, each of which passes a check."""
-
-        def row(value: Any) -> list[Any]:
-            if not isinstance(value, list) or not check(value):
-                raise ValueError(expected)
-            return list(value)
-
+        row = _Check(lambda value: isinstance(value, list) and check(value), expected)
         return self._list(name, 0, most, row)
 
     def generator_state(self, name: str, generator: np.random.Generator) -> Mapping[str, Any]:
         """Return the state of a random generator of the same kind."""
-        return self._checked(name, self._value(name), lambda value: state_for(generator, value))
+        value = self._value(name)
+        try:
+            return state_for(generator, value)
+        except ValueError as error:
+            raise self.wrong(f"{name} is {reprlib.repr(value)}, not {error}") from None
 
     def equal(self, name: str, here: Any, advice: str) -> None:
         """Check that a JSON value equals the one of this run; `advice` is what to do if not."""
@@ -157,22 +165,35 @@ class Saved:
             raise self.wrong(f"{name} is missing")
         return self._meta[name]
 
-    def _list(self, name: str, least: int, most: int, check: Callable[[Any], _T]) -> list[_T]:
+    def _list(self, name: str, least: int, most: int, check: _Check) -> list[Any]:
         values = self._value(name)
         if not isinstance(values, list) or not least <= len(values) <= most:
             raise self.wrong(f"{name} is {reprlib.repr(values)}, not a list of {most}")
         return [self._checked(name, value, check) for value in values]
 
-    def _checked(self, name: str, value: Any, check: Callable[[Any], _T]) -> _T:
-        try:
-            return check(value)
-        except ValueError as error:
-            raise self.wrong(f"{name} is {reprlib.repr(value)}, not {error}") from None
+    def _checked(self, name: str, value: Any, check: _Check) -> Any:
+        if not check.fits(value):
+            raise self.wrong(f"{name} is {reprlib.repr(value)}, not {check.expected}")
+        return value
 
 
 def whole_within(value: Any, low: int, high: int) -> bool:
     """Return whether a JSON value is a whole number from `low` to `high`."""
     return type(value) is int and low <= value <= high
+
+
+def _whole(low: int, high: int) -> _Check:
+    return _Check(
+        lambda value: whole_within(value, low, high), f"a whole number from {low} to {high}"
+    )
+
+
+def _real(low: float, high: float) -> _Check:
+    # Python compares large whole numbers exactly.
+    return _Check(
+        lambda value: type(value) in (int, float) and low <= value <= high,
+        f"a number from {low:g} to {high:g}",
+    )
 
 
 def state_for(generator: np.random.Generator, saved: Any) -> Mapping[str, Any]:
@@ -185,48 +206,16 @@ def state_for(generator: np.random.Generator, saved: Any) -> Mapping[str, Any]:
 
 
 def _like(saved: Any, own: Any, name: str) -> Any:
-    kind = "the state of such a random generator"
-    if isinstance(own, Mapping):
-        if not isinstance(saved, Mapping) or saved.keys() != own.keys():
-            raise ValueError(kind)
+    if isinstance(own, Mapping) and isinstance(saved, Mapping) and saved.keys() == own.keys():
         return {key: _like(saved[key], value, key) for key, value in own.items()}
-    if isinstance(own, np.ndarray):
+    if isinstance(own, np.ndarray) and isinstance(saved, list) and len(saved) == own.size:
         most = int(np.iinfo(own.dtype).max)
-        if not isinstance(saved, list) or len(saved) != own.size:
-            raise ValueError(kind)
-        if not all(whole_within(value, 0, most) for value in saved):
-            raise ValueError(kind)
-        return np.array(saved, own.dtype).reshape(own.shape)
-    if isinstance(own, str):
-        fits = saved == own
-    else:
-        fits = whole_within(saved, 0, _MOST_OF_GENERATORS.get(name, 2**128 - 1))
-        fits = fits and (name != "inc" or saved % 2 == 1)  # PCG needs an odd increment
-    if not fits:
-        raise ValueError(kind)
-    return saved
-
-
-def _whole(low: int, high: int) -> Callable[[Any], int]:
-    def check(value: Any) -> int:
-        if not whole_within(value, low, high):
-            raise ValueError(f"a whole number from {low} to {high}")
-        return int(value)
-
-    return check
-
-
-def _real(low: float, high: float) -> Callable[[Any], float]:
-    def check(value: Any) -> float:
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not (number and low <= value <= high):  # Python compares large whole numbers exactly
-            raise ValueError(f"a number from {low:g} to {high:g}")
-        return float(value)
-
-    return check
-
-
-def _truth(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError("true or false")
-    return value
+        if all(whole_within(value, 0, most) for value in saved):
+            return np.array(saved, own.dtype).reshape(own.shape)
+    most = _MOST_OF_GENERATORS.get(name, 2**128 - 1)
+    odd = name == "inc"  # PCG needs an odd increment
+    if isinstance(own, int) and whole_within(saved, 0, most) and (saved % 2 or not odd):
+        return saved
+    if isinstance(own, str) and isinstance(saved, str) and saved == own:
+        return saved
+    raise ValueError("the state of such a random generator")

@@ -1,20 +1,42 @@
-"""Settings as a whole: presets, changes over them, and what is refused."""
+"""Settings: what is accepted, how presets and changes combine, and what is refused by name."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import math
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.errors import SettingsError
-from serp.settings import PRESETS, Settings, resolve
+from serp.settings import PRESETS, Section, Settings, TrainingSettings, resolve
 from tests.generated.profile import examples
 
-SECTIONS = st.fixed_dictionaries(
+OUTSIDE: dict[str, list[Any]] = {
+    "planner.name": [3],
+    "planner.depth": [0, 2.0, True, "5", 10_001, 10**30],
+    "planner.discount": [0.0, 1.01, math.nan, "high"],
+    "planner.accepted_risk": [-0.1, 1.0],
+    "planner.leaf_value": ["sometimes", "Always", "", None, True, ["always"]],
+    "adaptation.nonlinear": [1, "yes"],
+    "adaptation.min_visits": [-1, 1.5, True, 2**70],
+    "arbiter.rho": [-0.1, 1.1, "high", None, True, math.nan],
+    "arbiter.confidence_margin": [-1, math.nan, math.inf],
+    "arbiter.r_min": ["low", math.nan, math.inf, True],
+    "arbiter.max_lookahead_failures": [-1, 0.5, 10**400],
+    "arbiter.exploration_slack": [-1, math.nan, "all"],
+    "learner.hidden": [(0,), (64, 1.5), 64, "64", (True,), [2**70], np.ones((2, 2))],
+    "learner.learning_rate": [0.0, math.nan, math.inf],
+    "learner.discount": [1.0, -0.1, "0.9", False],
+    "learner.loss": ["mae", ["mse"], np.array(["mse", "huber"])],
+    "learner.failing_window": [0, "10"],
+    "training.inputs": ["pixels", ["both"], np.array(["both", "state"])],
+    "training.checkpoint_seconds": ["15", math.nan, -1.0],
+}
+CHANGES = st.fixed_dictionaries(
     {},
     optional={
         "planner": st.fixed_dictionaries(
@@ -23,7 +45,6 @@ SECTIONS = st.fixed_dictionaries(
         "arbiter": st.fixed_dictionaries(
             {},
             optional={
-                "rho_increment": st.floats(0, 1),
                 "r_min": st.none() | st.floats(-5, 5),
                 "exploration_slack": st.none() | st.floats(0) | st.just(float("inf")),
                 "rho_unit": st.text(max_size=5),
@@ -32,15 +53,92 @@ SECTIONS = st.fixed_dictionaries(
         "learner": st.fixed_dictionaries(
             {}, optional={"hidden": st.lists(st.integers(1, 99), max_size=3)}
         ),
-        "training": st.fixed_dictionaries(
-            {}, optional={"checkpoint_seconds": st.floats(0) | st.just(float("inf"))}
-        ),
     },
 )
 
 
+@pytest.mark.parametrize("name", OUTSIDE)
+def test_a_value_outside_its_range_is_refused_by_name_and_value(name: str) -> None:
+    section, setting = name.split(".")
+    for value in OUTSIDE[name]:
+        with pytest.raises(SettingsError) as refusal:
+            Settings().replace({section: {setting: value}})
+        message = str(refusal.value)
+        assert message.startswith(f"{name} must be "), message
+        assert message.endswith(f"not {value!r}") or isinstance(value, np.ndarray | list | tuple)
+
+
+def test_every_setting_has_a_description() -> None:
+    for section, values in Settings():
+        for setting, field in type(values).model_fields.items():
+            assert field.description, f"{section}.{setting} has no description"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        (3, "settings must be a mapping such as .*, not 3"),
+        ({"arbiter": 3}, "section `arbiter` must be a mapping such as .*, not 3"),
+        ({3: {}}, "no section `3`"),
+        ({"planner": {3: 4}}, "no setting `planner.3`"),
+        ({"planer": {}}, "no section `planer`; did you mean `planner`"),
+        ({"planner": {"dept": 3}}, "no setting `planner.dept`; did you mean `depth`"),
+        ({"correction": {}}, "section `correction` is now called `adaptation`"),
+        ({"arbiter": {"surety": 1.0}}, "`arbiter.surety` is now called `arbiter.confidence_margin`"),
+        ({"adaptation": {"mode": "literals"}}, "`literals` is now called `parameters`"),
+        ({"planner": {"depth": 0}}, "planner.depth must be greater than or equal to 1, not 0"),
+        ({"training": {"reward": "x"}}, "must be 'task', 'domain', 'environment' or 'sum'"),
+        (
+            {"learner": {"target_period": 200, "target_polyak": 0.01}},
+            "target_polyak is 0.01.*target_period is",
+        ),
+        (
+            {"learner": {"buffer_size": 8, "failing_window": 9}},
+            "failing_window is 9.*buffer_size, which is 8",
+        ),
+        ({"arbiter": {"rho": 0.5, "rho_max": 0.4}}, "rho is 0.5, but must be at most rho_max"),
+    ],
+)
+def test_what_does_not_exist_or_fit_is_refused_by_name(changes: Any, said: str) -> None:
+    for of_task, of_user in (({}, changes), ({"*": changes}, {})):
+        with pytest.raises(SettingsError, match=said):
+            resolve("default", of_task, of_user)
+    with pytest.raises(SettingsError, match=said):
+        Settings.from_dict(changes)
+
+
+def test_sections_presets_and_settings_of_a_task_are_what_they_are_called() -> None:
+    with pytest.raises(SettingsError, match="section `planner` must be a PlannerSettings, not 3"):
+        Settings(planner=3)
+    for of_task in (3, ["*"], {"*": 3}):
+        with pytest.raises(SettingsError, match="must be a mapping such as"):
+            resolve("default", of_task)  # type: ignore[arg-type]
+    with pytest.raises(SettingsError, match="a preset `papr`, which does not exist"):
+        resolve("default", {"papr": {}})
+    for preset in (3, None, ["paper"], "papr"):
+        with pytest.raises(SettingsError, match="there is no preset"):
+            resolve(preset)  # type: ignore[arg-type]
+
+
+def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place() -> None:
+    changes: dict[str, dict[str, Any]] = {
+        "planner": {"depth": np.int64(3), "discount": np.float64(0.5)},
+        "adaptation": {"min_visits": np.int8(2), "nonlinear": np.False_},
+        "arbiter": {"rho": np.float32(0.5), "r_min": np.int16(-1)},
+        "learner": {"hidden": np.array([8, 8]), "double": np.True_, "members": np.uint8(2)},
+    }
+    settings = Settings().replace(changes)
+    assert settings.learner.hidden == (8, 8)
+    for _, values in settings:
+        for _, value in values:
+            assert type(value) in (int, float, bool, str, tuple, type(None))
+    section: Section = TrainingSettings()
+    with pytest.raises(ValueError, match="frozen"):
+        section.env_steps = 3  # type: ignore[attr-defined]
+
+
 @examples(60)
-@given(st.sampled_from(sorted(PRESETS)), SECTIONS)
+@given(st.sampled_from(sorted(PRESETS)), CHANGES)
 def test_any_settings_are_read_back_equal(preset: str, changes: dict[str, dict[str, Any]]) -> None:
     settings = resolve(preset, None, changes)
     text = json.dumps(settings.as_dict(), allow_nan=False)
@@ -70,50 +168,3 @@ def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
     assert not paper.learner.has_target
     assert not paper.learner.double
     assert paper.training.random_steps > 0  # D_0
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        (3, "settings must be a mapping such as .*, not 3"),
-        ({"arbiter": 3}, "section `arbiter` must be a mapping such as .*, not 3"),
-        ({"planner": None}, "section `planner` must be a mapping such as .*, not None"),
-        ({3: {}}, "no section `3`"),
-        ({"planner": {3: 4}}, "no setting `planner.3`"),
-        ({"planer": {}}, "no section `planer`; did you mean `planner`"),
-        ({"planner": {"dept": 3}}, "no setting `planner.dept`; did you mean `depth`"),
-        ({"planner": {"depth": 0}}, "planner.depth must be greater than or equal to 1, not 0"),
-        ({"training": {"reward": "x"}}, "must be 'task', 'domain', 'environment' or 'sum'"),
-        ({"correction": {"mode": "full"}}, "section `correction` is now called `adaptation`"),
-        ({"adaptation": {"tries": 4}}, "now called `adaptation.min_visits`"),
-        ({"adaptation": {"mode": "literals"}}, "`literals` is now called `parameters`"),
-        ({"arbiter": {"surety": 1.0}}, "now called `arbiter.confidence_margin`"),
-    ],
-)
-def test_what_does_not_exist_or_fit_is_refused_by_name(changes: Any, said: str) -> None:
-    applications: tuple[Callable[[], Settings], ...] = (
-        lambda: Settings().replace(changes),
-        lambda: resolve("default", None, changes),
-        lambda: resolve("default", {"*": changes}),
-        lambda: Settings.from_dict(changes),
-    )
-    for apply in applications:
-        with pytest.raises(SettingsError, match=said):
-            apply()
-
-
-def test_a_section_is_what_it_is_called() -> None:
-    with pytest.raises(SettingsError, match="section `planner` must be a PlannerSettings, not 3"):
-        Settings(planner=3)
-
-
-@pytest.mark.parametrize("of_task", [3, ["*"], {"*": 3}, {"*": {"planner": 3}}])
-def test_settings_of_a_task_that_are_none_are_refused(of_task: Any) -> None:
-    with pytest.raises(SettingsError, match="must be a mapping such as"):
-        resolve("default", of_task)
-
-
-@pytest.mark.parametrize("preset", [3, None, ["paper"], "papr"])
-def test_a_preset_that_does_not_exist_is_refused(preset: Any) -> None:
-    with pytest.raises(SettingsError, match="there is no preset"):
-        resolve(preset)
