@@ -313,17 +313,11 @@ def test_case_does_not_matter() -> None:
     assert (domain.name, list(domain.declarations)) == ("d", ["p"])
 
 
-@pytest.mark.parametrize(
-    ("number", "value"),
-    [("1", 1), ("-1", -1), ("+1.5", 1.5), (".5", 0.5), ("5.", 5), ("1e3", 1e3), ("-2.5E-1", -0.25)],
-)
-def test_numbers(number: str, value: float) -> None:
-    text = f"(define (domain d) (:functions (f)) (:action a :effect (assign (f) {number})))"
-    assert instantiate(parse_domain(Source("d.pddl", text))).parameters[0].value == value
-
-
-@pytest.mark.parametrize("word", ["1e", "0x10", "1_000", "nan", "inf", "--1", "1e5.5", "٣", "1,5"])
-def test_words_that_are_no_numbers(word: str) -> None:
-    text = f"(define (domain d) (:functions (f)) (:action a :effect (assign (f) {word})))"
-    with pytest.raises(DomainError, match="expected a number"):
-        parse_domain(Source("d.pddl", text))
+def test_numbers() -> None:
+    text = "(define (domain d) (:functions (f)) (:action a :effect (assign (f) {})))"
+    for word in ("1", "-1", "+1.5", ".5", "5.", "1e3", "-2.5E-1"):
+        read = instantiate(parse_domain(Source("d.pddl", text.format(word))))
+        assert read.parameters[0].value == float(word)
+    for word in ("1e", "0x10", "1_000", "nan", "inf", "--1", "1e5.5", "٣", "1,5"):
+        with pytest.raises(DomainError, match="expected a number"):
+            parse_domain(Source("d.pddl", text.format(word)))

@@ -116,12 +116,6 @@ def test_damaged_domains_load_or_are_refused(block: int) -> None:
     assert 2 < loaded < 120  # some of the damage does no harm
 
 
-@given(st.text(alphabet=st.characters(codec="utf-8"), max_size=80))
-@examples(150)
-def test_any_text_loads_or_is_refused(text: str) -> None:
-    assert not load_or_refuse(Texts(text, None))
-
-
 @given(st.lists(st.sampled_from(WORDS), max_size=40))
 @examples(150)
 def test_any_words_load_or_are_refused(words: list[str]) -> None:
