@@ -37,7 +37,7 @@ def check_own_code(ground: GroundModel) -> None:
 
 
 def check_function(generated: Generated) -> None:
-    for node in ast.walk(generated.tree):
+    for node in ast.walk(ast.parse(generated.text)):
         match node:
             case ast.Name(id=name) | ast.arg(arg=name) | ast.FunctionDef(name=name):
                 assert OWN_NAMES.fullmatch(name), name
