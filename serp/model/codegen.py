@@ -73,15 +73,7 @@ class Generated:
 def generate_code(
     model: g.GroundModel, part: Part = "step", action: int = -1, *, traced: bool = False
 ) -> Generated:
-    """Generate one of the functions above.
-
-    Args:
-        model: The ground model.
-        part: Which function.
-        action: Position of the action, for `action` and `judged_action`.
-        traced: Whether the function takes a list `trace` as last argument and appends the
-            positions of the sites that it passes.
-    """
+    """Generate one of the functions above; traced, it appends the sites passed to `trace`."""
     generator = _Generator(model, traced=traced)
     generator.write(part, action)
     arguments = ", ".join([*_ARGUMENTS[part].split(), *(["trace"] if traced else [])])

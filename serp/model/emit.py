@@ -122,11 +122,7 @@ class Emitter:
     ) -> str:
         """Emit code that ends the step where a condition is undefined; return its truth value.
 
-        Args:
-            test: The condition.
-            source: The array that it reads.
-            schema: Where it is written.
-            unless: Where this is true, the condition is irrelevant.
+        Where `unless` is true, the condition is irrelevant.
         """
         certain, doubt = self.decide(test, source, unless)
         if doubt is not None:

@@ -57,10 +57,7 @@ class EffectEmitter(Emitter):
     def rates(self, processes: Iterable[g.GroundSchema], source: str, *, rewards: bool) -> None:
         """Emit one explicit Euler step: every rate is evaluated before any is applied.
 
-        Args:
-            processes: The processes.
-            source: The array that they read.
-            rewards: Whether to emit only the changes of the reward.
+        With `rewards`, only changes of the reward are emitted.
         """
         prepared = []
         for process in processes:

@@ -23,11 +23,7 @@ from serp.pddl import syntax as x
 
 
 def reachable(facts: Facts) -> dict[str, list[Binding]]:
-    """Find the instances that can apply; `facts.free` grows by what they change.
-
-    Returns:
-        Name of a schema → the bindings of its parameters, in the order of the files.
-    """
+    """Return the instances that can apply, by schema; `facts.free` grows by what they change."""
     return _Reachability(facts).run()
 
 
