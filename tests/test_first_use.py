@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
-import json
 import os
 import pty
 import select
@@ -16,25 +14,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from click.testing import CliRunner, Result
 
-from serp.cli.root import serp as command
-
-SHIPPED = Path(__file__).resolve().parent.parent / "domains" / "cartpole.pddl"
 # An untrained learner acts without help: short episodes, little to wait for.
 QUICK = [
     "--domain=cartpole", "--seed=2", "--set=arbiter.rho=1", "--set=planner.depth=1",
     "--set=arbiter.exploration_slack=null", "--set=training.checkpoint_seconds=0",
 ]  # fmt: skip
-
-
-def serp(folder: Path, *arguments: str, expect: int = 0) -> Result:
-    """Run a command in a folder, in this process."""
-    with contextlib.chdir(folder):
-        done = CliRunner().invoke(command, arguments)
-    assert done.exit_code == expect, done.output
-    assert "Traceback" not in done.stderr
-    return done
 
 
 def installed(folder: Path, *arguments: str) -> str:
@@ -65,42 +50,6 @@ def whole(folder: Path) -> Path:
     shown = installed(folder, "plan-and-learn", *QUICK, "--episodes=9", "--out=whole")
     assert "serp evaluate whole" in shown
     return folder / "whole"
-
-
-def test_a_run_leaves_everything_a_reader_wants(whole: Path) -> None:
-    names = {path.name for path in whole.iterdir()}
-    assert {"config.json", "domain.pddl", "metrics.csv", "decisions.csv", "summary.json",
-            "report.md", "learning-curve.png", "checkpoint.safetensors"} <= names  # fmt: skip
-    summary = json.loads((whole / "summary.json").read_text())
-    assert summary["episodes"] == len(rows(whole, "metrics")) == 9
-
-
-def test_an_edit_in_the_working_directory_takes_effect(tmp_path: Path) -> None:
-    def rewards() -> Any:
-        shown = json.loads(serp(tmp_path, "plan", "--domain=cartpole", "--json").stdout)
-        return [action["reward"] for action in shown["actions"]]
-
-    before = rewards()
-    (tmp_path / "domains").mkdir()
-    text = SHIPPED.read_text()
-    assert "(increase (reward) 1.0)" in text
-    edited = text.replace("(increase (reward) 1.0)", "(increase (reward) 6.0)")
-    (tmp_path / "domains" / "cartpole.pddl").write_text(edited)
-    assert rewards() == pytest.approx([reward + 5.0 for reward in before])
-
-
-def test_a_misspelt_function_is_pointed_at(tmp_path: Path) -> None:
-    text = SHIPPED.read_text()
-    line = text[: text.index("(* 15.8 (pole-angle))")].count("\n") + 1
-    column = len(text.splitlines()[line - 1].split("pole-angle")[0]) + 1
-    wrong = text.replace("(* 15.8 (pole-angle))", "(* 15.8 (pole-angel))")
-    (tmp_path / "mine.pddl").write_text(wrong)
-    for arguments in (["check", "mine.pddl"], ["plan-and-learn", "--domain=mine.pddl"]):
-        message = serp(tmp_path, *arguments, expect=1).stderr
-        assert f"mine.pddl:{line}:{column}: unknown function `pole-angel`" in message
-        assert "^^^^^^^^^^" in message
-        assert "did you mean `pole-angle`?" in message
-    assert not (tmp_path / "runs").exists()
 
 
 class Terminal:

@@ -124,7 +124,7 @@ def line() -> str:
                 ("nested lists", "serp.pddl.sexpr"),
                 ("syntax", "pddl.domain_parser"),
                 ("ground model", "model.instantiate"),
-                ("syntax tree", "model.codegen"),
+                ("program text", "model.codegen"),
                 ("step function", "model.native"),
             ),
             "#dbeafe",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from types import TracebackType
 from typing import Self
 
 from serp.errors import SerpError
@@ -22,14 +21,7 @@ class Closing:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        if error is None:
-            self.close()
-            return
-        with contextlib.suppress(SerpError, OSError):
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        hidden = (SerpError, OSError) if kind is not None else ()
+        with contextlib.suppress(*hidden):
             self.close()

@@ -34,7 +34,6 @@ from serp.errors import Notice
 
 _MAGIC: Final = b"serp compiled code 1\n"
 _DIGEST: Final = 32
-_OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
 
 
 def cache_folder() -> Path:
@@ -50,19 +49,19 @@ def _is_private(folder: Path) -> bool:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.stat()
     except OSError as error:
-        _warn_once(f"compiled code cannot be kept in {folder} ({error.strerror})")
-        return False
-    if sys.platform == "win32":  # the user's cache folder is private there
-        return True
-    if found.st_uid not in (os.getuid(), 0):
-        _warn_once(f"compiled code is not kept in {folder}, which belongs to another user")
-        return False
-    if found.st_mode & _OTHERS_WRITE:
-        _warn_once(
-            f"compiled code is not kept in {folder}, which others can write: chmod go-w {folder}"
-        )
-        return False
-    return True
+        problem = f"compiled code cannot be kept in {folder} ({error.strerror})"
+    else:
+        if sys.platform == "win32":  # the user's cache folder is private there
+            return True
+        problem = ""
+        if found.st_uid not in (os.getuid(), 0):
+            problem = f"compiled code is not kept in {folder}, which belongs to another user"
+        elif found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            advice = f"chmod go-w {folder}"
+            problem = f"compiled code is not kept in {folder}, which others can write: {advice}"
+    if problem:
+        warnings.warn(problem, Notice, stacklevel=2)
+    return not problem
 
 
 class _Serialisation(CompileResultCacheImpl):
@@ -78,9 +77,8 @@ class _Serialisation(CompileResultCacheImpl):
 class CodeCache(NullCache):
     """The cached code of one function, in place of numba's own cache.
 
-    Args:
-        function: The function. Its module and its name determine the file.
-        stamp: Digest of its sources; code with another digest is compiled again.
+    Its module and its name determine the file. Code of which the sources had another digest
+    (`stamp`) is compiled again.
     """
 
     def __init__(self, function: Callable[..., Any], stamp: str) -> None:
@@ -90,14 +88,9 @@ class CodeCache(NullCache):
         # a cache file, so that the folder does not grow with every checkout; their stamps differ.
         model = file if file.startswith("<") else ""
         self._place = (function.__module__, model, function.__qualname__)
-        self._stamp = hashlib.sha256(stamp.encode()).digest()
+        self._head = _MAGIC + hashlib.sha256(stamp.encode()).digest()
         self._serialisation: Any = _Serialisation()
         self._folder = cache_folder()
-
-    @property
-    def cache_path(self) -> str:
-        """The folder, for numba's statistics."""
-        return str(self._folder)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the code for a signature; None if no usable code is stored."""
@@ -109,15 +102,18 @@ class CodeCache(NullCache):
             content = file.read_bytes()
         except OSError:
             return None
+        begin = len(self._head) + _DIGEST
+        digest, payload = content[len(self._head) : begin], content[begin:]
         try:
-            payload = self._payload(content)
-            if payload is None:
+            if not content.startswith(_MAGIC) or hashlib.sha256(payload).digest() != digest:
+                raise ValueError("truncated or altered")
+            if not content.startswith(self._head):  # of another version of the function
                 return None
             return self._serialisation.rebuild(target_context, pickle.loads(payload))
         except Exception:  # an incompatible pickle may raise anything
             with contextlib.suppress(OSError):
                 file.unlink()
-            _warn_once(f"compiled code in {self._folder} was damaged; it is compiled again")
+            _warn_of_damage(self._folder)
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -125,21 +121,9 @@ class CodeCache(NullCache):
         if not _is_private(self._folder) or not self._serialisation.check_cachable(data):
             return
         payload: bytes = dumps(self._serialisation.reduce(data))  # type: ignore[no-untyped-call]
-        content = _MAGIC + self._stamp + hashlib.sha256(payload).digest() + payload
+        content = self._head + hashlib.sha256(payload).digest() + payload
         with contextlib.suppress(OSError):  # a full disk, or a read-only folder
             _write(self._file(sig, data.codegen), content)
-
-    def _payload(self, content: bytes) -> bytes | None:
-        """Return the pickle within a file; None if it is of another version of the function.
-
-        Raises:
-            ValueError: The file is truncated or altered.
-        """
-        body = content.removeprefix(_MAGIC)
-        stamp, digest, payload = body[:_DIGEST], body[_DIGEST : 2 * _DIGEST], body[2 * _DIGEST :]
-        if not content.startswith(_MAGIC) or hashlib.sha256(payload).digest() != digest:
-            raise ValueError("truncated or altered")
-        return payload if stamp == self._stamp else None
 
     def _file(self, sig: Any, codegen: Any) -> Path:
         """Return the file for a signature on this kind of machine and with this numba version."""
@@ -161,5 +145,6 @@ def _write(file: Path, content: bytes) -> None:
 
 
 @functools.cache
-def _warn_once(text: str) -> None:
+def _warn_of_damage(folder: Path) -> None:
+    text = f"compiled code in {folder} was damaged; it is compiled again"
     warnings.warn(text, Notice, stacklevel=2)

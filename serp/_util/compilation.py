@@ -27,13 +27,10 @@ _stamps: dict[Callable[..., Any], str] = {}
 
 
 def cached_njit(**options: Any) -> _Decorator:
-    """Return a decorator that compiles a loop.
+    """Return a decorator that compiles a loop, with options of `numba.njit`.
 
     The machine code is cached on disk, see `serp._util.code_cache`; if that is impossible, every
     process compiles it again.
-
-    Args:
-        options: Options of `numba.njit`.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
@@ -43,12 +40,7 @@ def cached_njit(**options: Any) -> _Decorator:
 
 
 def cached_cfunc(signature: Any, **options: Any) -> _Decorator:
-    """Return a decorator that compiles a C callback, cached like a loop.
-
-    Args:
-        signature: Its numba signature.
-        options: Options of `numba.cfunc`.
-    """
+    """Return a decorator that compiles a C callback, with options of `numba.cfunc`."""
 
     def decorate(function: Callable[..., Any]) -> Any:
         # What `numba.cfunc` does, except that `numba.cfunc` compiles before a cache can be set. Its
@@ -105,5 +97,6 @@ def _names(code: CodeType) -> Iterator[str]:
 
 @functools.cache
 def _source(file: str) -> bytes:
+    """Return the text of a module; a compiled model has none."""
     path = Path(file)
     return path.read_bytes() if path.is_file() else b""

@@ -10,14 +10,9 @@ from serp.errors import MissingExtra
 
 @contextmanager
 def needs_extra(extra: str, what: str) -> Iterator[None]:
-    """Guard imports of optional libraries.
+    """Raise `MissingExtra` where the body imports an optional library that is not installed.
 
-    Args:
-        extra: The extra of this package that installs them, such as `plots`.
-        what: What needs them; the message begins with it.
-
-    Raises:
-        MissingExtra: A library imported in the body is not installed.
+    `extra` installs it; the message begins with `what` needs it.
     """
     try:
         yield

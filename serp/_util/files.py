@@ -2,7 +2,8 @@
 
 A run may come from an untrusted source: a link in it could cause a file elsewhere to be read or
 overwritten, and a named pipe would block forever. A crash, a full disk or a lost network drive
-leaves either the previous file or the new one.
+leaves either the previous file or the new one. What is refused or fails is a `RunError`; functions
+that read raise the system's own `OSError`, so that their callers can say what is missing.
 """
 
 from __future__ import annotations
@@ -39,14 +40,6 @@ def open_regular(path: Path, flags: int) -> int:
 
     A file opened for writing must have no second hard link, because it would be changed under that
     name, too.
-
-    Args:
-        path: The file.
-        flags: Those of `os.open`.
-
-    Raises:
-        RunError: It is not a regular file.
-        OSError: It cannot be opened.
     """
     if not _NO_LINKS and path.is_symlink():
         raise _irregular(path)
@@ -78,16 +71,7 @@ def refuse_hard_link(path: Path, file: int) -> None:
 
 
 def read_regular(path: Path, most: int | None = None) -> bytes:
-    """Read all of a regular file.
-
-    Args:
-        path: The file.
-        most: Largest size in bytes; by default what fits into memory.
-
-    Raises:
-        RunError: It is not a regular file, or too large.
-        OSError: It cannot be read.
-    """
+    """Read all of a regular file of at most `most` bytes, by default what fits into memory."""
     with os.fdopen(open_regular(path, os.O_RDONLY), "rb") as file:
         size = os.fstat(file.fileno()).st_size
         try:
@@ -102,11 +86,7 @@ def read_regular(path: Path, most: int | None = None) -> bytes:
 
 
 def require_regular(path: Path) -> Path:
-    """Return the path if it is a regular file or does not exist.
-
-    Raises:
-        RunError: It is something else.
-    """
+    """Return the path if it is a regular file or does not exist."""
     try:
         mode = os.lstat(path).st_mode
     except OSError:
@@ -127,24 +107,12 @@ def _irregular(path: Path) -> RunError:
 
 
 def write_durably(path: Path, content: bytes | str) -> None:
-    """Replace `path` by `content` (text as UTF-8) atomically and durably.
-
-    Raises:
-        RunError: The write failed; the previous file is unchanged.
-    """
+    """Replace `path` by `content` (text as UTF-8) atomically and durably."""
     write_together({path: content})
 
 
 def write_together(contents: Mapping[Path, bytes | str]) -> None:
-    """Replace several files, none of them before all new ones are written.
-
-    Args:
-        contents: File → its content, text as UTF-8.
-
-    Raises:
-        RunError: A write failed, or one of the files is a folder. All files are unchanged, unless
-            a replacement failed: then some of them are new.
-    """
+    """Replace several files (text as UTF-8), none of them before all new ones are written."""
     for path in contents:
         if path.is_dir():
             raise RunError(f"cannot write {path}: it is a folder. Give the name of a file.")
@@ -161,9 +129,6 @@ def replaced_durably(path: Path) -> Iterator[Path]:
     """Yield an empty file beside `path`; at the end it is flushed to the disk and replaces `path`.
 
     Its name is fixed, so that the next write removes what a killed process left.
-
-    Raises:
-        RunError: The write failed; the new file is removed, and `path` is unchanged.
     """
     aside = aside_of(path)
     try:
@@ -194,11 +159,7 @@ def aside_of(path: Path) -> Path:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the renames in a folder durable, if the operating system supports that.
-
-    Raises:
-        OSError: The disk failed.
-    """
+    """Make the renames in a folder durable, if the operating system supports that."""
     if os.name == "nt":  # Windows opens no folders; its renames are journalled
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -213,15 +174,9 @@ def sync_folder(folder: Path) -> None:
 
 
 def make_inside(folder: Path, *names: str) -> Path:
-    """Create nested folders, none of which may be a link; return the innermost.
+    """Create the nested folders `names` in a folder; return the innermost.
 
-    Args:
-        folder: The outermost folder, which exists and may be a link itself.
-        names: Names of the folders below it; those that exist are kept.
-
-    Raises:
-        RunError: One of them is a link.
-        OSError: One of them is a file, or cannot be made.
+    Those that exist are kept; none of them may be a link, except the outermost folder itself.
     """
     for name in names:
         folder = folder / name
@@ -232,13 +187,7 @@ def make_inside(folder: Path, *names: str) -> Path:
 
 
 def cannot_write(path: Path, error: OSError, kept: str) -> RunError:
-    """Return the error for a write that failed.
-
-    Args:
-        path: The file that was to be written.
-        error: The error of the operating system.
-        kept: A sentence that says what is left on the disk.
-    """
+    """Return the error for a write that failed; `kept` says what is left on the disk."""
     reason = error.strerror or str(error)
     advice = _ADVICE.get(error.errno or 0, "Correct that")
     return RunError(f"cannot write {path}: {reason}. {kept} {advice}, then try again.")

@@ -19,11 +19,9 @@ _LARGEST: Final = 1 << 26
 
 
 def json_text(value: object) -> str:
-    """Return indented JSON that ends with a line break; paths, enums and NumPy values are allowed.
+    """Return indented JSON that ends with a line break, of paths, enums and NumPy values, too.
 
-    Raises:
-        TypeError: A value cannot be written as JSON.
-        ValueError: A number is NaN or infinite, which JSON cannot express; see `finite`.
+    NaN and the infinities, which JSON cannot express, are a ValueError; see `finite`.
     """
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False, default=_as_json)
     return text + "\n"
@@ -43,12 +41,7 @@ def finite(value: Any) -> Any:
 def read_json(file: Path, advice: str) -> dict[str, Any]:
     """Read a file that holds one JSON object.
 
-    Args:
-        file: The file.
-        advice: What the user should do if it cannot be read.
-
-    Raises:
-        RunError: It cannot be read, or does not hold a JSON object.
+    `advice` ends the message of the `RunError` if it cannot be read.
     """
     try:
         content = json.loads(read_regular(file, _LARGEST).decode("utf-8"))

@@ -54,12 +54,9 @@ def percent_measured(share: float, error: float) -> str:
 
 
 def percent(share: float, digits: int = 3) -> str:
-    """Return a share of 1 in percent, such as `12.5 %`.
+    """Return a share of 1 in percent with 2 or 3 significant digits, such as `12.5 %`.
 
-    Args:
-        share: At least 0; may exceed 1.
-        digits: Significant digits, 2 or 3; an integer part is always shown in full. A share below
-            0.01 % (2 digits) or 0.001 % (3) is shown as such.
+    An integer part is shown in full. A share below 0.01 % or 0.001 % is shown as such.
     """
     value, least = 100 * share, 10.0**-digits
     if 0 < value < least:

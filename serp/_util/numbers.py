@@ -32,12 +32,7 @@ def whole(value: Any, least: int, most: int | None = None) -> int | None:
 
 
 def real(value: Any, *, infinite: bool = False) -> float | None:
-    """Return a number as a float, or as an int if it is one; None for anything else.
-
-    Args:
-        value: Any object.
-        infinite: Whether the infinities are accepted.
-    """
+    """Return a number as a float, or as an int if it is one; None for anything else."""
     if not isinstance(value, Real) or isinstance(value, bool):
         return None
     try:
@@ -48,11 +43,7 @@ def real(value: Any, *, infinite: bool = False) -> float | None:
 
 
 def seed_of(value: Any) -> int:
-    """Return a seed as an int.
-
-    Raises:
-        SettingsError: It is not a whole number, or negative.
-    """
+    """Return a seed as an int; anything but a whole number from 0 on is a `SettingsError`."""
     seed = whole(value, 0)
     if seed is None:
         raise SettingsError(f"the seed must be a whole number, 0 or more, not {value!r}")
@@ -60,14 +51,9 @@ def seed_of(value: Any) -> int:
 
 
 def best_of(values: NDArray[np.floating[Any]], among: NDArray[np.bool_] | None = None) -> int:
-    """Return the allowed action with the largest value.
+    """Return the first action with the largest of the values `[E]`; NaN is less than any number.
 
-    Args:
-        values: `[E]`; infinities are allowed, and NaN is less than every number.
-        among: `[E]` the actions that are allowed; None for all.
-
-    Returns:
-        The first such action; -1 if none is allowed.
+    `among` `[E]` limits the choice to some actions; if that is none, the result is -1.
     """
     allowed = np.arange(len(values)) if among is None else np.flatnonzero(among)
     if not len(allowed):

@@ -25,7 +25,7 @@ def find(
     setting: str = "",
     advice: str = "",
 ) -> EntryPoint:
-    """Return the entry point with a name.
+    """Return the entry point with a name; if there is none, raise a `failure`.
 
     Args:
         entries: The entry points by name.
@@ -35,9 +35,6 @@ def find(
         known: Other names that the message may suggest.
         setting: The setting that holds the name, for the message.
         advice: The end of the message.
-
-    Raises:
-        SerpError: There is none; of the class `failure`.
     """
     if name not in entries:
         meant = did_you_mean(name, [*known, *entries]) or "none is installed"
@@ -48,12 +45,9 @@ def find(
 
 @contextmanager
 def loading(entry: EntryPoint, what: str, failure: type[SerpError]) -> Iterator[None]:
-    """Raise a clear error for anything that loading or calling an entry point raises.
+    """Raise a `failure` for anything that loading or calling an entry point raises.
 
-    Args:
-        entry: The entry point.
-        what: The kind of implementation, such as `task`, for the message.
-        failure: The class of the error; a `SerpError` is raised unchanged.
+    A `SerpError` is raised unchanged. `what` is the kind of implementation, such as `task`.
     """
     try:
         yield

@@ -51,14 +51,9 @@ def part_of(arrays: Mapping[str, npt.NDArray[Any]], part: str) -> Arrays:
 
 
 class Saved:
-    """One part of a checkpoint.
+    """The arrays and JSON values of one part of a checkpoint, the state of `what`.
 
     Every method raises `RunError` if the value is missing or does not pass the check.
-
-    Args:
-        what: What the part is the state of, for messages.
-        arrays: Name → array.
-        meta: JSON values.
     """
 
     def __init__(self, what: str, arrays: Mapping[str, npt.NDArray[Any]], meta: Any) -> None:
@@ -82,14 +77,9 @@ class Saved:
         low: float | None = -LARGEST,
         high: float = LARGEST,
     ) -> npt.NDArray[Any]:
-        """Return an array.
+        """Return an array of a dtype and a shape, in which -1 is any length.
 
-        Args:
-            name: Its name.
-            dtype: The dtype that it must have.
-            shape: The shape that it must have; -1 is any length.
-            low: Smallest value; by default any finite one. None: no check, NaN is allowed.
-            high: Largest value.
+        Its values are from `low` to `high`, by default finite. None: no check, NaN is allowed.
         """
         if name not in self._arrays:
             raise self.wrong(f"{name} is missing")
@@ -154,13 +144,7 @@ class Saved:
             raise self.wrong(f"{name} is {reprlib.repr(value)}, not {error}") from None
 
     def equal(self, name: str, here: Any, advice: str) -> None:
-        """Check that a JSON value equals an expected one.
-
-        Args:
-            name: Its name.
-            here: The expected value.
-            advice: What to do if it differs.
-        """
+        """Check that a JSON value equals the one of this run; `advice` is what to do if not."""
         saved = self._value(name)
         if saved != here or isinstance(saved, bool) != isinstance(here, bool):
             raise RunError(
@@ -215,12 +199,7 @@ def _real(low: float, high: float) -> _Check:
 def state_for(generator: np.random.Generator, saved: Any) -> Mapping[str, Any]:
     """Return the saved state of a random generator in the form that its setter takes.
 
-    Args:
-        generator: A generator of the same kind; it is not changed.
-        saved: JSON values.
-
-    Raises:
-        ValueError: It is not the state of such a generator.
+    A ValueError says that it is not the state of such a generator, which is not changed.
     """
     state: Mapping[str, Any] = _like(saved, generator.bit_generator.state, "")
     return state

@@ -43,11 +43,7 @@ def _shown(match: re.Match[str]) -> str:
 def open_console(stream: TextIO | None = None, **options: Any) -> Console:
     """Return a rich console without markup that escapes control characters.
 
-    Writing to a closed pipe raises BrokenPipeError.
-
-    Args:
-        stream: Where the console writes; standard output by default.
-        options: Options of `rich.console.Console`.
+    It writes to standard output by default, and raises BrokenPipeError if that is a closed pipe.
     """
     return _console_class()(file=stream, markup=False, highlight=False, emoji=False, **options)
 
@@ -75,15 +71,10 @@ def _console_class() -> type[Console]:
 
 @contextlib.contextmanager
 def bar(title: str, total: int, *, quiet: bool = False) -> Iterator[Callable[[], None]]:
-    """Show a progress bar on standard error, if that is a terminal.
-
-    Args:
-        title: What is done.
-        total: Number of pieces of work.
-        quiet: Show nothing.
+    """Show a progress bar on standard error, if that is a terminal, and not `quiet`.
 
     Yields:
-        A function to call after each piece.
+        A function to call after each of the `total` pieces of work.
     """
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield lambda: None

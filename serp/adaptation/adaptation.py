@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.adapted_step import predict_all
-from serp.adaptation.feature_groups import Key
 from serp.adaptation.forecast_skill import ForecastSkill
 from serp.adaptation.group_learners import GroupLearners, Meta
 from serp.adaptation.recording_kernels import record, record_adapted, record_by_file
@@ -27,8 +26,7 @@ from serp.sysid.transitions import GOES_ON, TransitionMemory
 if TYPE_CHECKING:
     from serp.adaptation.online_parameters import ParameterEstimation
 
-_GROWING: Final = 10
-"""First episodes of an adapted model, in which its predictions are not judged."""
+_GROWING: Final = 10  # first episodes of an adapted model, in which its predictions are not judged
 _REVISIONS: Final = 20.0
 """A model that learns counts as changed when it has seen a twentieth more env steps."""
 _RELEARNED: Final = 500
@@ -62,7 +60,6 @@ class ModelAdaptation:
         self._adapted: AdaptedModel | None = None
         self._learners: GroupLearners | None = None
         self._estimation: ParameterEstimation | None = None
-        self._address: np.intp | None = None
         self._step = np.zeros((3, width + 2))
         if settings.mode != "off" and not written.compiles:
             self.notice = (
@@ -116,14 +113,12 @@ class ModelAdaptation:
     def _record(self, transition: tuple[Vector, int, Vector, int, float]) -> None:
         state, action = transition[:2]
         row, skill, model = self.monitor.row_of(action), self.forecast_skill, self._written
-        if self._address is None and model.compiled:
-            # Used only if a planner has compiled the model: compilation takes too long otherwise.
-            self._address = address_of(model.native_step())
         log = self._step, self.experience.ring, self.monitor.tables, skill.means
         head = self.experience.advance()
-        if self._address is not None:
+        if model.compiled:  # by a planner; without one, compilation would take too long
+            address = address_of(model.native_step())
             compared, followed = record_by_file(
-                self._address, model.data, model.dt, self.visits, log, transition, head, row,
+                address, model.data, model.dt, self.visits, log, transition, head, row,
                 skill.steps,
             )  # fmt: skip
         else:
@@ -179,8 +174,6 @@ class ModelAdaptation:
                     states[k], int(actions[k]), next_states[k], self._flow, self._settled
                 )
 
-    # State -------------------------------------------------------------------------------------
-
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: Arrays = {"visits": self.visits.copy()}
@@ -204,26 +197,25 @@ class ModelAdaptation:
         if self._adapted is not None and self._adapted.buffer.active:
             self._adapted.revision = self._revision
 
-    def _parts(self) -> dict[str, TransitionMemory | Monitor | ForecastSkill | GroupLearners]:
+    def _parts(self) -> dict[str, Any]:
         """Return the saved parts by name."""
-        parts: dict[str, TransitionMemory | Monitor | ForecastSkill | GroupLearners] = {
+        parts = {
             "experience": self.experience,
             "monitor": self.monitor,
             "forecast_skill": self.forecast_skill,
+            "learners": self._learners,
         }
-        return parts if self._learners is None else {**parts, "learners": self._learners}
+        return {name: part for name, part in parts.items() if part is not None}
 
 
 def _alike_actions(model: AdaptedModel) -> NDArray[np.int64]:
     """Return `[A]` numbers, equal for ground actions that share all that is learned."""
-    numbers: dict[tuple[str | Key, ...], int] = {}
-    return np.array(
-        [
-            numbers.setdefault((action.schema, *(g.key for g in groups)), len(numbers))
-            for action, groups in zip(model.actions, model.feature_groups, strict=True)
-        ],
-        dtype=np.int64,
-    )
+    keys = [
+        (action.schema, *(group.key for group in groups))
+        for action, groups in zip(model.actions, model.feature_groups, strict=True)
+    ]
+    first: dict[tuple[object, ...], int] = {}
+    return np.array([first.setdefault(key, k) for k, key in enumerate(keys)], dtype=np.int64)
 
 
 def _newest_of_each(actions: NDArray[np.int64], count: int) -> NDArray[np.int64]:

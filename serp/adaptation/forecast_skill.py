@@ -13,13 +13,11 @@ from serp._util.compilation import cached_njit
 from serp._util.saved_state import Arrays, Saved
 from serp.adaptation.moving_average import rate_of
 
-_MEMORY: Final = 0.99
-"""Weight of the past in the moving averages, per step."""
+_MEMORY: Final = 0.99  # weight of the past in the moving averages, per step
 _MIN_STEPS: Final = 20
 _RELIABLE: Final = 0.9
 """Fraction of each fluent's squared change that a reliable model predicts, after these steps."""
-_NEGLIGIBLE: Final = 1e-3
-"""Fraction of the usual squared change below which an error is ignored."""
+_NEGLIGIBLE: Final = 1e-3  # fraction of the usual squared change below which an error is ignored
 
 
 @cached_njit(nogil=True)

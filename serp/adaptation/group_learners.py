@@ -138,8 +138,6 @@ class GroupLearners:
         counted = any(shared.outcomes is not None for shared in self._buffer.shared.values())
         self._buffer.stochastic = counted and self._buffer.enabled
 
-    # State -------------------------------------------------------------------------------------
-
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: Arrays = {"whole": self._whole.copy()}
@@ -168,11 +166,12 @@ class GroupLearners:
 
     def _parts(self) -> list[tuple[str, OnlineResidual | OutcomeCounts]]:
         """Return residuals and counts with the names that they are saved under."""
-        places = {key: k for k, key in enumerate(self._groups)}
-        return [
-            *((f"residual{places[key]}", part) for key, part in self._residuals.items()),
-            *((f"outcome_counts{places[key]}", part) for key, part in self._counts.items()),
-        ]
+        parts: list[tuple[str, OnlineResidual | OutcomeCounts]] = []
+        for k, key in enumerate(self._groups):
+            if key in self._residuals:
+                parts.append((f"residual{k}", self._residuals[key]))
+            parts.append((f"outcome_counts{k}", self._counts[key]))
+        return parts
 
 
 def _learnable(group: FeatureGroup) -> bool:

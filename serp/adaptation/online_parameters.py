@@ -61,9 +61,12 @@ class ParameterEstimation:
         states, next_states = experience.states[-_NEWEST:], experience.next_states[-_NEWEST:]
         actions = experience.actions[-_NEWEST:]
         first = int(_FITTED * len(actions))
-        earlier, _ = self._estimate(states[:first], actions[:first], next_states[:first], theta)
-        latest, errors = self._estimate(states, actions, next_states, theta)
-        rows = usable_rows(self._written, states, actions, next_states)
+        model = self._written.replace(theta=theta)
+        (earlier, _), (latest, errors) = (
+            estimate_parameters(self._estimator, model, states[:n], actions[:n], next_states[:n])
+            for n in (first, len(actions))
+        )
+        rows, _ = usable_rows(self._written, states, actions, next_states)
         rows = rows[rows >= first]
         now, free, bounded, change = self._errors(
             (theta, earlier, self._bounded(earlier)), states[rows], actions[rows], next_states[rows]
@@ -95,12 +98,6 @@ class ParameterEstimation:
         sign = np.where(written < 0.0, -1.0, 1.0)
         bounded: Vector = sign * np.maximum(sign * theta, _LEAST * np.abs(written))
         return np.where(written == 0.0, theta, bounded)
-
-    def _estimate(
-        self, states: Vector, actions: Actions, next_states: Vector, theta: Vector
-    ) -> tuple[Vector, Vector]:
-        model = self._written.replace(theta=theta)
-        return estimate_parameters(self._estimator, model, states, actions, next_states)
 
     def _errors(
         self, candidates: Sequence[Vector], states: Vector, actions: Actions, next_states: Vector

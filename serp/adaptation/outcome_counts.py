@@ -20,14 +20,12 @@ from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.moving_average import rate_of
 from serp.model.transition_model import Vector
 
-_MEMORY: Final = 0.995
-"""Weight of the past in the scores, per step."""
+_MEMORY: Final = 0.995  # weight of the past in the scores, per step
 _MIN_SAMPLES: Final = 5
 _BETTER: Final = 0.95
 """Counts are used after so many samples where their Brier score (Monthly Weather Review 78, 1950)
 is smaller than the file's by this factor."""
-_MAX_COUNT: Final = 2_000.0
-"""Counts of a context are halved beyond this."""
+_MAX_COUNT: Final = 2_000.0  # counts of a context are halved beyond this
 _MAX_STRAY, _STRAY_FROM = 0.2, 50
 """Fraction of outcomes that are not distinguished at which counting ends, and the samples needed to
 determine it."""
@@ -113,8 +111,6 @@ class OutcomeCounts:
         self.table = None
         self._scores[:] = 0.0
         self._samples = self._strays = 0
-
-    # State -------------------------------------------------------------------------------------
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""

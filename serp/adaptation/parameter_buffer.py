@@ -152,12 +152,9 @@ class GroupParameters:
 class ParameterBuffer:
     """The array and its parts.
 
-    Args:
-        groups: Feature groups of every ground action, in the order of the model.
-        width: F.
-        theta: Parameters as written.
-        flagging: Whether events can make `unsafe` true.
-        addresses: Addresses of the compiled `step`, `flow` and `settle`.
+    `groups` are the feature groups of every ground action, in the order of the model; `flagging`
+    says whether events can make `unsafe` true; `addresses` are those of the compiled `step`, `flow`
+    and `settle`.
 
     Attributes:
         array: The whole array.

@@ -1,10 +1,9 @@
 """Recording of an env step in one compiled call, because each call from Python costs microseconds.
 
-Arguments of all loops: `log` is (step, ring, tables, means), the comparison of
-`serp.sysid.monitor`, the ring of `serp.sysid.transitions`, the monitor's tables and the means of
-the forecast skill. `transition` is (state, action, next state, ending, reward), `head` its position
-in the ring, `row` its row in the tables, `steps` the number of steps in the means. `visits` `[A]`
-counts the steps of each action.
+`log` is (step, ring, tables, means): the comparison and tables of `serp.sysid.monitor`, the ring of
+`serp.sysid.transitions`, the means of the forecast skill. `transition` is (state, action, next
+state, ending, reward), `head` its position in the ring, `row` its row in the tables, `steps` the
+number of steps in the means. `visits` `[A]` counts the steps of each action.
 """
 
 from __future__ import annotations

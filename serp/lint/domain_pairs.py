@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -11,9 +10,6 @@ from typing import NamedTuple
 from serp.errors import SerpError
 
 _SUFFIX = "-problem"
-_COMMENT = re.compile(r";[^\r\n]*")
-_TITLE = re.compile(r"\s*\(\s*define\s*\(\s*(domain|problem)\s+([^\s()]+)", re.IGNORECASE)
-_DOMAIN = re.compile(r"\(\s*:domain\s+([^\s()]+)", re.IGNORECASE)
 
 
 class DomainFiles(NamedTuple):
@@ -61,20 +57,21 @@ class _Title(NamedTuple):
 
 
 def _title(path: Path) -> _Title:
+    from serp.pddl.sexpr import Group, read_group
     from serp.pddl.source import Source
 
     try:
-        text = _COMMENT.sub("", Source.read(path).text)
+        top = read_group(Source.read(path))
     except SerpError:
         return _Title("", "")
-    title = _TITLE.match(text)
-    if title is None:
-        return _Title("", "")
-    kind, name = title[1].lower(), title[2].lower()
-    if kind == "problem":
-        belongs = _DOMAIN.search(text)
-        name = belongs[1].lower() if belongs else ""
-    return _Title(kind, name)
+    named = {
+        group.head: group.items[1].place.text.lower()
+        for group in top.items
+        if isinstance(group, Group) and len(group.items) > 1
+    }
+    if "problem" in named:
+        return _Title("problem", named.get(":domain", ""))
+    return _Title("domain" if "domain" in named else "", named.get("domain", ""))
 
 
 def _domain_of(
@@ -85,15 +82,9 @@ def _domain_of(
               (problem.stem.removesuffix(_SUFFIX), title.domain, "domain")
               if name and name != problem.stem]  # fmt: skip
     named = [path for path in given if titles[path].domain == title.domain]
-    real = {os.path.realpath(path) for path in beside}
-    for path in (
-        *(path for path in named if os.path.realpath(path) in real),
-        *named,
-        *(given if len(given) == 1 else ()),  # names that differ are warned of
-        *(path for path in beside if path.is_file()),
-    ):
-        return path
-    return None
+    alone = given if len(given) == 1 else ()  # names that differ are warned of
+    found = (*named, *alone, *(path for path in beside if path.is_file()))
+    return next(iter(found), None)
 
 
 def _real(path: Path | None) -> str:

@@ -106,11 +106,7 @@ class _Known:
     ) -> Pair | None:
         """Add a test, or its negation; return what excludes each other.
 
-        Args:
-            test: The test.
-            later: Takes the disjunctions, which are to be looked at last.
-            holds: Whether the test holds or its negation.
-            told: The test as the file has it, where that is a negation.
+        `later` takes the disjunctions; `told` is the test as the file has it.
         """
         told = test if told is None else told
         match test:

@@ -1,4 +1,4 @@
-"""Generating the transition function of a ground model as syntax trees.
+"""Generating the transition function of a ground model as Python text.
 
 The generated functions are straight-line code over flat sequences of floats. The whole step is
 
@@ -26,20 +26,19 @@ transition:
 
 `n` is the observed next state; the caller passes `out` as a copy of it.
 
-Every identifier is generated here and every number is read from `theta`, so no text of a domain
+Every identifier is generated here and every number is read from `theta`, so nothing of a domain
 file becomes program text. Two domains that differ only in numbers share one compiled `step`. numba
 compiles it with pointer arguments.
 """
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from serp.model import ground as g
-from serp.model.emit import Site, assign, constant, entry, joined, negated, store, variable
+from serp.model.emit import Site, block, joined
 from serp.model.emit_effects import EffectEmitter, conjunction
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 
@@ -62,46 +61,24 @@ class Generated:
 
     Attributes:
         name: One of the names above.
-        tree: A module that defines it.
+        text: Its definition.
         sites: The site of each position that is appended to `trace`; empty unless traced.
     """
 
     name: str
-    tree: ast.Module
+    text: str
     sites: tuple[Site, ...]
 
 
 def generate_code(
     model: g.GroundModel, part: Part = "step", action: int = -1, *, traced: bool = False
 ) -> Generated:
-    """Generate one of the functions above.
-
-    Args:
-        model: The ground model.
-        part: Which function.
-        action: Position of the action, for `action` and `judged_action`.
-        traced: Whether the function takes a list `trace` as last argument and appends the
-            positions of the sites that it passes.
-    """
+    """Generate one of the functions above; traced, it appends the sites passed to `trace`."""
     generator = _Generator(model, traced=traced)
     generator.write(part, action)
-    arguments = [*_ARGUMENTS[part].split(), *(["trace"] if traced else [])]
-    function = ast.FunctionDef(
-        name=part,
-        args=ast.arguments(
-            posonlyargs=[],
-            args=[ast.arg(a) for a in arguments],
-            kwonlyargs=[],
-            kw_defaults=[],
-            defaults=[],
-        ),
-        body=generator.body,
-        decorator_list=[],
-    )
-    if hasattr(function, "type_params"):  # a required field from Python 3.12 on
-        function.type_params = []
-    tree = ast.fix_missing_locations(ast.Module([function], []))
-    return Generated(part, tree, tuple(generator.sites))
+    arguments = ", ".join([*_ARGUMENTS[part].split(), *(["trace"] if traced else [])])
+    text = "\n".join(block(f"def {part}({arguments}):", generator.body))
+    return Generated(part, text, tuple(generator.sites))
 
 
 class _Generator(EffectEmitter):
@@ -135,58 +112,47 @@ class _Generator(EffectEmitter):
         self._end()
 
     def _begin(self) -> None:
-        self.body += [
-            assign("reward", constant(0.0)),
-            assign("unsafe", constant(False)),
-            assign("terminal", constant(False)),
-        ]
+        self.body += ["reward = 0.0", "unsafe = False", "terminal = False"]
 
     def _resume(self) -> None:
         """Emit the start of a function that continues one that ended with `_end`."""
-        self.body.append(assign("reward", entry("out", self.reward_slot)))
-        for name, bit in _BITS:
-            masked = ast.BinOp(variable("flags"), ast.BitAnd(), constant(bit))
-            self.body.append(assign(name, ast.Compare(masked, [ast.NotEq()], [constant(0)])))
+        self.body.append(f"reward = out[{self.reward_slot}]")
+        self.body += [f"{name} = (flags & {bit}) != 0" for name, bit in _BITS]
 
     def _end(self) -> None:
         """Emit: store the reward in its entry, and return the flags."""
-        flags: ast.expr = constant(APPLICABLE)
-        for name, bit in _BITS:
-            chosen = ast.IfExp(variable(name), constant(bit), constant(0))
-            flags = ast.BinOp(flags, ast.BitOr(), chosen)
-        self.body += [store(self.reward_slot, variable("reward")), ast.Return(flags)]
+        bits = [f"({bit} if {name} else 0)" for name, bit in _BITS]
+        self.body.append(f"out[{self.reward_slot}] = reward")
+        self.body.append(f"return {' | '.join([str(APPLICABLE), *bits])}")
 
     def _goal_and_metric(self, result: str) -> None:
         """Emit metric and goal, which read the next state from the array named `result`."""
-        metric = self.model.metric
-        if metric is not None:
-            after = self.value(metric.value, result, elapsed=variable("dt"))
-            before = self.value(metric.value, "s", elapsed=constant(0.0))
-            pair = (after, before) if metric.maximize else (before, after)
-            self.body.append(assign("reward", ast.BinOp(pair[0], ast.Sub(), pair[1])))
-        if self.model.goal is not None:
-            with self.under(self.truth(self.model.goal, result, None)):
-                self.body.append(assign("terminal", constant(True)))
-                if self.model.goal_rewarded:
-                    gained: ast.expr = constant(1.0)
-                    if self.model.goal_parameter is not None:
-                        value = entry("theta", self.model.goal_parameter)
-                        gained = ast.BinOp(variable("reward"), ast.Add(), value)
-                    self.body.append(assign("reward", gained))
-        self.require_finite(variable("reward"), Site("undefined", None, None))
+        model = self.model
+        if model.metric is not None:
+            after = self.value(model.metric.value, result)
+            before = self.value(model.metric.value, "s", elapsed="0.0")
+            gain = (after, before) if model.metric.maximize else (before, after)
+            self.body.append(f"reward = {gain[0]} - {gain[1]}")
+        if model.goal is not None:
+            with self.under(self.truth(model.goal, result, None)):
+                self.body.append("terminal = True")
+                if model.goal_rewarded:
+                    worth = model.goal_parameter
+                    gained = "1.0" if worth is None else f"reward + theta[{worth}]"
+                    self.body.append(f"reward = {gained}")
+        self.require_finite("reward", Site("undefined", None, None))
 
     # Actions -----------------------------------------------------------------------------------
 
-    def _search(self, start: int, end: int) -> list[ast.stmt]:
+    def _search(self, start: int, end: int) -> list[str]:
         """Return a binary search over the position of the action."""
         with self.collected() as branch:
             if end - start == 1:
                 self._action(self.model.actions[start])
             else:
                 middle = (start + end) // 2
-                before = ast.Compare(variable("a"), [ast.Lt()], [constant(middle)])
-                left = self._search(start, middle) or [ast.Pass()]
-                self.body.append(ast.If(before, left, self._search(middle, end)))
+                self.body += block(f"if a < {middle}:", self._search(start, middle))
+                self.body += block("else:", self._search(middle, end))
         return branch
 
     def _action(self, action: g.GroundSchema) -> None:
@@ -196,8 +162,8 @@ class _Generator(EffectEmitter):
             if doubt is not None:
                 doubt = self.temporary(doubt)
                 doubts.append((doubt, test))
-                certain = joined(ast.Or(), [certain, doubt])
-            self.refuse(negated(certain), Site("failed", action, test))
+                certain = joined("or", [certain, doubt])
+            self.refuse(f"not {certain}", Site("failed", action, test))
         for doubt, test in doubts:
             self.refuse(doubt, Site("undefined", action, test))
         self.effects(action, action.effects, "s")
@@ -210,25 +176,23 @@ class _Generator(EffectEmitter):
             for event in events:
                 self._event(event, None)
             return
-        names = [f"fired{k}" for k in range(len(events))]
-        self.body += [assign(name, constant(False)) for name in names]
-        self.body.append(assign("again", constant(True)))
+        self.body += [f"fired{k} = False" for k in range(len(events))]
+        self.body.append("again = True")
         with self.collected() as sweep:
-            self.body.append(assign("again", constant(False)))
-            for event, name in zip(events, names, strict=True):
-                self._event(event, name)
-        self.body.append(ast.While(variable("again"), sweep, []))
+            self.body.append("again = False")
+            for k, event in enumerate(events):
+                self._event(event, f"fired{k}")
+        self.body += block("while again:", sweep)
 
     def _event(self, event: g.GroundSchema, fired: str | None) -> None:
         """Emit an event; with `fired`, the name of a variable, it fires at most once."""
-        once = variable(fired) if fired is not None else None
         test = conjunction(event)
-        tests = [negated(once)] if once is not None else []
+        tests = [] if fired is None else [f"not {fired}"]
         if test is not None:
-            tests.append(self.truth(test, "out", event, unless=once))
-        with self.under(joined(ast.And(), tests) if tests else None):
+            tests.append(self.truth(test, "out", event, unless=fired))
+        with self.under(joined("and", tests) if tests else None):
             if fired is not None:
-                self.body += [assign(fired, constant(True)), assign("again", constant(True))]
+                self.body += [f"{fired} = True", "again = True"]
             self.effects(event, event.effects, "out")
 
 
@@ -244,12 +208,9 @@ def _need_sweeps(events: Sequence[g.GroundSchema]) -> bool:
 
 
 def load_function(generated: Generated, filename: str = "") -> Callable[..., int]:
-    """Turn a generated tree into a Python function.
-
-    The tree is compiled as it is; no program text is involved.
-    """
+    """Turn generated text into a Python function; it reaches no builtins."""
     # numba finds the environment of a cached function through the module's name.
     namespace: dict[str, Any] = {"__builtins__": {}, "__name__": __name__}
-    exec(compile(generated.tree, filename or f"<serp {generated.name}>", "exec"), namespace)
+    exec(compile(generated.text, filename or f"<serp {generated.name}>", "exec"), namespace)
     function: Callable[..., int] = namespace[generated.name]
     return function

@@ -1,4 +1,4 @@
-"""Building the syntax trees of conditions and numbers.
+"""Writing conditions and numbers as expressions of the generated code.
 
 Conditions are three-valued (Kleene's strong logic). A comparison with a side that is not a number
 (a division by zero, a difference of two overflows) is undefined, and so is every condition whose
@@ -8,7 +8,7 @@ because NaN compares as false.
 
 from __future__ import annotations
 
-import ast
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,22 +18,12 @@ from serp.model import ground as g
 from serp.model.flags import UNDEFINED, UNSAFE
 
 FLAG_NAMES = {g.UNSAFE_TARGET: "unsafe", g.TERMINAL_TARGET: "terminal"}
-_OPERATIONS: dict[str, ast.operator] = {"+": ast.Add(), "-": ast.Sub(), "*": ast.Mult()}
-_COMPARISONS: dict[str, ast.cmpop] = {
-    "<": ast.Lt(),
-    "<=": ast.LtE(),
-    "=": ast.Eq(),
-    ">=": ast.GtE(),
-    ">": ast.Gt(),
-}
 # Where every one of these is false, the comparison holds or a side is NaN.
-_REFUTATIONS: dict[str, tuple[ast.cmpop, ...]] = {
-    "<": (ast.GtE(),),
-    "<=": (ast.Gt(),),
-    "=": (ast.Lt(), ast.Gt()),
-    ">=": (ast.Lt(),),
-    ">": (ast.LtE(),),
-}
+_REFUTATIONS = {"<": (">=",), "<=": (">",), "=": ("<", ">"), ">=": ("<",), ">": ("<=",)}
+_CHAINED = {"+": "+-", "-": "+-", "*": "*", "/": ""}
+"""Operator → those of a left operand that needs no parentheses."""
+_SIMPLE = re.compile(r"\w+(\[\d+\])?")
+_NAN = "(1e999 - 1e999)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,103 +44,72 @@ class Site:
     item: g.Test | g.GroundEffect | None
 
 
-def variable(identifier: str) -> ast.Name:
-    """Return a variable that is read."""
-    return ast.Name(identifier, ast.Load())
+def joined(operator: str, tests: Sequence[str]) -> str:
+    """Join tests by `and` or `or`; a single test is returned as it is."""
+    return tests[0] if len(tests) == 1 else f"({f' {operator} '.join(tests)})"
 
 
-def constant(value: float | bool) -> ast.Constant:
-    """Return a constant."""
-    return ast.Constant(value)
-
-
-def entry(array: str, index: int) -> ast.Subscript:
-    """Return an entry of an array that is read."""
-    return ast.Subscript(variable(array), ast.Constant(index), ast.Load())
-
-
-def assign(identifier: str, value: ast.expr) -> ast.stmt:
-    """Return an assignment to a variable."""
-    return ast.Assign([ast.Name(identifier, ast.Store())], value)
-
-
-def store(index: int, value: ast.expr) -> ast.stmt:
-    """Return an assignment to an entry of `out`."""
-    target = ast.Subscript(variable("out"), ast.Constant(index), ast.Store())
-    return ast.Assign([target], value)
-
-
-def negated(test: ast.expr) -> ast.expr:
-    """Return `not test`."""
-    return ast.UnaryOp(ast.Not(), test)
-
-
-def joined(operator: ast.boolop, tests: Sequence[ast.expr]) -> ast.expr:
-    """Return `test and test ...` or `test or test ...`; a single test is returned as it is."""
-    return tests[0] if len(tests) == 1 else ast.BoolOp(operator, list(tests))
+def block(head: str, statements: Sequence[str]) -> list[str]:
+    """Return the lines of a compound statement."""
+    return [head, *(f" {line}" for line in statements or ["pass"])]
 
 
 class Emitter:
-    """Collects statements, and writes conditions and numbers as expressions over arrays."""
+    """Collects statements, and writes conditions and numbers as expressions over arrays.
+
+    Where `traced`, the code reports the sites that it passes.
+    """
 
     def __init__(self, *, traced: bool) -> None:
         self.traced = traced
         self.sites: list[Site] = []
-        self.body: list[ast.stmt] = []
+        self.body: list[str] = []
         self._temporaries = 0
-        self._sides: dict[int, tuple[ast.Name, ast.Name]] = {}
+        self._sides: dict[int, tuple[str, str]] = {}
 
     # Statements --------------------------------------------------------------------------------
 
-    def temporary(self, value: ast.expr) -> ast.Name:
+    def temporary(self, value: str) -> str:
         """Assign a value to a new variable and return it."""
         identifier = f"t{self._temporaries}"
         self._temporaries += 1
-        self.body.append(assign(identifier, value))
-        return variable(identifier)
+        self.body.append(f"{identifier} = {value}")
+        return identifier
 
     @contextmanager
-    def collected(self) -> Iterator[list[ast.stmt]]:
+    def collected(self) -> Iterator[list[str]]:
         """Collect the statements emitted within the context in a separate list."""
         outer, self.body = self.body, []
         yield self.body
         self.body = outer
 
     @contextmanager
-    def under(self, condition: ast.expr | None) -> Iterator[None]:
+    def under(self, condition: str | None) -> Iterator[None]:
         """Put the statements emitted within the context under a condition; None: always true."""
         with self.collected() as statements:
             yield
-        if condition is None:
-            self.body += statements
-        else:
-            self.body.append(ast.If(condition, statements or [ast.Pass()], []))
+        self.body += statements if condition is None else block(f"if {condition}:", statements)
 
-    def report(self, site: Site) -> list[ast.stmt]:
+    def report(self, site: Site) -> list[str]:
         """Return the statements that report a site; none unless traced."""
         if not self.traced:
             return []
         self.sites.append(site)
-        append = ast.Attribute(variable("trace"), "append", ast.Load())
-        return [ast.Expr(ast.Call(append, [ast.Constant(len(self.sites) - 1)], []))]
+        return [f"trace.append({len(self.sites) - 1})"]
 
-    def refuse(self, test: ast.expr, site: Site) -> None:
+    def refuse(self, test: str, site: Site) -> None:
         """Emit: where `test` is true, the step has no result.
 
         A failed precondition sets no flag. Everything else sets UNDEFINED, and UNSAFE where that is
         certain by then: a step that cannot be predicted must not count as safe.
         """
-        result: ast.expr = ast.Constant(0)
-        if site.what != "failed":
-            known = ast.IfExp(variable("unsafe"), ast.Constant(UNSAFE), ast.Constant(0))
-            result = ast.BinOp(ast.Constant(UNDEFINED), ast.BitOr(), known)
-        self.body.append(ast.If(test, [*self.report(site), ast.Return(result)], []))
+        flags = "0" if site.what == "failed" else f"{UNDEFINED} | ({UNSAFE} if unsafe else 0)"
+        self.body += block(f"if {test}:", [*self.report(site), f"return {flags}"])
 
-    def require_finite(self, value: ast.expr, site: Site) -> None:
+    def require_finite(self, value: str, site: Site) -> None:
         """Emit: where a value is NaN or infinite, the step has no result."""
         # x - x is 0 for every finite x, and NaN for the others.
-        difference = ast.BinOp(value, ast.Sub(), value)
-        self.refuse(ast.Compare(difference, [ast.NotEq()], [constant(0.0)]), site)
+        self.refuse(f"{value} - {value} != 0.0", site)
 
     # Conditions --------------------------------------------------------------------------------
 
@@ -159,15 +118,11 @@ class Emitter:
         test: g.Test,
         source: str,
         schema: g.GroundSchema | None,
-        unless: ast.expr | None = None,
-    ) -> ast.expr:
+        unless: str | None = None,
+    ) -> str:
         """Emit code that ends the step where a condition is undefined; return its truth value.
 
-        Args:
-            test: The condition.
-            source: The array that it reads.
-            schema: Where it is written.
-            unless: Where this is true, the condition is irrelevant.
+        Where `unless` is true, the condition is irrelevant.
         """
         certain, doubt = self.decide(test, source, unless)
         if doubt is not None:
@@ -175,61 +130,58 @@ class Emitter:
         return certain
 
     def decide(
-        self, test: g.Test, source: str, unless: ast.expr | None = None
-    ) -> tuple[ast.expr, ast.expr | None]:
+        self, test: g.Test, source: str, unless: str | None = None
+    ) -> tuple[str, str | None]:
         """Return whether a condition is true, and whether it is undefined (None: it never is)."""
         if not _may_be_undefined(test):
             return self._certain(test, source), None
         for comparison in g.comparisons_of(test):
             if _may_be_nan(comparison.left) or _may_be_nan(comparison.right):
-                left, right = (
-                    self.temporary(self.value(side, source))
-                    for side in (comparison.left, comparison.right)
-                )
+                left = self.temporary(self.value(comparison.left, source))
+                right = self.temporary(self.value(comparison.right, source))
                 self._sides[id(comparison)] = left, right
         certain = self.temporary(self._certain(test, source))
-        doubts = [self._possible(test, source), negated(certain)]
-        if unless is not None:
-            doubts.insert(0, negated(unless))
+        doubts = [] if unless is None else [f"not {unless}"]
+        doubts += [self._possible(test, source), f"not {certain}"]
         self._sides.clear()
-        return certain, joined(ast.And(), doubts)
+        return certain, joined("and", doubts)
 
-    def _certain(self, test: g.Test, source: str) -> ast.expr:
+    def _certain(self, test: g.Test, source: str) -> str:
         """Return whether a condition is certainly true: neither false nor undefined."""
         match test:
             case g.Constant(value):
-                return constant(value)
+                return str(value)
             case g.Holds(fluent):
                 if fluent in FLAG_NAMES:  # before the action, both are false
-                    return constant(False) if source == "s" else variable(FLAG_NAMES[fluent])
-                return ast.Compare(entry(source, fluent), [ast.NotEq()], [constant(0.0)])
+                    return "False" if source == "s" else FLAG_NAMES[fluent]
+                return f"{source}[{fluent}] != 0.0"
             case g.Compare(operator):
                 left, right = self._compared(test, source)
-                return ast.Compare(left, [_COMPARISONS[operator]], [right])
+                return f"{left} {'==' if operator == '=' else operator} {right}"
             case g.Not(operand):
-                return negated(self._possible(operand, source))
+                return f"not {self._possible(operand, source)}"
             case g.All(operands):
-                return joined(ast.And(), [self._certain(o, source) for o in operands])
+                return joined("and", [self._certain(o, source) for o in operands])
             case g.AnyOf(operands):
-                return joined(ast.Or(), [self._certain(o, source) for o in operands])
+                return joined("or", [self._certain(o, source) for o in operands])
 
-    def _possible(self, test: g.Test, source: str) -> ast.expr:
+    def _possible(self, test: g.Test, source: str) -> str:
         """Return whether a condition is possibly true: true or undefined."""
         match test:
             case g.Compare(operator) if id(test) in self._sides:
                 left, right = self._sides[id(test)]
-                refuted = [ast.Compare(left, [r], [right]) for r in _REFUTATIONS[operator]]
-                return negated(joined(ast.Or(), refuted))
+                refuted = [f"{left} {against} {right}" for against in _REFUTATIONS[operator]]
+                return f"not {joined('or', refuted)}"
             case g.Not(operand):
-                return negated(self._certain(operand, source))
+                return f"not {self._certain(operand, source)}"
             case g.All(operands):
-                return joined(ast.And(), [self._possible(o, source) for o in operands])
+                return joined("and", [self._possible(o, source) for o in operands])
             case g.AnyOf(operands):
-                return joined(ast.Or(), [self._possible(o, source) for o in operands])
+                return joined("or", [self._possible(o, source) for o in operands])
             case _:
                 return self._certain(test, source)
 
-    def _compared(self, test: g.Compare, source: str) -> tuple[ast.expr, ast.expr]:
+    def _compared(self, test: g.Compare, source: str) -> tuple[str, str]:
         """Return both sides of a comparison, evaluated once where they may be NaN."""
         if id(test) in self._sides:
             return self._sides[id(test)]
@@ -237,32 +189,30 @@ class Emitter:
 
     # Numbers -----------------------------------------------------------------------------------
 
-    def value(self, value: g.Value, source: str, elapsed: ast.expr | None = None) -> ast.expr:
+    def value(self, value: g.Value, source: str, elapsed: str = "dt") -> str:
         """Return a numeric expression over the array `source`; NaN where it divides by zero."""
         match value:
             case g.Read(fluent):
-                return entry(source, fluent)
+                return f"{source}[{fluent}]"
             case g.ParameterRef(parameter):
-                return entry("theta", parameter)
+                return f"theta[{parameter}]"
             case g.Elapsed():
-                return elapsed or variable("dt")
+                return elapsed
             case g.Negation(operand):
-                return ast.UnaryOp(ast.USub(), self.value(operand, source, elapsed))
+                return f"-{self.value(operand, source, elapsed)}"
             case g.Operation(operator, left, right):
-                operands = (
-                    self.value(left, source, elapsed),
-                    self.value(right, source, elapsed),
-                )
+                one, other = (self.value(side, source, elapsed) for side in (left, right))
                 if operator == "/":
-                    return self.quotient(*operands)
-                return ast.BinOp(operands[0], _OPERATIONS[operator], operands[1])
+                    return self.quotient(one, other)
+                if isinstance(left, g.Operation) and left.operator in _CHAINED[operator]:
+                    one = one[1:-1]
+                return f"({one} {operator} {other})"
 
-    def quotient(self, dividend: ast.expr, divisor: ast.expr) -> ast.expr:
+    def quotient(self, dividend: str, divisor: str) -> str:
         """Divide without an exception: a division by zero gives NaN."""
-        if not isinstance(divisor, ast.Name | ast.Subscript):
+        if not _SIMPLE.fullmatch(divisor):
             divisor = self.temporary(divisor)
-        nonzero = ast.Compare(divisor, [ast.NotEq()], [constant(0.0)])
-        return ast.IfExp(nonzero, ast.BinOp(dividend, ast.Div(), divisor), constant(float("nan")))
+        return f"({dividend} / {divisor} if {divisor} != 0.0 else {_NAN})"
 
 
 def _may_be_undefined(test: g.Test) -> bool:

@@ -1,32 +1,17 @@
-"""Building the syntax trees of effects: instantaneous ones, and rates of processes."""
+"""Writing effects as statements of the generated code: instantaneous ones, and rates."""
 
 from __future__ import annotations
 
-import ast
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from serp.model import ground as g
-from serp.model.emit import (
-    FLAG_NAMES,
-    Emitter,
-    Site,
-    assign,
-    constant,
-    entry,
-    joined,
-    store,
-    variable,
-)
+from serp.model.emit import FLAG_NAMES, Emitter, Site, joined
 from serp.pddl.syntax import Change
 
 # Changes of one group commute; 0 is the group of a number that has not changed yet.
 _KINDS = {"assign": 1, "add": 2, "scale": 3}
-_OPERATIONS: dict[Change, ast.operator] = {
-    Change.INCREASE: ast.Add(),
-    Change.DECREASE: ast.Sub(),
-    Change.SCALE_UP: ast.Mult(),
-}
+_OPERATORS = {Change.INCREASE: "+", Change.DECREASE: "-", Change.SCALE_UP: "*"}
 
 
 class EffectEmitter(Emitter):
@@ -55,7 +40,7 @@ class EffectEmitter(Emitter):
                 condition = self.temporary(condition) if condition is not None else None
                 value = self.temporary(value) if value is not None else None
             prepared.append((effect, condition, value))
-        self.body += [assign(f"kind{target}", constant(0)) for target in sorted(contested)]
+        self.body += [f"kind{target} = 0" for target in sorted(contested)]
         for effect, condition, value in prepared:
             with self.under(condition):
                 if isinstance(effect, g.SetBoolean):
@@ -67,15 +52,12 @@ class EffectEmitter(Emitter):
                     self._set_number(effect, value)
                 self.body += self.report(Site("effect", schema, effect))
         for target in sorted({e.target for e in numbers if e.target >= 0}):
-            self.require_finite(entry("out", target), Site("undefined", schema, None))
+            self.require_finite(f"out[{target}]", Site("undefined", schema, None))
 
     def rates(self, processes: Iterable[g.GroundSchema], source: str, *, rewards: bool) -> None:
         """Emit one explicit Euler step: every rate is evaluated before any is applied.
 
-        Args:
-            processes: The processes.
-            source: The array that they read.
-            rewards: Whether to emit only the changes of the reward.
+        With `rewards`, only changes of the reward are emitted.
         """
         prepared = []
         for process in processes:
@@ -90,7 +72,7 @@ class EffectEmitter(Emitter):
                 condition = self.temporary(self.truth(test, source, process))
             for effect in effects:
                 rate = self.value(effect.value, source)
-                change = self.temporary(ast.BinOp(variable("dt"), ast.Mult(), rate))
+                change = self.temporary(f"dt * {rate}")
                 prepared.append((process, effect, condition, change))
         for process, effect, condition, change in prepared:
             with self.under(condition):
@@ -98,18 +80,18 @@ class EffectEmitter(Emitter):
                 self.body += self.report(Site("rate", process, effect))
         first = {effect.target: process for process, effect, _, _ in reversed(prepared)}
         for target in sorted(t for t in first if t >= 0):
-            self.require_finite(entry("out", target), Site("undefined", first[target], None))
+            self.require_finite(f"out[{target}]", Site("undefined", first[target], None))
 
     def _conditions(
         self, schema: g.GroundSchema, effects: Sequence[g.GroundEffect], source: str
-    ) -> dict[int, ast.expr | None]:
+    ) -> dict[int, str | None]:
         """Emit the conditions of effects, each once; return them by id, None where always true.
 
         Where one of them is undefined, the effects on `(unsafe)` whose conditions hold still count.
         """
         uses = Counter(id(effect.condition) for effect in effects)
-        found: dict[int, ast.expr | None] = {}
-        doubts: list[tuple[ast.expr, g.Test]] = []
+        found: dict[int, str | None] = {}
+        doubts: list[tuple[str, g.Test]] = []
         for effect in effects:
             test, key = effect.condition, id(effect.condition)
             if key in found:
@@ -123,49 +105,38 @@ class EffectEmitter(Emitter):
             found[key] = self.temporary(certain) if uses[key] > 1 else certain
         damaging = [found[id(e.condition)] for e in effects if e.target == g.UNSAFE_TARGET]
         if doubts and damaging:
-            with self.under(joined(ast.Or(), [doubt for doubt, _ in doubts])):
+            with self.under(joined("or", [doubt for doubt, _ in doubts])):
                 for condition in damaging:
                     with self.under(condition):
-                        self.body.append(assign("unsafe", constant(True)))
+                        self.body.append("unsafe = True")
         for doubt, test in doubts:
             self.refuse(doubt, Site("undefined", schema, test))
         return found
 
     def _set_boolean(self, effect: g.SetBoolean) -> None:
         if effect.target in FLAG_NAMES:
-            self.body.append(assign(FLAG_NAMES[effect.target], constant(effect.value)))
+            self.body.append(f"{FLAG_NAMES[effect.target]} = {effect.value}")
         else:
-            self.body.append(store(effect.target, constant(1.0 if effect.value else 0.0)))
+            self.body.append(f"out[{effect.target}] = {float(effect.value)}")
 
-    def _refuse_conflict(
-        self, schema: g.GroundSchema, effect: g.SetNumber, value: ast.expr
-    ) -> ast.expr:
+    def _refuse_conflict(self, schema: g.GroundSchema, effect: g.SetNumber, value: str) -> str:
         """Emit code that ends the step where another effect contradicts this one."""
         kind, group = f"kind{effect.target}", effect.change.group
-
-        def changed_by(group: str) -> ast.expr:
-            return ast.Compare(variable(kind), [ast.Eq()], [constant(_KINDS[group])])
-
-        others = [other for other in _KINDS if other != group]
-        clash = joined(ast.Or(), [changed_by(other) for other in others])
+        clashes = [f"{kind} == {code}" for other, code in _KINDS.items() if other != group]
         if group == "assign":
             value = self.temporary(value)
-            differs = ast.Compare(entry("out", effect.target), [ast.NotEq()], [value])
-            clash = joined(ast.Or(), [clash, joined(ast.And(), [changed_by("assign"), differs])])
-        self.refuse(clash, Site("conflict", schema, effect))
-        self.body.append(assign(kind, constant(_KINDS[group])))
+            clashes.append(f"({kind} == {_KINDS[group]} and out[{effect.target}] != {value})")
+        self.refuse(joined("or", clashes), Site("conflict", schema, effect))
+        self.body.append(f"{kind} = {_KINDS[group]}")
         return value
 
-    def _set_number(self, effect: g.SetNumber, value: ast.expr) -> None:
-        reward = effect.target == g.REWARD_TARGET
-        old: ast.expr = variable("reward") if reward else entry("out", effect.target)
-        if effect.change is Change.ASSIGN:
-            new = value
-        elif effect.change is Change.SCALE_DOWN:
-            new = self.quotient(old, value)
-        else:
-            new = ast.BinOp(old, _OPERATIONS[effect.change], value)
-        self.body.append(assign("reward", new) if reward else store(effect.target, new))
+    def _set_number(self, effect: g.SetNumber, value: str) -> None:
+        target = "reward" if effect.target == g.REWARD_TARGET else f"out[{effect.target}]"
+        if effect.change is Change.SCALE_DOWN:
+            value = self.quotient(target, value)
+        elif effect.change is not Change.ASSIGN:
+            value = f"{target} {_OPERATORS[effect.change]} {value}"
+        self.body.append(f"{target} = {value}")
 
 
 def conjunction(schema: g.GroundSchema) -> g.Test | None:

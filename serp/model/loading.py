@@ -11,21 +11,10 @@ from pathlib import Path
 from serp.model.facts import MAX_GROUND_SCHEMAS
 from serp.model.instantiate import instantiate
 from serp.model.transition_model import TransitionModel
+from serp.pddl import syntax as x
 from serp.pddl.domain_parser import parse_domain
 from serp.pddl.problem_parser import parse_problem
 from serp.pddl.source import DomainError, DomainWarning, Source
-from serp.pddl.syntax import (
-    REWARD,
-    TERMINAL,
-    UNSAFE,
-    Atom,
-    Declaration,
-    DomainSyntax,
-    FunctionTerm,
-    Number,
-    ProblemSyntax,
-    SchemaTerm,
-)
 
 
 @dataclass(frozen=True)
@@ -45,8 +34,8 @@ class Domain:
 
     source: Source
     problem_source: Source | None
-    syntax: DomainSyntax = field(repr=False)
-    problem_syntax: ProblemSyntax | None = field(repr=False)
+    syntax: x.DomainSyntax = field(repr=False)
+    problem_syntax: x.ProblemSyntax | None = field(repr=False)
     max_ground_schemas: int = MAX_GROUND_SCHEMAS
     supplied: frozenset[str] | None = None
 
@@ -98,7 +87,7 @@ class Domain:
             return self
         return dataclasses.replace(self, supplied=frozenset(fixed) | (self.supplied or frozenset()))
 
-    def declared(self, name: str) -> Declaration | None:
+    def declared(self, name: str) -> x.Declaration | None:
         """Return the declaration of a ground predicate or function; None where there is none.
 
         Args:
@@ -106,7 +95,7 @@ class Domain:
         """
         symbol, *arguments = name.split() or [""]
         declaration = self.syntax.declarations.get(symbol)
-        reserved = symbol in (REWARD, UNSAFE, TERMINAL)
+        reserved = symbol in (x.REWARD, x.UNSAFE, x.TERMINAL)
         if declaration is None or reserved or len(arguments) != len(declaration.parameters):
             return None
         problem = self.problem_syntax
@@ -139,12 +128,12 @@ class Domain:
             given = Source("a given value", f"(= ({name}) {value:g})")
             place = given.place(0, len(given.text))
             symbol, *arguments = name.split()
-            key, terms = (symbol, *arguments), tuple(SchemaTerm(a, place) for a in arguments)
+            key, terms = (symbol, *arguments), tuple(x.SchemaTerm(a, place) for a in arguments)
             if declaration.numeric:
-                number = Number(float(value), place)
-                numbers[key] = (FunctionTerm(symbol, terms, place), number)
+                number = x.Number(float(value), place)
+                numbers[key] = (x.FunctionTerm(symbol, terms, place), number)
             elif value:
-                atoms[key] = Atom(symbol, terms, place)
+                atoms[key] = x.Atom(symbol, terms, place)
             else:
                 atoms.pop(key, None)
         started = dataclasses.replace(

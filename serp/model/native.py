@@ -8,7 +8,6 @@ cached on disk, see `serp._util.code_cache`.
 
 from __future__ import annotations
 
-import ast
 import hashlib
 from typing import Any, Final
 
@@ -31,7 +30,7 @@ STACK: Final = 256
 
 def structure_digest(generated: Generated) -> str:
     """Return a digest of a generated function; it does not depend on the domain's numbers."""
-    return hashlib.sha256(ast.dump(generated.tree).encode()).hexdigest()[:24]
+    return hashlib.sha256(generated.text.encode()).hexdigest()[:24]
 
 
 def compile_native(generated: Generated) -> Any:

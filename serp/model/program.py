@@ -17,10 +17,21 @@ MAX_NATIVE_SIZE = 400
 MAX_NATIVE_TEST = 200
 
 _Function = Callable[..., int]
-Functions = Callable[..., _Function]
-"""Returns the function of a part; of the parts that belong to one action, given its position."""
 Amendment = Callable[[list[float], int, list[float]], None]
 """Changes the result of effects and processes; takes the state, the action and `out`."""
+
+
+class Functions(dict[tuple[Part, int], _Function]):
+    """Part and position of the action (-1: of none) → the function, loaded on first use."""
+
+    def __init__(self, load: Callable[[Part, int], _Function]) -> None:
+        super().__init__()
+        self.load = load
+
+    def __missing__(self, key: tuple[Part, int]) -> _Function:
+        """Load a function."""
+        function = self[key] = self.load(*key)
+        return function
 
 
 class Program:
@@ -32,11 +43,11 @@ class Program:
 
     def __init__(self, ground: GroundModel) -> None:
         self.ground = ground
-        self.functions: Functions = functools.cache(self._load)
+        self.functions = Functions(self._load)
         self._traced_functions = functools.cache(self._load_traced)
         self._callbacks: dict[Part, Any] = {}
 
-    def _load(self, part: Part, action: int = -1) -> _Function:
+    def _load(self, part: Part, action: int) -> _Function:
         return load_function(generate_code(self.ground, part, action))
 
     def _load_traced(self, part: Part, action: int) -> tuple[_Function, tuple[Site, ...]]:
@@ -67,14 +78,15 @@ class Program:
             functions: What `traced` returned, or None.
             amend: Called before the events are evaluated.
         """
-        functions = functions or self.functions
-        flags = functions("action", action)(state, theta, dt, out)
+        if functions is None:
+            functions = self.functions
+        flags = functions["action", action](state, theta, dt, out)
         if flags & APPLICABLE:
-            flags = functions("drift")(state, flags, theta, dt, out)
+            flags = functions["drift", -1](state, flags, theta, dt, out)
         if flags & APPLICABLE:
             if amend is not None:
                 amend(state, action, out)
-            flags = functions("settle")(state, flags, theta, dt, out)
+            flags = functions["settle", -1](state, flags, theta, dt, out)
         return flags
 
     def judge(
@@ -89,18 +101,19 @@ class Program:
         functions: Functions | None = None,
     ) -> int:
         """Return the flags of an observed transition; action -1 is not one of the model's."""
-        functions = functions or self.functions
+        if functions is None:
+            functions = self.functions
         flags = APPLICABLE
         if action >= 0:
-            flags = functions("judged_action", action)(state, theta, dt, out)
+            flags = functions["judged_action", action](state, theta, dt, out)
         if flags & APPLICABLE:
-            flags = functions("judged_aftermath")(state, next_state, flags, theta, dt, out)
+            flags = functions["judged_aftermath", -1](state, next_state, flags, theta, dt, out)
         return flags
 
     def traced(self, sites: list[Site]) -> Functions:
         """Return the functions that add the sites they pass to a list, in order."""
 
-        def functions(part: Part, action: int = -1) -> _Function:
+        def load(part: Part, action: int) -> _Function:
             function, known = self._traced_functions(part, action)
 
             def run(*arguments: Any) -> int:
@@ -111,7 +124,7 @@ class Program:
 
             return run
 
-        return functions
+        return Functions(load)
 
     # As machine code ---------------------------------------------------------------------------
 

@@ -21,15 +21,9 @@ from dataclasses import dataclass, field
 from serp.model.facts import Binding, Facts, Key, bound, conjuncts, key_of
 from serp.pddl import syntax as x
 
-_Filters = Sequence[tuple[x.Condition, frozenset[str]]]
-
 
 def reachable(facts: Facts) -> dict[str, list[Binding]]:
-    """Find the instances that can apply; `facts.free` grows by what they change.
-
-    Returns:
-        Name of a schema → the bindings of its parameters, in the order of the files.
-    """
+    """Return the instances that can apply, by schema; `facts.free` grows by what they change."""
     return _Reachability(facts).run()
 
 
@@ -40,15 +34,13 @@ class _Rule:
     Attributes:
         schema: The schema.
         atoms: Predicates that have to hold and do not vary freely; they are joined.
-        filters: Other conditions that never change, each with the parameters that it depends on.
-        rest: Conditions that may become possible while others become free.
+        rest: Other conditions, which may become possible while others become free.
         seen: The arguments of all instances met.
         instances: Those that can apply.
     """
 
     schema: x.Schema
     atoms: tuple[x.Atom, ...]
-    filters: _Filters
     rest: tuple[x.Condition, ...]
     seen: set[Key] = field(default_factory=set)
     instances: list[Key] = field(default_factory=list)
@@ -69,8 +61,7 @@ class _Reachability:
     def __init__(self, facts: Facts) -> None:
         self.facts = facts
         self.budget = facts.budget
-        moving = facts.varying | facts.changed | {key[0] for key in facts.free}
-        self.rules = [self._rule(schema, moving) for schema in facts.domain.schemas]
+        self.rules = [self._rule(schema) for schema in facts.domain.schemas]
         self.users: dict[tuple[str, int, str], list[tuple[_Rule, x.Atom]]] = {}
         for rule in self.rules:
             for atom in rule.atoms:
@@ -86,7 +77,7 @@ class _Reachability:
         for key in self.facts.in_order(self.facts.true | self.facts.free):
             self._add(key)
         for rule in self.rules:
-            self._join(rule, {}, rule.atoms, rule.filters)
+            self._join(rule, {}, rule.atoms)
         while self.freed:
             key = self.freed.popleft()
             if key not in self.possible:
@@ -96,7 +87,7 @@ class _Reachability:
                         binding = self._unified(rule, atom, key, {})
                         if binding is not None:
                             others = tuple(a for a in rule.atoms if a is not atom)
-                            self._join(rule, binding, others, rule.filters)
+                            self._join(rule, binding, others)
             for item in self.watched.pop(key, ()):
                 self._try(item)
         return {
@@ -107,24 +98,16 @@ class _Reachability:
             for rule in self.rules
         }
 
-    def _rule(self, schema: x.Schema, moving: frozenset[str]) -> _Rule:
-        facts = self.facts
+    def _rule(self, schema: x.Schema) -> _Rule:
         atoms: list[x.Atom] = []
-        filters: list[tuple[x.Condition, frozenset[str]]] = []
         rest: list[x.Condition] = []
         for part in conjuncts(schema.precondition):
-            if isinstance(part, x.NumericComparison):
-                continue
             if isinstance(part, x.Atom):
-                if part.name not in facts.varying:
+                if part.name not in self.facts.varying:
                     atoms.append(part)
-                continue
-            names, variables = _mentioned(part)
-            if names.isdisjoint(moving):
-                filters.append((part, variables & {p.name for p in schema.parameters}))
-            else:
+            elif not isinstance(part, x.NumericComparison):
                 rest.append(part)
-        return _Rule(schema, tuple(atoms), filters, tuple(rest))
+        return _Rule(schema, tuple(atoms), tuple(rest))
 
     # Joining -----------------------------------------------------------------------------------
 
@@ -133,16 +116,8 @@ class _Reachability:
         for place in _places(key):
             self.index.setdefault(place, []).append(key)
 
-    def _join(
-        self, rule: _Rule, binding: Binding, atoms: tuple[x.Atom, ...], filters: _Filters
-    ) -> None:
+    def _join(self, rule: _Rule, binding: Binding, atoms: tuple[x.Atom, ...]) -> None:
         """Try every instance that extends a binding and has its atoms among the facts."""
-        open_filters = []
-        for condition, needs in filters:
-            if not needs <= binding.keys():
-                open_filters.append((condition, needs))
-            elif self._barred(condition, binding, True) is not None:
-                return
         tables: list[tuple[x.Atom, Sequence[Key]]] = []
         for atom in atoms:
             if all(t.name in binding or not t.is_variable for t in atom.arguments):
@@ -157,13 +132,13 @@ class _Reachability:
                 self.budget.count_binding(rule.schema.place)
                 extended = self._unified(rule, best, fact, binding)
                 if extended is not None:
-                    self._join(rule, extended, others, open_filters)
+                    self._join(rule, extended, others)
             return
         for parameter in rule.schema.parameters:
             if parameter.name not in binding:
                 for name in self.facts.objects_of(parameter.types):
                     self.budget.count_binding(rule.schema.place)
-                    self._join(rule, {**binding, parameter.name: name}, (), open_filters)
+                    self._join(rule, {**binding, parameter.name: name}, ())
                 return
         arguments = tuple(binding[p.name] for p in rule.schema.parameters)
         instance = (rule.schema.name, *arguments)
@@ -208,7 +183,8 @@ class _Reachability:
             barring = self._barred(condition, item.binding, True)
             if barring is not None:
                 for key in barring:
-                    self.watched.setdefault(key, []).append(item)
+                    if key[0] in self.facts.changed:
+                        self.watched.setdefault(key, []).append(item)
                 return
         item.applied = True
         if item.rule is not None:
@@ -298,21 +274,6 @@ def _joined(parts: Iterable[Sequence[Key] | None], *, every: bool) -> Sequence[K
                 return None
             collected += part
     return None if every else collected
-
-
-def _mentioned(condition: x.Condition) -> tuple[frozenset[str], frozenset[str]]:
-    """Return the predicates and the variables that a condition names; numbers are left out."""
-    names: set[str] = set()
-    variables: set[str] = set()
-    for part in x.nested_conditions(condition):
-        terms: tuple[x.SchemaTerm, ...] = ()
-        if isinstance(part, x.Atom):
-            names.add(part.name)
-            terms = part.arguments
-        elif isinstance(part, x.SameObject):
-            terms = (part.left, part.right)
-        variables.update(term.name for term in terms if term.is_variable)
-    return frozenset(names), frozenset(variables)
 
 
 def _calculates(schema: x.Schema) -> bool:

@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 from serp.pddl import slips
+from serp.pddl import syntax as x
 from serp.pddl.declarations import expect_group, parse_parameters
 from serp.pddl.expressions import as_function, is_number, parse_expression
 from serp.pddl.scope import INSTEAD, Scope, declared_as, parse_arguments, parse_term
 from serp.pddl.sexpr import Group, Node
 from serp.pddl.source import DomainError
-from serp.pddl.syntax import (
-    Atom,
-    Condition,
-    Connective,
-    NumericComparison,
-    Quantified,
-    SameObject,
-    SchemaParameter,
-)
 
 _COMPARATORS = ("<", "<=", "=", ">=", ">")
 
 
-def parse_condition(node: Node, scope: Scope) -> Condition | None:
+def parse_condition(node: Node, scope: Scope) -> x.Condition | None:
     """Parse a condition; None for the empty `()`."""
     group = expect_group(node, "a condition")
     if not group.items:
@@ -34,7 +26,7 @@ def parse_condition(node: Node, scope: Scope) -> Condition | None:
     if head in ("forall", "exists"):
         parameters, body = parse_quantifier(group, scope)
         inner = scope.bind(parameters)
-        return Quantified(head, parameters, required_condition(body, inner), group.place)
+        return x.Quantified(head, parameters, required_condition(body, inner), group.place)
     if head in _COMPARATORS:
         return _comparison(group, scope)
     if head == "preference":
@@ -44,16 +36,16 @@ def parse_condition(node: Node, scope: Scope) -> Condition | None:
             "timed conditions (durative actions) are not supported", group.place, INSTEAD[head]
         )
     declaration = declared_as(group, scope, numeric=False)
-    return Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
+    return x.Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
 
 
-def required_condition(node: Node, scope: Scope) -> Condition:
+def required_condition(node: Node, scope: Scope) -> x.Condition:
     """Parse a condition that an operator needs: `()` is the empty conjunction."""
     condition = parse_condition(node, scope)
-    return condition if condition is not None else Connective("and", (), node.place)
+    return condition if condition is not None else x.Connective("and", (), node.place)
 
 
-def _connective(group: Group, scope: Scope) -> Connective:
+def _connective(group: Group, scope: Scope) -> x.Connective:
     operands = tuple(required_condition(item, scope) for item in group.items[1:])
     wanted = {"not": 1, "imply": 2}.get(group.head)
     if wanted is not None and len(operands) != wanted:
@@ -62,10 +54,10 @@ def _connective(group: Group, scope: Scope) -> Connective:
             f"found {len(operands)}",
             group.place,
         )
-    return Connective(group.head, operands, group.place)
+    return x.Connective(group.head, operands, group.place)
 
 
-def parse_quantifier(group: Group, scope: Scope) -> tuple[tuple[SchemaParameter, ...], Node]:
+def parse_quantifier(group: Group, scope: Scope) -> tuple[tuple[x.SchemaParameter, ...], Node]:
     """Return the variables and the body of `(forall (?x - type) body)`, or of `exists`."""
     if len(group.items) != 3:
         problem = f"`{group.head}` takes a list of variables and one body"
@@ -76,12 +68,12 @@ def parse_quantifier(group: Group, scope: Scope) -> tuple[tuple[SchemaParameter,
     return parse_parameters(variables.items, dict(scope.parents)), group.items[2]
 
 
-def _comparison(group: Group, scope: Scope) -> Condition:
+def _comparison(group: Group, scope: Scope) -> x.Condition:
     if len(group.items) != 3:
         raise DomainError(f"`{group.head}` compares two things", group.place)
     left, right = (as_function(node, scope) for node in group.items[1:])
     if group.head == "=" and not any(isinstance(n, Group) or is_number(n) for n in (left, right)):
-        return SameObject(parse_term(left, scope), parse_term(right, scope), group.place)
-    return NumericComparison(
+        return x.SameObject(parse_term(left, scope), parse_term(right, scope), group.place)
+    return x.NumericComparison(
         group.head, parse_expression(left, scope), parse_expression(right, scope), group.place
     )

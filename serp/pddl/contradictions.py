@@ -7,22 +7,22 @@ both could never be applied.
 
 from __future__ import annotations
 
+from serp.pddl import syntax as x
 from serp.pddl.source import DomainError
-from serp.pddl.syntax import Change, ChangeFunction, Effect, ForallEffect, Number, When
 
 
-def refuse_contradictions(effects: tuple[Effect, ...]) -> None:
+def refuse_contradictions(effects: tuple[x.Effect, ...]) -> None:
     """Check effects that happen together, and those under each `when` and `forall`.
 
     Effects whose conditions or objects differ may exclude each other: what they come to is found
     out when they are applied.
     """
-    changes: dict[tuple[str, ...], list[ChangeFunction]] = {}
+    changes: dict[tuple[str, ...], list[x.ChangeFunction]] = {}
     for effect in effects:
         match effect:
-            case When(_, inner) | ForallEffect(_, inner):
+            case x.When(_, inner) | x.ForallEffect(_, inner):
                 refuse_contradictions(inner)
-            case ChangeFunction(_, function):
+            case x.ChangeFunction(_, function):
                 key = (function.name, *(argument.name for argument in function.arguments))
                 for first in changes.setdefault(key, []):
                     if _contradict(first, effect):
@@ -36,10 +36,14 @@ def refuse_contradictions(effects: tuple[Effect, ...]) -> None:
                 changes[key].append(effect)
 
 
-def _contradict(first: ChangeFunction, second: ChangeFunction) -> bool:
+def _contradict(first: x.ChangeFunction, second: x.ChangeFunction) -> bool:
     if first.change.group != second.change.group:
         return True
     one, other = first.value, second.value
-    if first.change is Change.ASSIGN and isinstance(one, Number) and isinstance(other, Number):
+    if (
+        first.change is x.Change.ASSIGN
+        and isinstance(one, x.Number)
+        and isinstance(other, x.Number)
+    ):
         return one.value != other.value
     return False

@@ -6,9 +6,9 @@ import re
 from collections.abc import Sequence
 
 from serp._util.text import did_you_mean
+from serp.pddl import syntax as x
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError, Place
-from serp.pddl.syntax import OBJECT, Declaration, ObjectDeclaration, SchemaParameter
 
 TOTAL_TIME = "total-time"
 _NAME = re.compile(r"[a-z][a-z0-9_\-]*\Z")
@@ -115,24 +115,24 @@ def parse_types(group: Group) -> dict[str, str]:
     for word, types in typed_list(group.items[1:], "a type", variables=False):
         if len(types) > 1:
             raise DomainError("a type has one parent; `either` is for parameters", word.place)
-        parent = types[0].text if types else OBJECT
-        if word.text == OBJECT:
+        parent = types[0].text if types else x.OBJECT
+        if word.text == x.OBJECT:
             if types:
                 raise DomainError("`object` is the root of all types", word.place)
             continue
         if (known := parents.get(word.text)) is not None:
-            declared_again(word, "type", same=known == parent or OBJECT in (known, parent))
-            parent = known if parent == OBJECT else parent
+            declared_again(word, "type", same=known == parent or x.OBJECT in (known, parent))
+            parent = known if parent == x.OBJECT else parent
         parents[word.text] = parent
         places[word.text] = word.place
         mentioned.append(parent)
     for parent in mentioned:
-        if parent != OBJECT:
-            parents.setdefault(parent, OBJECT)
+        if parent != x.OBJECT:
+            parents.setdefault(parent, x.OBJECT)
     for name in places:
         seen: set[str] = set()
         current = parents[name]
-        while current != OBJECT and current not in seen:
+        while current != x.OBJECT and current not in seen:
             if current == name:
                 raise DomainError(f"type `{name}` is its own ancestor", places[name])
             seen.add(current)
@@ -142,48 +142,48 @@ def parse_types(group: Group) -> dict[str, str]:
 
 def check_type(word: Word, parents: dict[str, str]) -> str:
     """Return the name of a declared type."""
-    if word.text != OBJECT and word.text not in parents:
+    if word.text != x.OBJECT and word.text not in parents:
         raise DomainError(
-            f"unknown type `{word.text}`", word.place, did_you_mean(word.text, [*parents, OBJECT])
+            f"unknown type `{word.text}`", word.place, did_you_mean(word.text, [*parents, x.OBJECT])
         )
     return word.text
 
 
 def parse_parameters(
     nodes: Sequence[Node], parents: dict[str, str], *, positional: bool = False
-) -> tuple[SchemaParameter, ...]:
+) -> tuple[x.SchemaParameter, ...]:
     """Parse a typed list of variables."""
-    parameters: dict[str, SchemaParameter] = {}
+    parameters: dict[str, x.SchemaParameter] = {}
     for word, types in typed_list(nodes, "a parameter", variables=True):
-        names = tuple(check_type(t, parents) for t in types) or (OBJECT,)
+        names = tuple(check_type(t, parents) for t in types) or (x.OBJECT,)
         name = word.text
         if name in parameters:
             declared_again(word, "parameter", same=positional or parameters[name].types == names)
             if positional:
                 name = f"{name}-{len(parameters) + 1}"
-        parameters[name] = SchemaParameter(name, names, word.place)
+        parameters[name] = x.SchemaParameter(name, names, word.place)
     return tuple(parameters.values())
 
 
-def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, ObjectDeclaration]:
+def parse_objects(group: Group, parents: dict[str, str]) -> dict[str, x.ObjectDeclaration]:
     """Parse `(:constants ...)` or `(:objects ...)`."""
-    objects: dict[str, ObjectDeclaration] = {}
+    objects: dict[str, x.ObjectDeclaration] = {}
     for word, types in typed_list(group.items[1:], "an object", variables=False):
         if len(types) > 1:
             raise DomainError("an object has one type", word.place)
-        type_name = check_type(types[0], parents) if types else OBJECT
+        type_name = check_type(types[0], parents) if types else x.OBJECT
         if word.text in objects:
             declared_again(word, "object", same=objects[word.text].type == type_name)
-        objects[word.text] = ObjectDeclaration(word.text, type_name, word.place)
+        objects[word.text] = x.ObjectDeclaration(word.text, type_name, word.place)
     return objects
 
 
 def parse_declarations(
     group: Group, parents: dict[str, str], *, numeric: bool
-) -> dict[str, Declaration]:
+) -> dict[str, x.Declaration]:
     """Parse `(:predicates ...)` or `(:functions ...)`."""
     what = "function" if numeric else "predicate"
-    declared: dict[str, Declaration] = {}
+    declared: dict[str, x.Declaration] = {}
     index = 1
     while index < len(group.items):
         node = group.items[index]
@@ -207,7 +207,7 @@ def parse_declarations(
             known = declared[word.text].parameters
             same = [p.types for p in known] == [p.types for p in parameters]
             declared_again(word, what, same=same)
-        declared[word.text] = Declaration(word.text, parameters, numeric, item.place)
+        declared[word.text] = x.Declaration(word.text, parameters, numeric, item.place)
     return declared
 
 

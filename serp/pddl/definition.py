@@ -18,23 +18,6 @@ _SUPPORTED = frozenset(
         *(":time", ":processes", ":events", ":continuous-effects", ":hybrid"),
     )
 )
-_UNSUPPORTED = {
-    ":durative-actions": "durative actions",
-    ":duration-inequalities": "durative actions",
-    ":derived-predicates": "derived predicates",
-    ":timed-initial-literals": "timed initial literals",
-    ":timed-initial-fluents": "timed initial fluents",
-    ":preferences": "preferences",
-    ":constraints": "trajectory constraints",
-    ":object-fluents": "object fluents",
-    ":probabilistic-effects": "probabilistic effects",
-    ":rewards": "PPDDL rewards",
-    ":multi-agent": "multi-agent domains",
-    ":unfactored-privacy": "multi-agent domains",
-    ":factored-privacy": "multi-agent domains",
-    ":method-preconditions": "hierarchical domains",
-    ":hierarchy": "hierarchical domains",
-}
 _FILE_NAME = re.compile(r"[a-z0-9][a-z0-9_.\-]*\Z")
 
 
@@ -73,15 +56,10 @@ def _name(title: Group, what: str) -> str:
 
 
 def check_requirements(group: Group) -> None:
-    """Warn of requirements that are unknown or not supported."""
+    """Warn of requirements that are unknown or not supported; what needs them is refused itself."""
     for node in group.items[1:]:
         if not isinstance(node, Word):
             raise DomainError("expected a requirement such as `:typing`", node.place)
-        if node.text in _UNSUPPORTED:
-            what = _UNSUPPORTED[node.text]
-            node.place.warn(
-                f"`{node.text}` is not needed: {what} are not supported, and none is used"
-            )
-        elif node.text not in _SUPPORTED:
-            advice = did_you_mean(node.text, [*_SUPPORTED, *_UNSUPPORTED])
-            node.place.warn(f"unknown requirement `{node.text}`; {advice}")
+        if node.text not in _SUPPORTED:
+            advice = did_you_mean(node.text, _SUPPORTED)
+            node.place.warn(f"requirement `{node.text}` is unknown or not supported; {advice}")

@@ -7,6 +7,7 @@ import itertools
 from collections.abc import Sequence
 
 from serp._util.text import did_you_mean
+from serp.pddl import syntax as x
 from serp.pddl.conditions import parse_condition
 from serp.pddl.contradictions import refuse_contradictions
 from serp.pddl.declarations import (
@@ -23,22 +24,13 @@ from serp.pddl.scope import INSTEAD, Scope
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.slips import several_under, written
 from serp.pddl.source import DomainError, Source
-from serp.pddl.syntax import (
-    REWARD,
-    TERMINAL,
-    UNSAFE,
-    Declaration,
-    DomainSyntax,
-    Kind,
-    Schema,
-)
 
 _DOMAIN_ORDER = (":requirements", ":types", ":constants", ":predicates", ":functions")
 _FIELDS = (":parameters", ":precondition", ":effect")
-_KINDS = {":action": Kind.ACTION, ":process": Kind.PROCESS, ":event": Kind.EVENT}
+_KINDS = {":action": x.Kind.ACTION, ":process": x.Kind.PROCESS, ":event": x.Kind.EVENT}
 
 
-def parse_domain(source: Source) -> DomainSyntax:
+def parse_domain(source: Source) -> x.DomainSyntax:
     """Parse a domain file."""
     name, top, sections = read_definition(source, "domain")
     single: dict[str, Group] = {}
@@ -62,7 +54,7 @@ def parse_domain(source: Source) -> DomainSyntax:
     constants = parse_objects(single[":constants"], parents) if ":constants" in single else {}
     declarations = _all_declarations(single, parents)
     scope = Scope(parents, constants, declarations, {})
-    schemas: dict[str, Schema] = {}
+    schemas: dict[str, x.Schema] = {}
     for group in schema_groups:
         schema = _schema(group, scope)
         if schema.name in schemas:
@@ -72,18 +64,22 @@ def parse_domain(source: Source) -> DomainSyntax:
                 "names of actions, processes and events must differ",
             )
         schemas[schema.name] = schema
-    return DomainSyntax(name, parents, constants, declarations, tuple(schemas.values()), top.place)
+    return x.DomainSyntax(
+        name, parents, constants, declarations, tuple(schemas.values()), top.place
+    )
 
 
-def _all_declarations(single: dict[str, Group], parents: dict[str, str]) -> dict[str, Declaration]:
-    declarations: dict[str, Declaration] = {}
+def _all_declarations(
+    single: dict[str, Group], parents: dict[str, str]
+) -> dict[str, x.Declaration]:
+    declarations: dict[str, x.Declaration] = {}
     for head in (h for h in single if h in (":predicates", ":functions")):
         numeric = head == ":functions"
         for name, declaration in parse_declarations(single[head], parents, numeric=numeric).items():
             if name in declarations:
                 raise DomainError(f"`{name}` is both a predicate and a function", declaration.place)
             declarations[name] = declaration
-    for name, numeric in ((REWARD, True), (UNSAFE, False), (TERMINAL, False)):
+    for name, numeric in ((x.REWARD, True), (x.UNSAFE, False), (x.TERMINAL, False)):
         reserved = declarations.get(name)
         if reserved is None:
             continue
@@ -95,7 +91,7 @@ def _all_declarations(single: dict[str, Group], parents: dict[str, str]) -> dict
     return declarations
 
 
-def _schema(group: Group, scope: Scope) -> Schema:
+def _schema(group: Group, scope: Scope) -> x.Schema:
     kind = _KINDS[group.head]
     if len(group.items) < 2:
         raise DomainError(f"`{group.head}` without a name", group.place)
@@ -114,14 +110,14 @@ def _schema(group: Group, scope: Scope) -> Schema:
     listed = fields[":parameters"].items if ":parameters" in fields else ()
     parameters = parse_parameters(listed, dict(scope.parents))
     inner = Scope(
-        scope.parents, scope.objects, scope.declarations, {}, in_process=kind is Kind.PROCESS
+        scope.parents, scope.objects, scope.declarations, {}, in_process=kind is x.Kind.PROCESS
     ).bind(parameters)
     precondition = (
         parse_condition(fields[":precondition"], inner) if ":precondition" in fields else None
     )
     effects = parse_effects(fields[":effect"], inner) if ":effect" in fields else ()
     refuse_contradictions(effects)
-    return Schema(kind, name, parameters, precondition, effects, group.place)
+    return x.Schema(kind, name, parameters, precondition, effects, group.place)
 
 
 def _no_field(before: Sequence[Node], node: Node, rest: Sequence[Node], schema: str) -> DomainError:

@@ -3,32 +3,18 @@
 from __future__ import annotations
 
 from serp.pddl import slips
+from serp.pddl import syntax as x
 from serp.pddl.conditions import parse_quantifier, required_condition
 from serp.pddl.declarations import expect_group
 from serp.pddl.expressions import as_function, parse_expression
 from serp.pddl.scope import Scope, declared_as, parse_arguments
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError, Place
-from serp.pddl.syntax import (
-    REWARD,
-    TERMINAL,
-    UNSAFE,
-    Atom,
-    Change,
-    ChangeFunction,
-    Effect,
-    Expression,
-    ForallEffect,
-    FunctionTerm,
-    Number,
-    SetPredicate,
-    When,
-)
 
-_CHANGES = {change.value: change for change in Change}
+_CHANGES = {change.value: change for change in x.Change}
 
 
-def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tuple[Effect, ...]:
+def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tuple[x.Effect, ...]:
     """Parse an effect into its parts, with every `and` flattened."""
     group = expect_group(node, "an effect")
     if not group.items:
@@ -45,7 +31,7 @@ def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tup
     if head == "forall":
         parameters, body = parse_quantifier(group, scope)
         inner = parse_effects(body, scope.bind(parameters), inside_when=inside_when)
-        return (ForallEffect(parameters, inner, group.place),)
+        return (x.ForallEffect(parameters, inner, group.place),)
     if head == "when":
         return (_when(group, scope, inside_when=inside_when),)
     if head in _CHANGES:
@@ -65,7 +51,7 @@ def parse_effects(node: Node, scope: Scope, *, inside_when: bool = False) -> tup
     return (_set_predicate(group, scope, value=True, place=group.place),)
 
 
-def _when(group: Group, scope: Scope, *, inside_when: bool) -> When:
+def _when(group: Group, scope: Scope, *, inside_when: bool) -> x.When:
     if inside_when:
         raise DomainError(
             "`when` inside `when` is not supported (other PDDL tools drop its outer condition)",
@@ -80,14 +66,14 @@ def _when(group: Group, scope: Scope, *, inside_when: bool) -> When:
         )
     if len(group.items) != 3:
         raise slips.several_after(group, 2, "`when` takes one condition and one effect")
-    return When(
+    return x.When(
         required_condition(group.items[1], scope),
         parse_effects(group.items[2], scope, inside_when=True),
         group.place,
     )
 
 
-def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> SetPredicate:
+def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> x.SetPredicate:
     group = expect_group(node, "a predicate")
     if scope.in_process:
         raise DomainError(
@@ -96,26 +82,26 @@ def _set_predicate(node: Node, scope: Scope, *, value: bool, place: Place) -> Se
             "set predicates in an action or in an `(:event ...)`",
         )
     declaration = declared_as(group, scope, numeric=False)
-    if declaration.name in (UNSAFE, TERMINAL) and not value:
+    if declaration.name in (x.UNSAFE, x.TERMINAL) and not value:
         raise DomainError(
             f"`({declaration.name})` can only be made true",
             place,
             "it is false at the start of every step",
         )
-    atom = Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
-    return SetPredicate(atom, value, place)
+    atom = x.Atom(declaration.name, parse_arguments(group, declaration, scope), group.place)
+    return x.SetPredicate(atom, value, place)
 
 
-def _change(group: Group, scope: Scope) -> ChangeFunction:
+def _change(group: Group, scope: Scope) -> x.ChangeFunction:
     if len(group.items) != 3:
         raise DomainError(f"`{group.head}` takes a function and a value", group.place)
     change = _CHANGES[group.head]
     target = expect_group(as_function(group.items[1], scope), "a function")
     declaration = declared_as(target, scope, numeric=True)
     arguments = parse_arguments(target, declaration, scope)
-    function = FunctionTerm(declaration.name, arguments, target.place)
-    additive = change in (Change.INCREASE, Change.DECREASE)
-    if declaration.name == REWARD and not additive:
+    function = x.FunctionTerm(declaration.name, arguments, target.place)
+    additive = change in (x.Change.INCREASE, x.Change.DECREASE)
+    if declaration.name == x.REWARD and not additive:
         raise DomainError(
             f"`(reward)` may only be increased or decreased, not `{group.head}`", group.place
         )
@@ -124,14 +110,14 @@ def _change(group: Group, scope: Scope) -> ChangeFunction:
             raise DomainError(
                 f"a process may only increase or decrease, not `{group.head}`", group.place
             )
-        return ChangeFunction(change, function, _rate(group.items[2], scope), group.place)
-    return ChangeFunction(change, function, parse_expression(group.items[2], scope), group.place)
+        return x.ChangeFunction(change, function, _rate(group.items[2], scope), group.place)
+    return x.ChangeFunction(change, function, parse_expression(group.items[2], scope), group.place)
 
 
-def _rate(node: Node, scope: Scope) -> Expression:
+def _rate(node: Node, scope: Scope) -> x.Expression:
     """Return the factor beside `#t`."""
     if isinstance(node, Word) and node.text == "#t":
-        return Number(1.0, node.place)
+        return x.Number(1.0, node.place)
     if isinstance(node, Group) and node.head == "*" and len(node.items) == 3:
         left, right = node.items[1:]
         if isinstance(left, Word) and left.text == "#t":

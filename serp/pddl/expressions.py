@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 
 from serp.pddl import slips
+from serp.pddl import syntax as x
 from serp.pddl.declarations import TOTAL_TIME, without_parentheses
 from serp.pddl.scope import Scope, declared_as, parse_arguments
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError
-from serp.pddl.syntax import REWARD, Arithmetic, Expression, FunctionTerm, Number, TotalTime
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)(e[+-]?\d+)?\Z", re.ASCII)
 _MAX_CHAIN = 100
@@ -21,7 +21,7 @@ def is_number(node: Node) -> bool:
     return isinstance(node, Word) and _NUMBER.match(node.text) is not None
 
 
-def parse_number(node: Node) -> Number:
+def parse_number(node: Node) -> x.Number:
     """Parse a numeric literal."""
     if isinstance(node, Word) and (slip := slips.decimal_comma(node)):
         raise slip
@@ -31,7 +31,7 @@ def parse_number(node: Node) -> Number:
     value = float(node.text)
     if value in (float("inf"), float("-inf")):
         raise DomainError(f"`{node.text}` is too large a number", node.place)
-    return Number(value, node.place)
+    return x.Number(value, node.place)
 
 
 def as_function(node: Node, scope: Scope) -> Node:
@@ -47,7 +47,7 @@ def as_function(node: Node, scope: Scope) -> Node:
     return without_parentheses(node) if known else node
 
 
-def parse_expression(node: Node, scope: Scope) -> Expression:
+def parse_expression(node: Node, scope: Scope) -> x.Expression:
     """Parse a numeric expression."""
     node = as_function(node, scope)
     if isinstance(node, Word):
@@ -67,18 +67,18 @@ def parse_expression(node: Node, scope: Scope) -> Expression:
     if node.head == TOTAL_TIME:
         if not scope.in_metric or len(node.items) != 1:
             raise DomainError("`(total-time)` may stand only in a metric", node.place)
-        return TotalTime(node.place)
+        return x.TotalTime(node.place)
     if slip := slips.in_number(node, scope.declarations):
         raise slip
     declaration = declared_as(node, scope, numeric=True)
-    if declaration.name == REWARD and not scope.in_metric:
+    if declaration.name == x.REWARD and not scope.in_metric:
         raise DomainError(
             "`(reward)` cannot be read; it is only ever increased or decreased", node.place
         )
-    return FunctionTerm(declaration.name, parse_arguments(node, declaration, scope), node.place)
+    return x.FunctionTerm(declaration.name, parse_arguments(node, declaration, scope), node.place)
 
 
-def _arithmetic(group: Group, scope: Scope) -> Arithmetic:
+def _arithmetic(group: Group, scope: Scope) -> x.Arithmetic:
     operands = tuple(parse_expression(item, scope) for item in group.items[1:])
     operator = group.head
     least = 1 if operator == "-" else 2
@@ -89,12 +89,12 @@ def _arithmetic(group: Group, scope: Scope) -> Arithmetic:
             f"`{operator}` takes {wanted} operands, found {len(operands)}", group.place
         )
     divisor = operands[1] if operator == "/" else None
-    if isinstance(divisor, Number) and divisor.value == 0.0:
+    if isinstance(divisor, x.Number) and divisor.value == 0.0:
         raise DomainError("a division by zero", divisor.place, "it never has a result")
-    return _no_long_chain(Arithmetic(operator, operands, group.place))
+    return _no_long_chain(x.Arithmetic(operator, operands, group.place))
 
 
-def _no_long_chain(expression: Arithmetic) -> Arithmetic:
+def _no_long_chain(expression: x.Arithmetic) -> x.Arithmetic:
     if _chain(expression) > _MAX_CHAIN:
         raise DomainError(
             f"an expression of more than {_MAX_CHAIN} operations in a row",
@@ -104,8 +104,8 @@ def _no_long_chain(expression: Arithmetic) -> Arithmetic:
     return expression
 
 
-def _chain(expression: Expression) -> int:
+def _chain(expression: x.Expression) -> int:
     """Return how many operations wait for one another at most (operands are taken in pairs)."""
-    if not isinstance(expression, Arithmetic):
+    if not isinstance(expression, x.Arithmetic):
         return 0
     return max(map(_chain, expression.operands)) + max(1, len(expression.operands) - 1)

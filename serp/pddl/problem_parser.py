@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from serp._util.text import did_you_mean
+from serp.pddl import syntax as x
 from serp.pddl.conditions import parse_condition
 from serp.pddl.declarations import expect_group, parse_objects
 from serp.pddl.definition import check_requirements, read_definition
@@ -10,24 +11,11 @@ from serp.pddl.expressions import as_function, parse_expression, parse_number
 from serp.pddl.scope import INSTEAD, Scope
 from serp.pddl.sexpr import Group, Word
 from serp.pddl.source import DomainError, Place, Source
-from serp.pddl.syntax import (
-    REWARD,
-    TERMINAL,
-    UNSAFE,
-    Atom,
-    Condition,
-    DomainSyntax,
-    FunctionTerm,
-    Metric,
-    Number,
-    ProblemSyntax,
-    TotalTime,
-)
 
 _SECTIONS = (":domain", ":requirements", ":objects", ":init", ":goal", ":metric")
 
 
-def parse_problem(source: Source, domain: DomainSyntax) -> ProblemSyntax:
+def parse_problem(source: Source, domain: x.DomainSyntax) -> x.ProblemSyntax:
     """Parse the problem file that belongs to a domain."""
     name, top, sections = read_definition(source, "problem")
     single: dict[str, Group] = {}
@@ -58,12 +46,12 @@ def parse_problem(source: Source, domain: DomainSyntax) -> ProblemSyntax:
     atoms, values = _initial(single[":init"], scope) if ":init" in single else ((), ())
     goal = _goal(single[":goal"], scope) if ":goal" in single else None
     metric = _metric(single[":metric"], scope) if ":metric" in single else None
-    return ProblemSyntax(
+    return x.ProblemSyntax(
         name, objects, atoms, values, goal, metric, top.place, has_init=":init" in single
     )
 
 
-def _check_domain_name(group: Group, domain: DomainSyntax) -> None:
+def _check_domain_name(group: Group, domain: x.DomainSyntax) -> None:
     if len(group.items) != 2:
         raise DomainError("expected `(:domain name)`", group.place)
     word = group.items[1]
@@ -75,10 +63,10 @@ def _check_domain_name(group: Group, domain: DomainSyntax) -> None:
 
 def _initial(
     group: Group, scope: Scope
-) -> tuple[tuple[Atom, ...], tuple[tuple[FunctionTerm, Number], ...]]:
-    atoms: list[Atom] = []
+) -> tuple[tuple[x.Atom, ...], tuple[tuple[x.FunctionTerm, x.Number], ...]]:
+    atoms: list[x.Atom] = []
     denied: dict[tuple[str, ...], Place] = {}
-    values: dict[tuple[str, ...], tuple[FunctionTerm, Number]] = {}
+    values: dict[tuple[str, ...], tuple[x.FunctionTerm, x.Number]] = {}
     # What a metric may read, an initial value may name: `(reward)` too.
     readable = Scope(scope.parents, scope.objects, scope.declarations, {}, in_metric=True)
     for node in group.items[1:]:
@@ -88,10 +76,10 @@ def _initial(
                 raise DomainError("expected `(= (function) number)`", item.place)
             target = expect_group(as_function(item.items[1], scope), "a function")
             function = parse_expression(target, readable)
-            if isinstance(function, TotalTime) and parse_number(item.items[2]).value == 0.0:
+            if isinstance(function, x.TotalTime) and parse_number(item.items[2]).value == 0.0:
                 item.place.warn("`(total-time)` always starts at 0; leave this out")
                 continue
-            if not isinstance(function, FunctionTerm):
+            if not isinstance(function, x.FunctionTerm):
                 raise DomainError("expected a function of the domain", function.place)
             key = _key(function)
             if key in values:
@@ -102,7 +90,7 @@ def _initial(
             if len(item.items) != 2:
                 raise DomainError("`not` takes one predicate", item.place)
             fact = parse_condition(item.items[1], scope)
-            if not isinstance(fact, Atom):
+            if not isinstance(fact, x.Atom):
                 raise DomainError("`not` takes one predicate", item.place)
             denied[_key(fact)] = item.place  # false anyway, unless it is stated too
             continue
@@ -111,33 +99,33 @@ def _initial(
                 "timed initial literals are not supported", item.place, INSTEAD["timed"]
             )
         fact = parse_condition(item, scope)
-        if not isinstance(fact, Atom):
+        if not isinstance(fact, x.Atom):
             raise DomainError(
                 "expected a predicate over objects or `(= (function) number)`", item.place
             )
-        if fact.name in (UNSAFE, TERMINAL):
+        if fact.name in (x.UNSAFE, x.TERMINAL):
             raise DomainError(f"`({fact.name})` starts false in every step", item.place)
         atoms.append(fact)
     for atom in atoms:
         if _key(atom) in denied:
             raise DomainError(f"`{atom.place.text}` is also stated true", denied[_key(atom)])
-    _, zero = values.pop((REWARD,), (None, None))
+    _, zero = values.pop((x.REWARD,), (None, None))
     if zero is not None and zero.value != 0.0:
         raise DomainError("`(reward)` starts at 0 in every step", zero.place)
     return tuple(atoms), tuple(values.values())
 
 
-def _key(term: Atom | FunctionTerm) -> tuple[str, ...]:
+def _key(term: x.Atom | x.FunctionTerm) -> tuple[str, ...]:
     return (term.name, *(argument.name for argument in term.arguments))
 
 
-def _goal(group: Group, scope: Scope) -> Condition | None:
+def _goal(group: Group, scope: Scope) -> x.Condition | None:
     if len(group.items) != 2:
         raise DomainError("expected `(:goal condition)`", group.place)
     return parse_condition(group.items[1], scope)
 
 
-def _metric(group: Group, scope: Scope) -> Metric:
+def _metric(group: Group, scope: Scope) -> x.Metric:
     if len(group.items) != 3 or not isinstance(group.items[1], Word):
         raise DomainError("expected `(:metric maximize|minimize expression)`", group.place)
     sense = group.items[1]
@@ -145,4 +133,4 @@ def _metric(group: Group, scope: Scope) -> Metric:
         raise DomainError(f"expected maximize or minimize, found `{sense.text}`", sense.place)
     inner = Scope(scope.parents, scope.objects, scope.declarations, {}, in_metric=True)
     node = group.items[2]
-    return Metric(sense.text == "maximize", parse_expression(node, inner), group.place)
+    return x.Metric(sense.text == "maximize", parse_expression(node, inner), group.place)

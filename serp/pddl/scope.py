@@ -6,18 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from serp._util.text import did_you_mean
+from serp.pddl import syntax as x
 from serp.pddl.sexpr import Group, Node, Word
 from serp.pddl.source import DomainError
-from serp.pddl.syntax import (
-    REWARD,
-    TERMINAL,
-    UNSAFE,
-    Declaration,
-    ObjectDeclaration,
-    SchemaParameter,
-    SchemaTerm,
-    is_subtype,
-)
 
 INSTEAD = {
     **dict.fromkeys(
@@ -53,28 +44,28 @@ class Scope:
     """
 
     parents: Mapping[str, str]
-    objects: Mapping[str, ObjectDeclaration]
-    declarations: Mapping[str, Declaration]
-    parameters: Mapping[str, SchemaParameter]
+    objects: Mapping[str, x.ObjectDeclaration]
+    declarations: Mapping[str, x.Declaration]
+    parameters: Mapping[str, x.SchemaParameter]
     in_process: bool = False
     in_metric: bool = False
 
-    def bind(self, parameters: tuple[SchemaParameter, ...]) -> Scope:
+    def bind(self, parameters: tuple[x.SchemaParameter, ...]) -> Scope:
         """Return the scope inside a quantifier or schema (inner names hide outer ones)."""
         return replace(self, parameters={**self.parameters, **{p.name: p for p in parameters}})
 
-    def types_of(self, term: SchemaTerm) -> tuple[str, ...]:
+    def types_of(self, term: x.SchemaTerm) -> tuple[str, ...]:
         """Return the declared types of a term that is known to exist."""
         if term.is_variable:
             return self.parameters[term.name].types
         return (self.objects[term.name].type,)
 
 
-def parse_term(node: Node, scope: Scope) -> SchemaTerm:
+def parse_term(node: Node, scope: Scope) -> x.SchemaTerm:
     """Parse an argument."""
     if not isinstance(node, Word):
         raise DomainError("expected a variable or an object, found a list", node.place)
-    term = SchemaTerm(node.text, node.place)
+    term = x.SchemaTerm(node.text, node.place)
     if term.is_variable:
         if term.name not in scope.parameters:
             raise DomainError(
@@ -91,7 +82,9 @@ def parse_term(node: Node, scope: Scope) -> SchemaTerm:
     return term
 
 
-def parse_arguments(group: Group, declaration: Declaration, scope: Scope) -> tuple[SchemaTerm, ...]:
+def parse_arguments(
+    group: Group, declaration: x.Declaration, scope: Scope
+) -> tuple[x.SchemaTerm, ...]:
     """Parse the arguments of a predicate or function."""
     what = "function" if declaration.numeric else "predicate"
     terms = tuple(parse_term(node, scope) for node in group.items[1:])
@@ -104,7 +97,7 @@ def parse_arguments(group: Group, declaration: Declaration, scope: Scope) -> tup
         )
     for term, parameter in zip(terms, declaration.parameters, strict=True):
         fits = all(
-            any(is_subtype(own, wanted, scope.parents) for wanted in parameter.types)
+            any(x.is_subtype(own, wanted, scope.parents) for wanted in parameter.types)
             for own in scope.types_of(term)
         )
         if not fits:
@@ -116,7 +109,7 @@ def parse_arguments(group: Group, declaration: Declaration, scope: Scope) -> tup
     return terms
 
 
-def declared_as(group: Group, scope: Scope, *, numeric: bool) -> Declaration:
+def declared_as(group: Group, scope: Scope, *, numeric: bool) -> x.Declaration:
     """Return the declaration of the name that a list begins with."""
     what = "function" if numeric else "predicate"
     word = group.items[0] if group.items else None
@@ -127,7 +120,7 @@ def declared_as(group: Group, scope: Scope, *, numeric: bool) -> Declaration:
         names = [d.name for d in scope.declarations.values() if d.numeric == numeric]
         section = ":functions" if numeric else ":predicates"
         advice = did_you_mean(word.text, names)
-        if word.text in (REWARD, UNSAFE, TERMINAL):
+        if word.text in (x.REWARD, x.UNSAFE, x.TERMINAL):
             advice = f"declare it: `({section} ... ({word.text}))`"
         raise DomainError(f"unknown {what} `{word.text}`", word.place, advice)
     if declaration.numeric != numeric:

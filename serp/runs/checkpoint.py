@@ -6,7 +6,8 @@ writes several in no fixed order. That is the text of a JSON object::
     {"format": 7, "sha256": "<digest of the content>", "meta": "<text of a JSON object>"}
 
 Numbers in ``meta`` stay exact: integers of any size (a PCG64 state has 128 bits), and NaN and the
-infinities, which are written as Python's `json` writes them.
+infinities, which are written as Python's `json` writes them. What cannot be read or written is a
+`RunError`, of the class `CheckpointDamaged` if the file is truncated or altered.
 """
 
 from __future__ import annotations
@@ -65,13 +66,9 @@ def save(path: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[s
     """Write a checkpoint atomically and durably.
 
     Args:
-        path: The file; an existing one is replaced after the new one is flushed to the disk.
+        path: The file; an existing one is replaced.
         arrays: Name → array of any shape (also 0-d and empty) of booleans, integers or floats.
         meta: JSON values with strings as keys; NumPy scalars are allowed.
-
-    Raises:
-        RunError: The write failed; the previous checkpoint is unchanged.
-        TypeError: An array or a value has a type that the file cannot hold.
     """
     write_durably(path, _encode(arrays, meta))
 
@@ -79,16 +76,9 @@ def save(path: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[s
 def save_rotating(
     folder: Path, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
 ) -> Path:
-    """Write ``checkpoint.safetensors``, and keep the last one as the previous one.
+    """Write the newest checkpoint of a folder, keep the last one as the previous one.
 
-    That is ``checkpoint-previous.safetensors``. After the first call the folder always holds at
-    least one intact checkpoint.
-
-    Returns:
-        The file written.
-
-    Raises:
-        RunError, TypeError: See `save`.
+    After the first call the folder always holds at least one intact checkpoint.
     """
     newest, previous = folder / NEWEST, folder / PREVIOUS
     data = _encode(arrays, meta)
@@ -104,14 +94,7 @@ def save_rotating(
 
 
 def load(path: Path) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, Any]]:
-    """Read what `save` wrote, exactly: writable arrays and the JSON values.
-
-    Raises:
-        CheckpointDamaged: The file is truncated or altered.
-        FileNotFoundError: There is no such file.
-        RunError: It cannot be read, is not a checkpoint of serp, or another version of serp wrote
-            it.
-    """
+    """Read what `save` wrote, exactly: writable arrays and the JSON values."""
     try:
         data = read_regular(path)
     except FileNotFoundError:
@@ -126,10 +109,6 @@ def load_newest(folder: Path) -> Checkpoint:
 
     If the newest file is missing or damaged, the previous one is read, and `fallback` of the result
     says so.
-
-    Raises:
-        RunError: There is no intact checkpoint, it cannot be read, or another version of serp
-            wrote it.
     """
     newest, previous = folder / NEWEST, folder / PREVIOUS
     try:
@@ -191,15 +170,10 @@ def _decode(path: Path, data: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], d
                 raise ValueError("not a JSON object")
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise CheckpointDamaged(f"{damaged} its metadata cannot be read.") from error
-    if version > FORMAT:
+    if version != FORMAT:
         raise RunError(
-            f"the checkpoint {path} has format {version}; this serp knows formats up to {FORMAT}. "
-            "Install a newer serp to read it."
-        )
-    if version < FORMAT:
-        raise RunError(
-            f"the checkpoint {path} has format {version}, which an earlier serp wrote; this one "
-            f"reads format {FORMAT}. Use the run with the version that config.json names, or train "
+            f"the checkpoint {path} has format {version}, which another version of serp wrote; "
+            f"this one reads format {FORMAT}. Use the version that config.json names, or train "
             "again."
         )
     if not intact:

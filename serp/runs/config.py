@@ -11,6 +11,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ConfigDict, ValidationError
+
 from serp._util.json_files import json_text, read_json
 from serp.errors import RunError
 from serp.runs.lock import LOCK
@@ -19,11 +21,19 @@ FORMAT = 2
 """Raised where a run of before cannot be read any more."""
 CONFIG = "config.json"
 
-_KINDS = {
-    "format": int, "created": str, "command": list, "domain_files": dict, "config": dict,
-    "versions": dict, "machine": dict,
-}  # fmt: skip
-"""Required keys of `config.json` → kind of JSON value."""
+
+class _Config(BaseModel):
+    """What every ``config.json`` holds, and more."""
+
+    model_config = ConfigDict(strict=True)
+
+    created: str
+    command: list[str]
+    domain_files: dict[str, str]
+    config: dict[str, Any]
+    versions: dict[str, Any]
+    machine: dict[str, Any]
+
 
 _PACKAGES = (
     "serp",
@@ -53,10 +63,6 @@ def config_text(
         domain_files: Name of each copy in the run → name of the original file.
         command: The command line.
         now: When the run began, local time.
-
-    Raises:
-        TypeError: A value of the configuration cannot be written as JSON.
-        ValueError: A number in it is NaN or infinite; `serp.Settings.as_dict` gives none.
     """
     return json_text(
         {
@@ -73,12 +79,7 @@ def config_text(
 
 
 def read_config(folder: Path) -> dict[str, Any]:
-    """Read the ``config.json`` of a run: the keys that `config_text` writes.
-
-    Raises:
-        RunError: The folder is missing or not a run, or its ``config.json`` is damaged or of
-            another version of serp.
-    """
+    """Read the ``config.json`` of a run: the keys that `config_text` writes."""
     if not os.path.isdir(folder):
         raise RunError(f"there is no run {folder}: no such folder.")
     file = folder / CONFIG
@@ -93,31 +94,22 @@ def read_config(folder: Path) -> dict[str, Any]:
         )
     about = read_json(file, "Restore it from a copy.")
     version = about.get("format")
-    if isinstance(version, int) and version > FORMAT:
-        raise RunError(
-            f"{file} has format {version}; this serp knows formats up to {FORMAT}. Install a "
-            "newer serp to read this run."
-        )
-    if isinstance(version, int) and version < FORMAT:
+    if isinstance(version, int) and version != FORMAT:
         versions = about.get("versions")
         wrote = versions.get("serp") if isinstance(versions, dict) else None
         raise RunError(
-            f"{file} was written by an earlier version of serp ({wrote or 'unknown'}), with other "
-            "names of settings: this run cannot be read or continued. Train again, or install that "
-            "version."
+            f"{file} was written by another version of serp ({wrote or 'unknown'}): it has format "
+            f"{version}, and this one reads format {FORMAT}. Use that version, or train again."
         )
-    for key, kind in _KINDS.items():
-        if not isinstance(about.get(key), kind):
-            raise RunError(
-                f"{file} was not written by serp, or is damaged: {key} is missing or not a "
-                f"{kind.__name__}. Restore it from a copy."
-            )
-    texts = (*about["command"], *about["domain_files"].values())
-    if not all(isinstance(text, str) for text in texts):
+    try:
+        _Config.model_validate(about)
+    except ValidationError as error:
+        wrong = error.errors(include_url=False)[0]
+        name = ".".join(map(str, wrong["loc"]))
         raise RunError(
-            f"{file} is damaged: command and domain_files must hold strings. Restore it from a "
-            "copy."
-        )
+            f"{file} was not written by serp, or is damaged: {name}: {wrong['msg']}. Restore it "
+            "from a copy."
+        ) from None
     return about
 
 

@@ -6,6 +6,8 @@
 ``decisions.csv``           one row per decision
 ``checkpoint.safetensors``  the newest training state, and ``checkpoint-previous.safetensors``
 ``summary.json``, ``report.md``, ``learning-curve.png``, ``learning-curve.svg``  the results
+
+What cannot be read or written is a `RunError`.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ import numpy as np
 
 from serp._util.closing import Closing
 from serp._util.files import aside_of, cannot_write, require_regular, sync_folder, write_durably
-from serp._util.json_files import finite, json_text, read_json
+from serp._util.json_files import read_json
 from serp._util.saved_state import Saved
 from serp.errors import RunError
 from serp.model.loading import problem_beside
@@ -77,6 +79,8 @@ class RunFolder(Closing):
     ) -> RunFolder:
         """Begin a run in a new or empty folder, and lock it for writing.
 
+        After a failure, the run can be begun again in the same folder.
+
         Args:
             path: The folder; its parents are created.
             config: The resolved configuration, JSON values (also paths, enums and NumPy scalars);
@@ -85,10 +89,6 @@ class RunFolder(Closing):
                 become ``domain.pddl`` and ``problem.pddl``.
             command: The command line.
             now: The time of the beginning.
-
-        Raises:
-            RunError: The folder is not empty, is a file, is locked, or cannot be written. After
-                that, the run can be begun again in the same folder.
         """
         path = Path(path)
         copies = dict(zip(COPIES, domain_files, strict=False))
@@ -112,16 +112,7 @@ class RunFolder(Closing):
 
     @classmethod
     def open(cls, path: Path | str, *, writing: bool = False) -> RunFolder:
-        """Open an existing run.
-
-        Args:
-            path: The folder.
-            writing: Lock it and open its tables for appending, to continue the run.
-
-        Raises:
-            RunError: There is no such folder, it is not a run, its ``config.json`` is damaged or of
-                a newer serp, or `writing` and another process writes it.
-        """
+        """Open an existing run; to continue it (`writing`), lock it and open its tables."""
         path = Path(path)
         return cls(path, read_config(path), RunLock(path) if writing else None)
 
@@ -133,22 +124,14 @@ class RunFolder(Closing):
 
     @property
     def domain_file(self) -> Path:
-        """The copy of the domain.
-
-        Raises:
-            RunError: It, or a problem file beside it, is not a regular file.
-        """
+        """The copy of the domain."""
         file = require_regular(self.path / COPIES[0])
         require_regular(problem_beside(file))  # not written by serp, but it would be loaded
         return file
 
     @property
     def problem_file(self) -> Path | None:
-        """The copy of the problem; None if the run has none.
-
-        Raises:
-            RunError: It is not a regular file.
-        """
+        """The copy of the problem; None if the run has none."""
         if COPIES[1] not in self.metadata["domain_files"]:
             return None
         return require_regular(self.path / COPIES[1])
@@ -164,26 +147,14 @@ class RunFolder(Closing):
         return self._table(DECISIONS)
 
     def flush(self) -> None:
-        """Flush all rows of both tables to the disk.
-
-        Raises:
-            RunError: The write failed; the rows are still buffered.
-        """
+        """Flush all rows of both tables to the disk."""
         self.metrics.sync()
         self.decisions.sync()
 
     def save_checkpoint(
         self, arrays: Mapping[str, np.ndarray[Any, Any]], meta: Mapping[str, Any]
     ) -> Path:
-        """Flush both tables, then save a checkpoint with their positions.
-
-        Args:
-            arrays: Name → array.
-            meta: JSON values; this method adds the key ``tables``.
-
-        Raises:
-            RunError: The write failed; the previous checkpoint is unchanged.
-        """
+        """Flush both tables, then save a checkpoint with their positions."""
         self.flush()
         ends = {name: table.position() for name, table in self._tables.items()}
         return save_rotating(self.path, arrays, {**meta, _POSITIONS: ends})
@@ -194,9 +165,6 @@ class RunFolder(Closing):
         Its `fallback` is set if the previous one was read. A run open for writing then renames the
         damaged one to ``checkpoint-damaged.safetensors``, so that the next save does not keep it as
         the previous one.
-
-        Raises:
-            RunError: There is no intact checkpoint, or it cannot be read.
         """
         found = load_newest(self.path)
         newest = self.path / NEWEST
@@ -210,14 +178,7 @@ class RunFolder(Closing):
         return found
 
     def resume(self) -> Checkpoint:
-        """Read the newest intact checkpoint, and truncate both tables to the positions in it.
-
-        Returns:
-            The checkpoint.
-
-        Raises:
-            RunError: There is no intact checkpoint, or a table is shorter than its position.
-        """
+        """Return the newest intact checkpoint; truncate both tables to the positions in it."""
         found = self.load_checkpoint()
         saved = Saved("run", {}, found.meta.pop(_POSITIONS, None))
         ends = {name: Position(*saved.wholes(name, 2)) for name in _TABLES}
@@ -226,38 +187,18 @@ class RunFolder(Closing):
         return found
 
     def write(self, name: str, content: str | bytes) -> Path:
-        """Write a file of the run atomically and durably.
-
-        Raises:
-            RunError: The write failed, or the run is open for reading only.
-        """
+        """Write a file of the run atomically and durably."""
         if self._lock is None:
             raise self._read_only()
         write_durably(self.path / name, content)
         return self.path / name
 
-    def write_summary(self, summary: Mapping[str, Any]) -> Path:
-        """Write ``summary.json``; NaN and infinities become null.
-
-        Raises:
-            RunError: See `write`.
-        """
-        return self.write(SUMMARY, json_text(finite(summary)))
-
     def read_summary(self) -> dict[str, Any]:
-        """Read ``summary.json``.
-
-        Raises:
-            RunError: It does not exist yet, or is damaged.
-        """
+        """Read ``summary.json``."""
         return read_json(self.path / SUMMARY, "It is written when the run ends.")
 
     def close(self) -> None:
-        """Flush and close the tables and release the lock; a second call does nothing.
-
-        Raises:
-            RunError: The last rows could not be written; everything is closed nevertheless.
-        """
+        """Flush and close the tables and release the lock; a second call does nothing."""
         with contextlib.ExitStack() as stack:
             if self._lock is not None:
                 stack.callback(self._lock.release)

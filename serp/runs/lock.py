@@ -20,14 +20,9 @@ LOCK: Final = ".lock"
 class RunLock:
     """A lock on a run folder, held until `release` or the end of the process.
 
-    The operating system releases it when the process dies, so that there are no stale locks.
-
-    Args:
-        folder: The run; the file ``.lock`` in it names the owner of the lock and its time.
-
-    Raises:
-        RunError: Another process (or another lock of this one) holds it, or the folder cannot be
-            locked.
+    The operating system releases it when the process dies, so that there are no stale locks. The
+    file ``.lock`` in the run names the owner of the lock and its time. A lock that another process
+    (or another lock of this one) holds, or that cannot be had, is a `RunError`.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -15,15 +15,7 @@ from serp.runs.lock import LOCK
 
 
 def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path:
-    """Return the default folder of a run: ``runs/<domain>-<time>``.
-
-    Args:
-        domain_name: Name of the domain; unsuitable characters become hyphens.
-        now: The time in the name; the current local time by default.
-
-    Returns:
-        A path that does not exist; ``-2``, ``-3``, … is appended if necessary.
-    """
+    """Return the default folder of a run: ``runs/<domain>-<time>``, and ``-2``, … if it exists."""
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", domain_name).strip("-.") or "run"
     stamp = (now or datetime.datetime.now()).strftime("%Y%m%d-%H%M%S")
     first = path = Path("runs") / f"{name}-{stamp}"
@@ -37,12 +29,7 @@ def default_path(domain_name: str, now: datetime.datetime | None = None) -> Path
 def make_empty(path: Path, traces: Collection[str]) -> None:
     """Create the folder of a new run, unless it exists and is empty.
 
-    Args:
-        path: The folder.
-        traces: Files that a run stopped before its beginning may have left; they are ignored.
-
-    Raises:
-        RunError: It is a file, is not empty, or cannot be created.
+    The files that a run stopped before its beginning may have left (`traces`) are ignored.
     """
     if path.is_file():
         raise RunError(f"{path} is a file. Give another folder with --out.")

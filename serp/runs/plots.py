@@ -21,12 +21,7 @@ _BINS = 200
 def learning_curve(metrics: Metrics, title: str) -> Figure:
     """Draw the returns of a run, and below them the shares of the actors and ρ.
 
-    Args:
-        metrics: What `serp.runs.reading.read_metrics` returns; without episodes the axes are empty.
-        title: Title of the figure.
-
-    Returns:
-        A figure that is not registered with pyplot.
+    Without episodes the axes are empty. The figure is not registered with pyplot.
     """
     with matplotlib.style.context(["default", STYLE]):
         figure = Figure(figsize=(8.0, 5.6), layout="constrained")

@@ -1,4 +1,4 @@
-"""Reads a run's CSV tables; errors name the line."""
+"""Reads a run's CSV tables; what is malformed is a `RunError` that names the line."""
 
 from __future__ import annotations
 
@@ -23,9 +23,6 @@ def read_rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[int, list[st
 
     A last line without a line break is incomplete (the run was killed, or is writing) and is left
     out.
-
-    Raises:
-        RunError: The file cannot be read, has other columns, or a row is malformed.
     """
     number = 0
     try:
@@ -58,9 +55,6 @@ def read_metrics(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     """Read ``metrics.csv``: column → array ``[episodes]``.
 
     Counts are int64, flags bool, everything else float64 with NaN for an empty cell.
-
-    Raises:
-        RunError: See `read_rows`; also for a cell that is not a number.
     """
     hints = get_type_hints(MetricsRow)
     kinds = {field.rstrip("_"): hints[field] for field in MetricsRow._fields}
@@ -75,11 +69,7 @@ def read_metrics(path: Path) -> dict[str, np.ndarray[Any, Any]]:
 
 
 def count_decisions(path: Path) -> DecisionCounts:
-    """Count the decisions of ``decisions.csv``.
-
-    Raises:
-        RunError: See `read_rows`; also for a cell that is not 0 or 1.
-    """
+    """Count the decisions of ``decisions.csv``."""
     tally = DecisionCounts()
     for number, cells in read_rows(path, DECISIONS_COLUMNS):
         row = dict(zip(DECISIONS_COLUMNS, cells, strict=True))

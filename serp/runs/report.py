@@ -29,13 +29,7 @@ _SAFETY: Final = {
 
 
 def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bool = True) -> str:
-    """Return the report of a run as Markdown that ends with a line break.
-
-    Args:
-        metadata: ``config.json``: the keys that `serp.runs.config.config_text` writes.
-        summary: What `serp.runs.summary.summarize` returns.
-        drawn: Whether there is a picture of the learning curve.
-    """
+    """Return the report of a run as Markdown; `drawn`: with the picture of its learning curve."""
     sections = [f"# Run: {plain(title(summary))}", _lead(summary)]
     if drawn:
         sections.append(

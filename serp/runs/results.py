@@ -6,9 +6,9 @@ import warnings
 from typing import Any
 
 from serp._util.extras import needs_extra
-from serp._util.json_files import finite
+from serp._util.json_files import finite, json_text
 from serp.errors import MissingExtra, Notice
-from serp.runs.folder import DECISIONS, METRICS, RunFolder
+from serp.runs.folder import DECISIONS, METRICS, SUMMARY, RunFolder
 from serp.runs.reading import count_decisions, read_metrics
 from serp.runs.report import report, title
 from serp.runs.summary import summarize
@@ -17,20 +17,14 @@ from serp.runs.summary import summarize
 def write_results(run: RunFolder, compile_seconds: float = 0.0) -> None:
     """Write ``summary.json``, ``report.md``, ``learning-curve.png`` and ``learning-curve.svg``.
 
-    Without matplotlib there is no learning curve, and a `Notice` is issued.
-
-    Args:
-        run: The run, open for writing; its tables are flushed first.
-        compile_seconds: Seconds of compilation, which are not part of training.
-
-    Raises:
-        RunError: A table is malformed, or a write failed.
+    Without matplotlib there is no learning curve, and a `Notice` is issued. `compile_seconds` of
+    compilation are not part of training.
     """
     run.flush()
     metrics = read_metrics(run.path / METRICS)
     vetoes = count_decisions(run.path / DECISIONS).vetoes_by_reason()
     summary: dict[str, Any] = finite(summarize(metrics, run.config, vetoes, compile_seconds))
-    run.write_summary(summary)
+    run.write(SUMMARY, json_text(summary))
     drawn = True
     try:
         with needs_extra("plots", "the learning curve"):

@@ -9,29 +9,9 @@ LONGEST: Final = 1 << 24
 
 
 class MetricsRow(NamedTuple):
-    """One episode: a row of ``metrics.csv``.
+    """One episode: a row of ``metrics.csv``, whose columns docs/reference/run-folder.md explains.
 
-    Attributes:
-        episode: Number of the episode, from 1.
-        env_steps: Steps in the environment since the run began.
-        return_: Sum of the environment's rewards (column ``return``).
-        domain_return: Sum of the rewards that the domain file gives.
-        length: Steps of this episode.
-        terminated: Whether the environment ended the episode.
-        truncated: Whether a limit ended it.
-        rho: Learner probability at its end; None without a learner.
-        epsilon: Probability of a random choice at its end; None if there are none.
-        planner_steps: Steps in which the planner's action was executed, in its turn or in place of
-            a refused proposal.
-        learner_steps: Steps in which the learner's greedy choice was executed, or its next best
-            one in place of a refused proposal.
-        exploration_steps: Steps in which a random choice was executed.
-        fallback_steps: Steps in which neither planner nor learner had an action. The four numbers
-            add up to the length.
-        vetoes, unsafe_predicted, unsafe_executed, no_safe_action: See
-            `serp.control.decision_counts.DecisionCounts`.
-        loss: Mean loss of the updates in this episode; None if there were none.
-        wall_time: Seconds of training since the run began, without compilation and pauses.
+    None is an empty cell.
     """
 
     episode: int
@@ -56,26 +36,10 @@ class MetricsRow(NamedTuple):
 
 
 class DecisionRow(NamedTuple):
-    """One decision: a row of ``decisions.csv``.
+    """One decision: a row of ``decisions.csv``, explained in the same place.
 
     A text may be an enum or any immutable object; it is converted to a string when the table is
     flushed, not during the step.
-
-    Attributes:
-        step: Steps in the environment before this one since the run began.
-        episode: Number of the episode, from 1.
-        proposed_by: Planner, learner or exploration.
-        proposed: The action proposed.
-        executed: The action executed.
-        executed_by: Whose action it was: planner, learner, exploration or fallback.
-        reason: Why this action was executed.
-        vetoed: Whether the proposal was refused.
-        predicted_reward: Reward that the model predicts for the executed action.
-        proposal_unsafe: Whether the domain file flags the proposed action, or it is too risky.
-        unsafe: Whether the domain file flags the executed action unsafe.
-        risk: Probability, 0 to 1, that it is unsafe by the model at that time; 1 if it is flagged.
-        rho: Learner probability at this step.
-        explanation: Why the proposal was refused, in terms of the domain file.
     """
 
     step: int

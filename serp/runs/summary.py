@@ -43,8 +43,7 @@ def summarize(
 
     Args:
         metrics: What `serp.runs.reading.read_metrics` returns.
-        config: The resolved configuration; its ``domain``, ``preset``, ``seed``,
-            ``learned_from`` and ``file_rewards`` are repeated.
+        config: The resolved configuration, a part of which is repeated.
         vetoes_by_reason: Reason → proposals refused for it, in the order of the report.
         compile_seconds: Seconds of compilation, which are not part of ``wall_time``.
 

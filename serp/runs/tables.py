@@ -2,7 +2,7 @@
 
 UTF-8, commas, a header line, one line per row. Floats are written so that they are read back
 exactly; booleans as 0 and 1; None as an empty cell. Line breaks in text become blanks, so that each
-line is a row and a truncated file only loses its last line.
+line is a row and a truncated file only loses its last line. A failure of the disk is a `RunError`.
 """
 
 from __future__ import annotations
@@ -38,14 +38,8 @@ class Position(NamedTuple):
 class Table(Closing):
     """Writes one CSV file with fixed columns.
 
-    Opening an existing file checks its header and drops an incomplete last line.
-
-    Args:
-        path: The file; it is created with its header if it is missing or empty.
-        columns: Names of the columns.
-
-    Raises:
-        RunError: The file cannot be opened or written, or has other columns.
+    A missing or empty file is created with its header. Opening an existing one checks its header
+    and drops an incomplete last line.
     """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
@@ -72,12 +66,7 @@ class Table(Closing):
     def append(self, row: Sequence[Any]) -> None:
         """Add a row; it is written at the next `flush`, or when 1,024 rows are buffered.
 
-        Args:
-            row: One value per column, in order; they must not change afterwards.
-
-        Raises:
-            ValueError: The number of values is not that of the columns.
-            RunError: The buffered rows could not be written; they are still buffered.
+        Its values, one per column, must not change afterwards.
         """
         if len(row) != len(self._columns):
             raise ValueError(
@@ -88,22 +77,13 @@ class Table(Closing):
             self.flush()
 
     def flush(self) -> None:
-        """Write all buffered rows at once.
-
-        Raises:
-            RunError: The write failed. The file ends with the last row before this write, and
-                the rows are still buffered, so that a later flush can write them.
-        """
+        """Write all buffered rows at once; after a failure they are still buffered."""
         if self._rows:
             self._write(_lines(self._rows))
             self._rows.clear()
 
     def sync(self) -> None:
-        """Flush, and wait until the disk holds the rows.
-
-        Raises:
-            RunError: The write failed.
-        """
+        """Flush, and wait until the disk holds the rows."""
         self.flush()
         try:
             os.fsync(self._file.fileno())
@@ -111,21 +91,12 @@ class Table(Closing):
             raise cannot_write(self._path, error, "Its last rows may be missing.") from error
 
     def position(self) -> Position:
-        """Flush, and return the end of the table, for `truncate`.
-
-        Raises:
-            RunError: The write failed.
-        """
+        """Flush, and return the end of the table, for `truncate`."""
         self.flush()
         return Position(self._end, self._checksum)
 
     def truncate(self, to: Position) -> None:
-        """Go back to an earlier `position`: drop the rows after it, and buffered ones.
-
-        Raises:
-            RunError: The file is shorter, its rows up to the position were changed, or the disk
-                failed.
-        """
+        """Go back to an earlier `position`: drop the rows after it, and buffered ones."""
         self._rows.clear()
         restore = "Restore the table from a copy, or begin a new run with another --out."
         if not len(self._header) <= to.bytes <= self._end:
@@ -145,11 +116,7 @@ class Table(Closing):
         self._end, self._checksum = to
 
     def close(self) -> None:
-        """Flush and close; a second call does nothing.
-
-        Raises:
-            RunError: The write failed; the file is closed nevertheless.
-        """
+        """Flush and close; a second call does nothing."""
         if self._file.closed:
             return
         try:

@@ -13,11 +13,7 @@ from serp.runs.rows import METRICS_COLUMNS, MetricsRow
 
 
 def require_tensorboard() -> None:
-    """Check that TensorBoard is installed.
-
-    Raises:
-        MissingExtra: It is not.
-    """
+    """Check that TensorBoard is installed."""
     if importlib.util.find_spec("tensorboard") is None:
         raise MissingExtra("writing TensorBoard events", "tensorboard")
 
@@ -28,10 +24,6 @@ class EventWriter(Closing):
     Args:
         folder: The run; events go to `tensorboard/` in it. A continued run appends to them.
         purge_step: Number of env steps from which a continued run discards earlier events.
-
-    Raises:
-        MissingExtra: TensorBoard is not installed.
-        RunError: `tensorboard/` is a link.
     """
 
     def __init__(self, folder: Path, purge_step: int | None = None) -> None:

@@ -15,6 +15,7 @@ from serp.errors import SettingsError
 _INFINITIES = {math.inf: "inf", -math.inf: "-inf"}
 """JSON has no infinity: infinities are written as these strings."""
 
+
 _WANTED = {
     "int_type": "must be a whole number",
     "int_from_float": "must be a whole number",
@@ -31,9 +32,7 @@ class Section(BaseModel):
     """A section of the settings: immutable, and validated on creation.
 
     NumPy numbers are converted to Python numbers. Booleans and NaN are not accepted as numbers.
-
-    Raises:
-        SettingsError: A value is outside its range, of another type, or unknown.
+    What is outside its range, of another type, or unknown is a `SettingsError`.
     """
 
     model_config = ConfigDict(
@@ -44,15 +43,14 @@ class Section(BaseModel):
         try:
             super().__init__(**values)
         except ValidationError as error:
-            said = [_said(type(self), problem) for problem in error.errors(include_url=False)]
-            raise SettingsError("; ".join(dict.fromkeys(said))) from None
+            raise SettingsError(_refusal(type(self), error)) from None
 
     @field_validator("*", mode="before")
     @classmethod
     def _as_python(cls, value: Any) -> Any:
         if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim == 1):
-            return tuple(cls._as_python(entry) for entry in value)
-        return value.item() if isinstance(value, np.generic) else value
+            return tuple(_plain(entry) for entry in value)
+        return _plain(value)
 
     @classmethod
     def section(cls) -> str:
@@ -60,16 +58,16 @@ class Section(BaseModel):
         return cls.__name__.removesuffix("Settings").lower()
 
     def replace(self, **changes: Any) -> Self:
-        """Return the section with other values.
-
-        Raises:
-            SettingsError: A value is outside its range, of another type, or unknown.
-        """
+        """Return the section with other values."""
         return type(self)(**{**dict(self), **changes})
 
     def as_dict(self) -> dict[str, Any]:
         """Return setting → JSON value (tuples as lists, infinity as "inf")."""
         return {name: _to_json(value) for name, value in self}
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _to_json(value: Any) -> Any:
@@ -85,8 +83,13 @@ def from_json(value: Any) -> Any:
     return value
 
 
+def _refusal(section: type[Section], error: ValidationError) -> str:
+    """Say which values are refused, and what is allowed instead."""
+    said = [_said(section, problem) for problem in error.errors(include_url=False)]
+    return "; ".join(dict.fromkeys(said))
+
+
 def _said(section: type[Section], problem: ErrorDetails) -> str:
-    """Say which value is refused, and what is allowed instead."""
     name = section.section()
     why = _WANTED.get(problem["type"], problem["msg"])
     why = why.removeprefix("Value error, ").replace("Input should be", "must be")

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import ItemsView, Mapping
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from serp._util.text import did_you_mean
 from serp.errors import SettingsError
+from serp.settings.renamed import refuse_old_names
 from serp.settings.section import Section, from_json
 from serp.settings.sections import (
     AdaptationSettings,
@@ -35,12 +36,12 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    planner: PlannerSettings = PlannerSettings()
-    adaptation: AdaptationSettings = AdaptationSettings()
-    arbiter: ArbiterSettings = ArbiterSettings()
-    guide: GuideSettings = GuideSettings()
-    learner: LearnerSettings = LearnerSettings()
-    training: TrainingSettings = TrainingSettings()
+    planner: PlannerSettings = Field(default_factory=PlannerSettings)
+    adaptation: AdaptationSettings = Field(default_factory=AdaptationSettings)
+    arbiter: ArbiterSettings = Field(default_factory=ArbiterSettings)
+    guide: GuideSettings = Field(default_factory=GuideSettings)
+    learner: LearnerSettings = Field(default_factory=LearnerSettings)
+    training: TrainingSettings = Field(default_factory=TrainingSettings)
 
     def __init__(self, **sections: Any) -> None:
         try:
@@ -71,14 +72,17 @@ class Settings(BaseModel):
         """
         sections: dict[str, Section] = {}
         for name, values in entries(changes, "settings", '{"planner": {"depth": 5}}'):
+            refuse_old_names(name)
             if name not in Settings.model_fields:
                 known = did_you_mean(str(name), Settings.model_fields)
                 raise SettingsError(f"there is no section `{name}`; {known}")
             section: Section = getattr(self, name)
             first, value = next(iter(section))
             example = f"{{{first!r}: {value!r}}}"
-            changed = entries(values, f"settings: section `{name}`", example)
-            sections[name] = section.replace(**{str(key): v for key, v in changed})
+            changed = dict(entries(values, f"settings: section `{name}`", example))
+            for setting, value in changed.items():
+                refuse_old_names(name, setting, value)
+            sections[name] = section.replace(**{str(key): v for key, v in changed.items()})
         return self.model_copy(update=sections)
 
     def as_dict(self) -> dict[str, dict[str, Any]]:

@@ -20,8 +20,7 @@ from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel, LiftedS
 from serp.sysid.parameter_fit import Rows
 from serp.sysid.regression_data import RegressionData
 
-_MAX_FACTORS = 12
-"""Number of fluents whose products are candidates."""
+_MAX_FACTORS = 12  # number of fluents whose products are candidates
 
 MIN_ROWS = 12
 """Fewest transitions in which an estimated effect applies."""
@@ -36,16 +35,10 @@ def candidate_effects(
     dt: float,
     known: Sequence[AddedEffect],
 ) -> tuple[list[AddedEffect], Vector]:
-    """Return candidates with their columns `[n, M]`: the changes with coefficient 1.
+    """Return candidates that are not `known`, with the changes by coefficient 1: `[n, M]`.
 
-    Args:
-        lifted: The lifted model.
-        data: The transitions.
-        after: `[N, F]` states after the action's effects, which processes read.
-        rows: The residuals of one function.
-        symbol: The function.
-        dt: Control period.
-        known: Effects to leave out.
+    `rows` are the residuals of the function `symbol`; `after` `[N, F]` are the states after the
+    actions' effects, which processes read.
     """
     schemas = sorted({lifted.ground.actions[a].schema for a in np.unique(rows.groups).tolist()})
     effects: list[AddedEffect] = []

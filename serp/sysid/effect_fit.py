@@ -21,32 +21,21 @@ from serp.sysid.parameter_fit import (
 )
 from serp.sysid.regression_data import RegressionData, predictions
 
-_AGREE = 2.0
-"""Standard errors within which two estimates agree."""
+_AGREE = 2.0  # standard errors within which two estimates agree
 _SIGN_TEST = 2.0
 """Standard deviations of the sign test that decides which errors are usually smaller."""
-_CLEARLY = 0.9
-"""Largest ratio of median errors that counts as clearly smaller."""
-_REMAINDER = 0.25
-"""Least fraction of an effect of the file that remains beside an added effect."""
-_AS_GOOD = 0.02
-"""Relative increase of the squared error that is ignored."""
-_TRIMMED = 0.02
-"""Fraction of the rows, those with the largest errors, that a comparison ignores."""
+_CLEARLY = 0.9  # largest ratio of median errors that counts as clearly smaller
+_REMAINDER = 0.25  # least fraction of an effect of the file that remains beside an added effect
+_AS_GOOD = 0.02  # relative increase of the squared error that is ignored
+_TRIMMED = 0.02  # fraction of the rows, those with the largest errors, that a comparison ignores
 
 
 class EffectFit:
-    """A model with given added effects, fitted to transitions.
+    """The model as written with added effects, fitted to at least one transition.
 
-    Args:
-        model: The model as written.
-        lifted: The lifted model.
-        data: At least one transition.
-        added: The added effects.
-        before: The fit whose estimates are the initial values; None: the file's parameters.
+    The estimates of the fit `before` are the initial values, or the file's parameters.
 
     Attributes:
-        lifted, added: As above.
         ground: The model with the added effects.
         fit: All parameters; the coefficients of the added effects follow those of the file.
     """

@@ -22,10 +22,8 @@ from serp.sysid.parameter_fit import Rows
 from serp.sysid.regression import independent, regress
 from serp.sysid.regression_data import RegressionData
 
-_MAX_EFFECTS = 12
-"""Most added effects of one function."""
-_MAX_CHOICES = 30
-"""Most choices that are examined in one round, the best first."""
+_MAX_EFFECTS = 12  # most added effects of one function
+_MAX_CHOICES = 30  # most choices that are examined in one round, the best first
 CERTAIN = 4.0
 """Standard errors by which the coefficient of an added effect must differ from 0."""
 _COLLINEAR = 1e-6
@@ -33,8 +31,7 @@ _COLLINEAR = 1e-6
 _WORLD_FACTOR = 1.05
 _FACTORS = (1.1, 1.0, 0.8)
 """Preference for the world and for fewer factors among choices that explain about the same."""
-_PERFECT = 1e-6
-"""Fraction of the squared error that is ignored."""
+_PERFECT = 1e-6  # fraction of the squared error that is ignored
 _HELD_OUT = 0.1
 """Least fraction of its gain that an effect has in transitions that it was not fitted to."""
 
@@ -53,8 +50,7 @@ class Improvement(NamedTuple):
 LASTING = 1e-5
 """Fraction of the squared change for an effect under every action, such as gravity: it adds up over
 many steps, while the changes by actions cancel."""
-_OWN = 1e-3
-"""The same for an effect of one action schema, or with two factors."""
+_OWN = 1e-3  # the same for an effect of one action schema, or with two factors
 _SIMPLE, _INVOLVED = 0.1, 0.25
 """Fractions of the squared error for a simple effect and for any other."""
 

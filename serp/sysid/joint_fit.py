@@ -11,17 +11,11 @@ from serp.sysid.lifted_features import WORLD, LiftedFluent, LiftedModel
 from serp.sysid.regression_data import RegressionData
 
 _MAX_SWEEPS = 6
-_EQUAL = 0.1
-"""Coefficients that differ by less than this fraction of the larger one may be equal."""
+_EQUAL = 0.1  # coefficients that differ by less than this fraction of the larger one may be equal
 
 
 def fit_jointly(model: TransitionModel, data: RegressionData) -> EffectFit:
-    """Return the model as written with estimated parameters and the effects that it lacks.
-
-    Args:
-        model: The model as written.
-        data: At least one transition.
-    """
+    """Return the model as written with estimated parameters and the effects that it lacks."""
     refused: list[AddedEffect] = []
     fit = EffectFit(model, LiftedModel(model.ground), data, ())
     for turn in range(_MAX_SWEEPS):

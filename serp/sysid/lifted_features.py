@@ -18,8 +18,7 @@ from serp.model import ground as g
 from serp.model.transition_model import Vector
 from serp.pddl.syntax import Kind
 
-_MAX_FLUENTS = 60
-"""Most lifted fluents of one scope; the search for effects is quadratic in them."""
+_MAX_FLUENTS = 60  # most lifted fluents of one scope; the search for effects is quadratic in them
 
 WORLD = ""
 """In place of an action schema's name: an effect under every action, as of a process."""

@@ -203,8 +203,6 @@ class Monitor:
         state = self._states[row, fluent].copy() if self._keeps_states else None
         return Case(error, written, adapted, observed, state) if error > 0.0 else None
 
-    # State -------------------------------------------------------------------------------------
-
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that restore it exactly."""
         rows = len(self._rows)

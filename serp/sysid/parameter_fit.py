@@ -20,18 +20,13 @@ from serp.sysid.parameter_dependencies import ParameterDependency, parameter_dep
 from serp.sysid.regression import Regression, independent, regress
 from serp.sysid.regression_data import Flow, RegressionData, regression_data
 
-_MAX_ITERATIONS = 4
-"""Most Gauss-Newton iterations."""
-_LINEAR = 1e-6
-"""Deviation from linearity, in ranges of the fluent, at which the iterations end."""
+_MAX_ITERATIONS = 4  # most Gauss-Newton iterations
+_LINEAR = 1e-6  # deviation from linearity, in ranges of the fluent, at which the iterations end
 _LINEAR_QUANTILE = 0.9
 """Quantile of the rows at which it is measured; a row that crosses a threshold may jump."""
-_DIFFERENCE = 2.0**-10
-"""Step of the finite differences, relative to the parameter."""
-_PRIOR_WIDTH = 10.0
-"""Standard deviation of the prior, relative to the written value."""
-_MAX_WHOLE_VALUES = 64
-"""Most distinct values of a function that counts as one of whole numbers."""
+_DIFFERENCE = 2.0**-10  # step of the finite differences, relative to the parameter
+_PRIOR_WIDTH = 10.0  # standard deviation of the prior, relative to the written value
+_MAX_WHOLE_VALUES = 64  # most distinct values of a function that counts as one of whole numbers
 _WHOLE_TOLERANCE, _WHOLE_SHARE = 1e-6, 0.9
 """Such a function is deterministic if this fraction of rows is explained this exactly."""
 
@@ -76,12 +71,7 @@ class ParameterFit:
 
 
 class ParameterEstimator:
-    """Estimates the parameters of one model.
-
-    Args:
-        model: The model.
-        lifted: The lifted model of its file, if the model has added effects.
-        added: These; their coefficients are the last parameters.
+    """Estimates the parameters of one model; the last ones are coefficients of `added` effects.
 
     Attributes:
         flow: The model without its events.
@@ -247,14 +237,7 @@ def estimate_parameters(
 
     The written value and infinity where the transitions hold no information: for parameters of
     rewards, conditions and events, of actions never executed, and of fluents with random whole
-    numbers.
-
-    Args:
-        estimator: Of the same ground model.
-        model: The model; its θ `[P]` are the initial values.
-        states: `[N, F]` before the actions, in order of time.
-        actions: `[N]` positions of the executed ground actions, −1 where the model knows none.
-        next_states: `[N, F]` after them.
+    numbers. θ of the model are the initial values; the transitions `[N]` are in order of time.
     """
     data = regression_data(model, states, actions, next_states)
     written = estimator.written
@@ -286,7 +269,7 @@ def whole_symbols(functions: Mapping[str, list[int]], data: RegressionData) -> s
     """Return the functions, by their columns, whose observed values are a few whole numbers."""
     found = set()
     for symbol, fluents in functions.items():
-        values = np.unique(np.concatenate((data.states[:, fluents], data.next_states[:, fluents])))
+        values = np.unique((data.states[:, fluents], data.next_states[:, fluents]))
         if 1 < len(values) <= _MAX_WHOLE_VALUES and (values == np.round(values)).all():
             found.add(symbol)
     return found

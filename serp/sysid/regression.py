@@ -20,13 +20,11 @@ _HUBER, _REJECTED = 2.0, 6.0
 """Robust scales beyond which a row is down-weighted, and beyond which it is rejected."""
 _TRIMMED = 0.02
 """Fraction of the rows, those with the largest errors, that do not enter the robust scale."""
-_MIN_ROWS = 10
-"""Fewest rows of a group in which outliers can be identified."""
+_MIN_ROWS = 10  # fewest rows of a group in which outliers can be identified
 _MAX_ITERATIONS = 10
 _COLLINEAR = 1e-3
 """Fraction of a column not explained by other columns; below it they are collinear."""
-_ROUNDING = 1e-10
-"""Size of rounding errors in ranges of the target."""
+_ROUNDING = 1e-10  # size of rounding errors in ranges of the target
 
 
 @dataclass(frozen=True)

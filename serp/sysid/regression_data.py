@@ -19,8 +19,7 @@ from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.transition_model import TransitionModel, Vector
 from serp.pddl.syntax import Change
 
-_BLOCK = 20
-"""Number of consecutive transitions whose errors are assumed to be correlated."""
+_BLOCK = 20  # number of consecutive transitions whose errors are assumed to be correlated
 
 _TAIL, _FAR = 0.005, 5.0
 """A value is a fault if it is this many ranges from the median; the range is that between the two
@@ -74,9 +73,7 @@ def regression_data(
     model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
 ) -> RegressionData:
     """Return the transitions, in order of time, with which the model can be compared."""
-    number = len(actions)
-    blocks = np.arange(number) // _BLOCK
-    rows, left_out = _usable(model, states, actions, next_states)
+    rows, left_out = usable_rows(model, states, actions, next_states)
     if any(action.preconditions for action in model.actions):
         predicted = Flow(model).predict(states[rows], actions[rows], model.theta)
         applicable = np.isfinite(predicted).all(1)
@@ -88,7 +85,7 @@ def regression_data(
         states=states[rows],
         actions=actions[rows],
         next_states=next_states[rows],
-        blocks=blocks[rows],
+        blocks=rows // _BLOCK,
         scale=np.where(scale > 0, scale, 1.0),
         positions=rows,
         left_out={reason: count for reason, count in left_out.items() if count},
@@ -97,15 +94,8 @@ def regression_data(
 
 def usable_rows(
     model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
-) -> NDArray[np.intp]:
-    """Return the rows whose action the model knows and whose values are no faults."""
-    return _usable(model, states, actions, next_states)[0]
-
-
-def _usable(
-    model: TransitionModel, states: Vector, actions: NDArray[np.int64], next_states: Vector
 ) -> tuple[NDArray[np.intp], dict[str, int]]:
-    """Return the usable rows, and the number of others by reason."""
+    """Return the rows without faults whose action the model knows, and the others by reason."""
     known = (actions >= 0) & (actions < len(model.actions))
     finite = np.isfinite(states).all(1) & np.isfinite(next_states).all(1)
     rows = np.flatnonzero(known & finite)
@@ -118,10 +108,7 @@ def _usable(
 
 
 def _plausible(values: Vector) -> NDArray[np.bool_]:
-    """Return which rows hold no faulty value, `[n]`.
-
-    One such value would determine the range of its fluent.
-    """
+    """Return which rows hold no faulty value, `[n]`: one would determine its fluent's range."""
     if not len(values):
         return np.ones(0, dtype=np.bool_)
     low, middle, high = np.quantile(values, (_TAIL, 0.5, 1.0 - _TAIL), axis=0)

@@ -130,8 +130,6 @@ class TransitionMemory:
         ordered: NDArray[Any] = np.concatenate((ring[head:count], ring[:head]))
         return ordered
 
-    # State -------------------------------------------------------------------------------------
-
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays (only filled rows) and JSON values that restore it exactly."""
         arrays = {name: self._in_order(part) for part, name in enumerate(self._NAMES)}

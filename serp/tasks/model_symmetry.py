@@ -14,7 +14,7 @@ import numpy as np
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 
-_TRANSITIONS = 1024
+_TRANSITIONS = 4096
 """Number of predictions that are compared with those of their mirror images."""
 _FLAGS = ((APPLICABLE, "applicable"), (UNSAFE, "unsafe"), (TERMINAL, "terminal"))
 _TOLERANCE = 1e-6

@@ -33,12 +33,10 @@ the baseline and more than this fraction of the squared change."""
 _FOURIER_GAIN, _FOURIER_KEPT = 0.7, 0.85
 """Random features cost a hundred times as much as a linear model, so they must reduce its loss to
 these fractions to be chosen, and to be kept."""
-_BETTER = 0.9
-"""Fraction of the loss to which another candidate must reduce it to replace one."""
+_BETTER = 0.9  # fraction of the loss to which another candidate must reduce it to replace one
 _PREDICTED, _CERTAIN = 0.5, 0.02
 """Largest fraction of the squared change, or of the file's squared error, left by a candidate."""
-_MIN_MODE_SAMPLES = 10.0
-"""Samples of a mode before which it follows the choice over all modes."""
+_MIN_MODE_SAMPLES = 10.0  # samples of a mode before which it follows the choice over all modes
 JUDGED_FROM = 120
 """Samples of an action from which on it is known whether a target can be predicted."""
 
@@ -77,15 +75,10 @@ class Statistics(NamedTuple):
 def account(sample, mode, features, fourier, published, statistics):
     """Add one sample to the losses and then to the statistics of the regression.
 
-    Args:
-        sample: Inputs `[d]`; the same less the origin of the statistics; `[T]` observed next value
-            less that of effects and processes; `[T]` whether that is observed; `[T]` observed
-            change.
-        mode: Its set besides set 0; 0 for none.
-        features: `[FOURIER]` random features, if `fourier`.
-        fourier: Whether there are random features.
-        published: `linear`, `amplitude` and `kinds` of `GroupParameters`.
-        statistics: Fields of `Statistics`.
+    A sample is the inputs `[d]`; the same less the origin of the statistics; `[T]` observed next
+    value less that of effects and processes; `[T]` whether that is observed; `[T]` the change.
+    `mode` is its set besides set 0, 0 for none. `features` are valid if `fourier`. `published` are
+    `linear`, `amplitude` and `kinds` of `GroupParameters`.
 
     Returns:
         Whether every target was used, and whether a permanent change is assumed.

@@ -20,10 +20,8 @@ from serp.model.transition_model import Vector
 
 RIDGE: Final = 1e-3
 _FOURIER_RIDGE: Final = 1e-2
-_KEPT: Final = 4_000
-"""Samples that are kept to learn from again when ranges have grown."""
-_GROWN: Final = 1.3
-"""Growth of a range at which the features are drawn anew."""
+_KEPT: Final = 4_000  # samples that are kept to learn from again when ranges have grown
+_GROWN: Final = 1.3  # growth of a range at which the features are drawn anew
 
 
 class FourierRegression:

@@ -214,8 +214,6 @@ class OnlineResidual:
         left = self._statistics.loss[0, LINEAR] > _UNEXPLAINED * self._statistics.spread + 1e-18
         return self._samples >= _FOURIER_FROM and bool(left.any())
 
-    # State -------------------------------------------------------------------------------------
-
     _RANGES: Final = {
         "samples": (0, MOST), "seen": (0, MOST), "streak": (0, MOST), "origin": (-LARGEST, LARGEST),
         "low": (-np.inf, np.inf), "high": (-np.inf, np.inf),  # infinite before the first sample

@@ -18,16 +18,11 @@ _CONSTANT = 0.01
 
 @cached_njit(nogil=True)
 def solve_pooled(grams, moments, centres, shrink, ridge, own, out):
-    """Solve the regression of several actions that differ only in their constants.
+    """Solve the regression of n actions that differ only in their constants, for the action `own`.
 
-    Args:
-        grams: `[n, T, 1 + d, 1 + d]` statistics of n actions, each about its own origin.
-        moments: `[n, T, 1 + d]` likewise.
-        centres: `[n, d]` of the ranges over all actions, relative to each origin.
-        shrink: `[d]`.
-        ridge: Ridge of the slopes.
-        own: Index of the action to solve for.
-        out: `[T, 1 + d]` receives its weights, about its origin, where there is a solution.
+    `grams` `[n, T, 1 + d, 1 + d]` and `moments` `[n, T, 1 + d]` are statistics, each about its own
+    origin; `centres` `[n, d]` of the ranges are relative to it. `ridge` is that of the slopes.
+    `out` `[T, 1 + d]` receives the weights about the origin, where there is a solution.
     """
     actions, targets, size = moments.shape
     depth = size - 1

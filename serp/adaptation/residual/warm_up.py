@@ -19,10 +19,8 @@ from serp.model.transition_model import Vector
 Mask = NDArray[np.bool_]
 
 _SAMPLES: Final = 10
-_MIN_NUMBERS: Final = 6
-"""Fewest numbers among which outliers can be identified."""
-_SPARED: Final = 2
-"""Most outliers; one wrong reading affects two steps."""
+_MIN_NUMBERS: Final = 6  # fewest numbers among which outliers can be identified
+_SPARED: Final = 2  # most outliers; one wrong reading affects two steps
 _EXTREME: Final = 30.0
 """An outlier is this many times as far from the median as the farthest other number."""
 

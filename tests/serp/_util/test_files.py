@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from serp._util.files import aside_of, read_regular, write_durably, write_together
+from serp._util.files import aside_of, write_durably, write_together
 from serp._util.json_files import read_json
 from serp.errors import RunError, SerpError
 from serp.pddl.source import Source
@@ -54,7 +54,7 @@ def use(path):
         load_newest(path)
         run.decisions.append((0,) * len(DECISIONS_COLUMNS))
         run.save_checkpoint({"x": np.arange(3)}, {})
-        run.write_summary({"episodes": 1})
+        run.write(SUMMARY, '{"episodes": 1}')
         run.write("report.md", "what came of it")
         run.read_summary()
         read_metrics(path / METRICS)
@@ -94,19 +94,7 @@ def test_what_is_read_elsewhere_is_a_regular_file_too(tmp_path, kind):
     path = tmp_path / "x.json"
     KINDS[kind](path, target)
     with pytest.raises(RunError, match="is a link, a folder, a pipe or a device"):
-        read_regular(path)
-    with pytest.raises(RunError, match="is a link, a folder, a pipe or a device"):
         read_json(path, "")
-
-
-def test_writing_replaces_a_link_and_leaves_its_target(tmp_path):
-    target = tmp_path / "target"
-    target.write_text("old")
-    (tmp_path / "x").symlink_to(target)
-    (tmp_path / "x.aside").symlink_to(target)
-    write_durably(tmp_path / "x", "new")
-    assert (target.read_text(), (tmp_path / "x").read_text()) == ("old", "new")
-    assert not (tmp_path / "x").is_symlink()
 
 
 def test_events_are_not_written_through_a_link(tmp_path):
@@ -141,39 +129,23 @@ def test_a_file_of_any_size_is_refused_at_once(tmp_path, read):
 # Replacing ---------------------------------------------------------------------------------------
 
 
-def test_replaces_the_file_and_leaves_nothing_else(tmp_path):
-    path = tmp_path / "summary.json"
-    write_durably(path, "old")
-    write_durably(path, "größer")
-    assert path.read_bytes() == "größer".encode()
-    assert os.listdir(tmp_path) == ["summary.json"]
-
-
-def test_what_a_killed_process_left_aside_is_cleared_away(tmp_path):
-    path = tmp_path / "summary.json"
-    aside_of(path).write_text("half of")
-    write_durably(path, b"whole")
-    assert os.listdir(tmp_path) == ["summary.json"]
-    assert path.read_bytes() == b"whole"
-
-
-def test_text_that_is_no_unicode_is_still_written(tmp_path):
-    write_durably(tmp_path / "x", "a\udc80b")
-    assert (tmp_path / "x").read_bytes() == b"a\\udc80b"
-
-
-def test_failure_says_why_and_where(tmp_path):
-    with pytest.raises(RunError, match=r"summary\.json: No such file or directory\. There was no"):
-        write_durably(tmp_path / "gone" / "summary.json", "x")
-
-
-def test_file_permissions_follow_the_umask(tmp_path):
+def test_a_file_is_replaced_and_nothing_else_is_changed_or_left(tmp_path):
+    """Neither what a killed process left aside, nor the target of a link."""
+    target, path = tmp_path / "target", tmp_path / "x"
+    target.write_text("old")
+    path.symlink_to(target)
+    aside_of(path).symlink_to(target)
     before = os.umask(0o027)
     try:
-        write_durably(tmp_path / "x", "x")
+        write_durably(path, "größer \udc80")
     finally:
         os.umask(before)
-    assert (tmp_path / "x").stat().st_mode & 0o777 == 0o640
+    assert path.read_bytes() == "größer \\udc80".encode()
+    assert path.lstat().st_mode & 0o777 == 0o640
+    assert target.read_text() == "old"
+    assert sorted(os.listdir(tmp_path)) == ["target", "x"]
+    with pytest.raises(RunError, match=r"summary\.json: No such file or directory\. There was no"):
+        write_durably(tmp_path / "gone" / "summary.json", "x")
 
 
 _WRITE_TOO_MUCH = """

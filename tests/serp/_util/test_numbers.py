@@ -18,44 +18,27 @@ from serp.errors import SettingsError
 NO_NUMBERS: list[Any] = [None, True, np.True_, "3", [3], np.array([3]), Decimal(3), 1j, math.nan]
 
 
-@pytest.mark.parametrize("value", [3, np.int64(3), np.uint8(3)])
-def test_whole_numbers_become_ints(value: Any) -> None:
-    assert whole(value, 0) == 3
-    assert type(whole(value, 0)) is int
-    assert whole(value, 4) is None
-    assert type(real(value)) is int
-
-
-@pytest.mark.parametrize("value", [0.5, np.float32(0.5), np.float64(0.5), Fraction(1, 2)])
-def test_numbers_become_floats_and_are_not_whole(value: Any) -> None:
-    assert real(value) == 0.5
-    assert type(real(value)) is float
-    assert whole(value, 0) is None
-
-
-@pytest.mark.parametrize("value", NO_NUMBERS)
-def test_what_is_no_number_is_none(value: Any) -> None:
-    assert whole(value, 0) is None
-    assert real(value) is None
-    assert real(value, infinite=True) is None
-
-
-def test_infinities_count_where_they_may() -> None:
-    for value in (math.inf, -math.inf, np.float32(math.inf)):
-        assert real(value) is None
-        assert real(value, infinite=True) == value
+def test_numbers_become_pythons_and_nothing_else_does() -> None:
+    for given_whole in (3, np.int64(3), np.uint8(3)):
+        assert (whole(given_whole, 0), type(whole(given_whole, 0))) == (3, int)
+        assert whole(given_whole, 4) is None
+        assert type(real(given_whole)) is int
+    for given_real in (0.5, np.float32(0.5), Fraction(1, 2)):
+        assert (real(given_real), type(real(given_real))) == (0.5, float)
+        assert whole(given_real, 0) is None
+    for other in NO_NUMBERS:
+        assert (whole(other, 0), real(other), real(other, infinite=True)) == (None, None, None)
+    for infinity in (math.inf, -math.inf, np.float32(math.inf)):
+        assert real(infinity) is None
+        assert real(infinity, infinite=True) == infinity
     assert real(10**400) is None
 
 
-@pytest.mark.parametrize("value", [1.5, None, -1, "3", True, np.float64(2)])
-def test_what_is_no_seed_is_refused_with_its_value(value: Any) -> None:
-    with pytest.raises(SettingsError, match="the seed must be a whole number, 0 or more, not "):
-        seed_of(value)
-
-
-def test_any_whole_number_is_a_seed() -> None:
-    assert seed_of(np.int64(7)) == 7
-    assert seed_of(2**200) == 2**200
+def test_any_whole_number_is_a_seed_and_nothing_else_is() -> None:
+    assert (seed_of(np.int64(7)), seed_of(2**200)) == (7, 2**200)
+    for value in (1.5, None, -1, "3", True, np.float64(2)):
+        with pytest.raises(SettingsError, match="the seed must be a whole number, 0 or more, not "):
+            seed_of(value)
 
 
 pairs = st.lists(

@@ -89,7 +89,7 @@ def test_what_a_file_holds_is_shown_and_not_done(tmp_path: Path) -> None:
 
 
 class Leaving(io.StringIO):
-    """Keeps what is written; goes away when it is told to."""
+    """A terminal that keeps what is written, and goes away when it is told to."""
 
     gone = False
 
@@ -102,31 +102,26 @@ class Leaving(io.StringIO):
         return super().write(text)
 
 
-def count(*, quiet: bool = False, gone: bool = False) -> None:
-    with bar("corridor, policy serp", 3, quiet=quiet) as advance:
-        for _ in range(3):
-            if gone:
-                sys.stderr.gone = True  # type: ignore[attr-defined]
-            advance()
-
-
-def test_on_a_terminal_every_piece_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("where", ["terminal", "quiet", "file", "nowhere"])
+def test_every_piece_is_counted_on_a_terminal_and_only_there(
+    where: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.setattr(sys, "stderr", terminal := Leaving())
-    count()
-    shown = terminal.getvalue()
-    assert "corridor, policy serp" in shown
-    assert all(f"{k}/3" in shown for k in range(4))
-
-
-@pytest.mark.parametrize("where", ["quiet", "a file", "nowhere"])
-def test_elsewhere_nothing_is_shown(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    stream = {"quiet": Leaving(), "a file": io.StringIO(), "nowhere": None}[where]
+    stream = {"file": io.StringIO(), "nowhere": None}.get(where, Leaving())
     monkeypatch.setattr(sys, "stderr", stream)
-    count(quiet=where == "quiet")
-    assert stream is None or stream.getvalue() == ""
+    with bar("corridor, policy serp", 3, quiet=where == "quiet") as advance:
+        for _ in range(3):
+            advance()
+    shown = stream.getvalue() if stream else ""
+    if where == "terminal":
+        assert "corridor, policy serp" in shown
+        assert all(f"{k}/3" in shown for k in range(4))
+    else:
+        assert shown == ""
 
 
 def test_a_terminal_that_goes_away_ends_the_bar_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stderr", Leaving())
-    count(gone=True)
+    monkeypatch.setattr(sys, "stderr", terminal := Leaving())
+    with bar("corridor, policy serp", 3) as advance:
+        terminal.gone = True
+        advance()

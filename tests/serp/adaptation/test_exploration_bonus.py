@@ -10,10 +10,7 @@ from serp.adaptation.exploration_bonus import ExplorationBonus
 from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNDEFINED, UNSAFE
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.limits import Bound
-from serp.planning.lookahead import Lookahead
-from serp.settings import PlannerSettings
 from tests.generated.profile import examples
-from tests.serp.adaptation import worlds
 
 MIN_VISITS = 3
 FLAGS = (
@@ -21,31 +18,24 @@ FLAGS = (
 )  # fmt: skip
 
 
-def forecast_of(flags: list[int], steps: list[int], choice: int) -> Forecast:
-    actions = len(flags)
-    return Forecast(
-        choice, np.arange(actions, dtype=float), (np.array(steps) != SAFE).astype(float),
-        np.array(steps), np.zeros(actions), np.array(flags), 3, Bound.DEPTH,
-    )  # fmt: skip
-
-
 @st.composite
 def situations(draw: st.DrawFn) -> tuple[Forecast, list[int]]:
     """Forecasts whose choice is unsafe only where nothing is predicted safe, and counts."""
     actions = draw(st.integers(1, 5))
     flags = draw(st.lists(st.sampled_from(FLAGS), min_size=actions, max_size=actions))
+    risky = UNSAFE | RISKY
     steps = [
-        -1
-        if not f & APPLICABLE
-        else 0
-        if f & (UNSAFE | RISKY)
-        else draw(st.sampled_from((1, 2, SAFE)))
+        (0 if f & risky else draw(st.sampled_from((1, 2, SAFE)))) if f & APPLICABLE else -1
         for f in flags
     ]
     best = max(range(actions), key=lambda k: (steps[k], k))
-    choice = best if steps[best] >= 0 else -1
     visits = draw(st.lists(st.integers(0, MIN_VISITS + 1), min_size=actions, max_size=actions))
-    return forecast_of(flags, steps, choice), visits
+    forecast = Forecast(
+        best if steps[best] >= 0 else -1, np.arange(actions, dtype=float),
+        (np.array(steps) != SAFE).astype(float), np.array(steps), np.zeros(actions),
+        np.array(flags), 3, Bound.DEPTH,
+    )  # fmt: skip
+    return forecast, visits
 
 
 @given(situation=situations())
@@ -65,17 +55,3 @@ def test_the_least_visited_of_the_safe_actions_is_preferred(
     expected = min(unknown, key=lambda k: (visits[k], k)) if unknown else planned.choice
     assert preferred.choice == expected
     assert ExplorationBonus(np.array(visits), 0)(planned) is planned
-
-
-def test_visits_are_read_at_every_step() -> None:
-    model = worlds.edge()
-    planner, visits = Lookahead(model, PlannerSettings(depth=2)), np.zeros(3, dtype=np.int64)
-    bonus = ExplorationBonus(visits, MIN_VISITS)
-    state = model.state({"x": 1.0, "y": 0.0, "wet": False})
-    chosen = []
-    for _ in range(MIN_VISITS * 3 + 3):
-        choice = bonus(planner.forecast(state)).choice
-        chosen.append(model.actions[choice].name)
-        visits[choice] += 1
-    assert chosen[: MIN_VISITS * 3] == ["left", "right", "jump"] * MIN_VISITS
-    assert set(chosen[MIN_VISITS * 3 :]) == {model.actions[planner.forecast(state).choice].name}

@@ -12,12 +12,13 @@ def observe(skill: ForecastSkill, state: Vector, predicted: Vector, observed: Ve
     skill.steps += update_means(state, predicted, observed, skill.steps, skill.means)
 
 
-def told(skill: ForecastSkill, steps: int, share: float, seed: int = 0) -> None:
-    """Steps of which such a share of the change is predicted."""
-    rng = np.random.default_rng(seed)
+def told(skill: ForecastSkill, steps: int, *shares: float) -> bool:
+    """Whether it is reliable after steps of which such a share of each fluent is predicted."""
+    rng = np.random.default_rng(0)
     for _ in range(steps):
         state, change = rng.normal(size=(2, 2))
-        observe(skill, state, state + share * change, state + change)
+        observe(skill, state, state + np.array(shares) * change, state + change)
+    return skill.reliable
 
 
 @pytest.mark.parametrize("predicted, reliable", [(0.0, True), (1.0, False)])
@@ -31,46 +32,27 @@ def test_what_never_changed_is_predicted_unless_it_was_said_to_change(
     assert skill.reliable == reliable
 
 
-@pytest.mark.parametrize("share, reliable", [(1.0, True), (0.7, True), (0.66, False), (0.0, False)])
-def test_reliable_is_who_foresees_nine_tenths_of_every_fluent(share: float, reliable: bool) -> None:
+@pytest.mark.parametrize(
+    "shares, reliable",
+    [((1.0, 1.0), True), ((0.7, 0.7), True), ((0.66, 0.66), False), ((1.0, 0.0), False)],
+)
+def test_reliable_is_who_lately_foresees_nine_tenths_of_the_squared_change_of_every_fluent(
+    shares: tuple[float, float], reliable: bool
+) -> None:
+    assert told(ForecastSkill(2), 100, *shares) == reliable
+    assert not told(ForecastSkill(2), 10, *shares)  # too few to say
     skill = ForecastSkill(2)
-    told(skill, 100, share)
-    assert skill.reliable == reliable  # of the squared change
-
-
-def test_one_fluent_that_is_not_predicted_is_enough() -> None:
-    skill = ForecastSkill(2)
-    rng = np.random.default_rng(0)
-    for _ in range(100):
-        state, change = rng.normal(size=(2, 2))
-        observe(skill, state, plus(state, change[0], 0.0), state + change)
-    assert not skill.reliable
-
-
-def test_nobody_is_reliable_before_enough_was_seen() -> None:
-    skill = ForecastSkill(2)
-    assert not skill.reliable
-    told(skill, 10, 1.0)
-    assert not skill.reliable
-    told(skill, 30, 1.0)
-    assert skill.reliable
-
-
-def test_it_is_of_late() -> None:
-    skill = ForecastSkill(2)
-    told(skill, 1000, 1.0)
-    assert skill.reliable
-    told(skill, 50, 0.0)
-    assert not skill.reliable
-    told(skill, 1000, 1.0)
-    assert skill.reliable
+    for share in (1.0, 0.0):
+        told(skill, 1000, share, share)
+        assert skill.reliable == bool(share)
+    assert told(skill, 1000, *shares) == reliable
 
 
 @pytest.mark.parametrize("worth", [np.nan, np.inf, -np.inf, 1e308])
 def test_what_is_no_number_is_left_out(worth: float) -> None:
     clean, spoilt = ForecastSkill(2), ForecastSkill(2)
     for skill in (clean, spoilt):
-        told(skill, 50, 0.9)
+        told(skill, 50, 0.9, 0.9)
     good, bad = np.array([1.0, 2.0]), np.array([1.0, worth])
     for steps in ((good, good, bad), (good, bad, good), (bad, good, good), (bad, good, bad)):
         observe(spoilt, *steps)

@@ -6,35 +6,18 @@ import numpy as np
 import pytest
 
 from serp.adaptation.adaptation import ModelAdaptation
-from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.outcome_counts import OutcomeCounts
 from serp.errors import RunError
 from serp.model.explanation import why_unsafe
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.native import STACK
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
-from tests.serp.adaptation.worlds import GRID
+from tests.serp.adaptation.worlds import GRID, adapted
 from tests.serp.sysid.rolls import from_text
 
-DOORS = """
-(define (domain doors)
-  (:requirements :strips :typing)
-  (:types door)
-  (:constants a b - door)
-  (:predicates (open ?d - door))
-  (:action push :parameters (?d - door) :precondition (and) :effect (and (open ?d))))
-"""
 
-
-def adaptation_of(model: TransitionModel, **settings: str) -> ModelAdaptation:
-    made = AdaptationSettings(mode="residual", **settings)  # type: ignore[arg-type]
-    return ModelAdaptation(model, made, np.random.SeedSequence(3))
-
-
-def adapted(adaptation: ModelAdaptation) -> AdaptedModel:
-    assert isinstance(adaptation.model, AdaptedModel)
-    return adaptation.model
+def adaptation_of(model: TransitionModel) -> ModelAdaptation:
+    return ModelAdaptation(model, AdaptationSettings(mode="residual"), np.random.SeedSequence(3))
 
 
 def slip(adaptation: ModelAdaptation, count: int, seed: int = 0, wet_slips: bool = False) -> None:
@@ -55,16 +38,19 @@ def prediction(
     return np.array(out[:-1]), out[-1], flags
 
 
+def shared(adaptation: ModelAdaptation) -> list[Vector]:
+    """The tables that are in use."""
+    groups = adapted(adaptation).buffer.shared.values()
+    return [group.outcomes for group in groups if group.outcomes is not None]
+
+
 def test_a_file_that_is_right_has_nothing_counted() -> None:
     adaptation = adaptation_of(from_text(GRID).model)
     random = np.random.default_rng(1)
     for _ in range(100):
-        state = random.integers(3, size=3).astype(float)
-        state[0] = state[0] > 0
+        state = np.array([float(random.integers(2)), *random.integers(3, size=2).astype(float)])
         adaptation.observe(state, 0, np.add(state, [0.0, 0.0, 1.0]), False)
-    model = adapted(adaptation)
-    assert not model.buffer.active
-    assert all(group.outcomes is None for group in model.buffer.shared.values())
+    assert not adapted(adaptation).buffer.active and not shared(adaptation)
 
 
 def test_the_likeliest_outcome_follows_and_the_reward_is_expected() -> None:
@@ -109,17 +95,6 @@ def test_it_is_the_same_in_states_too_long_for_the_stack() -> None:
         assert found[1:] == (reward, flags)
 
 
-def test_what_is_rare_is_a_small_risk() -> None:
-    adaptation = adaptation_of(from_text(GRID).model)
-    random = np.random.default_rng(5)
-    for k in range(2_000):
-        state = np.array([0.0, 2.0, float(random.integers(3))])
-        change = [0.0, 1.0, 0.0] if k % 200 == 7 else [0.0, 0.0, float(k % 3 > 0)]
-        adaptation.observe(state, 0, state + change, False)
-    _, _, flags = prediction(adaptation, 0.0, 2.0, 1.0)
-    assert 0.0 < risk_of(flags) < 0.02
-
-
 def test_a_context_that_matters_is_told_apart() -> None:
     adaptation = adaptation_of(from_text(GRID).model)
     slip(adaptation, 300, wet_slips=True)
@@ -130,38 +105,19 @@ def test_a_context_that_matters_is_told_apart() -> None:
     assert not flags & 2, "who does not slip does not fall"
 
 
-def test_objects_of_a_type_share_one_model() -> None:
-    model = from_text(DOORS).model
-    adaptation = adaptation_of(model)
-    names = [fluent.name for fluent in model.fluents]
-    push = {action.name: k for k, action in enumerate(model.actions)}
-    for _ in range(50):  # door a is stuck
-        state = np.zeros(len(names))
-        adaptation.observe(state, push["push a"], state, False)
-    predicted, _ = adaptation.model.transition([0.0] * len(names), push["push b"])
-    assert predicted[names.index("open b")] == 0.0
-
-
-def test_numbers_that_are_not_whole_are_left_to_the_residual() -> None:
-    adaptation = adaptation_of(from_text(GRID).model)
-    random = np.random.default_rng(2)
-    for _ in range(200):
-        state = np.array([0.0, random.normal(), random.normal()])
-        adaptation.observe(state, 0, np.add(state, [0.0, 0.25, 0.0]), False)
-    model = adapted(adaptation)
-    assert all(group.outcomes is None for group in model.buffer.shared.values())
-    state, _, _ = prediction(adaptation, 0.0, 0.5, 0.5)
-    assert state == pytest.approx([0.0, 0.75, 0.5], abs=0.01)
-
-
-def test_whole_numbers_that_do_too_many_things_are_left_to_the_residual() -> None:
-    adaptation = adaptation_of(from_text(GRID).model)
+def test_numbers_that_are_not_whole_or_do_too_many_things_are_left_to_the_residual() -> None:
+    fractions, many = (adaptation_of(from_text(GRID).model) for _ in range(2))
     random = np.random.default_rng(2)
     for _ in range(400):
+        state = np.array([0.0, *random.normal(size=2)])
+        fractions.observe(state, 0, np.add(state, [0.0, 0.25, 0.0]), False)
         state = np.array([0.0, *random.integers(-500, 500, size=2).astype(float)])
         after = np.array([0.0, state[1] + np.round(0.1 * state[2]), state[2]])
-        adaptation.observe(state, 0, after, False)
-    state, _, _ = prediction(adaptation, 0.0, 0.0, 100.0)
+        many.observe(state, 0, after, False)
+    assert not shared(fractions) and not shared(many)
+    state, _, _ = prediction(fractions, 0.0, 0.5, 0.5)
+    assert state == pytest.approx([0.0, 0.75, 0.5], abs=0.01)
+    state, _, _ = prediction(many, 0.0, 0.0, 100.0)
     assert state == pytest.approx([0.0, 10.0, 100.0], abs=1.0)
 
 
@@ -177,15 +133,11 @@ def test_a_world_that_changes_is_followed() -> None:
 
 
 def test_counting_waits_until_it_is_better_than_the_file() -> None:
-    group = adapted(adaptation_of(from_text(GRID).model)).feature_groups[0][0]
-    counts = OutcomeCounts(group)
-    inputs = np.array(group.inputs)
-    state, whole = np.zeros(3), np.ones(3, dtype=np.bool_)
+    adaptation = adaptation_of(from_text(GRID).model)
     for k in range(40):
-        happened = np.add(state, [0.0, 1.0, 0.0] if k == 20 else [0.0, 0.0, 1.0])
-        counts.learn(inputs, state, np.add(state, [0.0, 0.0, 1.0]), happened, whole)
-        assert k < 20 or not counts.used or k > 20
-    assert not counts.used, "one slip in forty is no reason to give up what is right"
+        change = [0.0, 1.0, 0.0] if k == 20 else [0.0, 0.0, 1.0]
+        adaptation.observe(np.zeros(3), 0, np.array(change), False)
+    assert not shared(adaptation), "one slip in forty is no reason to give up what is right"
 
 
 BALLS = """
@@ -232,14 +184,8 @@ def test_the_table_is_laid_out_anew_from_what_was_counted() -> None:
     slip(whole, 100)
     arrays, meta = whole.state_dict()
     resumed.load_state_dict(arrays, meta)
-    tables = [
-        counts.table
-        for adaptation in (whole, resumed)
-        for counts in adaptation._learners._counts.values()
-        if counts.table is not None
-    ]
-    assert len(tables) == 2
-    assert tables[0].tobytes() == tables[1].tobytes()
+    (table,), (again,) = shared(whole), shared(resumed)
+    assert table.tobytes() == again.tobytes()
     assert sum(array.nbytes for name, array in arrays.items() if "outcome_counts" in name) < 20_000
 
 

@@ -9,7 +9,7 @@ from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.parameter_buffer import MODES
 from serp.errors import RunError
 from tests.serp.adaptation import worlds
-from tests.serp.adaptation.worlds import FLEET, ICE, MILD, PLANE, any_state, publish
+from tests.serp.adaptation.worlds import FLEET, ICE, MILD, PLANE, publish
 from tests.serp.sysid.rolls import from_text
 
 NAMES = ["soccer", "cartpole", "cliff", "1"]
@@ -32,12 +32,6 @@ def test_what_was_published_can_be_published_again_elsewhere(name: str) -> None:
     saved = one.buffer.contents()
     other.buffer.restore(saved)
     assert bits(other) == bits(one)
-    rng = np.random.default_rng(3)
-    states = np.array([any_state(one, rng) for _ in range(30)])
-    for action in range(len(one.actions)):
-        expected = one.step(states, action)
-        for ours, theirs in zip(other.step(states, action), expected, strict=True):
-            assert np.asarray(ours).tobytes() == np.asarray(theirs).tobytes()
 
 
 def test_what_is_saved_holds_no_addresses_of_this_process() -> None:
@@ -59,17 +53,12 @@ def test_what_belongs_to_another_domain_is_refused_and_changes_nothing(text: str
         with pytest.raises(RunError, match="another domain"):
             model.buffer.restore(AdaptedModel(other).buffer.contents())
     assert bits(model) == before
-
-
-def test_what_belongs_to_a_file_with_other_numbers_is_refused() -> None:
-    """Else the step would be flagged by what another file says."""
+    # Nor may the file have other numbers: steps would be flagged by what another file says.
     written = worlds.shipped("cartpole")
-    model = AdaptedModel(written)
-    before = bits(model)
-    other = AdaptedModel(written.replace(theta=1.5 * written.theta))
     with pytest.raises(RunError, match="another domain"):
-        model.buffer.restore(other.buffer.contents())
-    assert bits(model) == before
+        AdaptedModel(written).buffer.restore(
+            AdaptedModel(written.replace(theta=1.5 * written.theta)).buffer.contents()
+        )
 
 
 def test_what_compiled_code_indexes_with_is_no_part_of_what_is_saved() -> None:

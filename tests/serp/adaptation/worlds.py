@@ -112,14 +112,14 @@ def edge() -> TransitionModel:
 def adaptation(
     text: str, mode: str = "residual", *, dt: float = 0.1, seed: int = 0, **settings: Any
 ) -> ModelAdaptation:
-    """A adaptation of a domain given as text."""
+    """An adaptation of a domain given as text."""
     chosen: Any = {"mode": mode, **settings}
     model = from_text(text).model.replace(dt=dt)
     return ModelAdaptation(model, AdaptationSettings(**chosen), np.random.SeedSequence(seed))
 
 
 def adapted(of: ModelAdaptation) -> AdaptedModel:
-    """The model of a adaptation that is switched on."""
+    """The model of an adaptation that is switched on."""
     assert isinstance(of.model, AdaptedModel)
     return of.model
 
@@ -143,18 +143,9 @@ def teach(
     draw: Callable[[np.random.Generator], Vector] | None = None,
     actions: tuple[int, ...] | None = None,
 ) -> Vector:
-    """Show steps from random states.
+    """Show steps of a world from random states; return how far the model was off, `[steps, F]`.
 
-    Args:
-        of: Who learns.
-        world: State, action → what is observed after it.
-        rng: Of states and actions.
-        steps: How many.
-        draw: Draws a state; by default fluents are normal, predicates true or false.
-        actions: Those that are taken; by default all.
-
-    Returns:
-        `[steps, F]` how far the model was off before each step was learned from.
+    Without `draw`, fluents are normal and predicates true or false; without `actions`, all come.
     """
     model = of.model
     errors = np.empty((steps, len(model.fluents)))
@@ -184,13 +175,7 @@ WILD = (*MILD, 1e6, -1e30, 1e200, -1e308, np.inf, -np.inf, np.nan, 5e-324)
 
 
 def publish(model: AdaptedModel, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
-    """Put arbitrary weights wherever a adaptation could put some.
-
-    Args:
-        model: What is adapted so.
-        rng: Draws them.
-        numbers: What weights are drawn of, beside normal ones.
-    """
+    """Put arbitrary weights wherever an adaptation could put some: normal, or of these numbers."""
     buffer = model.buffer
     buffer.active = True
     if rng.random() < 0.5:
@@ -200,12 +185,7 @@ def publish(model: AdaptedModel, rng: np.random.Generator, numbers: tuple[float,
 
 
 def count(model: AdaptedModel, rng: np.random.Generator) -> None:
-    """Put arbitrary counts of outcomes wherever some could be: of one in all, or by context.
-
-    Args:
-        model: What is adapted so.
-        rng: Draws them.
-    """
+    """Put arbitrary counts of outcomes wherever some could be: of one in all, or by context."""
     model.buffer.active = model.buffer.stochastic = True
     groups = {group.key: group for groups in model.feature_groups for group in groups}
     for key, group in groups.items():

@@ -190,19 +190,6 @@ def test_a_condition_whose_truth_does_not_hang_on_the_undefined_part_counts(
     check(model, {"p": 1}, UNDEFINED)
 
 
-@pytest.mark.parametrize("order", [(0, 1, 2), (2, 1, 0), (1, 0, 2), (1, 2, 0)])
-def test_event_chains_run_whatever_the_order_of_the_file(order: tuple[int, ...]) -> None:
-    chain = [
-        event("first", "(p)", "(q) (increase (x) 1)"),
-        event("second", "(q)", "(r) (increase (x) 10)"),
-        event("third", "(r)", "(unsafe) (increase (x) 100)"),
-    ]
-    start = action("(r) (when (> (y) 0) (p))")
-    model = model_of(start + "".join(chain[k] for k in order))
-    check(model, {}, {"r": 1, "x": 100, "unsafe": True})
-    check(model, {"y": 1}, {"p": 1, "q": 1, "r": 1, "x": 111, "unsafe": True})
-
-
 # Quantifiers -----------------------------------------------------------------------------------
 
 
@@ -271,12 +258,6 @@ def test_the_reward_is_what_the_metric_gains(metric: str, reward: float) -> None
     problem = f"(:domain d) (:init (= (x) 0)) (:metric {metric})"
     model = model_of(action("(increase (x) 2)"), problem, "(:functions (x))").replace(dt=0.5)
     check(model, {}, {"x": 2, "reward": reward})
-
-
-def test_reward_may_be_given_its_zero_in_the_problem() -> None:
-    model = model_of(action("(increase (reward) 1)"), "(:domain d) (:init (= (reward) 0))")
-    assert "reward" not in {f.name for f in model.fluents} | model.ground.static.keys()
-    check(model, {}, {"reward": 1})
 
 
 # Judging what was observed ---------------------------------------------------------------------

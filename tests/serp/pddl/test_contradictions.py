@@ -8,19 +8,18 @@ from serp.pddl.source import DomainError
 from tests.generated import Texts, load_texts
 
 
-def load(effect: str, kind: str = "action") -> None:
+def load(effect: str) -> None:
     load_texts(
         Texts(
             "(define (domain d) (:types t) (:constants o - t) (:predicates (p))"
             " (:functions (x) (y) (f ?i - t))\n"
-            f" (:{kind} act :parameters (?i - t) :precondition (and)\n"
+            " (:action act :parameters (?i - t) :precondition (and)\n"
             f" :effect (and {effect})))",
             None,
         )
     )
 
 
-@pytest.mark.parametrize("kind", ["action", "event"])
 @pytest.mark.parametrize(
     "effect",
     [
@@ -33,11 +32,10 @@ def load(effect: str, kind: str = "action") -> None:
         "(forall (?j - t) (and (assign (f ?j) 1) (increase (f ?j) 1)))",
     ],
 )
-def test_effects_that_always_contradict_each_other_are_refused(effect: str, kind: str) -> None:
-    with pytest.raises(DomainError, match=r"contradicts .* in line 3.*") as raised:
-        load(effect, kind)
+def test_effects_that_always_contradict_each_other_are_refused(effect: str) -> None:
+    with pytest.raises(DomainError, match=r"contradicts .* in line 3: both would") as raised:
+        load(effect)
     assert raised.value.line == 3
-    assert "both would have to happen at once" in str(raised.value)
 
 
 @pytest.mark.parametrize(

@@ -57,10 +57,8 @@ LONG = "\n 1" * 150
 IN_DOMAIN = {
     # Parentheses and words
     "never closed": ("(define (domain d)«»", "a `)` is missing: `(define` of line 1", ""),
-    "never closed, inside": (DOMAIN.replace("%s)", "(:action go«»"), "2 `)` are missing", ""),
     "one too many": ("(define (domain d))\n«)»", "text after the end", "one `)` too many"),
     "closing first": ("«)»", "`)` without a `(`", ""),
-    "second definition": ("(define (domain d)) «(»define (domain e))", "text after the end", ""),
     "no parentheses": ("«hello»", "text outside of parentheses", "begins with `(define`"),
     "too deep": ("(" * 100 + "«(»", "nested deeper than 100", ""),
     "odd space": ("(define«\u00a0»(domain d))", "U+00A0", "replace it with a space"),
@@ -68,38 +66,24 @@ IN_DOMAIN = {
     "no define": ("«(domain d)»", "begins with `(define`", ""),
     "empty define": ("«(define)»", "expected `(domain name)`", ""),
     "no name": ("(define «(domain)»)", "expected `(domain name)`", ""),
-    "problem instead": ("(define «(problem d)»)", "this is a problem file", ""),
     "domain name": ("(define (domain «../d»))", "`../d` is not a name", "begin with a letter"),
     "unknown section": (DOMAIN % "«(:actoin go)»", "`:actoin` is not supported",
                         "did you mean `:action`?"),
     "durative action": (DOMAIN % "«(:durative-action go)»", "`:durative-action` is not supported",
                         "an action, and a process"),
-    "derived": (DOMAIN % "«(:derived (tired) (and))»", "`:derived` is not supported", "an event"),
-    "list as section": (DOMAIN % "«((:action go))»", "`()` is not supported in a domain", ""),
-    "word as section": (DOMAIN % "«:action»", "expected a section in parentheses", ""),
     "section twice": (DOMAIN % "«(:types car)»", "a second `:types`", "merge the two"),
     "list as requirement": ("(define (domain d) (:requirements «(:typing)»))",
                             "expected a requirement", ""),
     # Types, objects, predicates, functions
-    "type twice": ("(define (domain d) (:types a - b «a» - c))", "type `a` is declared twice", ""),
     "type cycle": ("(define (domain d) (:types a - b «b» - c c - b))", "`b` is its own anc", ""),
     "object with parent": ("(define (domain d) (:types «object» - a))", "the root of all", ""),
     "two parents": ("(define (domain d) (:types «a» - (either b c)))", "a type has one parent", ""),
     "dash first": ("(define (domain d) (:predicates (p «-» a)))", "`- a` without a parameter", ""),
     "dash last": ("(define (domain d) (:types a «-»))", "`-` without a type after it", ""),
     "odd type list": ("(define (domain d) (:types a - «(both b c)»))", "expected a type or", ""),
-    "unknown type": ("(define (domain d) (:types robot) (:constants a - «robto»))",
-                     "unknown type `robto`", "did you mean `robot`?"),
-    "object twice": ("(define (domain d) (:types t) (:constants a - t «a»))",
-                     "object `a` is declared twice", "leave one of them out"),
     "object of two types": ("(define (domain d) (:types b c) (:constants «a» - (either b c)))",
                             "an object has one type", ""),
-    "number as object": ("(define (domain d) (:constants «4»))", "not a name for an object",
-                         "begin with a letter"),
     "empty predicate": ("(define (domain d) (:predicates «()»))", "empty declaration", ""),
-    "word as predicate": ("(define (domain d) (:predicates «p»))",
-                          "expected a predicate in parentheses, found `p`", ""),
-    "predicate twice": ("(define (domain d) (:predicates (p) («p» ?x)))", "declared twice", ""),
     "predicate and function": ("(define (domain d) (:predicates (p)) (:functions «(p)»))",
                                "both a predicate and a function", ""),
     "keyword as predicate": ("(define (domain d) (:predicates («when»)))", "a word of PDDL", ""),
@@ -111,8 +95,6 @@ IN_DOMAIN = {
     "constraint": (DOMAIN % "«(:constraint slow)»", "`:constraint` is not supported", "`(unsafe)`"),
     "object fluent": ("(define (domain d) (:types t) (:functions (f) - «t»))",
                       "other than numbers", "write `- number`"),
-    "reward as predicate": ("(define (domain d) (:predicates «(reward)»))",
-                            "reserved and must be a function", ""),
     "unsafe as function": ("(define (domain d) (:functions «(unsafe)»))",
                            "reserved and must be a predicate", ""),
     "terminal of something": ("(define (domain d) (:predicates «(terminal ?x)»))",
@@ -120,11 +102,8 @@ IN_DOMAIN = {
     # Schemas
     "no schema name": (DOMAIN % "«(:action)»", "`:action` without a name", ""),
     "schema twice": (DOMAIN % "(:action go) (:event «go»)", "`go` is defined twice", "must differ"),
-    "unknown field": (DOMAIN % "(:action go «:preconditon» (and))", "`:preconditon` is not supp",
-                      ":precondition"),
     "field twice": (DOMAIN % "(:action go :effect () «:effect» ())", "a second `:effect`", ""),
     "field without value": (DOMAIN % "(:action go «:effect»)", "`:effect` without a value", ""),
-    "word as effect": (action("«tired»"), "expected the value of `:effect` in paren", ""),
     # Conditions
     "unknown predicate": (action(precondition="(and («opne» ?p))"), "unknown predicate `opne`",
                           "did you mean `open`?"),
@@ -138,25 +117,17 @@ IN_DOMAIN = {
     "too few arguments": (action(precondition="«(at ?r)»"), "takes 2 arguments, found 1",
                           "declared as (at ?r - robot ?p - place)"),
     "wrong type": (action(precondition="(open «?r»)"), "`?r` is of type `robot`, but", ""),
-    "function as condition": (action(precondition="(«speed»)"), "`speed` is a function", ""),
-    "number as condition": (action(precondition="(and «4»)"), "expected a condition", ""),
     "two negated": (action(precondition="«(not (tired) (tired))»"), "`not` takes 1 condition", ""),
-    "imply of one": (action(precondition="«(imply (tired))»"), "`imply` takes 2 conditions", ""),
     "quantifier": (action(precondition="«(forall (?x - robot))»"), "a list of variables and one",
                    "write `(forall (?x - type) ...)`"),
-    "three compared": (action(precondition="«(< 1 2 3)»"), "`<` compares two things", ""),
-    "object and number": (action(precondition="(= «?r» 4)"), "expected a number", ""),
     "preference": (action(precondition="«(preference a (tired))»"), "preferences", "(reward)"),
     "timed condition": (action(precondition="(and «(over all (tired))»)"), "timed conditions",
                         "a process"),
     # Numbers
     "argument without ()": (action("(increase (speed) «charge»)"), "expected a number", ""),
-    "unknown function": (action("(increase (speed) («sped»))"), "unknown function `sped`",
-                         "did you mean `speed`?"),
     "predicate as number": (action("(increase (speed) («tired»))"), "`tired` is a predicate", ""),
     "too large": (action("(increase (speed) «1e400»)"), "too large a number", ""),
     "one added": (action("(increase (speed) «(+ 1)»)"), "`+` takes two or more operands", ""),
-    "three subtracted": (action("(increase (speed) «(- 1 2 3)»)"), "`-` takes one or two", ""),
     "reading the reward": (action("(increase (speed) «(reward)»)"), "cannot be read", ""),
     "time outside": (action("(increase (speed) (* «#t» 2))"), "factor of a rate in a process",
                      "(:process"),
@@ -165,20 +136,14 @@ IN_DOMAIN = {
     # Effects
     "choice": (action("«(or (tired) (open ?p))»"), "`or` is not supported in an effect",
                "deterministic"),
-    "nested when": (action("(when (tired) «(when (open ?p) (tired))»)"), "`when` inside `when`",
-                    "both conditions under `and`"),
     "nested when, deeper": (
         action("(when (tired) (forall (?x - robot) (and «(when (tired) (tired))»)))"),
         "`when` inside `when`", ""),
     "when of one": (action("«(when (tired))»"), "one condition and one effect", ""),
     "unsafe made false": (action("«(not (unsafe))»"), "can only be made true", "every step"),
-    "negated twice": (action("(not («not» (tired)))"), "unknown predicate `not`", ""),
     "two deleted": (action("«(not (tired) (tired))»"), "`not` takes one predicate", ""),
     "reward assigned": (action("«(assign (reward) 1)»"), "only be increased or decreased", ""),
-    "reward scaled": (action("«(scale-up (reward) 2)»"), "only be increased or decreased", ""),
     "no value": (action("«(increase (speed))»"), "a function and a value", ""),
-    "predicate increased": (action("(increase («tired») 1)"), "`tired` is a predicate", ""),
-    "number increased": (action("(increase «4» 1)"), "expected a function in parentheses", ""),
     "wrong type increased": (action("(increase (charge «?p») 1)"), "`?p` is of type `place`", ""),
     # Processes
     "rate without #t": (process("(increase (speed) «(speed)»)"), "rate times `#t`",
@@ -198,8 +163,6 @@ IN_PROBLEM = {
     "section twice": (problem("(:init) «(:init)»"), "a second `:init`", "merge"),
     "constraints": (problem("«(:constraints (and))»"), "`:constraints` is not supported",
                     "an event that sets `(unsafe)`"),
-    "unknown type": (problem("").replace("- place", "- «plaec»"), "unknown type `plaec`",
-                     "did you mean `place`?"),
     "constant of another type": (problem("").replace("hall", "«home» - robot hall"),
                                  "`home` is a constant of type `place`", ""),
     "unknown object": (problem("(:init (open «hal»))"), "unknown object `hal`", "`hall`?"),
@@ -217,7 +180,6 @@ IN_PROBLEM = {
     "value of two": (problem("(:init «(= (speed) 1 2)»)"), "expected `(= (function) number)`", ""),
     "timed literal": (problem("(:init «(at 5 (tired))»)"), "timed initial literals", "a clock"),
     "goal of two": (problem("«(:goal (tired) (tired))»"), "expected `(:goal condition)`", ""),
-    "goal": (problem("(:goal (and («tird»)))"), "unknown predicate `tird`", "`tired`?"),
     "metric": (problem("«(:metric maximize)»"), "expected `(:metric", ""),
     "metric sense": (problem("(:metric «maximise» (reward))"), "expected maximize or minimize", ""),
     "metric beside reward": (problem("«(:metric minimize (speed))»"), "declares `(reward)`", ""),
@@ -351,17 +313,11 @@ def test_case_does_not_matter() -> None:
     assert (domain.name, list(domain.declarations)) == ("d", ["p"])
 
 
-@pytest.mark.parametrize(
-    ("number", "value"),
-    [("1", 1), ("-1", -1), ("+1.5", 1.5), (".5", 0.5), ("5.", 5), ("1e3", 1e3), ("-2.5E-1", -0.25)],
-)
-def test_numbers(number: str, value: float) -> None:
-    text = f"(define (domain d) (:functions (f)) (:action a :effect (assign (f) {number})))"
-    assert instantiate(parse_domain(Source("d.pddl", text))).parameters[0].value == value
-
-
-@pytest.mark.parametrize("word", ["1e", "0x10", "1_000", "nan", "inf", "--1", "1e5.5", "٣", "1,5"])
-def test_words_that_are_no_numbers(word: str) -> None:
-    text = f"(define (domain d) (:functions (f)) (:action a :effect (assign (f) {word})))"
-    with pytest.raises(DomainError, match="expected a number"):
-        parse_domain(Source("d.pddl", text))
+def test_numbers() -> None:
+    text = "(define (domain d) (:functions (f)) (:action a :effect (assign (f) {})))"
+    for word in ("1", "-1", "+1.5", ".5", "5.", "1e3", "-2.5E-1"):
+        read = instantiate(parse_domain(Source("d.pddl", text.format(word))))
+        assert read.parameters[0].value == float(word)
+    for word in ("1e", "0x10", "1_000", "nan", "inf", "--1", "1e5.5", "٣", "1,5"):
+        with pytest.raises(DomainError, match="expected a number"):
+            parse_domain(Source("d.pddl", text.format(word)))

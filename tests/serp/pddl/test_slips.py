@@ -41,26 +41,20 @@ EFFECT = "(increase (x) 1)"
 SLIPS = [
     # A missing `)`: where the form should have ended
     ("(< (x) 9.5))", "(< (x) 9.5)", "(< (x) 9.5))", "9:42: a `)` is missing: `(and` of line 9"),
-    (EFFECT, "(increase (x) 1", EFFECT, "11:22: a `)` is missing: `(increase` of line 11"),
     ("(not (near))))", "(not (near)))", "(not (near))))", "17:38: a `)` is missing: `(:action gra"),
     ("(terminal)))\n", "(terminal))\n", "(terminal)))", "22:38: a `)` is missing: `(:event crash`"),
-    ("(terminal)))\n)", "(terminal))", "(terminal))))", "22:38: 2 `)` are missing"),
-    ("(reward))", "(reward)", "(reward))", "4:35: a `)` is missing: `(:functions`"),
     ("()\n    :precondition (and (near))\n", "(\n    :precondition (and (near))\n",
      ":parameters ()", "15:18: a `)` is missing: `(` of line 15"),
     # One too many
     ("9.5))\n", "9.5)))\n", "9.5))", "9:43: this `)` is one too many: `:effect` in line 10"),
-    ("0.5)))", "0.5))))", "0.5)))", "12:32: this `)` is one too many: `(:action` in line 14"),
     (EFFECT, "increase (x) 1)", EFFECT, "11:7: a `(` is missing before `increase`"),
     # Comments of other languages
     ("; move", "# move (it) )", "; move", "6:3: `#` does not begin a comment"),
-    ("; move", "//move", ";move", "6:3: `//` does not begin a comment"),
     # Effects
     (EFFECT, "(if (near) (held))", "(when (near) (held))", "`if` is not supported in an effect"),
     (EFFECT, "(= (x) 1)", "(assign (x) 1)", "`=` is not supported in an effect"),
     (EFFECT, "(set (x) 1)", "(assign (x) 1)", "`set` is not supported in an effect"),
     (EFFECT, "(set (held) false)", "(not (held))", "a predicate is an effect by itself"),
-    (EFFECT, "(assign (held) true)", "(held)", "a predicate is an effect by itself"),
     (EFFECT, "(x += 1)", EFFECT, "`+=` stands between"),
     (EFFECT, "(when (near) (held) (unsafe))", "(when (near) (and (held) (unsafe)))",
      "put several under `and`"),
@@ -71,20 +65,16 @@ SLIPS = [
     # Numbers
     (EFFECT, "(increase (x) 0,5)", "(increase (x) 0.5)", "decimals have a point"),
     (EFFECT, "(increase (x) ((speed) + 1))", "(+ (speed) 1)", "`+` stands between"),
-    (EFFECT, "(increase (x) (speed * 2))", "(* (speed) 2)", "the operator comes first"),
     (EFFECT, "(increase (x) (1))", EFFECT, "a number has no parentheses"),
-    (EFFECT, "(increase (x) (abs (speed)))", None, "one where it is negative"),
     (EFFECT, "(increase (x) (^ (speed) 2))", None, "write a product"),
     (EFFECT, "(increase (x) (sqrt (speed)))", None, "compare squares"),
     # Conditions
-    (CONDITION, "(x < 9.5)", CONDITION, "`<` stands between"),
     (CONDITION, "((x) < 9,5)", CONDITION, "the operator comes first"),
     (CONDITION, "(== (x) 9.5)", "(= (x) 9.5)", "`==` is not supported"),
     (CONDITION, "(!= (x) 9.5)", "(not (= (x) 9.5))", "`!=` is not supported in a condition"),
     (CONDITION, "(= (held) true)", "(held)", "a predicate is a condition by itself"),
     (CONDITION, "(when (near) (held))", "(imply (near) (held))", "`when` is not supported"),
     (BOTH, "(near) (< (x) 9.5)", BOTH, "`:precondition` takes one form, found 2"),
-    (BOTH, "((near) (< (x) 9.5))", BOTH, "conditions stand in a list without `and`"),
     (BOTH, "((near))", "(near)", "one pair of parentheses too many"),
     (BOTH, "(near && held)", "(and (near) (held))", "`&&` stands between"),
     (BOTH, "(forall (?r - object) (near) (held))", "(forall (?r - object) (and (near) (held)))",

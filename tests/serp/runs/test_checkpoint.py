@@ -134,19 +134,13 @@ def test_forged_metadata_with_a_digest_that_fits_is_damage(tmp_path, text):
         load(tmp_path / NEWEST)
 
 
-@pytest.mark.parametrize(
-    ("version", "said"),
-    [
-        (FORMAT + 1, f"format {FORMAT + 1}; this serp knows .* {FORMAT}. Install a newer"),
-        (1, "has format 1, which an earlier serp wrote"),
-    ],
-)
-def test_other_formats_are_refused_with_the_reason(tmp_path, monkeypatch, version, said):
+@pytest.mark.parametrize("version", [1, FORMAT + 1])
+def test_other_formats_are_refused_with_the_reason(tmp_path, monkeypatch, version):
     with monkeypatch.context() as other:
         other.setattr(checkpoint, "FORMAT", version)
         save(tmp_path / NEWEST, ARRAYS, META)
     save(tmp_path / PREVIOUS, ARRAYS, META)  # it is not damaged: there is no way round it
-    with pytest.raises(RunError, match=said):
+    with pytest.raises(RunError, match=f"has format {version}, which another version"):
         load_newest(tmp_path)
 
 

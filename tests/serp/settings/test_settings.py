@@ -83,6 +83,12 @@ def test_every_setting_has_a_description() -> None:
         ({"planner": {3: 4}}, "no setting `planner.3`"),
         ({"planer": {}}, "no section `planer`; did you mean `planner`"),
         ({"planner": {"dept": 3}}, "no setting `planner.dept`; did you mean `depth`"),
+        ({"correction": {}}, "section `correction` is now called `adaptation`"),
+        (
+            {"arbiter": {"surety": 1.0}},
+            "`arbiter.surety` is now called `arbiter.confidence_margin`",
+        ),
+        ({"adaptation": {"mode": "literals"}}, "`literals` is now called `parameters`"),
         ({"planner": {"depth": 0}}, "planner.depth must be greater than or equal to 1, not 0"),
         ({"training": {"reward": "x"}}, "must be 'task', 'domain', 'environment' or 'sum'"),
         (

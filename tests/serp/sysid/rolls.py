@@ -44,11 +44,7 @@ def planner(text: str) -> Lookahead:
 def balance(text: str, seed: int, steps: int, noise: float = 0.0) -> tuple[TransitionMemory, int]:
     """The real cart-pole under the planner of a file: its transitions, and how often it fell.
 
-    Args:
-        text: The file.
-        seed: Of environment and noise.
-        steps: Env steps.
-        noise: Share of the actions that are random.
+    `noise` is the share of the actions that are random.
     """
     env = gym.make("serp_envs:serp/CartPole-v0")
     rng = np.random.default_rng(seed)
@@ -96,11 +92,7 @@ def on_ice(
 ) -> TransitionMemory:
     """Random steps on the icy cliff, with the rewards of its file.
 
-    Args:
-        domain: The file.
-        seed: Of environment and actions.
-        steps: Env steps.
-        teleports: Whether a fall shows the start, as Gymnasium's environment has it, or its end.
+    If it `teleports`, a fall shows the start, as Gymnasium's environment has it, not its end.
     """
     from serp_adapters import cliff
 

@@ -20,15 +20,10 @@ def fitted(
 ) -> Regression:
     number, count = columns.shape
     return regress(
-        columns,
-        target,
-        centre=np.zeros(count),
-        width=np.full(count, width),
+        columns, target, centre=np.zeros(count), width=np.full(count, width),
         groups=np.zeros(number, dtype=np.int64),
-        blocks=np.arange(number) if blocks is None else blocks,
-        unit=1.0,
-        reject=reject,
-    )
+        blocks=np.arange(number) if blocks is None else blocks, unit=1.0, reject=reject,
+    )  # fmt: skip
 
 
 def drawn(rng: np.random.Generator, number: int) -> np.ndarray:

@@ -16,20 +16,13 @@ def landing() -> LiftedModel:
     return LiftedModel(from_text(text).model.ground)
 
 
-def test_what_is_about_equal_is_said_of_the_world() -> None:
+def test_what_is_about_equal_is_said_of_the_world_unless_it_is_already() -> None:
     fall, left, brake = (AddedEffect(s, UPWARDS, ()) for s in ("fall", "push-left", "brake"))
-    coefficients = {fall: -0.135, brake: 0.165, left: -0.136}
-    assert list(shared_effects(landing(), coefficients)) == [
-        ([fall, left], AddedEffect(WORLD, UPWARDS, ())),
-    ]
-
-
-def test_what_differs_or_is_said_of_the_world_already_stays() -> None:
-    fall, left = (AddedEffect(s, UPWARDS, ()) for s in ("fall", "push-left"))
-    assert not list(shared_effects(landing(), {fall: -0.135, left: 0.135}))
-    assert not list(shared_effects(landing(), {fall: -0.135}))
     world = AddedEffect(WORLD, UPWARDS, ())
-    assert not list(shared_effects(landing(), {fall: -0.135, left: -0.135, world: 1.0}))
+    coefficients = {fall: -0.135, brake: 0.165, left: -0.136}
+    assert list(shared_effects(landing(), coefficients)) == [([fall, left], world)]
+    assert not list(shared_effects(landing(), {**coefficients, world: 1.0}))
+    assert not list(shared_effects(landing(), {fall: -0.135, left: 0.135}))
 
 
 def test_variables_become_those_of_the_function() -> None:

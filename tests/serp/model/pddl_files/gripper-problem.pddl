@@ -1,7 +1,0 @@
-(define (problem three-balls)
-  (:domain gripper)
-  (:objects here there red green blue left right)
-  (:init (room here) (room there) (ball red) (ball green) (ball blue)
-         (gripper left) (gripper right) (free left) (free right)
-         (at-robby here) (at red here) (at green here) (at blue here))
-  (:goal (and (at red there) (at green there) (at blue there))))
