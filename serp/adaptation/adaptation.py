@@ -21,7 +21,7 @@ from serp.model.native import address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from serp.sysid.monitor import Monitor
-from serp.sysid.transitions import GOES_ON, TransitionMemory
+from serp.sysid.transitions import GOES_ON, OVER, TransitionMemory
 
 if TYPE_CHECKING:
     from serp.adaptation.online_parameters import ParameterEstimation
@@ -142,7 +142,8 @@ class ModelAdaptation:
         )  # fmt: skip
         self.monitor.skipped += not compared
         skill.steps += followed
-        if self._learners is not None and flows:
+        # A file need not say what the world looks like after an episode has ended.
+        if self._learners is not None and flows and transition[3] != OVER:
             self._learners.learn(state, action, next_state, self._flow, self._settled)
             adapted.buffer.active = self._learners.active or adapted.buffer.revised
         adapted.revision = self._revision if adapted.buffer.active else 0

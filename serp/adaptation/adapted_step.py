@@ -49,8 +49,6 @@ def outcomes_of(buffer, group):
 @cached_njit(nogil=True, forceinline=True)
 def _differs(buffer, action, state):
     """Return whether a step may differ from the file's."""
-    if buffer[b.ENABLED] == 0.0:
-        return False
     table = int(buffer[b.TABLE]) + 2 * action
     groups, first = int(buffer[table]), int(buffer[table + 1])
     if buffer[b.STOCHASTIC] != 0.0:

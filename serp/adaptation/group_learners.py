@@ -26,10 +26,8 @@ Meta = dict[str, Any]
 class GroupLearners:
     """Learns residuals and outcome counts from env steps, and publishes them in the model.
 
-    Residuals are used either for all fluents or for none. Plans compare fluents with each other
-    (who reaches the ball first?); if only one of two can be adapted, their difference is
-    misleading, however small the one-step errors are. So if less than half of the change of some
-    fluent can be predicted, the file is used without residuals and counts.
+    Each fluent has its own predictor: the one that has predicted new samples best, which may be the
+    file.
     """
 
     def __init__(self, model: AdaptedModel, seed: np.random.SeedSequence, nonlinear: bool) -> None:
@@ -67,8 +65,6 @@ class GroupLearners:
                 alike.setdefault(key[1:], []).append(residual)
                 residual.siblings = alike[key[1:]]
         self._used = dict.fromkeys(self._residuals, False)
-        self._predictable = dict.fromkeys(alike, True)
-        self._buffer.enabled = True
         self._buffer.stochastic = False
 
     @property
@@ -85,8 +81,7 @@ class GroupLearners:
     @property
     def active(self) -> bool:
         """Whether anything learned is used."""
-        buffer = self._buffer
-        return buffer.stochastic or (buffer.enabled and any(self._used.values()))
+        return self._buffer.stochastic or any(self._used.values())
 
     def learn(
         self, state: Vector, action: int, next_state: Vector, flow: Vector, settled: Vector
@@ -119,11 +114,7 @@ class GroupLearners:
                     next_state[targets] - state[targets],
                     ~self._whole[targets],
                 )
-                predictable = self._residuals[key].predictable(~self._whole[targets])
-                self._predictable[key[1:]] = predictable
-        enabled = all(self._predictable.values())
-        if counted or enabled != self._buffer.enabled:
-            self._buffer.enabled = enabled
+        if counted:
             self._update_stochastic()
 
     def _share_wholeness(self) -> None:
@@ -136,15 +127,12 @@ class GroupLearners:
 
     def _update_stochastic(self) -> None:
         counted = any(shared.outcomes is not None for shared in self._buffer.shared.values())
-        self._buffer.stochastic = counted and self._buffer.enabled
+        self._buffer.stochastic = counted
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: Arrays = {"whole": self._whole.copy()}
-        meta: Meta = {
-            "used": [bool(used) for used in self._used.values()],
-            "predictable": [bool(value) for value in self._predictable.values()],
-        }
+        meta: Meta = {"used": [bool(used) for used in self._used.values()]}
         for name, part in self._parts():
             own, meta[name] = part.state_dict()
             arrays |= nested(name, own)
@@ -156,8 +144,6 @@ class GroupLearners:
         self._whole[:] = saved.array("whole", np.bool_, self._whole.shape)
         self._wholes = int(np.count_nonzero(self._whole))
         self._used.update(zip(self._used, saved.truths("used", len(self._used)), strict=True))
-        truths = saved.truths("predictable", len(self._predictable))
-        self._predictable.update(zip(self._predictable, truths, strict=True))
         for name, part in self._parts():
             part.load_state_dict(*saved.part(name))
         for key, counts in self._counts.items():

@@ -24,9 +24,9 @@ FOURIER: Final = 100
 
 # Header of the buffer.
 (
-    STEP, FLOW, SETTLE, WIDTH, ACTIVE, STOCHASTIC, ENABLED, FLAGGING, REVISED, WRITTEN, PARAMETERS,
+    STEP, FLOW, SETTLE, WIDTH, ACTIVE, STOCHASTIC, FLAGGING, REVISED, WRITTEN, PARAMETERS,
     TABLE, HEADER,
-) = range(13)  # fmt: skip
+) = range(12)  # fmt: skip
 # A feature group of an action.
 G_INPUTS, G_TARGETS, G_DEPTH, G_COUNT, G_SHARED, GROUP = range(6)
 # The part shared by groups of one key.
@@ -161,13 +161,11 @@ class ParameterBuffer:
         parameters: `[P]` the parameters in use, read-only; see `adopt`.
         shared: Key → the part that its groups share.
         active: Whether anything is adapted.
-        enabled: Whether residuals and outcome counts are used.
         stochastic: Whether outcome counts are used anywhere.
         revised: Whether parameters in use differ from those written.
     """
 
     active = _entry(ACTIVE, bool)
-    enabled = _entry(ENABLED, bool)
     stochastic = _entry(STOCHASTIC, bool)
     revised = _entry(REVISED, bool)
 
@@ -181,7 +179,7 @@ class ParameterBuffer:
     ) -> None:
         numbers = [0.0] * HEADER
         numbers[STEP : SETTLE + 1] = addresses
-        numbers[WIDTH], numbers[FLAGGING], numbers[ENABLED] = width, flagging, True
+        numbers[WIDTH], numbers[FLAGGING] = width, flagging
         numbers[WRITTEN], numbers[PARAMETERS] = HEADER, HEADER + len(theta)
         numbers += [*theta, *theta]
         table = len(numbers)
@@ -221,7 +219,7 @@ class ParameterBuffer:
         arrays = {
             "written": self._written.copy(),
             "parameters": self._parameters.copy(),
-            "flags": np.array([self.active, self.enabled, self.stochastic]),
+            "flags": np.array([self.active, self.stochastic]),
         }
         for k, shared in enumerate(self.shared.values()):
             arrays |= nested(f"group{k}", shared.contents())
@@ -241,8 +239,8 @@ class ParameterBuffer:
             )
         saved = Saved("adaptation", arrays, {})
         parameters = saved.array("parameters", np.float64, self._parameters.shape)
-        flags = saved.array("flags", np.bool_, (3,))
+        flags = saved.array("flags", np.bool_, (2,))
         for k, shared in enumerate(self.shared.values()):
             shared.restore(part_of(arrays, f"group{k}"))
         self.adopt(parameters)
-        self.active, self.enabled, self.stochastic = map(bool, flags)
+        self.active, self.stochastic = map(bool, flags)

@@ -37,8 +37,6 @@ _BETTER = 0.9  # fraction of the loss to which another candidate must reduce it 
 _PREDICTED, _CERTAIN = 0.5, 0.02
 """Largest fraction of the squared change, or of the file's squared error, left by a candidate."""
 _MIN_MODE_SAMPLES = 10.0  # samples of a mode before which it follows the choice over all modes
-JUDGED_FROM = 120
-"""Samples of an action from which on it is known whether a target can be predicted."""
 
 
 class Statistics(NamedTuple):
@@ -225,20 +223,3 @@ def choose(loss, seen, spread, fourier, modes, kinds, enabled):
             kinds[s, t] = best
             residual = residual or best != b.FILE
     return residual
-
-
-@cached_njit(nogil=True)
-def judge(loss, seen, spread, fourier, enabled, left, allowed):
-    """Add up, over the remembered samples, the squared error that the best candidate leaves.
-
-    It is added to `left` `[T]`, and the most that `choose` allows to `allowed` `[T]`.
-    """
-    for t in range(spread.shape[0]):
-        if not enabled[t] or seen[0, t] < JUDGED_FROM:
-            continue
-        least = min(loss[0, b.FILE, t], loss[0, b.LINEAR, t])
-        if fourier:
-            least = min(least, loss[0, b.NONLINEAR, t])
-        samples = min(seen[0, t], 1.0 / (1.0 - MEMORY))
-        left[t] += samples * least
-        allowed[t] += samples * max(_PREDICTED * spread[t], _CERTAIN * loss[0, b.FILE, t])

@@ -94,17 +94,6 @@ class OnlineResidual:
                 used = used if again is None else again
         return used
 
-    def predictable(self, enabled: Mask) -> bool:
-        """Return whether half of the change of each target is predictable, over all siblings.
-
-        Predictable by the file or any candidate, in use or not; True while that is unknown.
-        """
-        left, allowed = np.zeros((2, len(enabled)))
-        for group in self.siblings:
-            of, fourier = group._statistics, group._parameters.fourier > 0
-            candidates.judge(of.loss, of.seen, of.spread, fourier, enabled, left, allowed)
-        return bool((left <= allowed).all())
-
     def _learn_warm_up(self, enabled: Mask) -> bool | None:
         """Learn the first samples again without outliers; None if there are no outliers."""
         samples = self._warm_up.without_outliers([group._warm_up for group in self.siblings])

@@ -45,8 +45,6 @@ def mode_of(buffer, shared, inputs, state):
 @cached_njit(nogil=True, forceinline=True)
 def add_residual(buffer, action, state, out):
     """Add the residual to `out`, the fluents after effects and processes."""
-    if buffer[b.ENABLED] == 0.0:
-        return
     table = int(buffer[b.TABLE]) + 2 * action
     group = int(buffer[table + 1])
     for _ in range(int(buffer[table])):
