@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from serp.control.protocols import Planner
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight import ClosedGraphPlanner, LeafValueClosedGraphPlanner
+from serp.planning.far_sight.planner import ClosedGraphPlanner, LeafValueClosedGraphPlanner
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.planning.replanner import MonitorReplanner

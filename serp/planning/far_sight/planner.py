@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final, Protocol
 
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.closed_graph import ClosedGraph
+from serp.planning.far_sight.closed_graph import ClosedGraph
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
