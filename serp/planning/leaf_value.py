@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
 from serp.model.transition_model import Vector
+from serp.planning.far_sight.cell_values import CELLS, KIND, cell_value_at
 
 FEATURES: Final = 64
 _BANDWIDTH: Final = 0.7
@@ -31,11 +32,13 @@ def value_at(packed, states, at, width):  # type: ignore[no-untyped-def]
     """Return the value of one state.
 
     Args:
-        packed: `LeafValue.packed`.
+        packed: `LeafValue.packed`, or `serp.planning.far_sight.cell_values.pack`.
         states: Flat float64 array.
         at: Where the state begins in it.
         width: Fluents, F.
     """
+    if packed[KIND] == CELLS:
+        return cell_value_at(packed, states, at, width)
     waves = int(packed[_WAVES])
     centre = _HEADER
     scale = centre + width

@@ -1,10 +1,11 @@
-"""The planner of finite tasks: the closed planning graph, and a lookahead outside of it."""
+"""The planner that sees far: a closed graph where there is one, else values of cells at leaves."""
 
 from __future__ import annotations
 
 from typing import Final, Protocol
 
 from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.far_sight.cell_graph import CellGraph, Visited
 from serp.planning.far_sight.closed_graph import ClosedGraph
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
@@ -67,21 +68,55 @@ class ClosedGraphPlanner:
         if found is not None:
             return found
         self._waited += 1
+        return self._forecast_outside(state)
+
+    def _forecast_outside(self, state: Vector) -> Forecast:
         return self._near.forecast(state)
 
 
-class LeafValueClosedGraphPlanner(ClosedGraphPlanner):
-    """The same with a `Lookahead`, which can add learned values at its leaves."""
+class FarSightPlanner(ClosedGraphPlanner):
+    """The same with a `Lookahead`, which takes the values of cells at its leaves.
+
+    Attributes:
+        visited: The visited states; None if they are not known. Without them there are no cells.
+        cells: The graph of cells.
+    """
 
     def __init__(self, model: TransitionModel, settings: PlannerSettings, near: Lookahead) -> None:
+        self.visited: Visited | None = None
+        self.cells = CellGraph(model, settings)
+        self._far = Lookahead(model, settings.replace(leaf_value="always"))
         super().__init__(model, settings, near)
         self._lookahead = near
 
+    def begin_episode(self) -> None:
+        """Forget both graphs, so that decisions depend on nothing before this episode."""
+        super().begin_episode()
+        self.cells.clear()
+        self._built: int | None = None
+        import os
+
+        self._since, self._patience = 0, int(os.environ.get("GAP", 20))
+
     @property
     def leaves(self) -> Vector:
-        """The value function at the leaves, see `Lookahead.leaves`."""
+        """The value function at the leaves where there are no cells, see `Lookahead.leaves`."""
         return self._lookahead.leaves
 
     @leaves.setter
     def leaves(self, packed: Vector) -> None:
         self._lookahead.leaves = packed
+
+    def _forecast_outside(self, state: Vector) -> Forecast:
+        self._since += 1
+        if self.visited is not None and (
+            self._built is None
+            or (self._since >= self._patience and self.visited.seen > 1.05 * self._built)
+        ):
+            self._built = self.visited.seen
+            self.cells.build(state, self.visited.next_states)
+            self._since = 0
+        if not self.cells.values.size:
+            return self._lookahead.forecast(state)
+        self._far.leaves = self.cells.values
+        return self._far.forecast(state)
