@@ -7,7 +7,6 @@ action.
 
 from __future__ import annotations
 
-import os
 from typing import Final, Protocol
 
 import numpy as np
@@ -22,15 +21,19 @@ from serp.planning.far_sight.cell_values import Cells, pack
 from serp.planning.far_sight.closed_kernels import DONE, OUTCOMES, Counters, GraphArrays
 from serp.settings import PlannerSettings
 
-MAX_EDGES: Final = int(os.environ.get("ME", 60_000))
+MAX_EDGES: Final = 60_000
 """Most edges of a graph of cells."""
 _SAMPLE: Final = 500
 """Visited states that the graph begins with, and that tell what is known."""
+REACH: Final = 0.25
+"""A state is known if no fluent differs from that of a visited state by more than this fraction of
+its range."""
 _LEAST: Final = 32
 """Fewer visited states say too little about the ranges of fluents."""
-_FINEST, _COARSEST, _FINER = float(os.environ.get("FINEST", 100.0)), 4.0, 1.4
+_FINEST, _COARSEST, _FINER = 100.0, 4.0, 1.4
 """Bins in the range of a fluent: most, least, and the ratio from one attempt to the next."""
 _PRECISION: Final = 1e-4
+"""Precision of the values, see `serp.planning.far_sight.solution_kernels.EXACT`."""
 _AT = Counters()
 
 
@@ -97,11 +100,10 @@ class CellGraph:
         if not divided.any() or not np.isfinite(sample).all():
             return False
         unit = np.where(divided, 1.0 / np.where(divided, high - low, 1.0), 0.0)
-        reach = self._reach_of(sample, unit)
         self._allocate()
 
         def divided_into(bins: float) -> Cells:
-            return Cells(low, unit * bins, unit, sample.ravel(), reach)
+            return Cells(low, unit * bins, unit, sample.ravel(), REACH)
 
         bins = self.bins or _COARSEST
         fits = self._expand(state, divided_into(bins))
@@ -129,16 +131,6 @@ class CellGraph:
     def nodes(self) -> int:
         """Number of cells."""
         return int(self._arrays.counters[_AT.nodes])
-
-    def _reach_of(self, sample: Vector, unit: Vector) -> float:
-        """Return how near a known state is to a visited one.
-
-        Nearly all visited states are as near as a quarter of this to another one.
-        """
-        found = np.empty(len(sample))
-        kernels.spacing(sample.ravel(), unit, self._width, found)
-        self.reach = 4.0 * float(np.quantile(found, 0.95))
-        return self.reach
 
     def _expand(self, state: Vector, cells: Cells) -> bool:
         arrays, division = self._arrays, tuple(cells)
@@ -194,7 +186,11 @@ class CellGraph:
         )
         self._arrays_tuple = tuple(self._arrays)
         self._edges_held = HeldEdges(
-            *(np.zeros(size) for size in (edges, edges, edges, edges, edges * self._width)),
+            reward=np.zeros(edges),
+            periods=np.zeros(edges),
+            weight=np.zeros(edges),
+            beyond=np.zeros(edges),
+            target=np.zeros(edges * self._width),
             node=np.zeros(edges, dtype=np.int64),
         )
         self._held = tuple(self._edges_held)

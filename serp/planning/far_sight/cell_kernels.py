@@ -246,21 +246,3 @@ def interpolate(arrays, division, found):
             graph.chance[k] *= edges.weight[edge] / total
         graph.first_outcome[edge + 1] = outcome
     graph.counters[_OUTCOMES] = outcome
-
-
-@cached_njit(nogil=True)
-def spacing(states, unit, width, found):
-    """Write the distance of each state, flat `[N * F]`, to the nearest other one to `found`."""
-    count = states.shape[0] // width
-    for k in range(count):
-        nearest = np.inf
-        for other in range(count):
-            if other == k:
-                continue
-            most = 0.0
-            for i in range(width):
-                most = max(most, abs(states[k * width + i] - states[other * width + i]) * unit[i])
-                if most >= nearest:
-                    break
-            nearest = min(nearest, most)
-        found[k] = nearest

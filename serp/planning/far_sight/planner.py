@@ -14,6 +14,11 @@ from serp.settings import PlannerSettings
 _PATIENCE: Final = 4
 """After a graph could not be closed, so many times more decisions pass before the next attempt."""
 
+_DECISIONS: Final = 20
+"""Decisions between two builds of the graph of cells, at least."""
+_GROWN: Final = 1.05
+"""It is built again when so many times as many states were visited."""
+
 
 class NearPlanner(Protocol):
     """The planner that is asked outside of the graph."""
@@ -93,10 +98,7 @@ class FarSightPlanner(ClosedGraphPlanner):
         """Forget both graphs, so that decisions depend on nothing before this episode."""
         super().begin_episode()
         self.cells.clear()
-        self._built: int | None = None
-        import os
-
-        self._since, self._patience = 0, int(os.environ.get("GAP", 20))
+        self._built = self._since = 0
 
     @property
     def leaves(self) -> Vector:
@@ -109,13 +111,11 @@ class FarSightPlanner(ClosedGraphPlanner):
 
     def _forecast_outside(self, state: Vector) -> Forecast:
         self._since += 1
-        if self.visited is not None and (
-            self._built is None
-            or (self._since >= self._patience and self.visited.seen > 1.05 * self._built)
-        ):
-            self._built = self.visited.seen
+        seen = 0 if self.visited is None else self.visited.seen
+        waited = self._built == 0 or self._since > _DECISIONS
+        if self.visited is not None and waited and seen > _GROWN * self._built:
+            self._built, self._since = seen, 0
             self.cells.build(state, self.visited.next_states)
-            self._since = 0
         if not self.cells.values.size:
             return self._lookahead.forecast(state)
         self._far.leaves = self.cells.values
