@@ -60,14 +60,6 @@ def test_a_run_without_a_name_gets_one(run: Run) -> None:
     assert config(out)["task"] == "cartpole"
 
 
-def test_resuming_needs_nothing_but_the_run(run: Run) -> None:
-    run(*TRAIN, "--episodes=2", "--out=r", "--seed=5", "--quiet")
-    run("plan-and-learn", "--resume=r", "--episodes=4", "--quiet")
-    run(*TRAIN, "--episodes=4", "--out=whole", "--seed=5", "--quiet")
-    assert rows("r", "metrics") == rows("whole", "metrics")
-    assert rows("r", "decisions") == rows("whole", "decisions")
-
-
 @pytest.mark.parametrize("how", ["--resume {}", "--out {} --resume", "--resume --out {}"])
 def test_resuming_a_finished_run_does_nothing_and_says_so(
     how: str, run: Run, trained: Path
@@ -99,34 +91,13 @@ def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
     ("arguments", "message"),
     [
         (["--domain=cartpol"], "did you mean `cartpole`?"),
-        (["--domain=nosuch/file.pddl"], "there is no such file"),
-        (["--domain=cartpole", "--preset=papr"], "did you mean `paper`?"),
-        (["--domain=cartpole", "--set=planer.depth=3"], "did you mean `planner`?"),
-        (["--domain=cartpole", "--set=planner.dept=3"], "did you mean `depth`?"),
         (["--domain=cartpole", "--set=planner.depth=deep"], "planner.depth must be a whole number"),
-        (["--domain=cartpole", "--set=arbiter.r_min=low"], "arbiter.r_min must be a number"),
-        (["--domain=cartpole", "--set=arbiter.rho=low"], "arbiter.rho must be"),
-        (["--domain=cartpole", "--set=training.env_steps=1.5"], "training.env_steps must be"),
-        (["--domain=cartpole", "--set=learner.hidden=64"], "learner.hidden must be a list, not 64"),
         (["--resume=nosuch"], "no such folder"),
     ],
 )
 def test_mistakes_leave_nothing_behind(arguments: list[str], message: str, run: Run) -> None:
     assert message in run("plan-and-learn", *arguments, expect=1).stderr
     assert list(Path().iterdir()) == []
-
-
-def test_an_existing_run_is_left_alone(run: Run, trained: Path) -> None:
-    before = {path: path.read_bytes() for path in trained.iterdir()}
-    message = run(*TRAIN, f"--out={trained}", expect=1).stderr
-    assert "already holds a run" in message
-    assert {path: path.read_bytes() for path in trained.iterdir()} == before
-
-
-def test_a_run_of_another_task_is_not_continued(run: Run, trained: Path) -> None:
-    Path("other.pddl").write_text("(define (domain other))")
-    message = run("plan-and-learn", f"--resume={trained}", "--domain=other.pddl", expect=1).stderr
-    assert "no task is installed for domain `other`" in message
 
 
 @contextlib.contextmanager
