@@ -24,7 +24,6 @@ from serp.cli.options import (
 from serp.cli.output import examples, open_console, print_result, print_table
 
 if TYPE_CHECKING:
-    from serp.tasks.task import Task
     from serp.training.run import Run
 
 _FROM_OUT = ""
@@ -95,29 +94,25 @@ def command(
     resuming = resume is not None
     path = out if resume is None else _run_to_resume(resume, out)
     task = asked_task(domain, max_ground_schemas)
-    if task is None:
-        if path is None or not resuming:
-            raise click.UsageError(
-                "give --domain (`serp list` names the tasks), --task, or --resume RUN"
-            )
-        task = _task_of_run(path)
+    if task is None and not resuming:
+        raise click.UsageError(
+            "give --domain (`serp list` names the tasks), --task, or --resume RUN"
+        )
     from serp.errors import Interrupted
     from serp.training.plan_and_learn import plan_and_learn
 
-    episodes_before = _episodes(path) if resuming and path is not None else 0
     try:
         with _own_task_added():
             run = plan_and_learn(
-                task, settings=settings, out=path, resume=resuming, quiet=quiet, **options
-            )
+                task or str(path), settings=settings, out=path, resume=resuming, quiet=quiet,
+                **options,
+            )  # fmt: skip
     except (Interrupted, KeyboardInterrupt) as stop:
         if not isinstance(stop, Interrupted) and not _notes(stop):
             raise
         said = str(stop) if isinstance(stop, Interrupted) else "Stopped at once."
         say("\n".join([said, *_notes(stop)]))
         return stopped_by(stop)
-    if resuming and _episodes(run.path) == episodes_before:
-        say("Nothing was left to do. To train on, give more --episodes or --env-steps in all.")
     if quiet:
         print_result(run.path)
     else:
@@ -137,20 +132,6 @@ def _run_to_resume(given: str, out: Path | None) -> Path:
     if path is None:
         raise click.UsageError("give the run to continue: --resume RUN")
     return path
-
-
-def _task_of_run(path: Path) -> Task:
-    from serp.runs.config import read_config
-    from serp.tasks.registry import load_task
-
-    return load_task(str(read_config(path)["config"].get("task")))
-
-
-def _episodes(path: Path) -> int:
-    from serp.runs.folder import METRICS
-    from serp.runs.reading import read_metrics
-
-    return len(read_metrics(path / METRICS)["episode"])
 
 
 @contextlib.contextmanager

@@ -66,7 +66,7 @@ def test_resuming_a_finished_run_does_nothing_and_says_so(
 ) -> None:
     before = rows(trained, "metrics")
     result = run("plan-and-learn", *how.format(trained).split())
-    assert "Nothing was left to do." in result.stderr
+    assert "Nothing is left to do" in result.stderr
     assert rows(trained, "metrics") == before
 
 
