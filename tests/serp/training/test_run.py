@@ -17,7 +17,6 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.wrappers import NormalizeObservation, NormalizeReward, TimeLimit
@@ -414,28 +413,6 @@ def test_an_evaluation_sees_what_the_learner_learned_to_see(tmp_path: Path) -> N
     load_run(run.path, normalizing(tmp_path, Seen)).evaluate(episodes=1)
     steps = run.metrics["env_steps"][-1]
     assert counts == [pytest.approx(steps + 6, abs=1)]  # each reset counts as well
-
-
-class Forgotten(gym.Wrapper[Any, Any, Any, Any]):
-    """Carries on what nobody saves."""
-
-    def __init__(self, env: Any) -> None:
-        super().__init__(env)
-        self.wear = 0.0
-
-    def step(self, action: Any) -> Any:
-        self.wear += 0.001
-        return super().step(action)
-
-
-@without_pictures()
-def test_a_wrapper_whose_memory_is_not_saved_is_named_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    task = corridor(tmp_path, lambda: Forgotten(Corridor()))
-    plan_and_learn(task, episodes=12, out=tmp_path / "run")
-    shown = capsys.readouterr().err
-    assert shown.count("Wrapper Forgotten keeps `wear` from one episode to the next") == 1
 
 
 # The files of a run -------------------------------------------------------------------------------

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp.control.step_record import StepRecord
 from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
 from serp.planning.lookahead import Lookahead
 from serp.runs.rows import DECISIONS_COLUMNS, MetricsRow
@@ -155,34 +154,6 @@ class Recorder:
         learner.remember = record  # type: ignore[assignment]
 
 
-@pytest.mark.parametrize(
-    ("declared", "learned"),
-    [
-        ("domain", "task"),
-        ("environment", "task"),
-        ("domain", "environment"),
-        ("environment", "domain"),
-        ("environment", "sum"),
-    ],
-)
-def test_a_step_is_judged_by_the_rewards_of_file_and_setting(
-    tmp_path: Path, declared: str, learned: str
-) -> None:
-    task = corridor(tmp_path, reward=declared)
-    settings = settings_of(task, "default").replace({"training": {"reward": learned}})
-    reward = declared if learned == "task" else learned
-    trainer = Trainer(task.bind(), settings, 5)
-    recorder, seen = Recorder(trainer), list[StepRecord]()
-    trainer.on_step = seen.append
-    rows = [trainer.run_episode() for _ in range(8)]
-    for step, remembered in zip(seen, recorder.seen, strict=True):
-        assert (step.reward, step.terminated, step.truncated) == (remembered[2], *remembered[4:6])
-        assert (step.next_state[0], step.state[0]) == (remembered[3][0], remembered[0][0])
-        assert (step.domain_reward == step.reward) is (reward == "domain")
-    by_file = sum(step.domain_reward for step in seen)
-    assert by_file == pytest.approx(sum(row.domain_return for row in rows))
-
-
 def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> None:
     task = corridor(tmp_path)
     trainer = Trainer(task.bind(), settings_of(task, "paper"), 0)
@@ -293,25 +264,17 @@ def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path: Path) -
 # The unit of rho ----------------------------------------------------------------------------------
 
 
-def test_rho_grows_with_every_game_whatever_the_episodes(tmp_path: Path) -> None:
+@pytest.mark.parametrize("unit", ["step", "episode", "game"])
+def test_rho_grows_with_every_unit(tmp_path: Path, unit: str) -> None:
     task = corridor(tmp_path)
-    settings = settings_of(task, "default")
-    trainer = Trainer(task.bind(), settings, 1)
+    changes = {"arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001}}
+    trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
     for _ in range(25):
         row = trainer.run_episode()
         games = trainer.task.env.unwrapped.clock // 30  # type: ignore[attr-defined]
-        assert row.rho == pytest.approx(min(1.0, settings.arbiter.rho + 0.1 * games))
-
-
-def test_rho_grows_with_every_step_or_episode(tmp_path: Path) -> None:
-    task = corridor(tmp_path)
-    for unit in ("step", "episode"):
-        changes = {"arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001}}
-        trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
-        for _ in range(5):
-            row = trainer.run_episode()
-        units = trainer.env_steps if unit == "step" else trainer.episode
-        assert row.rho == pytest.approx(0.001 * units)
+        done = {"step": trainer.env_steps, "episode": trainer.episode, "game": games}
+        assert row.rho == pytest.approx(0.001 * done[unit])
+        assert trainer.units == done[unit]
 
 
 class Odd(Corridor):
