@@ -115,14 +115,9 @@ def play(
 ) -> Iterator[Episode]:
     """Run a policy without exploring or learning; no random state of the agent changes.
 
-    Advancing the iterator begins the next episode, even if the previous one is not finished.
-
-    Args:
-        agent: The agent.
-        task: The task, in an environment that is not used otherwise.
-        policy: The policy; see `serp.training.policies.Policy`.
-        episodes: Number of episodes, at least 1.
-        seed: Seed of the environment; equal seeds give other episodes than in training.
+    The environment of the task is not used otherwise. Advancing the iterator begins the next
+    episode, even if the previous one is not finished. Equal seeds give other episodes than in
+    training.
 
     Raises:
         SettingsError: There is no such policy, or `episodes` or `seed` is out of range.
