@@ -75,16 +75,6 @@ def test_every_episode_has_a_seed_of_its_own_that_training_does_not_use(tmp_path
     assert None not in seeds
 
 
-def test_the_planner_alone_is_the_planners_choice_in_every_step(tmp_path: Path) -> None:
-    """It walks to the goal and never into the pit; a learner of no training does not know."""
-    agent = trained(tmp_path, episodes=1).agent
-    planner = evaluate(agent, corridor(tmp_path).bind(), "planner", episodes=20)
-    assert planner.unsafe_executed == 0
-    assert planner.vetoes == 0
-    assert planner.terminated > 15
-    assert planner.mean > 3
-
-
 def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path: Path) -> None:
     trainer = trained(tmp_path, episodes=1)
     learner = trainer.agent.learner
@@ -99,13 +89,6 @@ def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path: Path) -> None
     assert all(value < -4 for value in alone.returns)
     assert mixed.unsafe_executed == 0
     assert mixed.vetoes > 0
-
-
-def test_the_result_counts_what_happened(tmp_path: Path) -> None:
-    result = evaluate(trained(tmp_path).agent, corridor(tmp_path).bind(), "serp", episodes=7)
-    assert len(result.returns) == len(result.lengths) == 7
-    assert all(1 <= length <= 12 for length in result.lengths)
-    assert result.terminated >= sum(length < 12 for length in result.lengths)
 
 
 def result_of(*returns: float) -> EvaluationResult:
