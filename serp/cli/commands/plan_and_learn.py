@@ -38,6 +38,11 @@ _FIXED = {
 """What cannot change in a run that is resumed."""
 
 
+def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> None:
+    if value is not None:
+        raise click.UsageError(f"{option.opts[0]} is now called --adapt", ctx)
+
+
 @click.command(
     "plan-and-learn",
     epilog=examples(
@@ -65,6 +70,7 @@ _FIXED = {
               help="Continue a run: this one, or that in --out.")  # fmt: skip
 @click.option("--adapt", metavar="off|parameters|residual|full",
               help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
+@click.option("--correct", hidden=True, expose_value=False, callback=_renamed)
 @max_ground_schemas_option
 @settings_option
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")

@@ -77,6 +77,7 @@ def test_resuming_a_finished_run_does_nothing_and_says_so(
         (["--resume=a", "--seed=1"], "--seed cannot change"),
         (["--resume=a", "--preset=paper"], "--preset cannot change"),
         (["--resume=a", "--set=planner.depth=3"], "--set cannot change"),
+        (["--domain=cartpole", "--correct=off"], "--correct is now called --adapt"),
         (["--domain=cartpole", "--episodes=0"], "is not in the range"),
         (["--domain=cartpole", "--set=depth=3"], "expected section.name=value"),
     ],

@@ -11,12 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from serp.cli.root import serp
 from serp.comparison.algorithms import OWN
 from serp.runs.checkpoint import NEWEST, load, save
-from tests.serp.cli.conftest import Run
+from tests.serp.cli.conftest import Run, train
 
 EMPTY = Path(__file__).parents[3] / "domains" / "cartpole-empty.pddl"
 PLANNER_ALONE = [
@@ -29,11 +27,7 @@ ADAPTED = ["--set=adaptation.mode=residual", "--set=adaptation.min_visits=3"]
 
 def planned(domain: str | Path, out: Path, *options: str) -> np.ndarray:
     """Let the planner act alone; return the returns of its episodes."""
-    arguments = ["plan-and-learn", f"--domain={domain}", f"--out={out}", "--quiet"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
-        result = CliRunner().invoke(serp, [*arguments, *PLANNER_ALONE, *options])
-    assert result.exit_code == 0, result.output
+    train(out, f"--domain={domain}", *PLANNER_ALONE, *options)
     with (out / "metrics.csv").open(encoding="utf-8") as table:
         return np.array([float(row["return"]) for row in csv.DictReader(table)])
 

@@ -21,14 +21,7 @@ from serp.tasks.task import Task
 from serp.training.agent import Agent
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import Corridor, corridor
-
-CHANGES: dict[str, dict[str, dict[str, Any]]] = {
-    "paper": {"training": {"random_steps": 25}, "arbiter": {"rho_increment": 0.05}},
-    "default": {
-        "arbiter": {"rho_unit": "game", "rho_increment": 0.1, "r_min": -1.0},
-        "learner": {"updates_per_step": 0.7},
-    },
-}
+from tests.serp.training.test_run import CHANGES
 
 
 def settings_of(task: Task, preset: str) -> Settings:
