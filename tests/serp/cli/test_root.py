@@ -58,7 +58,7 @@ def test_the_package_runs_and_help_imports_nothing_heavy(tmp_path: Path) -> None
 
 
 def test_an_unknown_command_or_option_says_what_there_is(run: Run) -> None:
-    assert "Did you mean 'evaluate'?" in run("evalute", expect=2).stderr
+    assert "did you mean `evaluate`?" in run("evalute", expect=2).stderr
     assert "No such option" in run("--nonsense", expect=2).stderr
 
 
