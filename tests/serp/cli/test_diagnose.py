@@ -15,7 +15,7 @@ from serp._util.json_files import finite
 from serp.diagnosis import export
 from serp.diagnosis.diagnosis import diagnose
 from serp.diagnosis.plots import picture
-from tests.serp.cli.conftest import QUICK, Run
+from tests.serp.cli.conftest import QUICK, Run, train
 
 CARTPOLE = Path(__file__).parents[3] / "domains" / "cartpole.pddl"
 WRONG = "(decrease (cart-velocity) 0.195)"
@@ -28,21 +28,12 @@ def told(run: Run, *arguments: str) -> Any:
 @pytest.fixture(scope="module")
 def misled(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short run with a file whose first push is twice as strong as the real one."""
-    from click.testing import CliRunner
-
-    from serp.cli.root import serp
-
     folder = tmp_path_factory.mktemp("misled")
     text = CARTPOLE.read_text(encoding="utf-8")
     assert text.count(WRONG) == 1
     file = folder / "cartpole.pddl"
     file.write_text(text.replace(WRONG, WRONG.replace("0.195", "0.39")), encoding="utf-8")
-    arguments = ["plan-and-learn", f"--domain={file}", "--episodes=8", f"--out={folder / 'run'}"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
-        result = CliRunner().invoke(serp, [*arguments, *QUICK, "--quiet"])
-    assert result.exit_code == 0, result.output
-    return folder / "run"
+    return train(folder / "run", f"--domain={file}", "--episodes=8", *QUICK)
 
 
 def test_a_wrong_number_is_named_with_its_line_and_its_value(run: Run, misled: Path) -> None:
