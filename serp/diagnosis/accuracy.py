@@ -111,13 +111,8 @@ class Quantity:
 def units_of(model: TransitionModel, steps: Steps, predicted: Vector) -> Vector:
     """Return the unit of each column `[F + 2]`: the root mean square change of its symbol.
 
-    A symbol that never changes is measured by its predicted change; one that is not predicted to
-    change either has unit 1.
-
-    Args:
-        model: The model as written.
-        steps: The observed steps.
-        predicted: `[N, F + 2]` predictions of the model; NaN where there is none.
+    A symbol that never changes is measured by its predicted change, `[N, F + 2]`, NaN where there
+    is none; one that is not predicted to change either has unit 1.
     """
     names = _symbols(model)
     units = np.ones(len(names))
@@ -145,7 +140,7 @@ def quantities_of(
         model: The model as written.
         steps: The observed steps.
         predicted: `[N, F + 2]` predictions of the model.
-        found: The same of the model patched with the findings worth mentioning.
+        found: The same of the model patched with findings.
         units: `[F + 2]`, see `units_of`.
     """
     names = _symbols(model)
@@ -196,17 +191,12 @@ def _symbols(model: TransitionModel) -> NDArray[np.str_]:
 def _written_symbols(model: TransitionModel) -> set[str]:
     """Return the symbols that an effect of the file changes, with `reward` and `terminal`."""
     ground = model.ground
-    targets = {
-        effect.target
-        for schema in (*ground.actions, *ground.processes, *ground.events)
-        for effect in schema.effects
-    }
+    schemas = (*ground.actions, *ground.processes, *ground.events)
+    targets = {effect.target for schema in schemas for effect in schema.effects}
     written = {fluent.symbol for fluent in model.fluents if fluent.index in targets}
-    if model.rewarding:
-        written.add(REWARD)
-    if ground.goal is not None or g.TERMINAL_TARGET in targets:
-        written.add(END)
-    return written
+    written |= {REWARD} if model.rewarding else set()
+    ends = ground.goal is not None or g.TERMINAL_TARGET in targets
+    return written | ({END} if ends else set())
 
 
 def _shown(model: TransitionModel, name: str) -> str:

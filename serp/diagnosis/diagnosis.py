@@ -22,10 +22,10 @@ from serp.sysid.regression_data import RegressionData, predicted_steps, regressi
 
 
 class FitRow(NamedTuple):
-    """The accuracy for a fluent, the reward or the end after one ground action, in its own unit.
+    """The accuracy for a fluent, `reward` or `terminal` after a ground action, in its own unit.
 
     Attributes:
-        action, fluent: Their names; `reward`, and `terminal` for the end.
+        action, fluent: Their names.
         steps: Transitions.
         scale: Observed range over all actions.
         change: Root mean square of the observed change in a step.
@@ -149,14 +149,14 @@ def _fits(
     scale = np.ptp(np.concatenate((steps.before, steps.after)), axis=0)
     for position, action in enumerate(model.actions):
         done = steps.actions == position
-        if not done.any():
+        number = int(done.sum())
+        if not number:
             continue
-        after = steps.after[done]
         change, off, left = (
-            np.sqrt(np.nanmean((after - other[done]) ** 2, axis=0))
+            np.sqrt(np.nanmean((steps.after[done] - other[done]) ** 2, axis=0))
             for other in (steps.before, predicted, expected)
         )
-        costs = done.sum() * (off / units) ** 2 / count
+        costs = number * (off / units) ** 2 / count
         columns = zip(names, scale, change, off, left, costs, strict=True)
-        rows += [FitRow(action.name, name, int(done.sum()), *map(float, c)) for name, *c in columns]
+        rows += [FitRow(action.name, name, number, *map(float, c)) for name, *c in columns]
     return sorted(rows, key=lambda row: -row.cost)

@@ -7,6 +7,7 @@ same lines apply to both, it is attributed to these lines; if none applies, to n
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -36,6 +37,8 @@ _NO_LINE = _Line("", None)
 
 @dataclass
 class _Count:
+    """The steps of a line: those in which it was predicted, with sums of what was said and came."""
+
     predicted: int = 0
     came: int = 0
     unpredicted: int = 0
@@ -43,6 +46,12 @@ class _Count:
     observed: float = 0.0
     unpredicted_sum: float = 0.0
     squares: float = 0.0
+
+    @property
+    def mean_observed(self) -> float:
+        if self.predicted:
+            return self.observed / self.predicted
+        return self.unpredicted_sum / max(1, self.unpredicted)
 
 
 def find_rules(
@@ -78,9 +87,7 @@ def find_rules(
             came=count.came,
             unpredicted=count.unpredicted,
             expected=count.expected / max(1, count.predicted),
-            observed=count.observed / count.predicted
-            if count.predicted
-            else count.unpredicted_sum / max(1, count.unpredicted),
+            observed=count.mean_observed,
             samples=len(sample),
             cost=count.squares / float(units[width + k]) ** 2 / len(sample),
         )
@@ -101,16 +108,7 @@ def _count(
     came: float,
     equal: float,
 ) -> None:
-    """Count a step.
-
-    Args:
-        lines: The counts so far.
-        said: The lines that were predicted to apply.
-        seen: The lines that apply to the observed state.
-        expected: The predicted reward or end.
-        came: The observed reward or end.
-        equal: Largest difference that counts as none.
-    """
+    """Count a step by the lines said to apply, and those seen to; `equal` is no difference."""
     right, off = abs(came - expected) <= equal, (came - expected) ** 2
     for line in said:
         count = lines.setdefault(line, _Count())
@@ -147,14 +145,12 @@ class _Rules:
 
     def judged(self, state: Vector, action: int, next_state: Vector) -> dict[str, set[_Line]]:
         """Return the lines that apply to an observed transition."""
-        sites = self._model.trace_judged(state, action, next_state)
-        if self._goal is None and self._metric is None:
-            return self._applied(sites, 0.0, 0.0)
-        try:
-            judged = self._model.judge(state, action, next_state)
-        except StateError:
-            return self._applied(sites, 0.0, 0.0)
-        return self._applied(sites, judged.reward, float(judged.terminal))
+        reward = end = 0.0
+        if self._goal or self._metric:
+            with contextlib.suppress(StateError):
+                judged = self._model.judge(state, action, next_state)
+                reward, end = judged.reward, float(judged.terminal)
+        return self._applied(self._model.trace_judged(state, action, next_state), reward, end)
 
     def _applied(self, sites: Iterable[Site], reward: float, end: float) -> dict[str, set[_Line]]:
         """Return the lines among the sites; goal or metric where there are none."""

@@ -113,20 +113,21 @@ class _Writer:
                 where = f"{Path(place.source.name).name}, line {place.line}"
                 self.in_problem.append(f"{where}: {place.text} as written; observed {found}")
         edits = self._additions()
+        comments: list[tuple[Place | None, str]]
         comments = [(r.place, rule_text(r)) for r in self._findings.rules]
         comments += [
             (e.place, outcomes_text(e, self._domain.model.ground))
             for e in self._findings.stochastic
         ]
-        for where, text in comments:
-            if where is not None and where.source is source:
-                self.changes.append(where.line)
-                edits.append(self.points.comment_above(where.start, f"Observed: {text}."))
+        for at, text in comments:
+            if at is not None and at.source is source:
+                self.changes.append(at.line)
+                edits.append(self.points.comment_above(at.start, f"Observed: {text}."))
         for edit in self._effects:
             if edit.evidence:
                 self.changes.append(edit.effect.place.line)
             edits += edit.edits()
-            edits += [self.points.comment_above(at.start, text) for at, text in edit.evidence]
+            edits += [self.points.comment_above(p.start, text) for p, text in edit.evidence]
         return edits + self.points.requirements(self._needs)
 
     def _change(self, finding: ParameterFinding) -> None:
