@@ -82,8 +82,3 @@ def test_a_run_without_a_step_is_refused(copy: Path) -> None:
     save(copy / NEWEST, arrays, meta)
     with pytest.raises(RunError, match="no env step"):
         read_recorded(copy)
-
-
-def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match="no such folder"):
-        read_recorded(tmp_path / "none")

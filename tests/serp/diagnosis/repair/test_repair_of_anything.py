@@ -148,3 +148,4 @@ def test_chance_changes_comments_alone(data: st.DataObject) -> None:
         else:
             assert line.lstrip().startswith(";")
     assert expected is None
+    assert repaired.text.count("; Observed: ") == len(outcomes)
