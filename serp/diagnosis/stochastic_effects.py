@@ -198,7 +198,7 @@ class _Schema:
                     continue
                 here = np.where(own_rows[:, None], after, np.nan)
                 self._add(candidates, self._usual(here), here, ends & own_rows)
-        missed: Mask = ~_fits_of(candidates.values()).any(1)
+        missed: Mask = np.all(~_fits_of(candidates.values()), axis=1)
         commonest = self._counted(self.observed, missed)[:_MOST_OTHERS]
         if (self.observed[missed] == self.before[missed]).all(1).any():
             commonest.append(())
