@@ -81,7 +81,7 @@ def _draw(axes: Axes, diagnosis: Diagnosis, fit: FitRow) -> None:
     changes = np.stack(
         [
             after[rows, column] - steps.before[rows, column]
-            for after in (steps.after, diagnosis.predicted, diagnosis.expected)
+            for after in (steps.after, steps.predicted, diagnosis.expected)
         ]
     )
     changes = changes[:, np.isfinite(changes).all(axis=0)]

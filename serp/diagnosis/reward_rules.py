@@ -21,7 +21,6 @@ from serp.model.emit import Site
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.pddl.source import Place
 from serp.sysid.monitor import END, REWARD
-from serp.sysid.regression_data import RegressionData
 
 _EQUAL = 0.1
 """A reward is as predicted if it differs by at most this fraction of the usual reward."""
@@ -54,18 +53,9 @@ class _Count:
         return self.unpredicted_sum / max(1, self.unpredicted)
 
 
-def find_rules(
-    model: TransitionModel, sample: RegressionData, steps: Steps, predicted: Vector, units: Vector
-) -> tuple[RuleFinding, ...]:
-    """Return the lines whose rewards or ends differ from the observed ones, the worst first.
-
-    Args:
-        model: The model as written.
-        sample: The transitions.
-        steps: The same with rewards and ends.
-        predicted: `[N, F + 2]` predictions of the model.
-        units: `[F + 2]`, see `serp.diagnosis.accuracy.units_of`.
-    """
+def find_rules(model: TransitionModel, steps: Steps) -> tuple[RuleFinding, ...]:
+    """Return the lines whose rewards or ends differ from the observed ones, the worst first."""
+    sample, predicted, units = steps.sample, steps.predicted, steps.units
     width = len(model.fluents)
     rules = _Rules(model)
     counts: dict[str, dict[_Line, _Count]] = {REWARD: {}, END: {}}

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from serp.diagnosis.accuracy import Steps
 from serp.diagnosis.expectation_maximisation import estimate_probabilities
 from serp.diagnosis.findings import ObservedOutcome, StochasticEffect
 from serp.model import ground as g
@@ -37,23 +38,24 @@ Mask = NDArray[np.bool_]
 
 
 def find_stochastic_effects(
-    model: TransitionModel, sample: RegressionData, whole: Iterable[str], units: Vector
+    model: TransitionModel, steps: Steps, whole: Iterable[str]
 ) -> tuple[StochasticEffect, ...]:
     """Return the action schemas that have other outcomes than in the file.
 
     Args:
         model: The model as written.
-        sample: The transitions.
+        steps: The observed steps.
         whole: Functions whose values are a few whole numbers.
-        units: `[F + 2]`, see `serp.diagnosis.accuracy.units_of`.
     """
-    sample = sample.part(_MOST_ROWS)
+    sample = steps.sample.part(_MOST_ROWS)
     columns = _discrete(model.ground, set(whole))
     if not len(columns) or not len(sample):
         return ()
     lifted = LiftedModel(model.ground)
     names = dict.fromkeys(action.schema for action in model.actions)
-    schemas = [_Schema(model, lifted, sample, columns, units[columns], name) for name in names]
+    schemas = [
+        _Schema(model, lifted, sample, columns, steps.units[columns], name) for name in names
+    ]
     surprising = [schema for schema in schemas if schema.surprising]
     # An environment may show the state after the last step of an episode, or the next start.
     strange = any(schema.ends_strangely for schema in surprising)
