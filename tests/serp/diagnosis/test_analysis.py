@@ -127,27 +127,6 @@ def test_nothing_seen_says_nothing() -> None:
     assert findings(model, broken) == Findings()
 
 
-def test_what_all_actions_have_in_common_is_said_once() -> None:
-    text = """(define (domain lander)
-  (:requirements :numeric-fluents)
-  (:functions (up))
-  (:action fall :parameters () :precondition (and) :effect (and))
-  (:action push :parameters () :precondition (and) :effect (and))
-  (:action brake :parameters () :precondition (and) :effect (and)))"""
-    truth = text
-    for name, change in (("fall", "(decrease (up) 0.14)"), ("push", "(decrease (up) 0.14)"),
-                         ("brake", "(increase (up) 0.16)")):  # fmt: skip
-        head, _, rest = truth.partition(f"(:action {name}")
-        truth = f"{head}(:action {name}{rest.replace('(and))', f'(and {change}))', 1)}"
-    rng = np.random.default_rng(0)
-    model = from_text(text).model.replace(dt=0.1)
-    states = rng.uniform(-1.0, 1.0, size=(300, 1))
-    found = findings(model, imagined(from_text(truth).model, states, rng, noise=0.01))
-    assert terms(found, "", "up") == pytest.approx({(): -1.4}, abs=0.02)
-    assert terms(found, "brake", "up") == pytest.approx({(): 0.3}, abs=0.01)
-    assert len(found.missing) == 2
-
-
 WALK = """(define (domain walk)
   (:requirements :numeric-fluents :conditional-effects)
   (:functions (gap) (room))

@@ -196,15 +196,6 @@ def test_what_follows_from_a_wrong_number_is_not_told_again() -> None:
     assert not diagnosis.unexplained
 
 
-def test_noise_is_not_explained_and_nothing_is_made_of_it() -> None:
-    diagnosis = diagnosed(seen_in(World(noise=0.3)))
-    (sentence,) = diagnosis.unexplained
-    assert (
-        sentence.startswith("(wind) changes by 0.3") and "nothing in the file says so" in sentence
-    )
-    assert not diagnosis.matter and repaired(diagnosis).text == ROVER
-
-
 def test_chance_explains_what_it_makes_uncertain() -> None:
     domain = from_text((DOMAINS / "cliff.pddl").read_text(encoding="utf-8"))
     diagnosis = diagnosed(taken(domain, on_ice(domain, 0)))

@@ -3,19 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from serp.diagnosis.expectation_maximisation import estimate_probabilities
-
-
-def test_ambiguous_rows_are_shared_out_as_the_others_say() -> None:
-    fits = np.zeros((200, 2), dtype=np.bool_)
-    fits[:75, 0] = fits[75:100, 1] = True
-    fits[100:] = True
-    shares, errors = estimate_probabilities(fits)
-    assert shares == pytest.approx([0.75, 0.25], abs=1e-6)
-    # The other half says nothing.
-    assert errors == pytest.approx(np.sqrt(0.75 * 0.25 / 100), rel=0.1)
 
 
 def test_shares_are_recovered_within_their_errors() -> None:

@@ -57,17 +57,6 @@ def test_a_literal_that_agrees_is_left_out(model: TransitionModel) -> None:
     assert texts(found(exact), model) == []
 
 
-def test_what_is_missing_beside_a_right_literal_is_told_with_it(model: TransitionModel) -> None:
-    findings = found(
-        parameter(model, 0, 1.51), missing(model, "place ?r", {("warmth", "battery ?r"): -0.4})
-    )
-    (text,) = texts(findings, model)
-    assert text.endswith(
-        "`(increase (place ?r) 1.5)`, as observed; plus −0.40 × warmth × (battery ?r) that the "
-        "file does not mention"
-    )
-
-
 def test_what_the_file_is_silent_of(model: TransitionModel) -> None:
     line = line_of("(:action drive", model)
     assert texts(found(missing(model, "warmth", {("place ?r",): 0.5, (): -2.0})), model) == [
