@@ -158,21 +158,13 @@ class ActionMap:
                 forecast.safe_steps, forecast.reward, forecast.flags,
             )  # fmt: skip
         ground = self._first if self._one_to_one else self._choose(forecast)
-        unknown = ground < 0
         choice = self.environment_action[forecast.choice] if forecast.choice >= 0 else -1
-        if not len(self.model.actions):
-            count = self.size
-            return ActionForecast(
-                -1, ground, np.full(count, -np.inf), np.zeros(count), np.full(count, SAFE),
-                np.zeros(count), np.zeros(count, dtype=np.int64),
-            )  # fmt: skip
-        value, risk, steps = (
-            forecast.value[ground], forecast.path_risk[ground], forecast.safe_steps[ground],
-        )  # fmt: skip
-        reward, flags = forecast.reward[ground], forecast.flags[ground]
-        if unknown.any():
-            value[unknown], risk[unknown], steps[unknown] = -np.inf, 0.0, SAFE
-            reward[unknown], flags[unknown] = 0.0, 0
+        # Position -1 is that of the actions that the model does not know.
+        value = np.append(forecast.value, -np.inf)[ground]
+        risk = np.append(forecast.path_risk, 0.0)[ground]
+        steps = np.append(forecast.safe_steps, SAFE)[ground]
+        reward = np.append(forecast.reward, 0.0)[ground]
+        flags = np.append(forecast.flags, 0)[ground]
         if not self._one_to_one:
             for action, group in enumerate(self._groups):
                 together = [k for k in group if forecast.flags[k] & APPLICABLE]

@@ -68,9 +68,5 @@ class Demonstrations(Strategy):
         return {"step": self._step}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It is damaged.
-        """
+        """Restore what `state_dict` returned."""
         self._step = Saved("strategy", {}, meta).whole("step")
