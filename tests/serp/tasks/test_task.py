@@ -116,16 +116,6 @@ def test_the_control_period_reaches_the_model(tmp_path: Path) -> None:
             corridor(tmp_path, dt=wrong).bind()
 
 
-def test_other_observations_are_flattened(tmp_path: Path) -> None:
-    space = spaces.Dict({"cell": spaces.Discrete(3), "speed": spaces.Box(-1.0, 1.0, (2, 1))})
-    bound = odd(tmp_path, observation_space=space)
-    assert bound.observation_size == 5
-    seen = {"cell": 1, "speed": np.array([[0.5], [-0.5]], dtype=np.float32)}
-    assert bound.observation(seen).tolist() == [0.0, 1.0, 0.0, 0.5, -0.5]
-    image = odd(tmp_path, observation_space=spaces.Box(0, 255, (2, 3), np.uint8))
-    assert image.observation(np.arange(6, dtype=np.uint8).reshape(2, 3)).tolist() == [*range(6)]
-
-
 def test_a_grounding_may_return_an_array_or_truth_values(tmp_path: Path) -> None:
     text = CORRIDOR.replace("(unsafe) (terminal)", "(lit) (unsafe) (terminal)", 1).replace(
         "(and (> (x) -4))\n    :effect (and", "(and (lit))\n    :effect (and (not (lit))"
@@ -357,11 +347,12 @@ def test_numbers_and_truth_values_may_be_arrays_of_one(tmp_path: Path, one: Any)
     assert answer == (1.0, True, False) and list(map(type, answer)) == [float, bool, bool]
 
 
-def test_a_number_that_is_not_finite_is_named_by_its_place(tmp_path: Path) -> None:
+def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_path: Path) -> None:
     space = spaces.Dict(
         at=spaces.Box(-1, 1, (2, 2)), go=spaces.Tuple((spaces.Discrete(2), spaces.Box(0, 1, ())))
     )
     bound = odd(tmp_path, observation_space=space)
+    assert bound.observation_size == 7
     good = {"at": np.zeros((2, 2)), "go": (1, 0.5)}
     assert bound.observation(good).tolist() == [0, 0, 0, 0, 0, 1, 0.5]
     for part, said in (
