@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-import operator
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._util.numbers import whole
 from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of, risks_of
@@ -116,7 +116,7 @@ class ActionMap:
         for index, ground in enumerate(model.actions):
             schemas.setdefault(ground.schema, []).append(index)
         for name, action in mapping.items():
-            if not _is_position(action, size):
+            if whole(action, 0, size - 1) is None:
                 raise TaskError(
                     f"actions: `{name}` is mapped to {action!r}, but the environment's actions "
                     f"are 0 ... {size - 1}"
@@ -204,11 +204,3 @@ class ActionMap:
                     ),
                 )
         return chosen
-
-
-def _is_position(action: object, size: int) -> bool:
-    """Whether a value is a whole number (Python's or NumPy's) from 0 to size - 1."""
-    try:
-        return not isinstance(action, bool) and 0 <= operator.index(action) < size  # type: ignore[arg-type]
-    except TypeError:
-        return False
