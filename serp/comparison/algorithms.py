@@ -70,11 +70,7 @@ class Algorithm:
     make_external: MakeExternalAlgorithm | None = None
 
     def settings(self, task: Task, changes: Changes) -> Settings:
-        """Return its settings on a task; its own changes override those of the user.
-
-        Raises:
-            SettingsError: A setting does not exist, or a value is out of range.
-        """
+        """Return its settings on a task; its own changes override those of the user."""
         return resolve(self.preset, task.settings, merged(changes, self.changes))
 
     @property
@@ -172,12 +168,7 @@ def algorithm_entries() -> dict[str, EntryPoint]:
 
 
 def find_algorithm(name: str) -> Algorithm:
-    """Return the algorithm of a name.
-
-    Raises:
-        SettingsError: There is none, or it cannot be loaded.
-        SerpError: The library that it needs is not installed.
-    """
+    """Return the algorithm of a name."""
     if name in OWN:
         return OWN[name]
     entry = find(algorithm_entries(), name, "algorithm", SettingsError, known=OWN)
@@ -188,11 +179,7 @@ def find_algorithm(name: str) -> Algorithm:
 
 
 def ablation(algorithm: Algorithm, name: str, changes: Changes) -> Algorithm:
-    """Return an algorithm with some settings changed, under a new name.
-
-    Raises:
-        SettingsError: It is an external algorithm, whose settings serp does not know.
-    """
+    """Return an algorithm with some settings changed, under a new name."""
     if algorithm.kind == "external":
         raise SettingsError(f"`{algorithm.name}` has no settings that serp could change")
     return replace(

@@ -73,10 +73,6 @@ def rerun_command(prepared: PreparedComparison, threshold: float | None) -> str:
 
     Paths are relative to its folder. For a task that is not installed the command has a
     placeholder.
-
-    Args:
-        prepared: The comparison.
-        threshold: The default of its threshold.
     """
     plan, protocol = prepared.plan, prepared.plan.protocol
     files = (kept_file(prepared.folder, name) for name in plan.variants)

@@ -114,11 +114,7 @@ class ComparisonPlan(BaseModel):
 
 
 def write_plan(folder: Path, plan: ComparisonPlan) -> None:
-    """Write `plan.json`, so that the comparison can be continued.
-
-    Raises:
-        RunError: The write failed.
-    """
+    """Write `plan.json`, so that the comparison can be continued."""
     write_durably(folder / _PLAN, json_text(plan.model_dump()))
 
 
@@ -128,11 +124,7 @@ def has_plan(folder: Path) -> bool:
 
 
 def read_plan(folder: Path) -> ComparisonPlan | None:
-    """Return what `write_plan` wrote; None if the folder holds no comparison.
-
-    Raises:
-        RunError: The file is damaged, or another version of serp wrote it.
-    """
+    """Return what `write_plan` wrote; None if the folder holds no comparison."""
     if not has_plan(folder):
         return None
     file, advice = folder / _PLAN, "Restore it from a copy, or begin another comparison."

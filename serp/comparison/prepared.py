@@ -80,15 +80,7 @@ class PreparedComparison:
 
 
 def named_algorithms(names: Iterable[str], changed: Mapping[str, Changes]) -> dict[str, Algorithm]:
-    """Return algorithms by name.
-
-    Args:
-        names: Names of algorithms.
-        changed: Name of the form `algorithm:text` → what is changed in that algorithm's settings.
-
-    Raises:
-        SettingsError: There is no such algorithm.
-    """
+    """Return algorithms by name; `changed` has the settings of those named `algorithm:text`."""
     found: dict[str, Algorithm] = {}
     for name in names:
         base, colon, _ = name.partition(":")

@@ -94,13 +94,7 @@ def portable(jobs: Sequence[Job]) -> bool:
 def run_here(
     jobs: Sequence[Job], on_progress: OnProgress, stopped: Callable[[], bool] = lambda: False
 ) -> Iterator[Ended]:
-    """Run jobs in this process, one after another, and yield how each trial ended.
-
-    Args:
-        jobs: The jobs.
-        on_progress: Called with a trial and its env steps so far.
-        stopped: Whether to begin no more jobs; the running one is finished.
-    """
+    """Run jobs in this process, one after another, until `stopped`; yield how each trial ended."""
     for job in jobs:
         if stopped():
             return
@@ -112,14 +106,8 @@ def run_in_processes(
 ) -> Iterator[Ended]:
     """Run jobs in other processes, and yield how each trial ended.
 
-    A process that dies takes only its own trial with it, unlike one of
-    `concurrent.futures.ProcessPoolExecutor`.
-
-    Args:
-        jobs: The jobs.
-        processes: Number of processes.
-        on_progress: Called with a trial and its env steps so far.
-        stopped: Whether to begin no more jobs; running ones are finished.
+    Once `stopped`, those that run are finished and no more begin. A process that dies takes only
+    its own trial with it, unlike one of `concurrent.futures.ProcessPoolExecutor`.
     """
     waiting = deque(jobs)
     idle: list[_Worker] = []
@@ -167,11 +155,7 @@ class _Worker:
             self.pipe.send(job)
 
     def listen(self) -> int | Ended | None:
-        """Return the env steps of its trial so far, or how that ended; None if it is dead.
-
-        Raises:
-            Exception: The trial raised it; this is a bug.
-        """
+        """Return the env steps of its trial so far, or how that ended; None if it is dead."""
         try:
             said: int | Ended | Exception = self.pipe.recv()
         except (EOFError, OSError):

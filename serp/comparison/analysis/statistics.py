@@ -52,8 +52,7 @@ class Times(NamedTuple):
         low: Lower end of its 95 % interval; None for fewer than two trials.
         high: Upper end, maybe infinity; None likewise.
         never: Trials in which it never happened.
-        trials: How many there are, those with too few episodes left out.
-        too_few: Trials with too few episodes to tell.
+        trials: How many there are, those with too few episodes to tell left out.
     """
 
     median: float
@@ -61,7 +60,6 @@ class Times(NamedTuple):
     high: float | None
     never: int
     trials: int
-    too_few: int = 0
 
 
 class CurveBand(NamedTuple):
@@ -104,13 +102,8 @@ def _reduced(statistic: Callable[..., Any], values: Array) -> Array:
 def estimate(strata: Sequence[ArrayLike], statistic: Statistic = interquartile_mean) -> Estimate:
     """Estimate a statistic of pooled values with a stratified bootstrap interval.
 
-    Args:
-        strata: One array `[seeds]` a stratum (a domain file, say); seeds are resampled within
-            each. With one stratum this is the ordinary bootstrap.
-        statistic: Of the values of all strata together.
-
-    Returns:
-        The value with its percentile interval, widened to hold the value where it would not.
+    Seeds are resampled within each stratum `[seeds]` (a domain file, say). The percentile interval
+    is widened to hold the value where it would not.
     """
     values = [_sorted(stratum) for stratum in strata]
     return _interval(values, lambda parts: statistic(_pooled(parts)))
@@ -125,11 +118,6 @@ def difference(
 
     Seeds of both are resampled independently, which is on the safe side where the same seeds of an
     environment make both alike.
-
-    Args:
-        first: Strata, as in `estimate`.
-        second: Likewise.
-        statistic: Of the values of all strata of one side together.
     """
     ours, theirs = (
         [values for values in map(_sorted, side) if len(values)] for side in (first, second)
@@ -144,28 +132,24 @@ def difference(
     )
 
 
-def times(values: ArrayLike, too_few: int = 0) -> Times:
+def times(values: ArrayLike) -> Times:
     """Return the median of times, infinity standing for never, with its interval.
 
     The ends of the interval are medians of resampled trials: scipy's interpolate between two, which
     has no meaning next to infinity.
-
-    Args:
-        values: `[trials]`.
-        too_few: Of the trials whose value is NaN, those that had too few episodes to tell.
     """
     found = _sorted(values)
     never = int(np.isinf(found).sum())
     middle = median(found)
     if len(found) < 2:
-        return Times(middle, None, None, never, len(found), too_few)
+        return Times(middle, None, None, never, len(found))
     rng = np.random.default_rng(_SEED)
     picks = rng.integers(0, len(found), (RESAMPLES, len(found)))
     medians = np.median(found[picks], axis=-1)
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(medians, [tail, 1 - tail], method="inverted_cdf")
     ends = min(float(low), middle), max(float(high), middle)
-    return Times(middle, *ends, never, len(found), too_few)
+    return Times(middle, *ends, never, len(found))
 
 
 def mean_band(curves: Array) -> CurveBand:

@@ -57,7 +57,7 @@ def comparison_json(results: Results) -> str:
     """Return everything that the report says, as strict JSON.
 
     Null stands for what was not measured and for infinity; a trial's `never` names the times until
-    what did not happen, its `too_few_episodes` the measures that it has too few episodes for.
+    what did not happen.
     """
     plan = results.plan.model_dump(exclude={"format", "trials", "protocol"})
     about = {field.name: getattr(results.metadata, field.name)
@@ -100,8 +100,7 @@ def comparison_json(results: Results) -> str:
 def _trial(results: Results, trial: Trial) -> dict[str, Any]:
     values = results.measured[trial]
     never = [name for name, value in values.items() if math.isinf(value)]
-    few = list(results.undecided[trial])
-    return {**trial._asdict(), "measures": values, "never": never, "too_few_episodes": few}
+    return {**trial._asdict(), "measures": values, "never": never}
 
 
 def _statistic(results: Results, algorithm: str, measure: Measure, variant: str) -> dict[str, Any]:
@@ -116,7 +115,7 @@ def _statistic(results: Results, algorithm: str, measure: Measure, variant: str)
     if measure.time:
         summed = results.times(algorithm, measure.name, variant)
         found |= {"median": summed.median, "median_low": summed.low, "median_high": summed.high,
-                  "never": summed.never, "too_few_episodes": summed.too_few}  # fmt: skip
+                  "never": summed.never}  # fmt: skip
     return found
 
 

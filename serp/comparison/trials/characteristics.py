@@ -29,11 +29,6 @@ def characteristics_of(algorithm: Algorithm, settings: Settings, source: Source)
     """Return the characteristics of one of serp's algorithms: name → text.
 
     Its settings are reported beside them, see `settings_in_use`.
-
-    Args:
-        algorithm: The algorithm.
-        settings: All its settings.
-        source: The source of the reward that it learns from.
     """
     learns, plans = algorithm.kind != "planner", algorithm.kind != "baseline"
     acting = {"planner": "planner", "baseline": "learner"}

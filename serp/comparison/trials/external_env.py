@@ -24,12 +24,6 @@ class ExternalEnv(gym.Env[NDArray[np.float32], np.int64]):
     `training.inputs`) as float32 `[F]`; the reward is the one that is learned from; episodes
     begin with the same seeds as in serp's training; actions are 0 ... E-1. Nothing is refused.
 
-    Args:
-        task: The task.
-        agent: Converts observations, and forecasts steps to count unsafe ones.
-        seed: Seed of the training; a seed given to `reset` is ignored.
-        on_step: Called with every env step.
-
     Attributes:
         judge: Judges the steps.
     """
