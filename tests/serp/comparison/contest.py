@@ -184,7 +184,10 @@ def place_of(folder: Path, algorithm: str, seed: int, variant: str = "walk") -> 
 
 
 class Drawing:
-    """Draws its actions; what it has learned is how many steps it has made."""
+    """Draws its actions.
+
+    What it has learned is how many steps it has made.
+    """
 
     characteristics: Mapping[str, str] = {"learner": "none", "who acts": "chance"}
 
@@ -229,37 +232,19 @@ class Faulty(Drawing):
         raise ValueError("expected scalar type Float but found Double")
 
 
-def drawing(env: gym.Env[Any, Any], task: str, seed: int) -> Drawing:
-    """Draws its actions.
-
-    And nothing else.
-    """
-    return Drawing(env, task, seed)
-
-
-def lazy(env: gym.Env[Any, Any], task: str, seed: int) -> Drawing:
-    """Ends too early."""
-    return Lazy(env, task, seed)
-
-
-def greedy(env: gym.Env[Any, Any], task: str, seed: int) -> Drawing:
-    """Goes on for too long."""
-    return Greedy(env, task, seed)
-
-
-def faulty(env: gym.Env[Any, Any], task: str, seed: int) -> Drawing:
-    """Fails."""
-    return Faulty(env, task, seed)
-
-
-def absent(env: gym.Env[Any, Any], task: str, seed: int) -> Drawing:
+class Absent(Drawing):
     """Needs what is not there."""
-    raise RunError("it needs more memory than there is")
 
-
-EXTERNAL = ("drawing", "lazy", "greedy", "faulty", "absent")
+    def __init__(self, *arguments: Any) -> None:
+        raise RunError("it needs more memory than there is")
 
 
 def external_algorithms() -> dict[str, EntryPoint]:
     """Entry points, as an installed package would offer them."""
-    return {name: EntryPoint(name, f"{__name__}:{name}", GROUP) for name in EXTERNAL}
+    made = (Drawing, Lazy, Greedy, Faulty, Absent)
+    return {
+        each.__name__.lower(): EntryPoint(
+            each.__name__.lower(), f"{__name__}:{each.__name__}", GROUP
+        )
+        for each in made
+    }

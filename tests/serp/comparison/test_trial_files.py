@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from serp.comparison.trial_files import digest, is_complete, read_trial, trial_folder, write_trial
+from serp.comparison.trial_files import is_complete, read_trial, trial_folder, write_trial
 from serp.comparison.trial_records import EPISODE_COLUMNS, EVALUATION_COLUMNS, Trial
 from serp.comparison.trials.trial import Measured
 from serp.errors import RunError
@@ -111,13 +109,3 @@ def test_names_that_no_file_can_have_are_told_apart_and_stay_inside(tmp_path: Pa
             relative = place.relative_to(tmp_path)
             assert len(relative.parts) == 4 and ".." not in relative.parts
             place.mkdir(parents=True)
-
-
-def test_a_digest_differs_for_different_values_alone() -> None:
-    values: list[dict[str, Any]] = [
-        {"a": 1}, {"a": 2}, {"a": "1"}, {"a": 1.5}, {"b": 1}, {"a": [1]}, {"a": None},
-        {"a": {"b": 1}}, {"a": True},
-    ]  # fmt: skip
-    for one, other in itertools.combinations(values, 2):
-        assert digest(one) != digest(other), (one, other)
-    assert digest({"a": 1, "b": (2, 3)}) == digest({"b": [2, 3], "a": 1})

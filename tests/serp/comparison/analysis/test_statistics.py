@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import trim_mean
 
 from serp.comparison.analysis.statistics import (
     difference,
@@ -34,16 +33,6 @@ def test_an_interval_holds_its_estimate_and_ignores_the_order_of_seeds(values, s
         assert (found.low, found.high) == (None, None)
     shuffled = [random.sample(stratum, len(stratum)) for stratum in values]
     assert estimate(shuffled, statistic) == found
-
-
-@settings(max_examples=40, deadline=None)
-@given(samples)
-def test_the_interquartile_mean_is_the_mean_of_the_middle_half(values):
-    assert interquartile_mean(np.array(values)) == pytest.approx(trim_mean(values, 0.25))
-    if len(values) % 4 == 0:
-        quarter = len(values) // 4
-        middle = sorted(values)[quarter : 3 * quarter]
-        assert interquartile_mean(np.array(values)) == pytest.approx(np.mean(middle))
 
 
 @settings(max_examples=40, deadline=None)

@@ -76,19 +76,6 @@ def test_side_by_side_equals_one_after_another(tmp_path: Path, policy: str, epis
     assert all((row.outcome != "") == row.terminated for row in rows)
 
 
-def test_every_evaluation_plays_the_same_episodes(tmp_path: Path) -> None:
-    task = walk(tmp_path)
-    trainer, bound = trained(task)
-    act = acting(trainer)["planner"]
-    arena = Arena(task, trainer.agent, 25, SEED)
-    played = [
-        arena.play(act, n, policy="planner", env_steps=0, trained_in=bound) for n in (25, 3, 25)
-    ]
-    arena.close()
-    assert played[0] == played[2]
-    assert played[1] == played[0][:3]
-
-
 def test_an_episode_that_never_ends_is_cut_as_in_training(tmp_path: Path) -> None:
     class Endless(Walk):
         def step(self, action: int) -> Any:
@@ -126,16 +113,3 @@ def test_what_the_learner_learned_to_see_is_what_it_sees(tmp_path: Path) -> None
         assert counts == [trained_on] * 4
     arena.close()
     assert bound.env.get_wrapper_attr("obs_rms").count == trained_on
-
-
-def test_its_environments_are_closed(tmp_path: Path) -> None:
-    closed: list[str] = []
-
-    class Closing(Walk):
-        def close(self) -> None:
-            closed.append("closed")
-
-    task = walk(tmp_path, Closing)
-    trainer, _ = trained(task)
-    Arena(task, trainer.agent, 3, SEED).close()
-    assert closed == ["closed"] * 3

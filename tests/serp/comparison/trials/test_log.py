@@ -141,24 +141,6 @@ def test_an_episode_that_is_cut_short_ends_too_and_one_that_runs_is_not_written(
     assert log.env_steps == 2
 
 
-@pytest.mark.parametrize(
-    ("value", "unit"), [(3, 3), (3.0, 3), (np.int32(3), 3), (np.array([3]), 3), ("third", 0)]
-)
-def test_the_unit_is_a_whole_number_or_nothing(tmp_path: Path, value: Any, unit: int) -> None:
-    log = Log(arbiter(tmp_path).vetoes.available, "game", ())
-    tell(log, [stepped(decisions(tmp_path)["learner"], last=True, game=value)])
-    assert log.rows[0][0].unit == unit
-
-
 def test_the_outcome_is_a_text_or_nothing() -> None:
     assert outcome_of({"outcome": "goal"}) == "goal"
     assert outcome_of({"outcome": 3}) == outcome_of({}) == ""
-
-
-def test_time_of_what_failed_is_left_out_too(tmp_path: Path) -> None:
-    clock = Clock()
-    log = Log(arbiter(tmp_path).vetoes.available, "step", (), clock)
-    with pytest.raises(ValueError, match="no"), log.paused():
-        clock.now += 5.0
-        raise ValueError("no")
-    assert log.seconds == 0.0
