@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from serp.comparison.algorithms import Algorithm
 from serp.comparison.plan import ComparisonProtocol
@@ -32,14 +32,8 @@ OnProgress = Callable[[Trial, int], None]
 _DIED: Final = "its process died; not enough memory?"
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How a trial ended.
-
-    Attributes:
-        trial: The trial.
-        error: The error message; None if the trial is complete.
-    """
+class Ended(NamedTuple):
+    """How a trial ended; without an error it is complete."""
 
     trial: Trial
     error: str | None
@@ -47,17 +41,7 @@ class Ended:
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that a worker needs to run and write one trial.
-
-    Attributes:
-        folder: The folder of the comparison.
-        trial: The trial.
-        algorithm: Its algorithm.
-        task: The task with the domain file of the variant.
-        settings: All settings of the trial.
-        protocol: Budget and evaluations.
-        metadata: Entries of `trial.json` besides the results.
-    """
+    """Everything that a worker needs to run one trial and write it with some metadata."""
 
     folder: Path
     trial: Trial

@@ -122,14 +122,14 @@ class Results:
         """Return the interquartile mean of a measure over the seeds, with its 95 % interval."""
         key = (algorithm, name, variant or self.plan.base)
         if key not in self._estimates:
-            self._estimates[key] = estimate([self.known(*key)])
+            self._estimates[key] = estimate(self.known(*key))
         return self._estimates[key]
 
     def difference(
         self, first: str, second: str, name: str, statistic: Statistic = mean
     ) -> Estimate:
         """Estimate by how much a measure of one algorithm exceeds another's on the base variant."""
-        return difference([self.known(first, name)], [self.known(second, name)], statistic)
+        return difference(self.known(first, name), self.known(second, name), statistic)
 
     @cached_property
     def range(self) -> float:

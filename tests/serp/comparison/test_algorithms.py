@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from serp.comparison import algorithms
-from serp.comparison.algorithms import GROUP, OWN, ablation, find_algorithm, merged
+from serp.comparison.algorithms import GROUP, OWN, find_algorithm, merged
 from serp.errors import MissingExtra, SerpError, SettingsError
 from serp.settings import resolve
 from tests.serp.comparison import contest
@@ -43,7 +43,7 @@ def test_an_external_algorithm_is_described_by_the_first_line_of_its_docstring(
     assert not algorithm.uses_model
     assert pickle.loads(pickle.dumps(algorithm)) == algorithm  # other processes need it
     with pytest.raises(SettingsError, match="`drawing` has no settings that serp could change"):
-        ablation(algorithm, "drawing:x", {"learner": {"members": 1}})
+        algorithm.changed("drawing:x", {"learner": {"members": 1}})
 
 
 def test_an_external_algorithm_that_cannot_be_loaded_is_named(
