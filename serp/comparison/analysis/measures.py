@@ -30,7 +30,7 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
     ends = episodes["env_steps"].astype(np.float64)
     learner = checkpoints(record)
     steps = float(episodes["length"].sum())
-    seconds = _seconds(record)
+    seconds = float((record.metadata.get("seconds") or {}).get("training", np.nan))
     values = {
         "training_area": training_area(ends, returns, env_steps),
         "learner_area": learner_area(learner, env_steps),
@@ -114,14 +114,6 @@ def _final(record: Record, policy: str, column: str) -> float:
         return float("nan")
     rows &= evaluations["env_steps"] == evaluations["env_steps"][rows].max()
     return _mean(evaluations[column][rows].astype(np.float64))
-
-
-def _seconds(record: Record) -> float:
-    found = (record.metadata.get("seconds") or {}).get("training")
-    if found is not None:
-        return float(found)
-    seconds = record.episodes["seconds"]
-    return float(seconds[-1]) if len(seconds) else float("nan")
 
 
 def _mean(values: Array) -> float:

@@ -41,14 +41,7 @@ class _Spent(BaseException):
 
 @dataclass(frozen=True)
 class Measured:
-    """The results of a trial.
-
-    Attributes:
-        log: The episodes of training.
-        evaluations: The episodes of all evaluations.
-        characteristics: Name → text: those of the algorithm.
-        seconds: Seconds of training and of evaluation.
-    """
+    """The results of a trial: the log of its training, and the episodes of all evaluations."""
 
     log: Log
     evaluations: list[EvaluationRow]
