@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from serp.comparison.algorithms import GROUP, Algorithm, find_algorithm
+from serp.comparison import algorithms
+from serp.comparison.algorithms import GROUP, find_algorithm
 from serp.comparison.compare import Comparison, compare
 from serp.comparison.plan import ComparisonProtocol
 from serp.comparison.trial_files import trial_folder
@@ -30,17 +31,8 @@ from tests.serp.sample_tasks import Corridor, corridor
 PROTOCOL = ComparisonProtocol(
     env_steps=130, evaluate_every=50, evaluation_episodes=3, final_episodes=4, evaluation_seed=9
 )
-GUIDED = (
-    "serp",
-    "serp-paper",
-    "jump-start",
-    "argmax-q",
-    "restrict",
-    "imitate-then-learn",
-    "residual",
-    "dqfd",
-)
-OWN = (*GUIDED, "mrp", "dqn", "dqn-paper")
+OWN = tuple(algorithms.OWN)
+GUIDED = tuple(name for name in OWN if algorithms.OWN[name].kind == "guided")
 
 
 class Walk(Corridor):
@@ -99,16 +91,13 @@ def ground(seen: Any) -> dict[str, float]:
 
 def walk(folder: Path, make_env: Callable[..., gym.Env[Any, Any]] = Walk, **changes: Any) -> Task:
     """The task, with the domain file in a folder."""
-    return corridor(
-        folder,
-        make_env,
-        **{"ground": ground, "counters": ("slips",), "name": "walk", **changes},
-    )
+    given = {"ground": ground, "counters": ("slips",), "name": "walk", **changes}
+    return corridor(folder, make_env, **given)
 
 
 def measured(
     folder: Path,
-    algorithm: str | Algorithm = "serp",
+    algorithm: str = "serp",
     *,
     task: Task | None = None,
     seed: int = 0,
@@ -117,8 +106,7 @@ def measured(
     on_progress: Callable[[int], None] = lambda steps: None,
 ) -> Measured:
     """Run one trial."""
-    found = algorithm if isinstance(algorithm, Algorithm) else find_algorithm(algorithm)
-    chosen = task or walk(folder)
+    found, chosen = find_algorithm(algorithm), task or walk(folder)
     settings = found.settings(chosen, changes or {})
     return run_trial(found, chosen, settings, seed, protocol, on_progress)
 
@@ -137,14 +125,8 @@ def small(
     """
     given: dict[str, Any] = {"jobs": 1, "quiet": True}
     if not (out / "plan.json").exists():
-        given |= {
-            "algorithms": ["serp", "dqn"],
-            "seeds": 2,
-            "env_steps": 60,
-            "evaluate_every": 30,
-            "evaluation_episodes": 2,
-            "final_episodes": 2,
-        }
+        given |= {"algorithms": ["serp", "dqn"], "seeds": 2, "env_steps": 60, "evaluate_every": 30}
+        given |= {"evaluation_episodes": 2, "final_episodes": 2}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp.comparison.report.report.render", lambda figure, kind: b"<svg/>")
         if not report:

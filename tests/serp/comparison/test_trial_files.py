@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from serp.comparison.trial_files import is_complete, read_trial, trial_folder, write_trial
@@ -40,16 +39,6 @@ def test_what_is_written_is_read_again(tmp_path: Path, found: Measured) -> None:
     assert record.metadata["seconds"] == found.seconds
     text = (trial_folder(tmp_path, TRIAL) / "trial.json").read_text()
     json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
-
-
-def test_a_trial_without_an_episode_is_one_too(tmp_path: Path) -> None:
-    found = measured(tmp_path)
-    found.log.rows.clear()
-    found.evaluations.clear()
-    write_trial(tmp_path, TRIAL, found, METADATA)
-    record = read_trial(tmp_path, TRIAL)
-    assert {len(v) for v in (*record.episodes.values(), *record.evaluations.values())} == {0}
-    assert record.episodes["env_steps"].dtype == np.int64
 
 
 def test_a_trial_is_complete_with_its_last_file_and_replaces_half_a_trial(
