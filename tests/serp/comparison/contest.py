@@ -19,8 +19,6 @@ from serp.comparison import algorithms
 from serp.comparison.algorithms import GROUP, find_algorithm
 from serp.comparison.compare import Comparison, compare
 from serp.comparison.plan import ComparisonProtocol
-from serp.comparison.trial_files import trial_folder
-from serp.comparison.trial_records import Trial
 from serp.comparison.trials.trial import Measured, run_trial
 from serp.errors import RunError
 from serp.tasks.task import Task
@@ -156,10 +154,6 @@ def everything(folder: Path) -> dict[str, Any]:
             rows = [{**row, "seconds": ""} for row in csv.DictReader(file)]
         found[name] = (rows, (place / "evaluations.csv").read_bytes())
     return found
-
-
-def place_of(folder: Path, algorithm: str, seed: int, variant: str = "walk") -> Path:
-    return trial_folder(folder, Trial(algorithm, variant, seed))
 
 
 # External learners --------------------------------------------------------------------------------

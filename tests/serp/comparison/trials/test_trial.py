@@ -203,21 +203,21 @@ def test_what_goes_wrong_in_an_external_one_is_told(
 def test_what_goes_wrong_in_the_environment_is_told_and_environments_are_closed(
     tmp_path: Path,
 ) -> None:
-    opened, closed = [], []
+    made, closed = [], []
 
     class Closing(CableCut):
-        def __init__(self, at: int) -> None:
-            super().__init__(Walk(), at)
-            opened.append(self)
-
         def close(self) -> None:
             closed.append(self)
             super().close()
 
+    def make() -> Closing:
+        made.append(Closing(Walk(), 20))
+        return made[-1]
+
     with pytest.raises(EnvironmentFailure, match="cable cut"):
-        measured(tmp_path, task=walk(tmp_path, lambda: Closing(20)))
-    assert len(opened) > 1
-    assert set(map(id, opened)) == set(map(id, closed))
+        measured(tmp_path, task=walk(tmp_path, make))
+    assert len(made) > 1
+    assert set(map(id, made)) == set(map(id, closed))
 
 
 def test_a_training_begins_when_what_it_calls_is_loaded(
