@@ -15,7 +15,7 @@ import pytest
 
 from serp.comparison.compare import compare
 from serp.comparison.trial_records import Trial
-from serp.comparison.workers import run_here
+from serp.comparison.workers import portable, run_here
 from serp.errors import Interrupted, MissingExtra, RunError, SerpError, SettingsError, TaskError
 from serp.model.loading import load_domain
 from serp.pddl.source import DomainError
@@ -355,12 +355,20 @@ def test_what_the_report_needs_is_missed_before_anything_runs(
 def test_a_larger_domain_than_usual_stays_allowed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    asked: list[bool] = []
+
+    def elsewhere(jobs: Any, processes: int, on_progress: Any, stopped: Any) -> Any:
+        asked.append(portable(jobs))
+        return run_here(jobs, on_progress, stopped)
+
+    monkeypatch.setattr("serp.comparison.compare.run_in_processes", elsewhere)
     task = walk(tmp_path)
     domain = load_domain(task.load().source.name, observed=True, max_ground_schemas=70_000)
     large = dataclasses.replace(task, domain=domain)
-    comparison = small(large, tmp_path / "c", algorithms=["mrp"], seeds=1)
+    comparison = small(large, tmp_path / "c", algorithms=["mrp"], jobs=2)
+    assert asked == [True]
     monkeypatch.setattr("serp.comparison.request.load_task", lambda name: task)
-    continued = small(None, tmp_path / "c", seeds=2)
+    continued = small(None, tmp_path / "c", seeds=3)
     for each in (comparison, continued):
         assert "--max-ground-schemas 70000" in each.results.metadata.command
 
