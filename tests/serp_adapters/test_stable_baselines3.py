@@ -122,8 +122,6 @@ def test_global_random_numbers_are_left_as_they_were(name: str) -> None:
     assert torch.get_num_threads() == threads
 
 
-
-
 def test_schedules_of_the_zoo_fall_to_nothing_over_the_budget() -> None:
     learner = stable_baselines3.ppo(Sign(), "cartpole", 0)
     learner.learn(1_024)
