@@ -363,6 +363,7 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(
         (lambda a, m: m["replay"]["pending_guide"].pop(), "pending_guide"),
         (lambda a, m: m["replay"].update(pending_guide=[[A, 0.0]] * 2), "pending_guide"),
         (lambda a, m: m["replay"].update(sizes=[99, 0, 0]), "sizes"),
+        (lambda a, m: m["replay"].update(heads=[99, 0, 0]), "heads"),
         (lambda a, m: m["replay"].update(recent=[[99, 0]]), "recent"),
     ],
 )  # fmt: skip

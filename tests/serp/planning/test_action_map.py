@@ -105,6 +105,17 @@ def test_the_unsafe_one_of_several_applicable_counts_first(state: Any, counts: s
     assert forecast.choice == 0  # that of `move`, which the planner chooses
 
 
+def test_of_several_applicable_ones_the_worst_prediction_counts() -> None:
+    ground = Lookahead(MODEL).forecast(AT_B)
+    shared = ActionMap(MODEL, 2, {"move": 0, "rest": 1, "drill": 1}).project(ground)
+    both = [k for k, name in enumerate(NAMES) if not name.startswith("move")]
+    assert ground.applicable[both].all()
+    assert shared.value[1] == ground.value[both].min()
+    assert shared.reward[1] == ground.reward[both].min()
+    assert shared.path_risk[1] == ground.path_risk[both].max()
+    assert shared.safe_steps[1] == ground.safe_steps[both].min()
+
+
 def test_what_the_model_does_not_know_has_neither_value_nor_flags() -> None:
     original = Lookahead(MODEL).forecast(AT_A)
     forecast = ActionMap(MODEL, len(NAMES) + 1).project(original)
