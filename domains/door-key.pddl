@@ -1,11 +1,17 @@
-; Door and key: a robot on a grid fetches a key, opens the locked door in a wall and goes to the goal in
-; the lower right corner. Everything is in this file; where wall, door and key are, the robot sees.
+; Door and key: a robot on a grid fetches a key, opens the locked door in a wall and goes to the goal
+; in the lower right corner.
+;
+; Left out: that the robot could drop the key again, for which there is no reason. Where wall, door
+; and key are, the robot sees.
 
 (define (domain door-key)
   (:requirements :strips :typing :disjunctive-preconditions :negative-preconditions
-    :numeric-fluents :time)
+                 :conditional-effects :numeric-fluents :time)
 
-  (:predicates (has-key) (open) (terminal))
+  (:predicates
+    (has-key)
+    (open)                 ; the door is
+    (terminal))            ; the episode ends here
 
   (:functions
     (x) (y)                ; cells from the upper left corner; 0 and 7 are walls
@@ -35,12 +41,13 @@
   (:action pick-up
     :parameters ()
     :precondition (and (not (has-key)) (= (+ (x) (dx)) (key-x)) (= (+ (y) (dy)) (key-y)))
-    :effect (has-key))
+    :effect (and (has-key)))
 
+  ; What is open is closed by it.
   (:action toggle
     :parameters ()
-    :precondition (and (has-key) (not (open)) (= (+ (x) (dx)) (wall)) (= (+ (y) (dy)) (door)))
-    :effect (open))
+    :precondition (and (has-key) (= (+ (x) (dx)) (wall)) (= (+ (y) (dy)) (door)))
+    :effect (and (when (not (open)) (open)) (when (open) (not (open)))))
 
   (:event goal
     :parameters ()
