@@ -16,7 +16,7 @@
   (:functions
     (x) (y)                ; cells from the upper left corner; 0 and 7 are walls
     (dx) (dy)              ; what lies one cell ahead: 1, 0 is to the right, 0, 1 is down
-    (key-x) (key-y)        ; while nobody has it
+    (key-x) (key-y)        ; 0, 0 where nothing else can be: the robot has it
     (wall) (door)          ; the wall's x, and the door's y
     (reward))
 
@@ -35,13 +35,13 @@
     :precondition (and
       (> (+ (x) (dx)) 0) (< (+ (x) (dx)) 7) (> (+ (y) (dy)) 0) (< (+ (y) (dy)) 7)
       (or (not (= (+ (x) (dx)) (wall))) (and (open) (= (+ (y) (dy)) (door))))
-      (or (has-key) (not (and (= (+ (x) (dx)) (key-x)) (= (+ (y) (dy)) (key-y))))))
+      (or (not (= (+ (x) (dx)) (key-x))) (not (= (+ (y) (dy)) (key-y)))))
     :effect (and (increase (x) (dx)) (increase (y) (dy))))
 
   (:action pick-up
     :parameters ()
     :precondition (and (not (has-key)) (= (+ (x) (dx)) (key-x)) (= (+ (y) (dy)) (key-y)))
-    :effect (and (has-key)))
+    :effect (and (has-key) (assign (key-x) 0) (assign (key-y) 0)))
 
   ; What is open is closed by it.
   (:action toggle

@@ -1,26 +1,22 @@
-; Taxi: a town of five by five squares. A passenger waits at one of four places and wants to go to
-; another one.
-;
-; Left out: nothing. What an action does, where it can be done and what it earns are as in the
-; environment, which charges for actions that cannot be done; the planner does not choose those.
+; Taxi: a passenger waits at one of four places of a town and wants to go to another one.
+; Left out: nothing. Actions that cannot be done are charged for; the planner does not choose them.
 
 (define (domain taxi)
   (:requirements :strips :typing :disjunctive-preconditions :negative-preconditions
-                 :conditional-effects :numeric-fluents)
+                 :numeric-fluents :time)
 
   (:types place)
 
   (:predicates
     (waits ?p - place)   ; the passenger stands there
     (wanted ?p - place)  ; where the passenger wants to go
-    (aboard)             ; the passenger is in the taxi
+    (aboard)
     (terminal))          ; the episode ends here
 
   (:functions
     (row)                ; of the taxi: 0 is the highest, 4 the lowest
     (column)             ; 0 on the left, 4 on the right
-    (row-of ?p - place)
-    (column-of ?p - place)
+    (row-of ?p - place) (column-of ?p - place)
     (reward))
 
   (:action south
@@ -56,5 +52,9 @@
   (:action put-down
     :parameters (?p - place)
     :precondition (and (aboard) (= (row) (row-of ?p)) (= (column) (column-of ?p)))
-    :effect (and (not (aboard)) (waits ?p) (decrease (reward) 1)
-      (when (wanted ?p) (and (increase (reward) 21) (terminal))))))
+    :effect (and (not (aboard)) (waits ?p) (decrease (reward) 1)))
+
+  (:event arrive
+    :parameters (?p - place)
+    :precondition (and (waits ?p) (wanted ?p))
+    :effect (and (increase (reward) 21) (terminal))))
