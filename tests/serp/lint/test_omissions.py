@@ -22,7 +22,9 @@ LEFT_OUT = {
     "lunar-lander": ("changes nothing",),
     "mountain-car": ("changes nothing", "nothing is ever `(unsafe)`"),
     "acrobot": (
-        "changes nothing", "`upper-velocity` is declared", "`lower-velocity` is declared",
+        "changes nothing",
+        "`upper-velocity` is declared",
+        "`lower-velocity` is declared",
         "nothing is ever `(unsafe)`",
     ),
     **dict.fromkeys(
