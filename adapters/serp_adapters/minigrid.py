@@ -36,7 +36,8 @@ def _make(name: str, **options: Any) -> gym.Env[Any, Any]:
     import minigrid  # noqa: F401, it registers its environments; importing it takes a second
     from minigrid.wrappers import FullyObsWrapper, ImgObsWrapper
 
-    whole = FullyObsWrapper(gym.make(name, **options))  # type: ignore[no-untyped-call]
+    made = gym.make(name, highlight=False, **options)  # pictures show all alike, as it is seen
+    whole = FullyObsWrapper(made)  # type: ignore[no-untyped-call]
     return ImgObsWrapper(whole)  # type: ignore[no-untyped-call]
 
 
