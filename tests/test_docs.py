@@ -47,6 +47,7 @@ from serp.control.decision import Actor, Reason
 from serp.model.facts import InstantiationBudget
 from serp.model.program import MAX_NATIVE_SIZE
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
+from serp.tasks.registry import task_entries
 from serp.training.policies import Policy
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -332,6 +333,7 @@ LISTS: dict[str, Callable[[], set[str]]] = {
     "policies": lambda: set(get_args(Policy)),
     "run folder": run_files,
     "algorithms": lambda: {*OWN, *algorithm_entries()},
+    "tasks": lambda: set(task_entries()),
     "comparison folder": comparison_files,
 }
 NOT_IN_EVERY_RUN = {"problem.pddl", "tensorboard/", "checkpoint-damaged.safetensors"}
