@@ -236,19 +236,6 @@ def test_the_example_of_a_decision_log_has_its_columns_and_words() -> None:
     assert quoted in domain.splitlines()[int(line) - 1]
 
 
-def test_the_picture_is_what_the_program_draws(tmp_path: Path) -> None:
-    """Its texts, that is: names, returns, legend. Coordinates may differ between versions."""
-    file = tmp_path / "plan.svg"
-    with pytest.raises(SystemExit), contextlib.redirect_stdout(io.StringIO()):
-        main(["plan", "--domain", str(ROOT / "domains" / "cartpole.pddl"), "--svg", str(file)])
-    drawn, shown = (
-        sorted(re.findall(r"<text[^>]*>(.+?)</text>", path.read_text(encoding="utf-8")))
-        for path in (file, ROOT / "docs" / "images" / "plan.svg")
-    )
-    assert drawn
-    assert shown == drawn
-
-
 @pytest.mark.parametrize(
     "block",
     [

@@ -17,7 +17,7 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning import closed_kernels as kernels
 from serp.planning.closed_kernels import ALIKE, OUTCOMES, Counters, GraphArrays
 from serp.planning.forecast import Forecast
-from serp.planning.kernel_records import FirstActions, room_for_actions
+from serp.planning.kernel_records import FirstActions
 from serp.planning.limits import Bound
 from serp.settings import PlannerSettings
 
@@ -132,10 +132,10 @@ class ClosedGraph:
 
     def _look_up(self, node: int) -> tuple[int, FirstActions]:
         """Return the chosen action of a node, and what is predicted for every action."""
-        found = room_for_actions(self._actions)
+        found = FirstActions.allocate(self._actions)
         discount = self._settings.discount
-        choice = kernels.look_up(self._arrays_tuple, node, discount, self._unit, found)
-        return choice, FirstActions(*found)
+        choice = kernels.look_up(self._arrays_tuple, node, discount, self._unit, tuple(found))
+        return choice, found
 
     # Expansion ---------------------------------------------------------------------------------
 

@@ -209,9 +209,7 @@ class Agent:
     def remember(self, step: StepRecord, following: Decision | None) -> None:
         """Store an env step in the learner's replay memory.
 
-        Args:
-            step: The step.
-            following: The decision in the next state; None if the episode ended.
+        `following` is the decision in the next state, None if the episode ended.
         """
         strategy, decision = self.strategy, step.decision
         ahead: ActionForecast | None = None
