@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from serp._util.compilation import cached_cfunc, cached_njit
-from serp.adaptation import outcome_kernels as o
 from serp.adaptation import parameter_buffer as b
-from serp.adaptation.outcome_kinds import likeliest, put, room_for, table_of
+from serp.adaptation.outcomes import table_kernels as o
+from serp.adaptation.outcomes.prediction_kernels import likeliest, put, room_for, table_of
 from serp.adaptation.residual.prediction import add_residual, mode_of
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, with_risk
 from serp.model.native import (
@@ -65,7 +65,7 @@ def apply_likeliest(buffer, action, state, dt, out, away, kind, room):
     """Apply the likeliest counted outcome of each group to `out`; `kind` for the group `away`.
 
     `out` `[F]` is the state after effects, processes and residual; `away` is the position of a
-    group, -1 for none. `room` is that of `outcome_kinds.likeliest`, followed by F + 1 numbers.
+    group, -1 for none. `room` is that of `prediction_kernels.likeliest`, followed by F + 1 numbers.
 
     Returns:
         The number of groups with counts, and the outcome of the last of these.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from serp._util.saved_state import Arrays, Saved, nested
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.feature_groups import FeatureGroup, Key
-from serp.adaptation.outcome_counts import OutcomeCounts
+from serp.adaptation.outcomes.outcome_counts import OutcomeCounts
 from serp.adaptation.parameter_buffer import MODES
 from serp.adaptation.residual.online_residual import OnlineResidual
 from serp.adaptation.residual.outliers import update_whole

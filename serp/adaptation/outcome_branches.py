@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from serp._util.compilation import cached_cfunc, cached_njit
-from serp.adaptation import outcome_kernels as o
 from serp.adaptation import parameter_buffer as b
 from serp.adaptation.adapted_step import adapted_row, finite
-from serp.adaptation.outcome_kinds import RARE, likeliest, put, room_for, table_of
+from serp.adaptation.outcomes import table_kernels as o
+from serp.adaptation.outcomes.prediction_kernels import RARE, likeliest, put, room_for, table_of
 from serp.adaptation.residual.prediction import add_residual
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.native import STEP_SIGNATURE, advanced, call_step, pointer_to

@@ -109,7 +109,7 @@ class GroupParameters:
 
     @property
     def outcomes(self) -> Vector | None:
-        """The table of outcome counts in use, see `serp.adaptation.outcome_kernels`, or None."""
+        """The outcome counts in use, see `serp.adaptation.outcomes.table_kernels`, or None."""
         return self._outcomes
 
     @outcomes.setter

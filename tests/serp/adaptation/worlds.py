@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from serp.adaptation import outcome_kernels as c
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.outcome_counts import new_table
-from serp.adaptation.outcome_kinds import CHANGE
+from serp.adaptation.outcomes import table_kernels as c
+from serp.adaptation.outcomes.outcome_counts import new_table
+from serp.adaptation.outcomes.prediction_kernels import CHANGE
 from serp.adaptation.parameter_buffer import FILE, LINEAR, NONLINEAR, OWN, GroupParameters
 from serp.model.loading import load_domain
 from serp.model.transition_model import TransitionModel, Vector

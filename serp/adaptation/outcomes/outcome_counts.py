@@ -1,9 +1,9 @@
 """Counts of the outcomes of an action, for predicates and whole numbers.
 
 An outcome is what the file predicts for the action or for another action with the same arguments,
-or a change of the state, see `serp.adaptation.outcome_kinds`. Outcomes are counted by action schema
+or a change of the state, see `prediction_kernels`. Outcomes are counted by action schema
 over all states and in contexts: states with the same predicates, with the same whole numbers, and
-with both, see `serp.adaptation.outcome_kernels`.
+with both, see `table_kernels`.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import LARGEST, MOST, Saved
-from serp.adaptation import outcome_kernels as c
 from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.moving_average import rate_of
-from serp.adaptation.outcome_kinds import CHANGE, count
+from serp.adaptation.outcomes import table_kernels as c
+from serp.adaptation.outcomes.counting_kernels import count
+from serp.adaptation.outcomes.prediction_kernels import CHANGE
 from serp.model.transition_model import Vector
 
 _MEMORY: Final = 0.995  # weight of the past in the scores, per step
@@ -42,7 +43,8 @@ class OutcomeCounts:
         schemas: Number of action schemas.
 
     Attributes:
-        table: The counts, see `serp.adaptation.outcome_kernels`; None before the first error.
+        table: The counts, see `serp.adaptation.outcomes.table_kernels`; None before the first
+            error.
     """
 
     def __init__(self, group: FeatureGroup, schemas: int) -> None:
