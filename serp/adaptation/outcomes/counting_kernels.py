@@ -1,9 +1,10 @@
 """The compiled counting of outcomes.
 
 Several outcomes may explain one observation, at a wall for example: the sample is divided among
-them by their current probabilities (online expectation-maximisation: Cappé & Moulines, Journal of
-the Royal Statistical Society B 71, 2009). Names are those of
-`serp.adaptation.outcomes.prediction_kernels`.
+them. Over all contexts this is repeated for all samples, by the sets of outcomes that explained
+them, so that it does not matter which came first; a context keeps the division by the probabilities
+of that time (online expectation-maximisation: Cappé & Moulines, Journal of the Royal Statistical
+Society B 71, 2009). Names are those of `serp.adaptation.outcomes.prediction_kernels`.
 """
 
 from __future__ import annotations
@@ -174,20 +175,21 @@ def _judge(table, inputs, state, rows, room, known):
 
 
 @cached_njit(nogil=True)
-def _add(table, rows, probabilities, fits):
+def _add(table, rows, room):
     """Divide a sample among the outcomes that fit, by their probabilities."""
-    total, kinds = 0.0, int(table[c.T_KINDS])
+    probabilities, fits = room, advanced(room, FIT * c.KINDS)
+    total, members, kinds = 0.0, 0, int(table[c.T_KINDS])
     for kind in range(kinds):
         if fits[kind] == FITS:
             probabilities[kind] += c.LEAST
             total += probabilities[kind]
+            members |= 1 << kind
     for kind in range(kinds):
         if fits[kind] == FITS:
-            share = probabilities[kind] / total
-            c.add_share(table, 0, kind, share)
             for row in rows:
                 if row > 0:
-                    c.add_share(table, row, kind, share)
+                    c.add_share(table, row, kind, probabilities[kind] / total)
+    c.share_sets(table, members, advanced(room, SCRATCH * c.KINDS))
 
 
 @cached_njit(nogil=True)
@@ -227,7 +229,7 @@ def _count(buffer, group, table, sample, dt, losses, rate, room, flowed):
             return over
         for kind in range(before, before + found):
             scratch[kind] = 1.0
-    _add(counts, rows, scratch, fits)
+    _add(counts, rows, scratch)
     return True
 
 

@@ -100,7 +100,9 @@ class OutcomeCounts:
             self._others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._context)
             self.table = new_table(self._places, self._context, self._others)
             _parts(self.table)["ranges"][:] = state[columns, None]
-            totals = int(self.table[c.T_TOTALS])
+            # All samples so far were as in the file.
+            sets, totals = int(self.table[c.T_ALTERNATIVES]), int(self.table[c.T_TOTALS])
+            self.table[c.T_SETS], self.table[sets : sets + 2] = 1, (1, self._samples - 1)
             self.table[int(self.table[c.T_COUNTS])] = self.table[totals] = self._samples - 1
         if not self._count(place, state, observed, False):
             self._strays += 1
@@ -176,7 +178,11 @@ class OutcomeCounts:
         schemas = saved.array("schemas", np.float64, (-1,), CHANGE, self._schemas - 1)
         if not 1 <= len(schemas) <= c.KINDS or (schemas % 1.0).any():
             raise saved.wrong(f"schemas are of {len(schemas)} outcomes, or no whole numbers")
-        table[c.T_KINDS], table[c.T_ROWS] = len(schemas), rows
+        sets = saved.array("sets", np.float64, (-1, 2), 0, MOST)
+        members = sets[:, 0]
+        if not 1 <= len(sets) <= c.SETS or not np.isin(members, range(1, 2 ** len(schemas))).all():
+            raise saved.wrong("sets are too many, or of unknown outcomes")
+        table[c.T_KINDS], table[c.T_ROWS], table[c.T_SETS] = len(schemas), rows, len(sets)
         for row in range(1, rows):
             c.enter(table, codes[row], row)
         for name, part in _parts(table).items():
@@ -199,6 +205,7 @@ def _parts(table: Vector) -> dict[str, Vector]:
         "ranges": (c.T_RANGES, (columns, 2)),
         "trust": (c.T_TRUST, (c.LEVELS, c.EXPERTS)),
         "paths": (c.T_PATHS, (2,)),
+        "sets": (c.T_ALTERNATIVES, (int(table[c.T_SETS]), 2)),
         "codes": (c.T_CODES, (rows,)),
         "counts": (c.T_COUNTS, (rows, c.KINDS)),
         "totals": (c.T_TOTALS, (rows,)),
@@ -226,6 +233,7 @@ def new_table(
         c.T_RANGES: 2 * len(places),
         c.T_TRUST: c.LEVELS * c.EXPERTS,
         c.T_PATHS: 2,
+        c.T_ALTERNATIVES: 2 * c.SETS,
         c.T_CODES: c.ROWS,
         c.T_SLOTS: c.SLOTS,
         c.T_COUNTS: c.ROWS * c.KINDS,

@@ -32,12 +32,17 @@ EXPERTS = 4
 BY_PREDICATES, BY_NUMBERS, BY_BOTH = range(3)
 """What defines a context: predicates, whole numbers, or both; the first two are broader."""
 LEVELS = 3
+SETS = 64
+"""Most sets of outcomes that explained an observation together; the rarest one makes room."""
+_ITERATIONS = 10
+"""Steps of expectation-maximisation after a sample; they go on from where the last ones ended."""
 
 # Header of a table.
 (
     T_COLUMNS, T_KINDS, T_ROWS, T_COUNT, T_PREDICATES, T_CONTEXT, T_PLACES, T_SCHEMAS, T_CHANGES,
-    T_CODES, T_SLOTS, T_COUNTS, T_TOTALS, T_RANGES, T_EVIDENCE, T_TRUST, T_PATHS, TABLE,
-) = range(18)  # fmt: skip
+    T_CODES, T_SLOTS, T_COUNTS, T_TOTALS, T_RANGES, T_EVIDENCE, T_TRUST, T_PATHS, T_SETS,
+    T_ALTERNATIVES, TABLE,
+) = range(20)  # fmt: skip
 
 _MEMORY = 0.995
 """Weight of the past in the evidence for an expert, per sample."""
@@ -223,6 +228,58 @@ def weigh_paths(table, by_predicates, by_numbers):
     second = table[paths + 1] ** _MEMORY * by_numbers
     most = max(first, second)
     table[paths], table[paths + 1] = max(LEAST, first / most), max(LEAST, second / most)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _count_set(table, members):
+    """Count an observation that a set of outcomes explains, given as the bits of a number."""
+    sets, number = int(table[T_ALTERNATIVES]), int(table[T_SETS])
+    place = number
+    for k in range(number):
+        if int(table[sets + 2 * k]) == members:
+            place = k
+    if place == number and number < SETS:
+        table[T_SETS] = number + 1
+    elif place == number:
+        place = 0
+        for k in range(number):
+            if table[sets + 2 * k + 1] < table[sets + 2 * place + 1]:
+                place = k
+    if int(table[sets + 2 * place]) != members:
+        table[sets + 2 * place], table[sets + 2 * place + 1] = members, 0.0
+    table[sets + 2 * place + 1] += 1.0
+
+
+@cached_njit(nogil=True, forceinline=True)
+def share_sets(table, members, scratch):
+    """Count an observation over all contexts, and divide all sets among their outcomes.
+
+    The division is that of the greatest likelihood, by expectation-maximisation (Dempster, Laird &
+    Rubin, Journal of the Royal Statistical Society B 39, 1977). `scratch` is `[KINDS]`.
+    """
+    _count_set(table, members)
+    sets, number, kinds = int(table[T_ALTERNATIVES]), int(table[T_SETS]), int(table[T_KINDS])
+    counts, totals = int(table[T_COUNTS]), int(table[T_TOTALS])
+    half = 0.5 if table[totals] >= MOST else 1.0
+    table[totals] = 0.0
+    for k in range(number):
+        table[sets + 2 * k + 1] *= half
+        table[totals] += table[sets + 2 * k + 1]
+    for _ in range(_ITERATIONS):
+        for kind in range(kinds):
+            scratch[kind] = 0.0
+        for k in range(number):
+            inside, size, within = int(table[sets + 2 * k]), 0, 0.0
+            for kind in range(kinds):
+                if inside >> kind & 1:
+                    within += table[counts + kind]
+                    size += 1
+            for kind in range(kinds):
+                if inside >> kind & 1:
+                    share = table[counts + kind] / within if within > 0.0 else 1.0 / size
+                    scratch[kind] += share * table[sets + 2 * k + 1]
+        for kind in range(kinds):
+            table[counts + kind] = scratch[kind]
 
 
 @cached_njit(nogil=True, forceinline=True)

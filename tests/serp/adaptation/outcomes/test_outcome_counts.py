@@ -258,6 +258,19 @@ def test_what_explains_an_observation_shares_it() -> None:
     assert found == pytest.approx(expected, abs=0.08)
 
 
+def test_the_order_of_ambiguous_observations_does_not_matter() -> None:
+    """In a corner, a slip may be one of two; what is seen elsewhere later tells which it was."""
+    adaptation = adaptation_of(from_text(LAKE).model)
+    corner, inside = np.zeros(3), np.array([0.0, 3.0, 3.0])
+    for _ in range(20):
+        adaptation.observe(corner, DOWN, corner, GOES_ON)  # left or up
+    for _ in range(20):
+        adaptation.observe(inside, DOWN, moved(inside, LEFT), GOES_ON)
+        adaptation.observe(inside, DOWN, moved(inside, DOWN), GOES_ON)
+    found = chances(adaptation, np.array([0.0, 1.0, 2.0]), DOWN)
+    assert found == pytest.approx({(0.0, 1.0, 1.0): 2 / 3, (0.0, 2.0, 2.0): 1 / 3}, abs=0.05)
+
+
 BALLS = """
 (define (domain balls)
   (:requirements :strips :typing :numeric-fluents)
@@ -327,6 +340,8 @@ def test_damaged_counts_are_refused() -> None:
         ("schemas", np.full(2, 2.0)),
         ("schemas", np.full(2, 0.5)),
         ("changes", np.zeros((13, 1))),
+        ("sets", np.full((3, 2), 2.0**20)),
+        ("sets", np.ones((65, 2))),
         ("evidence", np.zeros((len(codes), 4))),
         ("trust", np.zeros((3, 4))),
         ("places", np.array([10**9])),
