@@ -19,7 +19,7 @@ from serp.model.native import STEP_SIGNATURE, advanced, call_step, pointer_to
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 MOST = 16
-"""Most outcomes of a step; `serp.planning.closed_kernels.OUTCOMES` rows hold them."""
+"""Most outcomes of a step; `serp.planning.far_sight.closed_kernels.OUTCOMES` rows hold them."""
 
 
 @cached_njit(nogil=True, forceinline=True)

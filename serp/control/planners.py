@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from serp.control.protocols import Planner
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight import ClosedGraphPlanner, LeafValueClosedGraphPlanner
+from serp.planning.far_sight.planner import ClosedGraphPlanner, LeafValueClosedGraphPlanner
 from serp.planning.forecast import Forecast
 from serp.planning.graph import PlanningGraph
 from serp.planning.lookahead import Lookahead

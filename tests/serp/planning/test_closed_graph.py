@@ -10,7 +10,7 @@ import pytest
 from serp.control.planners import closed_graph
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.closed_graph import ClosedGraph
+from serp.planning.far_sight.closed_graph import ClosedGraph
 from serp.planning.forecast import SAFE
 from serp.planning.limits import Bound
 from serp.planning.lookahead import Lookahead

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Final, Protocol
 
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.closed_graph import ClosedGraph
+from serp.planning.far_sight.closed_graph import ClosedGraph
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 
-_PATIENCE: Final = 4
-"""After a graph could not be closed, so many times more decisions pass before the next attempt."""
+_EARNED: Final = 2_000
+"""Edges that every decision earns; their expansion and solution take a few milliseconds."""
 
 
 class NearPlanner(Protocol):
@@ -24,9 +24,10 @@ class NearPlanner(Protocol):
 class ClosedGraphPlanner:
     """Plans on the closed graph where the best policy stays inside it, else by another planner.
 
-    The graph is built again when the model has changed, or when the world is in a state that is
-    not in it. After a graph could not be closed, so many decisions pass before the next attempt
-    that attempts take little time.
+    The graph is built again when the model has changed, and grows when the world is in a state that
+    is not in it. Every decision earns the time for a number of edges, which a graph spends when it
+    is built: so a large graph of a model that changes often is built rarely, and the mean cost of
+    a decision is bounded. The first graph of an episode is always built.
 
     Args:
         model: The transition model.
@@ -50,24 +51,22 @@ class ClosedGraphPlanner:
         """Forget the graph, so that decisions depend on nothing before this episode."""
         self.graph.clear()
         self._revision = self.model.revision
-        self._waited = self._wait = 0
+        self._owed = 0
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
-        if self.model.revision != self._revision:
+        if self.model.revision != self._revision and self._owed <= 0:
             self._revision = self.model.revision
             self.graph.clear()
         found = self.graph.forecast(state)
-        if found is None and self._waited >= self._wait:
+        if found is None and self._owed <= 0:
             if not self.graph.complete:
                 self.graph.clear()
             self.graph.grow(state)
+            self._owed += self.graph.edges
             found = self.graph.forecast(state)
-            self._waited, self._wait = 0, 0 if found is not None else _PATIENCE * self._wait + 1
-        if found is not None:
-            return found
-        self._waited += 1
-        return self._near.forecast(state)
+        self._owed = max(0, self._owed - _EARNED)
+        return found if found is not None else self._near.forecast(state)
 
 
 class LeafValueClosedGraphPlanner(ClosedGraphPlanner):

@@ -14,8 +14,9 @@ import numpy as np
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import address_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning import closed_kernels as kernels
-from serp.planning.closed_kernels import ALIKE, OUTCOMES, Counters, GraphArrays
+from serp.planning.far_sight import closed_kernels as kernels
+from serp.planning.far_sight import solution_kernels as solution
+from serp.planning.far_sight.closed_kernels import OUTCOMES, Counters, GraphArrays
 from serp.planning.forecast import Forecast
 from serp.planning.kernel_records import FirstActions
 from serp.planning.limits import Bound
@@ -108,8 +109,8 @@ class ClosedGraph:
 
     def _solve(self) -> None:
         allowed = np.empty(self._arrays.action.shape[0], dtype=np.uint8)
-        kernels.solve(self._arrays_tuple, self._settings.discount, allowed)
-        self._unit = ALIKE * kernels.largest_value(self._arrays_tuple)
+        solution.solve(self._arrays_tuple, self._settings.discount, solution.EXACT, allowed)
+        self._unit = solution.ALIKE * solution.largest_value(self._arrays_tuple)
 
     def forecast(self, state: Vector) -> Forecast | None:
         """Return the forecast for a state `[F]`.
@@ -134,7 +135,7 @@ class ClosedGraph:
         """Return the chosen action of a node, and what is predicted for every action."""
         found = FirstActions.allocate(self._actions)
         discount = self._settings.discount
-        choice = kernels.look_up(self._arrays_tuple, node, discount, self._unit, tuple(found))
+        choice = solution.look_up(self._arrays_tuple, node, discount, self._unit, tuple(found))
         return choice, found
 
     # Expansion ---------------------------------------------------------------------------------
@@ -178,31 +179,8 @@ class ClosedGraph:
 
     def _allocate(self, nodes: int, edges: int, outcomes: int) -> None:
         most = self._actions * OUTCOMES
-        nodes, outcomes = nodes + most, outcomes + most
-        edges += self._actions
-        size = 2
-        while size < 2 * nodes:
-            size *= 2
-        self._arrays = GraphArrays(
-            counters=np.zeros(len(_AT), dtype=np.int64),
-            table=np.full(size, -1, dtype=np.int32),
-            states=np.zeros(nodes * self._width),
-            digest=np.zeros(nodes, dtype=np.uint64),
-            layer=np.zeros(nodes, dtype=np.int32),
-            first_edge=np.zeros(nodes + 1, dtype=np.int64),
-            undefined=np.zeros(nodes, dtype=np.uint8),
-            action=np.zeros(edges, dtype=np.int32),
-            flags=np.zeros(edges, dtype=np.int64),
-            reward=np.zeros(edges),
-            hazard=np.zeros(edges),
-            first_outcome=np.zeros(edges + 1, dtype=np.int64),
-            target=np.zeros(outcomes, dtype=np.int32),
-            chance=np.zeros(outcomes),
-            value=np.zeros(nodes),
-            risk=np.zeros(nodes),
-            steps=np.zeros(nodes, dtype=np.int64),
-            best=np.zeros(nodes, dtype=np.int64),
-            inside=np.zeros(nodes, dtype=np.uint8),
+        self._arrays = GraphArrays.allocate(
+            nodes + most, edges + self._actions, outcomes + most, self._width
         )
         self._arrays_tuple = tuple(self._arrays)
 

@@ -1,0 +1,263 @@
+"""The compiled loops that solve a planning graph: value iteration, and the look-up of a forecast.
+
+Records are passed as plain tuples, see `serp.planning.kernel_records`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from serp._util.compilation import cached_njit
+from serp.planning.far_sight.closed_kernels import Counters, GraphArrays
+from serp.planning.forecast import SAFE
+from serp.planning.kernel_records import FirstActions
+from serp.planning.preference import path_score, rank_of
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+EXACT = 1e-9
+"""Precision of the values of states: value iteration ends where none changed by more than this
+fraction of the largest."""
+ALIKE = 1e-7
+"""Values that differ by less than this fraction of the largest are equal."""
+_MAX_SWEEPS = 3_000
+_TINY = 1e-9
+_NODES, _EXPANDED, _EDGES, _ = Counters()
+
+_rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
+_path_score = cached_njit(nogil=True, forceinline=True)(path_score)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _risk_through(graph, edge, node, discount):
+    """Return the discounted risk of an edge and what follows it."""
+    danger, following, own = graph.hazard[edge], 0.0, 0.0
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        target = graph.target[k]
+        if target == node:
+            own += graph.chance[k]
+        elif target >= 0:
+            following += graph.chance[k] * graph.risk[target]
+    left = (1.0 - danger) * discount
+    return (danger + left * following) / max(1.0 - left * own, _TINY)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _value_through(graph, edge, node, discount):
+    """Return the value of an edge and what follows it."""
+    following, own = 0.0, 0.0
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        target = graph.target[k]
+        if target == node:
+            own += graph.chance[k]
+        elif target >= 0:
+            following += graph.chance[k] * graph.value[target]
+    total = graph.reward[edge] + discount * following
+    if discount * own < 1.0 - _TINY:
+        return total / (1.0 - discount * own)
+    return total + graph.value[node]
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _steps_through(graph, edge):
+    """Return the control periods before the first risk on an edge and what follows it."""
+    if graph.hazard[edge] > 0.0:
+        return np.int64(0)
+    least = np.int64(SAFE)
+    for k in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+        target = graph.target[k]
+        if target >= 0 and graph.steps[target] < least:
+            least = graph.steps[target]
+    return least if least == SAFE else least + 1
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _best_rank(graph, node):
+    rank = np.int64(3)
+    for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
+        rank = min(rank, np.int64(_rank_of(graph.flags[edge])))
+    return rank
+
+
+@cached_njit(nogil=True)
+def solve(arrays, discount, precision, allowed):
+    """Find the best policy of every node, by value iteration.
+
+    The order of preferences is that of `serp.planning.preference`; the risks of later steps are
+    discounted, as rewards are (lexicographic value iteration: Wray, Zilberstein & Mouaddib, AAAI
+    2015). Nodes that are not expanded have value and risk 0.
+
+    Args:
+        arrays: Values of `GraphArrays`; values and risks are continued from.
+        discount: Weight of a reward one control period later.
+        precision: Where the iteration ends, see `EXACT`.
+        allowed: `[E]` uint8, scratch memory.
+    """
+    graph = GraphArrays(*arrays)
+    nodes, expanded = graph.counters[_NODES], graph.counters[_EXPANDED]
+    for node in range(nodes):
+        graph.best[node] = -1
+        graph.risk[node] = 0.0
+        graph.steps[node] = SAFE
+        graph.inside[node] = 1 if node < expanded else 0
+        if node >= expanded:
+            graph.value[node] = 0.0
+    for node in range(expanded):
+        lowest = _best_rank(graph, node)
+        start, end = graph.first_edge[node], graph.first_edge[node + 1]
+        for edge in range(start, end):
+            allowed[edge] = np.int64(_rank_of(graph.flags[edge])) == lowest
+        if start == end:
+            graph.value[node] = 0.0
+            graph.risk[node] = 1.0 if graph.undefined[node] else 0.0
+            graph.steps[node] = 0 if graph.undefined[node] else SAFE
+    _solve_risks(graph, expanded, discount, precision, allowed)
+    _solve_values(graph, expanded, discount, precision, allowed)
+    _mark_inside(graph, expanded)
+
+
+@cached_njit(nogil=True)
+def _solve_risks(graph, expanded, discount, precision, allowed):
+    """Find the least risks, and leave only the edges that have them."""
+    risky = False
+    for edge in range(graph.counters[_EDGES]):
+        risky = risky or graph.hazard[edge] > 0.0
+    for node in range(expanded):
+        risky = risky or graph.risk[node] > 0.0
+    if not risky:
+        return
+    for sweep in range(_MAX_SWEEPS):
+        change = 0.0
+        for k in range(expanded):
+            node = k if sweep % 2 else expanded - 1 - k
+            start, end = graph.first_edge[node], graph.first_edge[node + 1]
+            if start == end:
+                continue
+            least = 2.0
+            for edge in range(start, end):
+                if allowed[edge]:
+                    least = min(least, _risk_through(graph, edge, node, discount))
+            change = max(change, abs(least - graph.risk[node]))
+            graph.risk[node] = least
+        if change <= precision:
+            break
+    for node in range(expanded):
+        for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
+            if allowed[edge]:
+                danger = _risk_through(graph, edge, node, discount)
+                allowed[edge] = danger <= graph.risk[node] + ALIKE
+        if graph.risk[node] <= ALIKE:
+            graph.risk[node] = 0.0
+    for sweep in range(_MAX_SWEEPS):
+        changed = False
+        for k in range(expanded):
+            node = k if sweep % 2 else expanded - 1 - k
+            start, end = graph.first_edge[node], graph.first_edge[node + 1]
+            if start == end or graph.risk[node] == 0.0:
+                continue
+            longest = np.int64(-1)
+            for edge in range(start, end):
+                if allowed[edge]:
+                    longest = max(longest, _steps_through(graph, edge))
+            if longest != graph.steps[node]:
+                graph.steps[node] = longest
+                changed = True
+        if not changed:
+            break
+
+
+@cached_njit(nogil=True)
+def _solve_values(graph, expanded, discount, precision, allowed):
+    for sweep in range(_MAX_SWEEPS):
+        change, largest = 0.0, 0.0
+        for k in range(expanded):
+            node = k if sweep % 2 else expanded - 1 - k
+            start, end = graph.first_edge[node], graph.first_edge[node + 1]
+            if start == end:
+                continue
+            most = -np.inf
+            for edge in range(start, end):
+                if allowed[edge]:
+                    most = max(most, _value_through(graph, edge, node, discount))
+            change = max(change, abs(most - graph.value[node]))
+            largest = max(largest, abs(most))
+            graph.value[node] = most
+        if change <= precision * largest:
+            break
+    unit = ALIKE * largest
+    for node in range(expanded):
+        most, best = -np.inf, np.int64(-1)
+        for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
+            if allowed[edge]:
+                value = _value_through(graph, edge, node, discount)
+                if best < 0 or value > most + unit:
+                    most, best = value, np.int64(edge)
+        graph.best[node] = best
+
+
+@cached_njit(nogil=True)
+def _mark_inside(graph, expanded):
+    """Mark the nodes whose best policy never leads to a node that is not expanded."""
+    changed = True
+    while changed:
+        changed = False
+        for k in range(expanded):
+            node = expanded - 1 - k
+            edge = graph.best[node]
+            if edge < 0 or not graph.inside[node]:
+                continue
+            for outcome in range(graph.first_outcome[edge], graph.first_outcome[edge + 1]):
+                target = graph.target[outcome]
+                if target >= 0 and not graph.inside[target]:
+                    graph.inside[node] = 0
+                    changed = True
+                    break
+
+
+@cached_njit(nogil=True)
+def look_up(arrays, node, discount, unit, found):
+    """Write the forecast for one expanded node; return the chosen action.
+
+    Args:
+        arrays: Values of `GraphArrays`, solved.
+        node: The node.
+        discount: As in `solve`.
+        unit: Values are rounded to multiples of this.
+        found: Values of `FirstActions`, written; flags of actions that are not applicable are left.
+    """
+    graph = GraphArrays(*arrays)
+    first = FirstActions(*found)
+    for action in range(first.value.shape[0]):
+        first.value[action] = -np.inf
+        first.path_risk[action] = 1.0
+        first.safe_steps[action] = -1
+        first.reward[action] = 0.0
+        first.flags[action] = 0
+    choice = np.int64(-1)
+    best = _path_score(0, 0.0, SAFE, 0.0)
+    for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
+        action = graph.action[edge]
+        value = _value_through(graph, edge, node, discount)
+        if unit > 0.0:
+            value = np.round(value / unit) * unit
+        danger = _risk_through(graph, edge, node, discount)
+        danger = 0.0 if danger <= ALIKE else np.round(danger / ALIKE) * ALIKE
+        steps = _steps_through(graph, edge) if danger > 0.0 else np.int64(SAFE)
+        flags = graph.flags[edge]
+        first.value[action], first.path_risk[action] = value, danger
+        first.safe_steps[action], first.flags[action] = steps, flags
+        first.reward[action] = graph.reward[edge]
+        score = _path_score(np.int64(_rank_of(flags)), danger, steps, value)
+        if choice < 0 or score > best:
+            choice, best = np.int64(action), score
+    return choice
+
+
+@cached_njit(nogil=True)
+def largest_value(arrays):
+    """Return the largest absolute value of a node."""
+    graph = GraphArrays(*arrays)
+    largest = 0.0
+    for node in range(graph.counters[_NODES]):
+        largest = max(largest, abs(graph.value[node]))
+    return largest
