@@ -1,16 +1,22 @@
-; Door and key: a robot on a grid fetches a key, opens the locked door in a wall and goes to the goal in
-; the lower right corner. Everything is in this file; where wall, door and key are, the robot sees.
+; Door and key: a robot on a grid fetches a key, opens the locked door in a wall and goes to the goal
+; in the lower right corner.
+;
+; Left out: that the robot could drop the key again, for which there is no reason. Where wall, door
+; and key are, the robot sees.
 
 (define (domain door-key)
   (:requirements :strips :typing :disjunctive-preconditions :negative-preconditions
-    :numeric-fluents :time)
+                 :conditional-effects :numeric-fluents :time)
 
-  (:predicates (has-key) (open) (terminal))
+  (:predicates
+    (has-key)
+    (open)                 ; the door is
+    (terminal))            ; the episode ends here
 
   (:functions
     (x) (y)                ; cells from the upper left corner; 0 and 7 are walls
     (dx) (dy)              ; what lies one cell ahead: 1, 0 is to the right, 0, 1 is down
-    (key-x) (key-y)        ; while nobody has it
+    (key-x) (key-y)        ; 0, 0 where nothing else can be: the robot has it
     (wall) (door)          ; the wall's x, and the door's y
     (reward))
 
@@ -29,18 +35,19 @@
     :precondition (and
       (> (+ (x) (dx)) 0) (< (+ (x) (dx)) 7) (> (+ (y) (dy)) 0) (< (+ (y) (dy)) 7)
       (or (not (= (+ (x) (dx)) (wall))) (and (open) (= (+ (y) (dy)) (door))))
-      (or (has-key) (not (and (= (+ (x) (dx)) (key-x)) (= (+ (y) (dy)) (key-y))))))
+      (or (not (= (+ (x) (dx)) (key-x))) (not (= (+ (y) (dy)) (key-y)))))
     :effect (and (increase (x) (dx)) (increase (y) (dy))))
 
   (:action pick-up
     :parameters ()
     :precondition (and (not (has-key)) (= (+ (x) (dx)) (key-x)) (= (+ (y) (dy)) (key-y)))
-    :effect (has-key))
+    :effect (and (has-key) (assign (key-x) 0) (assign (key-y) 0)))
 
+  ; What is open is closed by it.
   (:action toggle
     :parameters ()
-    :precondition (and (has-key) (not (open)) (= (+ (x) (dx)) (wall)) (= (+ (y) (dy)) (door)))
-    :effect (open))
+    :precondition (and (has-key) (= (+ (x) (dx)) (wall)) (= (+ (y) (dy)) (door)))
+    :effect (and (when (not (open)) (open)) (when (open) (not (open)))))
 
   (:event goal
     :parameters ()

@@ -1,11 +1,14 @@
 ; Four rooms: a robot on a grid of 19 by 19 cells goes to a goal, through gaps in the walls between
-; four rooms. Everything is in this file; where the gaps and the goal are, the robot sees.
+; four rooms.
+;
+; Left out: nothing. Where the gaps and the goal are, the robot sees.
 
 (define (domain four-rooms)
   (:requirements :strips :typing :disjunctive-preconditions :negative-preconditions
-    :numeric-fluents :time)
+                 :numeric-fluents :time)
 
-  (:predicates (terminal))
+  (:predicates
+    (terminal))                    ; the episode ends here
 
   (:functions
     (x) (y)                        ; cells from the upper left corner; 0, 9 and 18 are walls

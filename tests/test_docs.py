@@ -47,6 +47,7 @@ from serp.control.decision import Actor, Reason
 from serp.model.facts import InstantiationBudget
 from serp.model.program import MAX_NATIVE_SIZE
 from serp.runs.rows import DECISIONS_COLUMNS, METRICS_COLUMNS
+from serp.tasks.registry import task_entries
 from serp.training.policies import Policy
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -236,19 +237,6 @@ def test_the_example_of_a_decision_log_has_its_columns_and_words() -> None:
     assert quoted in domain.splitlines()[int(line) - 1]
 
 
-def test_the_picture_is_what_the_program_draws(tmp_path: Path) -> None:
-    """Its texts, that is: names, returns, legend. Coordinates may differ between versions."""
-    file = tmp_path / "plan.svg"
-    with pytest.raises(SystemExit), contextlib.redirect_stdout(io.StringIO()):
-        main(["plan", "--domain", str(ROOT / "domains" / "cartpole.pddl"), "--svg", str(file)])
-    drawn, shown = (
-        sorted(re.findall(r"<text[^>]*>(.+?)</text>", path.read_text(encoding="utf-8")))
-        for path in (file, ROOT / "docs" / "images" / "plan.svg")
-    )
-    assert drawn
-    assert shown == drawn
-
-
 @pytest.mark.parametrize(
     "block",
     [
@@ -345,6 +333,7 @@ LISTS: dict[str, Callable[[], set[str]]] = {
     "policies": lambda: set(get_args(Policy)),
     "run folder": run_files,
     "algorithms": lambda: {*OWN, *algorithm_entries()},
+    "tasks": lambda: set(task_entries()),
     "comparison folder": comparison_files,
 }
 NOT_IN_EVERY_RUN = {"problem.pddl", "tensorboard/", "checkpoint-damaged.safetensors"}

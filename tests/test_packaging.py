@@ -185,8 +185,8 @@ def test_nothing_heavy_is_imported_before_it_is_needed(script: str, tmp_path: Pa
 # Optional parts
 
 OPTIONAL = (
-    "PIL", "imageio_ffmpeg", "matplotlib", "pygame", "pymunk", "stable_baselines3", "tensorboard",
-    "unified_planning",
+    "Box2D", "PIL", "imageio_ffmpeg", "matplotlib", "minigrid", "pygame", "pymunk",
+    "stable_baselines3", "tensorboard", "unified_planning",
 )  # fmt: skip
 WITHOUT = f"""
 import shlex, sys
@@ -230,6 +230,8 @@ def test_what_needs_an_extra_says_which_one(tmp_path: Path) -> None:
     needs = {
         "plots": "plan --domain cartpole --svg plan.svg",
         "soccer": "plan-and-learn --domain soccer --env-steps 30",
+        "minigrid": "plan --domain four-rooms --observe",
+        "box2d": "plan --domain lunar-lander",
         "tensorboard": "plan-and-learn --domain cartpole --set training.tensorboard=true",
         "check": "check cartpole --portable",
         "report": "compare --domain cartpole --algorithms mrp --env-steps 30",

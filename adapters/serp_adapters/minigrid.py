@@ -1,7 +1,11 @@
-"""Two tasks on grids of MiniGrid (extra `minigrid`): a locked door, and four rooms."""
+"""Two tasks on grids of MiniGrid (extra `minigrid`): a locked door, and four rooms.
+
+Importing this module without MiniGrid raises `serp.errors.MissingExtra`.
+"""
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import Any, Final
 
 import gymnasium as gym
@@ -9,7 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import serp
+from serp.errors import MissingExtra
 from serp_adapters.domains import domain_file
+
+if find_spec("minigrid") is None:
+    raise MissingExtra("a grid of MiniGrid (`door-key`, `four-rooms`)", "minigrid")
 
 WALL, DOOR, KEY, GOAL, AGENT = 2, 4, 5, 8, 10
 """MiniGrid's numbers of what a cell holds."""
@@ -25,10 +33,11 @@ Grid = NDArray[np.integer[Any]]
 
 def _make(name: str, **options: Any) -> gym.Env[Any, Any]:
     """Return an environment that shows the grid, `[x, y, (object, colour, state)]`."""
-    import minigrid  # noqa: F401, it registers its environments
+    import minigrid  # noqa: F401, it registers its environments; importing it takes a second
     from minigrid.wrappers import FullyObsWrapper, ImgObsWrapper
 
-    whole = FullyObsWrapper(gym.make(name, **options))  # type: ignore[no-untyped-call]
+    made = gym.make(name, highlight=False, **options)  # pictures show all alike, as it is seen
+    whole = FullyObsWrapper(made)  # type: ignore[no-untyped-call]
     return ImgObsWrapper(whole)  # type: ignore[no-untyped-call]
 
 
@@ -53,14 +62,16 @@ def _agent(grid: Grid) -> dict[str, float | bool]:
 
 
 def ground_door_key(grid: Grid) -> dict[str, float | bool]:
-    """Return where agent, wall, door and key are, from a grid `[8, 8, 3]`."""
+    """Return where agent, wall, door and key are, from a grid `[8, 8, 3]`.
+
+    A key that the agent has is at 0, 0.
+    """
     state = _agent(grid)
     doors, keys = _cells(grid, DOOR), _cells(grid, KEY)
     # An agent in the doorway hides the door; it is open then.
     wall, door = doors[0] if doors else (int(state["x"]), int(state["y"]))
     state |= {"wall": wall, "door": door, "has-key": not keys}
     state["open"] = not doors or int(grid[wall, door, 2]) == OPEN
-    # Nobody reads the place of a key that the agent has.
     state["key-x"], state["key-y"] = keys[0] if keys else (0, 0)
     return state
 

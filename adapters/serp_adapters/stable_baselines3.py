@@ -41,25 +41,24 @@ class StableBaselines3:
     Args:
         make: Makes the model.
         rollout: Env steps between two rounds of updates.
-        characteristics: See the attribute.
 
     Attributes:
+        model: The model.
         characteristics: Name → text: a description of the learner.
     """
 
-    def __init__(
-        self, make: Callable[[], BaseAlgorithm], rollout: int, characteristics: Mapping[str, str]
-    ) -> None:
+    characteristics: Mapping[str, str]
+
+    def __init__(self, make: Callable[[], BaseAlgorithm], rollout: Callable[[Any], int]) -> None:
         import torch
         from stable_baselines3.common.logger import Logger
 
-        self.characteristics = characteristics
-        self._rollout = rollout
         self._random: _Random = _random_states(torch)
         with self._own_random():
-            self._model = make()
+            self.model: Any = make()
         # The default logger makes a folder, even if it writes nothing.
-        self._model.set_logger(Logger(None, []))
+        self._rollout = rollout(self.model)
+        self.model.set_logger(Logger(None, []))
 
     def learn(self, env_steps: int) -> None:
         """Train for exactly this number of env steps.
@@ -71,7 +70,7 @@ class StableBaselines3:
         Args:
             env_steps: Number of env steps, at least 1.
         """
-        model, end = self._model, self._model.num_timesteps + env_steps
+        model, end = self.model, self.model.num_timesteps + env_steps
         # If the last rollout is complete, its updates must not be skipped.
         stop = None if env_steps % self._rollout == 0 else lambda *_: model.num_timesteps < end
         with self._own_random():
@@ -82,7 +81,7 @@ class StableBaselines3:
 
         It may be called while `learn` runs, from within the environment.
         """
-        actions, _ = self._model.predict(np.asarray(inputs, dtype=np.float32), deterministic=True)
+        actions, _ = self.model.predict(np.asarray(inputs, dtype=np.float32), deterministic=True)
         return np.asarray(actions, dtype=np.int64)
 
     @contextmanager
@@ -112,29 +111,28 @@ def dqn(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
     from stable_baselines3 import DQN
 
     settings = _DQN_CARTPOLE if task == "cartpole" else _DQN
-    source = _ZOO if task == "cartpole" else f"{_DEFAULTS}; memory and target network adapted"
-    explored = (
-        f"ε 1 → {settings['exploration_final_eps']:g} "
-        f"in the first {settings['exploration_fraction']:.0%} of the budget"
+    learner = StableBaselines3(
+        lambda: DQN("MlpPolicy", env, seed=seed, device="cpu", **settings),
+        lambda model: model.train_freq.frequency,
     )
-    characteristics = {
-        "settings": source,
-        "network": f"{_layers(settings)}, ReLU",
-        "learning rate": f"{settings['learning_rate']:g}, Adam",
-        "discount": f"{settings['gamma']:g}",
-        "exploration": explored,
-        "updates": f"{settings['gradient_steps']} every {settings['train_freq']} env steps, batch "
-        f"{settings['batch_size']}, from step {settings['learning_starts']:,} on",
-        "memory": f"{settings['buffer_size']:,} samples",
-        "target network": f"copied every {settings['target_update_interval']:,} env steps",
+    model = learner.model
+    learner.characteristics = {
+        "settings": _ZOO
+        if task == "cartpole"
+        else f"{_DEFAULTS}; memory and target network adapted",
+        "network": f"{_layers(model)}, ReLU",
+        "learning rate": f"{model.learning_rate:g}, Adam",
+        "discount": f"{model.gamma:g}",
+        "exploration": f"ε {model.exploration_initial_eps:g} → {model.exploration_final_eps:g} "
+        f"in the first {model.exploration_fraction:.0%} of the budget",
+        "updates": f"{model.gradient_steps} every {model.train_freq.frequency} env steps, batch "
+        f"{model.batch_size}, from step {model.learning_starts:,} on",
+        "memory": f"{model.buffer_size:,} samples",
+        "target network": f"copied every {model.target_update_interval:,} env steps",
         "loss": "Huber",
         "returns": "1-step",
     }
-    return StableBaselines3(
-        lambda: DQN("MlpPolicy", env, seed=seed, device="cpu", **settings),
-        settings["train_freq"],
-        characteristics,
-    )
+    return learner
 
 
 def ppo(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
@@ -151,27 +149,25 @@ def ppo(env: gym.Env[Any, Any], task: str, seed: int) -> StableBaselines3:
     from stable_baselines3 import PPO
 
     tuned = task == "cartpole"
-    settings = _PPO_CARTPOLE if tuned else _PPO
+    settings = _PPO_CARTPOLE if tuned else {}
     falling = " → 0 over the budget" if tuned else ""
-    passed = dict(settings)
-    if tuned:
-        for name in ("learning_rate", "clip_range"):
-            passed[name] = _falling(settings[name])
-    steps = settings["n_steps"]
-    characteristics = {
-        "settings": f"{_ZOO}; 1 environment × {steps} steps, not 8 × 32" if tuned else _DEFAULTS,
-        "network": f"{_layers(settings)}, tanh, policy and value apart",
-        "learning rate": f"{settings['learning_rate']:g}{falling}, Adam",
-        "discount": f"{settings['gamma']:g}",
-        "exploration": "actions drawn from the policy, entropy bonus 0",
-        "updates": f"{settings['n_epochs']} epochs every {steps:,} env steps, batch "
-        f"{settings['batch_size']}",
-        "clipping": f"{settings['clip_range']:g}{falling}",
-        "returns": f"GAE, λ {settings['gae_lambda']:g}",
-    }
-    return StableBaselines3(
-        lambda: PPO("MlpPolicy", env, seed=seed, device="cpu", **passed), steps, characteristics
+    learner = StableBaselines3(
+        lambda: PPO("MlpPolicy", env, seed=seed, device="cpu", **settings),
+        lambda model: model.n_steps,
     )
+    model = learner.model
+    rate, steps, clip = model.lr_schedule(1.0), model.n_steps, model.clip_range(1.0)
+    learner.characteristics = {
+        "settings": f"{_ZOO}; 1 environment × {steps} steps, not 8 × 32" if tuned else _DEFAULTS,
+        "network": f"{_layers(model)}, tanh, policy and value apart",
+        "learning rate": f"{rate:g}{falling}, Adam",
+        "discount": f"{model.gamma:g}",
+        "exploration": f"actions drawn from the policy, entropy bonus {model.ent_coef:g}",
+        "updates": f"{model.n_epochs} epochs every {steps:,} env steps, batch {model.batch_size}",
+        "clipping": f"{clip:g}{falling}",
+        "returns": f"GAE, λ {model.gae_lambda:g}",
+    }
+    return learner
 
 
 _DQN_CARTPOLE: Final[Mapping[str, Any]] = {
@@ -194,47 +190,22 @@ _PPO_CARTPOLE: Final[Mapping[str, Any]] = {
     "gamma": 0.98,
     "n_epochs": 20,
     "ent_coef": 0.0,
-    "learning_rate": 0.001,
-    "clip_range": 0.2,
-    "policy_kwargs": {"net_arch": [64, 64]},
+    # Linear schedules to 0 over the budget, `lin_` in the zoo.
+    "learning_rate": lambda left: 0.001 * left,
+    "clip_range": lambda left: 0.2 * left,
 }
 _DQN: Final[Mapping[str, Any]] = {
-    "learning_rate": 1e-4,
-    "batch_size": 32,
     # A million by default, which is more than any budget here and is allocated at once.
     "buffer_size": 50_000,
-    "learning_starts": 100,
-    "gamma": 0.99,
     # 10,000 by default: with budgets of some thousand steps it would never be copied. The zoo's
     # settings for Atari games have 1,000, too.
     "target_update_interval": 1_000,
-    "train_freq": 4,
-    "gradient_steps": 1,
-    "exploration_fraction": 0.1,
-    "exploration_final_eps": 0.05,
-    "policy_kwargs": {"net_arch": [64, 64]},
-}
-_PPO: Final[Mapping[str, Any]] = {
-    "n_steps": 2048,
-    "batch_size": 64,
-    "gae_lambda": 0.95,
-    "gamma": 0.99,
-    "n_epochs": 10,
-    "ent_coef": 0.0,
-    "learning_rate": 3e-4,
-    "clip_range": 0.2,
-    "policy_kwargs": {"net_arch": [64, 64]},
 }
 
 
-def _layers(settings: Mapping[str, Any]) -> str:
-    sizes: list[int] = settings["policy_kwargs"]["net_arch"]
+def _layers(model: Any) -> str:
+    sizes: list[int] = model.policy_kwargs.get("net_arch", [64, 64])
     return " × ".join(map(str, sizes))
-
-
-def _falling(start: float) -> Callable[[float], float]:
-    """Return `lin_<start>` of the zoo: a linear schedule from `start` to 0 over the budget."""
-    return lambda left: start * left
 
 
 _Random = tuple[Any, Any, Any]

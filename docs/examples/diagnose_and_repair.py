@@ -13,6 +13,5 @@ for sentence in diagnosis.unexplained:
     print("not explained:", sentence)
 
 repaired = serp.repair(diagnosis.recorded.domain, diagnosis.worthwhile, diagnosis.unexplained)
-for change in repaired.repairs:
-    print(f"line {change.line}, {change.schema}: {change.after} ({change.evidence})")
+print(f"{len(repaired.changes)} changes")
 Path("repaired.pddl").write_text(repaired.text, encoding="utf-8")

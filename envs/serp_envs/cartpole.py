@@ -75,10 +75,6 @@ class CartPole(CartPoleEnv):
 
     Rendering needs pygame: `pip install 'serp[watch]'`.
 
-    ## Version history
-
-    * v0: first release.
-
     Raises:
         ValueError: A limit is outside its range.
     """

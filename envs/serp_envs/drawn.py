@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Any, Final
+from typing import Any, Final, SupportsInt
 
 import gymnasium as gym
 import numpy as np
@@ -26,8 +26,8 @@ FORCE: Final = (200, 60, 50)
 class DrawnEnv(gym.Env[Observation, int]):
     """An environment with discrete actions that can be drawn.
 
-    A subclass defines the start of an episode (`_start`), the observation (`_observation`, `_info`)
-    and the picture (`_draw`), and calls `_show` at the end of `step`. pygame is
+    A subclass defines the start of an episode (`_start`), what an action does (`_act`), what it is
+    worth (`_judge`), the observation (`_observation`, `_info`) and the picture (`_draw`). pygame is
     imported when the first picture is drawn: `pip install 'serp[watch]'`.
 
     Args:
@@ -70,9 +70,33 @@ class DrawnEnv(gym.Env[Observation, int]):
         self._show()
         return self._observation(), self._info()
 
+    def step(self, action: SupportsInt) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Do an action for one control period.
+
+        Returns:
+            The observation; the reward; whether the episode ended (terminated); False, as the class
+            knows no time limit (truncated); the info.
+
+        Raises:
+            AssertionError: There is no such action.
+        """
+        assert self.action_space.contains(action), f"{action!r} is an invalid action"
+        self._act(int(action))
+        self._show()
+        info = self._info()
+        return self._observation(), *self._judge(info), False, info
+
     @abstractmethod
     def _start(self) -> None:
         """Draw a starting state from `np_random`."""
+
+    @abstractmethod
+    def _act(self, action: int) -> None:
+        """Move on by a control period."""
+
+    @abstractmethod
+    def _judge(self, info: dict[str, Any]) -> tuple[float, bool]:
+        """Return the reward of the last step, and whether it ended the episode."""
 
     @abstractmethod
     def _observation(self) -> Observation:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple, SupportsInt
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -136,10 +136,6 @@ class Hill(DrawnEnv):
     ## Arguments
 
     * `render_mode`: `None`, `"human"` (a window) or `"rgb_array"` (uint8 of shape `(400, 600, 3)`).
-
-    ## Version history
-
-    * v0: first release.
     """
 
     def __init__(self, render_mode: str | None = None) -> None:
@@ -154,22 +150,12 @@ class Hill(DrawnEnv):
         self.motion = Motion(float(self.np_random.uniform(*START)), 0.0)
         self._force = 0.0
 
-    def step(self, action: SupportsInt) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drive for 0.1 s.
-
-        Returns:
-            The observation, float32 of shape `(2,)`; the reward, −1; whether the car is at the top
-            (terminated); False, as the class knows no time limit (truncated); the info.
-
-        Raises:
-            AssertionError: The action is none of 0, 1, 2.
-        """
-        assert self.action_space.contains(action), f"{action!r} is an invalid action"
-        self._force = FORCES[int(action)]
+    def _act(self, action: int) -> None:
+        self._force = FORCES[action]
         self.motion = advance(self.motion, self._force)
-        self._show()
-        info = self._info()
-        return self._observation(), -1.0, info["at_top"], False, info
+
+    def _judge(self, info: dict[str, Any]) -> tuple[float, bool]:
+        return -1.0, info["at_top"]
 
     def _observation(self) -> Observation:
         return np.array(self.motion, dtype=np.float32)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple, SupportsInt
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -127,10 +127,6 @@ class Landing(DrawnEnv):
     ## Arguments
 
     * `render_mode`: `None`, `"human"` (a window) or `"rgb_array"` (uint8 of shape `(400, 600, 3)`).
-
-    ## Version history
-
-    * v0: first release.
     """
 
     def __init__(self, render_mode: str | None = None) -> None:
@@ -149,23 +145,13 @@ class Landing(DrawnEnv):
         self.motion = Motion(*self.np_random.uniform(low, high).tolist())
         self._thrust = THRUSTS[0]
 
-    def step(self, action: SupportsInt) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Burn for 0.1 s.
-
-        Returns:
-            The observation, float32 of shape `(4,)`; the reward; whether the lander is down or lost
-            (terminated); False, as the class knows no time limit (truncated); the info.
-
-        Raises:
-            AssertionError: The action is none of 0, 1, 2, 3.
-        """
-        assert self.action_space.contains(action), f"{action!r} is an invalid action"
-        self._thrust = THRUSTS[int(action)]
+    def _act(self, action: int) -> None:
+        self._thrust = THRUSTS[action]
         self.motion = advance(self.motion, self._thrust)
-        self._show()
-        info = self._info()
+
+    def _judge(self, info: dict[str, Any]) -> tuple[float, bool]:
         reward = 1.0 if info["landed"] else -1.0 if info["crashed"] or info["lost"] else 0.0
-        return self._observation(), reward, reward != 0.0, False, info
+        return reward, reward != 0.0
 
     def _observation(self) -> Observation:
         return np.array(self.motion, dtype=np.float32)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final, NamedTuple, SupportsInt
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -113,10 +113,6 @@ class SwingUp(DrawnEnv):
     ## Arguments
 
     * `render_mode`: `None`, `"human"` (a window) or `"rgb_array"` (uint8 of shape `(400, 600, 3)`).
-
-    ## Version history
-
-    * v0: first release.
     """
 
     def __init__(self, render_mode: str | None = None) -> None:
@@ -132,21 +128,12 @@ class SwingUp(DrawnEnv):
         self.motion = Motion(math.pi + angle, speed)
         self._torque = 0.0
 
-    def step(self, action: SupportsInt) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Turn for 0.05 s.
-
-        Returns:
-            The observation, float32 of shape `(3,)`; the reward, 0 to 1; False, as no episode ends
-            by itself (terminated); False, as the class knows no time limit (truncated); the info.
-
-        Raises:
-            AssertionError: The action is none of 0, 1, 2.
-        """
-        assert self.action_space.contains(action), f"{action!r} is an invalid action"
-        self._torque = TORQUES[int(action)]
+    def _act(self, action: int) -> None:
+        self._torque = TORQUES[action]
         self.motion = advance(self.motion, self._torque)
-        self._show()
-        return self._observation(), self._height(), False, False, self._info()
+
+    def _judge(self, info: dict[str, Any]) -> tuple[float, bool]:
+        return self._height(), False
 
     def _height(self) -> float:
         return 0.5 * (1.0 + math.cos(self.motion.angle))

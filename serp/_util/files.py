@@ -112,7 +112,7 @@ def write_durably(path: Path, content: bytes | str) -> None:
 
 
 def write_together(contents: Mapping[Path, bytes | str]) -> None:
-    """Replace several files (text as UTF-8), none of them before all new ones are written."""
+    """Replace several files (text as UTF-8), none before all new ones are flushed to the disk."""
     for path in contents:
         if path.is_dir():
             raise RunError(f"cannot write {path}: it is a folder. Give the name of a file.")
@@ -121,7 +121,15 @@ def write_together(contents: Mapping[Path, bytes | str]) -> None:
             aside = stack.enter_context(replaced_durably(path))
             if isinstance(content, str):
                 content = content.encode("utf-8", "backslashreplace")
-            aside.write_bytes(content)
+            write_flushed(aside, content)
+
+
+def write_flushed(path: Path, data: bytes) -> None:
+    """Write a file and flush it to the disk, so that what follows can rely on it."""
+    with open(path, "wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 @contextlib.contextmanager

@@ -142,9 +142,9 @@ class ModelAdaptation:
         )  # fmt: skip
         self.monitor.skipped += not compared
         skill.steps += followed
-        # A file need not say what the world looks like after an episode has ended.
-        if self._learners is not None and flows and transition[3] != OVER:
-            self._learners.learn(state, action, next_state, self._flow, self._settled)
+        if self._learners is not None and flows:
+            over = transition[3] == OVER
+            self._learners.learn(state, action, next_state, self._flow, self._settled, over)
             adapted.buffer.active = self._learners.active or adapted.buffer.revised
         adapted.revision = self._revision if adapted.buffer.active else 0
 
@@ -167,13 +167,14 @@ class ModelAdaptation:
             return
         self._learners.reset()
         states, next_states = self.experience.states, self.experience.next_states
-        actions = self.experience.actions
+        actions, over = self.experience.actions, self.experience.over
         for k in _newest_of_each(actions, _RELEARNED):
             flags = predict_all(adapted.data, actions[k], states[k], adapted.dt, self._rows)
             if flags[1] & APPLICABLE:
                 self._learners.learn(
-                    states[k], int(actions[k]), next_states[k], self._flow, self._settled
-                )
+                    states[k], int(actions[k]), next_states[k], self._flow, self._settled,
+                    bool(over[k]),
+                )  # fmt: skip
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""

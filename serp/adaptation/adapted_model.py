@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from serp.adaptation import adapted_step as kernels
 from serp.adaptation.feature_groups import FeatureGroup, feature_groups_of
 from serp.adaptation.outcome_branches import adapted_outcomes
-from serp.adaptation.outcome_kernels import KINDS
 from serp.adaptation.parameter_buffer import ParameterBuffer
 from serp.model.emit import Site
 from serp.model.flags import UNSAFE, risk_of
-from serp.model.ground import UNSAFE_TARGET
+from serp.model.ground import UNSAFE_TARGET, GroundSchema
 from serp.model.native import address_of
 from serp.model.transition_model import TransitionModel, Vector
 
@@ -46,6 +46,7 @@ class AdaptedModel(TransitionModel):
         events = (effect for event in self.ground.events for effect in event.effects)
         self.buffer = ParameterBuffer(
             self.feature_groups,
+            _others(self.actions),
             len(self.fluents),
             self.theta,
             any(effect.target == UNSAFE_TARGET for effect in events),
@@ -84,10 +85,10 @@ class AdaptedModel(TransitionModel):
 
     def precompile(self, state: Vector) -> None:
         """Compile the functions for predicting and tracing a step, by one call in a state `[F]`."""
-        row, out, scratch = np.array(state), np.array([*state, 0.0]), np.empty(KINDS)
+        row, out = np.array(state), np.array([*state, 0.0])
         kernels.step_row(self.data, 0, row, self.dt, out)
-        kernels.weigh_row(self.data, 0, row, 0, scratch)
-        kernels.adapt_row(self.data, 0, row, out, 0, 0, scratch)
+        kernels.weigh_row(self.data, 0, row, self.dt, 0)
+        kernels.adapt_row(self.data, 0, row, self.dt, out, 0, 0)
 
     def trace(self, state: ArrayLike, action: int) -> tuple[list[Site], int]:
         """Return which precondition failed, or which effects, rates and events took part.
@@ -104,8 +105,7 @@ class AdaptedModel(TransitionModel):
             return found
         most = 0.0
         for group in range(len(self.feature_groups[action])):
-            p = np.zeros(KINDS)
-            kernels.weigh_row(self.data, action, np.array(values), group, p)
+            p = kernels.weigh_row(self.data, action, np.array(values), self.dt, group)
             for kind in np.flatnonzero(p > most).tolist():
                 other = self._trace_outcome(values, action, group, kind)
                 if other[1] & UNSAFE and p[kind] > most:
@@ -119,8 +119,26 @@ class AdaptedModel(TransitionModel):
 
         def adapt(state: list[float], action: int, out: list[float]) -> None:
             changed = np.array(out)
-            before, scratch = np.array(state), np.empty(KINDS)
-            kernels.adapt_row(self.data, action, before, changed, group, kind, scratch)
+            before = np.array(state)
+            kernels.adapt_row(self.data, action, before, self.dt, changed, group, kind)
             out[:] = changed.tolist()
 
         return self._trace(state, action, self.buffer.parameters.tolist(), adapt)
+
+
+def _others(actions: Sequence[GroundSchema]) -> NDArray[np.int64]:
+    """Return `[A, S]` the ground action of each schema with the same arguments.
+
+    It is -1 where there is none, and for the action itself.
+    """
+    schemas = {name: k for k, name in enumerate(dict.fromkeys(a.schema for a in actions))}
+    alike: dict[tuple[str, ...], list[int]] = {}
+    for k, action in enumerate(actions):
+        alike.setdefault(action.arguments, []).append(k)
+    others = np.full((len(actions), len(schemas)), -1, dtype=np.int64)
+    for group in alike.values():
+        for k in group:
+            for other in group:
+                if other != k:
+                    others[k, schemas[actions[other].schema]] = other
+    return others

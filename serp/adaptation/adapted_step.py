@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from serp._util.compilation import cached_cfunc, cached_njit
-from serp.adaptation import outcome_kernels as o
 from serp.adaptation import parameter_buffer as b
-from serp.adaptation.outcome_kernels import apply_outcome, likeliest, restore_counted
+from serp.adaptation.outcomes import table_kernels as o
+from serp.adaptation.outcomes.prediction_kernels import likeliest, put, room_for, table_of
 from serp.adaptation.residual.prediction import add_residual, mode_of
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, with_risk
 from serp.model.native import (
@@ -41,19 +41,13 @@ def finite(values, width):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def outcomes_of(buffer, group):
-    """Return the offset of a group's outcome counts from the buffer; 0 where it has none."""
-    return int(buffer[int(buffer[group + b.G_SHARED]) + b.S_OUTCOMES])
-
-
-@cached_njit(nogil=True, forceinline=True)
 def _differs(buffer, action, state):
     """Return whether a step may differ from the file's."""
     table = int(buffer[b.TABLE]) + 2 * action
     groups, first = int(buffer[table]), int(buffer[table + 1])
     if buffer[b.STOCHASTIC] != 0.0:
         for v in range(groups):
-            if outcomes_of(buffer, first + v * b.GROUP) != 0:
+            if table_of(buffer, first + v * b.GROUP) != 0:
                 return True
     for v in range(groups):
         group = first + v * b.GROUP
@@ -66,12 +60,12 @@ def _differs(buffer, action, state):
     return False
 
 
-@cached_njit(nogil=True, forceinline=True)
-def apply_likeliest(buffer, action, state, out, away, kind, probabilities):
+@cached_njit(nogil=True)
+def apply_likeliest(buffer, action, state, dt, out, away, kind, room):
     """Apply the likeliest counted outcome of each group to `out`; `kind` for the group `away`.
 
     `out` `[F]` is the state after effects, processes and residual; `away` is the position of a
-    group, -1 for none. `probabilities` `[KINDS]` receives those of the last group with counts.
+    group, -1 for none. `room` is that of `prediction_kernels.likeliest`, followed by F + 1 numbers.
 
     Returns:
         The number of groups with counts, and the outcome of the last of these.
@@ -79,17 +73,20 @@ def apply_likeliest(buffer, action, state, out, away, kind, probabilities):
     table = int(buffer[b.TABLE]) + 2 * action
     group = int(buffer[table + 1])
     counted, which = 0, 0
+    width = int(buffer[b.WIDTH])
+    flowed = advanced(room, room_for(width))
+    for i in range(width):
+        flowed[i] = out[i]
     for v in range(int(buffer[table])):
-        where = outcomes_of(buffer, group)
+        where = table_of(buffer, group)
         if where != 0:
             counted += 1
-            counts = advanced(buffer, where)
             inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
-            which = kind
-            if v != away:
-                which = likeliest(counts, inputs, state, probabilities)
+            which = likeliest(buffer, action, group, state, flowed, dt, room)
+            if v == away:
+                which = kind
             if which > 0:
-                apply_outcome(counts, which, inputs, state, out)
+                put(buffer, advanced(buffer, where), which, inputs, room, out)
         group += b.GROUP
     return counted, which
 
@@ -105,12 +102,14 @@ def _settle_within(buffer, action, state, flow_flags, dt, out, room):
     """
     width = int(buffer[b.WIDTH])
     parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
-    # The result of effects, processes and residual; the same with the likeliest outcomes.
-    flowed, usual = room, advanced(room, width + 1)
-    other, probabilities = advanced(room, 2 * (width + 1)), advanced(room, 3 * (width + 1))
-    for i in range(width + 1):
-        flowed[i] = out[i]
-    counted, likeliest_of_all = apply_likeliest(buffer, action, state, out, -1, 0, probabilities)
+    # The result with the likeliest outcomes, before and after one of them is replaced.
+    usual, other = room, advanced(room, width + 1)
+    # The probabilities, what the outcomes predict, and the result of effects and processes.
+    probabilities = advanced(room, 2 * (width + 1))
+    flowed = advanced(probabilities, room_for(width))
+    counted, likeliest_of_all = apply_likeliest(
+        buffer, action, state, dt, out, -1, 0, probabilities
+    )
     for i in range(width + 1):
         usual[i] = out[i]
     flags = call_step(int(buffer[b.SETTLE]), state, flow_flags, parameters, dt, out)
@@ -122,13 +121,13 @@ def _settle_within(buffer, action, state, flow_flags, dt, out, room):
     reward = out[width]
     expected, alike = reward, 1.0
     for _ in range(int(buffer[table])):
-        where = outcomes_of(buffer, group)
+        where = table_of(buffer, group)
         if where != 0:
             counts = advanced(buffer, where)
             inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
-            most = likeliest_of_all  # and the probabilities are its own, if no other has counts
+            most = likeliest_of_all  # and what is in `room` is its own, if no other has counts
             if counted > 1:
-                most = likeliest(counts, inputs, state, probabilities)
+                most = likeliest(buffer, action, group, state, flowed, dt, probabilities)
             different = 0.0
             for kind in range(int(counts[o.T_KINDS])):
                 p = probabilities[kind]
@@ -136,9 +135,7 @@ def _settle_within(buffer, action, state, flow_flags, dt, out, room):
                     continue
                 for i in range(width + 1):
                     other[i] = usual[i]
-                restore_counted(counts, inputs, flowed, other)
-                if kind > 0:
-                    apply_outcome(counts, kind, inputs, state, other)
+                put(buffer, counts, kind, inputs, probabilities, other)
                 changed = call_step(int(buffer[b.SETTLE]), state, flow_flags, parameters, dt, other)
                 undefined = changed & UNDEFINED != 0
                 flagged = changed & UNSAFE != 0
@@ -162,7 +159,8 @@ def _settle_on_heap(buffer, action, state, flow_flags, dt, out, room):
 @cached_njit(nogil=True)
 def _settle_outcomes(buffer, action, state, flow_flags, dt, out):
     """Call `_settle_within` with scratch memory: on the stack, unless the state is too long."""
-    size = 3 * (int(buffer[b.WIDTH]) + 1) + o.KINDS
+    width = int(buffer[b.WIDTH])
+    size = 3 * (width + 1) + room_for(width)
     if size <= STACK:
         return _settle_within(buffer, action, state, flow_flags, dt, out, stack_room())
     return _settle_on_heap(buffer, action, state, flow_flags, dt, out, np.empty(size))
@@ -221,26 +219,44 @@ def adapted_step() -> Any:
 
 
 @cached_njit(nogil=True)
-def adapt_row(buffer, action, state, out, away, kind, probabilities):
-    """Apply the residual and then outcomes by `apply_likeliest`, on arrays."""
+def _adapt_row(buffer, action, state, dt, out, away, kind, room):
     base, source, target = pointer_to(buffer, 0), pointer_to(state, 0), pointer_to(out, 0)
     before = out.copy()
     add_residual(base, action, source, target)
     if not finite(target, state.shape[0]):
         out[:] = before
     if base[b.STOCHASTIC] != 0.0:
-        apply_likeliest(base, action, source, target, away, kind, pointer_to(probabilities, 0))
+        apply_likeliest(base, action, source, dt, target, away, kind, pointer_to(room, 0))
 
 
 @cached_njit(nogil=True)
-def weigh_row(buffer, action, state, position, probabilities):
-    """Write the probability of each outcome `[KINDS]` of the group at a position, on arrays."""
-    base = pointer_to(buffer, 0)
+def adapt_row(buffer, action, state, dt, out, away, kind):
+    """Apply the residual and then outcomes by `apply_likeliest`, on arrays."""
+    width = state.shape[0]
+    room = np.empty(room_for(width) + width + 1)
+    _adapt_row(buffer, action, state, dt, out, away, kind, room)
+
+
+@cached_njit(nogil=True)
+def _weigh_row(buffer, action, state, dt, position, room, flowed):
+    base, source = pointer_to(buffer, 0), pointer_to(state, 0)
     group = int(base[int(base[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
-    where = outcomes_of(base, group)
-    if base[b.STOCHASTIC] != 0.0 and where != 0:
-        counts, inputs = advanced(base, where), advanced(base, int(base[group + b.G_INPUTS]))
-        likeliest(counts, inputs, pointer_to(state, 0), pointer_to(probabilities, 0))
+    if base[b.STOCHASTIC] != 0.0 and table_of(base, group) != 0:
+        flow = pointer_to(flowed, 0)
+        parameters = advanced(base, int(base[b.PARAMETERS]))
+        call_step(int(base[b.FLOW]), source, action, parameters, dt, flow)
+        add_residual(base, action, source, flow)
+        likeliest(base, action, group, source, flow, dt, pointer_to(room, 0))
+
+
+@cached_njit(nogil=True)
+def weigh_row(buffer, action, state, dt, position):
+    """Return the probability of each outcome `[KINDS]` of the group at a position, on arrays."""
+    width = state.shape[0]
+    room, flowed = np.zeros(room_for(width)), np.zeros(width + 1)
+    flowed[:width] = state
+    _weigh_row(buffer, action, state, dt, position, room, flowed)
+    return room[: o.KINDS]
 
 
 @cached_njit(nogil=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from serp._util.saved_state import Arrays, Saved, nested
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.feature_groups import FeatureGroup, Key
-from serp.adaptation.outcome_counts import OutcomeCounts
+from serp.adaptation.outcomes.outcome_counts import OutcomeCounts
 from serp.adaptation.parameter_buffer import MODES
 from serp.adaptation.residual.online_residual import OnlineResidual
 from serp.adaptation.residual.outliers import update_whole
@@ -31,6 +31,7 @@ class GroupLearners:
     """
 
     def __init__(self, model: AdaptedModel, seed: np.random.SeedSequence, nonlinear: bool) -> None:
+        self._model = model
         self._buffer = model.buffer
         self._seed = seed
         self._nonlinear = nonlinear
@@ -52,7 +53,8 @@ class GroupLearners:
         self._whole = np.ones(len(self._numeric), dtype=np.bool_)
         self._wholes = len(self._whole)
         self._residuals: dict[Key, OnlineResidual] = {}
-        self._counts = {key: OutcomeCounts(group) for key, group in self._groups.items()}
+        schemas = len({action.schema for action in self._model.actions})
+        self._counts = {key: OutcomeCounts(group, schemas) for key, group in self._groups.items()}
         alike: dict[Key, list[OnlineResidual]] = {}
         for (key, group), own in zip(
             self._groups.items(), seed.spawn(len(self._groups)), strict=True
@@ -84,22 +86,33 @@ class GroupLearners:
         return self._buffer.stochastic or any(self._used.values())
 
     def learn(
-        self, state: Vector, action: int, next_state: Vector, flow: Vector, settled: Vector
+        self,
+        state: Vector,
+        action: int,
+        next_state: Vector,
+        flow: Vector,
+        settled: Vector,
+        over: bool,
     ) -> None:
         """Learn from an env step, unless it holds NaN or huge numbers.
 
         All states are `[F]`; `flow` is predicted by effects and processes, with the parameters in
-        use, and `settled` is the same after events.
+        use, and `settled` is the same after events. Where the episode is `over`, `next_state` need
+        not be what the file says: only the outcomes that ended it are learned.
         """
+        if over:
+            self._learn_end(state, action, next_state)
+            return
         if not update_whole(state, next_state, self._numeric, self._whole):
             return
         self._share_wholeness()
         # Where an event changes a fluent, the result of effects and processes is not observed.
         observed = flow == settled
         counted = self._buffer.stochastic
-        for key, inputs, targets in self._columns[action]:
+        for position, (key, inputs, targets) in enumerate(self._columns[action]):
             counts = self._counts[key]
-            if not counts.learn(inputs, state, settled, next_state, self._whole):
+            place = (self._model.data, action, position, self._model.dt)
+            if not counts.learn(place, inputs, state, settled, next_state, self._whole):
                 self._whole[targets] = False
                 self._share_wholeness()
             shared = self._buffer.shared[key]
@@ -116,6 +129,11 @@ class GroupLearners:
                 )
         if counted:
             self._update_stochastic()
+
+    def _learn_end(self, state: Vector, action: int, next_state: Vector) -> None:
+        for position, (key, _, _) in enumerate(self._columns[action]):
+            place = (self._model.data, action, position, self._model.dt)
+            self._counts[key].learn_end(place, state, next_state)
 
     def _share_wholeness(self) -> None:
         """Treat a function as whole-numbered only if it is so for all objects."""

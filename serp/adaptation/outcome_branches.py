@@ -5,21 +5,21 @@ from __future__ import annotations
 import functools
 from typing import Any
 
+import numpy as np
+
 from serp._util.compilation import cached_cfunc, cached_njit
-from serp.adaptation import outcome_kernels as o
 from serp.adaptation import parameter_buffer as b
-from serp.adaptation.adapted_step import adapted_row, finite, outcomes_of
-from serp.adaptation.outcome_kernels import apply_outcome, likeliest
+from serp.adaptation.adapted_step import adapted_row, finite
+from serp.adaptation.outcomes import table_kernels as o
+from serp.adaptation.outcomes.prediction_kernels import RARE, likeliest, put, room_for, table_of
 from serp.adaptation.residual.prediction import add_residual
 from serp.model.flags import APPLICABLE, TERMINAL
-from serp.model.native import STEP_SIGNATURE, advanced, call_step, stack_room
+from serp.model.native import STEP_SIGNATURE, advanced, call_step, pointer_to
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
 MOST = 16
 """Most outcomes of a step; `serp.planning.far_sight.closed_kernels.OUTCOMES` rows hold them."""
-_RARE = 1e-3
-"""Less likely outcomes are left out."""
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -33,32 +33,35 @@ def _one_outcome(state, action, buffer, dt, out, width):
     return 1
 
 
-@cached_njit(nogil=True, forceinline=True)
-def _branch(buffer, group, state, out, count, row, width, probabilities):
+@cached_njit(nogil=True)
+def _branch(buffer, action, group, state, flowed, dt, out, count, room):
     """Split every outcome found so far by the counted outcomes of a group; return their number."""
-    counts = advanced(buffer, outcomes_of(buffer, group))
+    counts = advanced(buffer, table_of(buffer, group))
     inputs = advanced(buffer, int(buffer[group + b.G_INPUTS]))
-    likeliest(counts, inputs, state, probabilities)
-    before = count
+    likeliest(buffer, action, group, state, flowed, dt, room)
+    width, before = int(buffer[b.WIDTH]), count
+    row = width + 3
     for source in range(before):
         old = advanced(out, source * row)
         left = old[width + 2]
         for kind in range(1, int(counts[o.T_KINDS])):
-            chance = old[width + 2] * probabilities[kind]
-            if chance < _RARE or count == MOST:
+            chance = left * room[kind]
+            if chance < RARE or count == MOST:
                 continue
             new = advanced(out, count * row)
             for i in range(row):
                 new[i] = old[i]
-            apply_outcome(counts, kind, inputs, state, new)
+            put(buffer, counts, kind, inputs, room, new)
             new[width + 2] = chance
             count += 1
-        old[width + 2] = left * probabilities[0]
+        old[width + 2] = left * room[0]
     return count
 
 
-@cached_njit(nogil=True, forceinline=True)
-def _outcomes(state, action, buffer, dt, out):
+@cached_njit(nogil=True)
+def _outcomes_within(state, action, buffer, dt, out, scratch):
+    # Pointers into an array keep it alive only where the array is an argument.
+    room = pointer_to(scratch, 0)
     width = int(buffer[b.WIDTH])
     row = width + 3
     table = int(buffer[b.TABLE]) + 2 * action
@@ -66,7 +69,7 @@ def _outcomes(state, action, buffer, dt, out):
     counted = False
     if buffer[b.ACTIVE] != 0.0 and buffer[b.STOCHASTIC] != 0.0:
         for v in range(groups):
-            counted = counted or outcomes_of(buffer, first + v * b.GROUP) != 0
+            counted = counted or table_of(buffer, first + v * b.GROUP) != 0
     if not counted:
         return _one_outcome(state, action, buffer, dt, out, width)
     parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
@@ -81,15 +84,17 @@ def _outcomes(state, action, buffer, dt, out):
         return _one_outcome(state, action, buffer, dt, out, width)
     out[width + 2] = 1.0
     count = 1
-    probabilities = stack_room()
+    flowed = advanced(room, room_for(width))
+    for i in range(width):
+        flowed[i] = out[i]
     for v in range(groups):
         group = first + v * b.GROUP
-        if outcomes_of(buffer, group) != 0:
-            count = _branch(buffer, group, state, out, count, row, width, probabilities)
+        if table_of(buffer, group) != 0:
+            count = _branch(buffer, action, group, state, flowed, dt, out, count, room)
     kept, total = 0, 0.0
     for k in range(count):
         source, target = advanced(out, k * row), advanced(out, kept * row)
-        if source[width + 2] < _RARE:
+        if source[width + 2] < RARE:
             continue
         for i in range(row):
             target[i] = source[i]
@@ -104,6 +109,13 @@ def _outcomes(state, action, buffer, dt, out):
     for k in range(kept):
         out[k * row + width + 2] /= total
     return kept
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _outcomes(state, action, buffer, dt, out):
+    width = int(buffer[b.WIDTH])
+    scratch = np.empty(room_for(width) + width)
+    return _outcomes_within(state, action, buffer, dt, out, scratch)
 
 
 def _step(state, action, buffer, dt, out):

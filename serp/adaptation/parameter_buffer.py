@@ -25,8 +25,8 @@ FOURIER: Final = 100
 # Header of the buffer.
 (
     STEP, FLOW, SETTLE, WIDTH, ACTIVE, STOCHASTIC, FLAGGING, REVISED, WRITTEN, PARAMETERS,
-    TABLE, HEADER,
-) = range(12)  # fmt: skip
+    TABLE, OTHERS, SCHEMAS, HEADER,
+) = range(14)  # fmt: skip
 # A feature group of an action.
 G_INPUTS, G_TARGETS, G_DEPTH, G_COUNT, G_SHARED, GROUP = range(6)
 # The part shared by groups of one key.
@@ -109,7 +109,7 @@ class GroupParameters:
 
     @property
     def outcomes(self) -> Vector | None:
-        """The table of outcome counts in use, see `serp.adaptation.outcome_kernels`, or None."""
+        """The outcome counts in use, see `serp.adaptation.outcomes.table_kernels`, or None."""
         return self._outcomes
 
     @outcomes.setter
@@ -152,9 +152,10 @@ class GroupParameters:
 class ParameterBuffer:
     """The array and its parts.
 
-    `groups` are the feature groups of every ground action, in the order of the model; `flagging`
-    says whether events can make `unsafe` true; `addresses` are those of the compiled `step`, `flow`
-    and `settle`.
+    `groups` are the feature groups of every ground action, in the order of the model; `others`
+    `[A, S]` are the ground actions of each schema with the same arguments, -1 for none and for its
+    own schema; `flagging` says whether events can make `unsafe` true; `addresses` are those of the
+    compiled `step`, `flow` and `settle`.
 
     Attributes:
         array: The whole array.
@@ -172,6 +173,7 @@ class ParameterBuffer:
     def __init__(
         self,
         groups: Sequence[Sequence[FeatureGroup]],
+        others: NDArray[np.int64],
         width: int,
         theta: Vector,
         flagging: bool,
@@ -182,6 +184,8 @@ class ParameterBuffer:
         numbers[WIDTH], numbers[FLAGGING] = width, flagging
         numbers[WRITTEN], numbers[PARAMETERS] = HEADER, HEADER + len(theta)
         numbers += [*theta, *theta]
+        numbers[OTHERS], numbers[SCHEMAS] = len(numbers), others.shape[1]
+        numbers += others.ravel().tolist()
         table = len(numbers)
         numbers[TABLE] = table
         numbers += [0.0] * (2 * len(groups))
@@ -202,7 +206,9 @@ class ParameterBuffer:
             for group in of_action:
                 numbers += [*group.inputs, *group.targets]
         self.array = self._header = np.array(numbers)
-        self._written, self._parameters = self.array[HEADER:table].reshape(2, -1)
+        self._written, self._parameters = self.array[HEADER : HEADER + 2 * len(theta)].reshape(
+            2, -1
+        )
         self.parameters = self._parameters.view()
         self.parameters.flags.writeable = False
         self.shared = {

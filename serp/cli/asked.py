@@ -29,11 +29,7 @@ def asked_own_task() -> Task | None:
 def asked_task(domain: str | None, max_ground_schemas: int | None = None) -> Task | None:
     """Return the task that `--task` and `--domain` mean together; None where neither is given.
 
-    Beside `--task`, `--domain` is another domain file for it.
-
-    Args:
-        domain: Name of an installed task, or a domain file.
-        max_ground_schemas: How large the domain may be; None for the usual limit.
+    `--domain` is an installed task or a domain file; beside `--task`, another domain file for it.
     """
     from serp.tasks.registry import find_domain_file, find_task
 
@@ -59,12 +55,8 @@ def asked_domain(
 ) -> tuple[Domain, Task | None]:
     """Return a domain and the task that it belongs to, with that domain; None for no task.
 
-    Args:
-        name: Name of an installed task; it counts where there is neither a file nor `own`.
-        file: The domain file; None for the one of the task.
-        problem: The problem file; None for the one that belongs to the domain.
-        max_ground_schemas: How large the domain may be; None for the usual limit.
-        own: The task of `--task`.
+    `name` is that of an installed task; it counts where there is neither a domain file nor the task
+    of `--task`. The problem is by default the one that belongs to the domain.
     """
     from serp.model.loading import load_domain
     from serp.tasks.registry import load_task, task_of

@@ -52,11 +52,7 @@ def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 class OutputFile(click.Path):
-    """A file to be written, as a `Path`.
-
-    Args:
-        endings: What its name may end in, such as `.svg`.
-    """
+    """A file to be written, as a `Path`; its name must have one of some endings, such as `.svg`."""
 
     def __init__(self, *endings: str) -> None:
         super().__init__(path_type=Path)

@@ -43,12 +43,8 @@ def print_table(
 ) -> None:
     """Print a table without lines.
 
-    Args:
-        console: Where to.
-        head: Titles of the columns; all empty for a table without a head.
-        rows: Cells, as many a row as there are titles.
-        styles: rich's style of each row; by default none.
-        right: Columns that are aligned to the right.
+    The head is omitted if all titles are empty. `styles` are rich's styles of the rows, `right` the
+    columns that are aligned to the right.
     """
     from rich import box
     from rich.table import Table

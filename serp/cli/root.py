@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from serp import __version__
+from serp._util.text import did_you_mean
 from serp.cli.failures import exit_with
 from serp.cli.output import examples
 
@@ -42,6 +43,15 @@ class LazyGroup(click.Group):
         command: click.Command = module.command
         return command
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command that the arguments begin with, or say which one may be meant."""
+        if args[0] not in COMMANDS and not args[0].startswith("-"):
+            known = did_you_mean(args[0], COMMANDS)
+            raise click.UsageError(f"there is no command `{args[0]}`; {known}", ctx)
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table of commands."""
         with formatter.section("Commands"):
@@ -55,7 +65,6 @@ class LazyGroup(click.Group):
 
 @click.group(
     cls=LazyGroup,
-    commands={name: click.Command(name) for name in COMMANDS},  # instead of the modules
     epilog=examples(
         "serp plan-and-learn --domain cartpole",
         "serp plan --domain cartpole --svg decision.svg",

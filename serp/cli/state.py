@@ -34,21 +34,10 @@ def asked_state(
     observe: bool,
     seed: int,
 ) -> tuple[Domain, Vector, str]:
-    """Return the state to plan from and its domain.
+    """Return the domain, grounded for the state to plan from; this state `[F]`; its origin.
 
-    Args:
-        domain: The domain.
-        task: The task that it belongs to, if any.
-        make_planner: Makes the planner of a domain.
-        assignments: What `--state` says.
-        observe: Whether the state comes from the environment.
-        seed: Seed of the environment's reset.
-
-    Returns:
-        The domain, grounded for the state; the state `[F]`; where the state comes from.
-
-    Raises:
-        SerpError: A fluent has no value or a wrong one, or there is no environment to observe.
+    The state is what `assignments` say, the rest of it from the problem or, with `observe` or where
+    nothing else is known, from the environment of the task after a reset with `seed`.
     """
     given = parse_state(assignments, domain)
     complete = all(fluent.name in given for fluent in domain.model.fluents)
@@ -132,13 +121,7 @@ def observed_state(task: Task, planner: MonitorReplanner | None, seed: int) -> t
 def parse_state(assignments: Iterable[str], domain: Domain) -> dict[str, float]:
     """Return fluent → value of `fluent=value` texts, several in one text separated by commas.
 
-    Args:
-        assignments: What was typed; a predicate takes `true` or `false` as well as 1 or 0.
-        domain: The domain.
-
-    Raises:
-        UsageError: A text has another form.
-        SerpError: A fluent is unknown or given twice, or a value is none that it can have.
+    A predicate takes `true` or `false` as well as 1 or 0.
     """
     state: dict[str, float] = {}
     for text in (part for whole in assignments for part in whole.split(",") if part.strip()):

@@ -48,7 +48,7 @@ DQN: Final = "dqn"
 """The algorithm that is only the learner: the baseline."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Algorithm:
     """One algorithm.
 
@@ -69,12 +69,14 @@ class Algorithm:
     changes: Changes = field(default_factory=dict)
     make_external: MakeExternalAlgorithm | None = None
 
-    def settings(self, task: Task, changes: Changes) -> Settings:
-        """Return its settings on a task; its own changes override those of the user.
+    def changed(self, name: str, changes: Changes) -> Algorithm:
+        """Return the algorithm with some settings changed, under a new name."""
+        if self.kind == "external":
+            raise SettingsError(f"`{self.name}` has no settings that serp could change")
+        return replace(self, name=name, changes=merged(self.changes, changes))
 
-        Raises:
-            SettingsError: A setting does not exist, or a value is out of range.
-        """
+    def settings(self, task: Task, changes: Changes) -> Settings:
+        """Return its settings on a task; its own changes override those of the user."""
         return resolve(self.preset, task.settings, merged(changes, self.changes))
 
     @property
@@ -83,38 +85,31 @@ class Algorithm:
         return self.kind in ("guided", "planner")
 
 
-def _guided(name: str, description: str, changes: Changes | None = None) -> Algorithm:
-    guide = {"guide": {"strategy": name}}
-    return Algorithm(
-        name=name, description=description, kind="guided", changes={**guide, **(changes or {})}
-    )
+def _guided(name: str, description: str, learner: Mapping[str, Any] | None = None) -> Algorithm:
+    """Return an algorithm with the strategy of its name."""
+    changes = {"guide": {"strategy": name}, "learner": learner or {}}
+    return Algorithm(name, description, "guided", changes=changes)
 
 
-_NO_GUIDE: Final[Changes] = {"guide": {"strategy": "mixture"}}
-"""The strategy whose planner does not influence the learner."""
-
-_BASELINE: Final[Changes] = {
-    **_NO_GUIDE,
+_NO_GUIDE: Final[Changes] = {
+    "guide": {"strategy": "mixture"},  # whose planner does not influence the learner
     "planner": {"leaf_value": "never"},
-    "adaptation": {"mode": "off"},
 }
+_BASELINE: Final[Changes] = {**_NO_GUIDE, "adaptation": {"mode": "off"}}
 """A baseline uses no model, so none adapts."""
 
-_LITTLE_EXPLORATION: Final[Changes] = {"learner": {"epsilon_start": 0.1}}
+_LITTLE_EXPLORATION: Final = {"epsilon_start": 0.1}
 """These strategies begin with the planner's performance, which exploration would reduce."""
 
-_OWN: Final[tuple[Algorithm, ...]] = (
-    Algorithm(name="serp", description="preset default", kind="guided"),
+_OWN: Final = (
+    Algorithm("serp", "preset default", "guided"),
     Algorithm(
-        name="serp-paper",
-        description="preset paper: Algorithm 1 and section 4 to the letter",
-        kind="guided",
-        preset="paper",
+        "serp-paper", "preset paper: Algorithm 1 and section 4 to the letter", "guided", "paper"
     ),
     Algorithm(
-        name="mrp",
-        description="the planner alone (monitor-replanning)",
-        kind="planner",
+        "mrp",
+        "the planner alone (monitor-replanning)",
+        "planner",
         changes={
             "arbiter": {
                 "rho": 0.0,
@@ -125,21 +120,20 @@ _OWN: Final[tuple[Algorithm, ...]] = (
             },
             "learner": {"updates_per_step": 0.0, "members": 1},
             "training": {"random_steps": 0},
-            "planner": {"leaf_value": "never"},
             **_NO_GUIDE,
         },
     ),
     Algorithm(
-        name="dqn",
-        description="the learner of preset default alone: no planner, no veto",
-        kind="baseline",
+        "dqn",
+        "the learner of preset default alone: no planner, no veto",
+        "baseline",
         changes=_BASELINE,
     ),
     Algorithm(
-        name="dqn-paper",
-        description="the learner of preset paper alone: no planner, no veto",
-        kind="baseline",
-        preset="paper",
+        "dqn-paper",
+        "the learner of preset paper alone: no planner, no veto",
+        "baseline",
+        "paper",
         changes=_BASELINE,
     ),
     _guided("jump-start", "the planner begins each episode, the learner ends it (JSRL)"),
@@ -158,7 +152,7 @@ _OWN: Final[tuple[Algorithm, ...]] = (
     _guided(
         "dqfd",
         "demonstrations of the planner with a margin loss (DQfD), Q-filter",
-        {"learner": {"protected_early": 1_000, "protected_share": 0.25}},
+        {"protected_early": 1_000, "protected_share": 0.25},
     ),
 )
 
@@ -172,35 +166,14 @@ def algorithm_entries() -> dict[str, EntryPoint]:
 
 
 def find_algorithm(name: str) -> Algorithm:
-    """Return the algorithm of a name.
-
-    Raises:
-        SettingsError: There is none, or it cannot be loaded.
-        SerpError: The library that it needs is not installed.
-    """
+    """Return the algorithm of a name."""
     if name in OWN:
         return OWN[name]
     entry = find(algorithm_entries(), name, "algorithm", SettingsError, known=OWN)
     with loading(entry, "algorithm", SettingsError):
         make = entry.load()
     description = (make.__doc__ or name).strip().splitlines()[0].rstrip(".")
-    return Algorithm(name=name, description=description, kind="external", make_external=make)
-
-
-def ablation(algorithm: Algorithm, name: str, changes: Changes) -> Algorithm:
-    """Return an algorithm with some settings changed, under a new name.
-
-    Raises:
-        SettingsError: It is an external algorithm, whose settings serp does not know.
-    """
-    if algorithm.kind == "external":
-        raise SettingsError(f"`{algorithm.name}` has no settings that serp could change")
-    return replace(
-        algorithm,
-        name=name,
-        description=f"{algorithm.name} with other settings",
-        changes=merged(algorithm.changes, changes),
-    )
+    return Algorithm(name, description, "external", make_external=make)
 
 
 def merged(first: Changes, second: Changes) -> Changes:

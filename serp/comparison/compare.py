@@ -126,11 +126,7 @@ def compare(task: Task | str | None = None, **options: Any) -> Comparison:
 
 
 def _try_algorithms(prepared: PreparedComparison, bound: BoundTask) -> None:
-    """Make each algorithm once, so that errors occur before any trial runs.
-
-    Raises:
-        SerpError: An algorithm cannot be made, or its settings are wrong.
-    """
+    """Make each algorithm once, so that errors occur before any trial runs."""
     for name, algorithm in prepared.algorithms.items():
         trial = next(trial for trial in prepared.plan.trials if trial.algorithm == name)
         settings = prepared.settings(trial)

@@ -24,10 +24,6 @@ def judges_alike(prepared: PreparedComparison, bound: BoundTask) -> list[str]:
     """Return a warning for each domain file that judges random steps differently from the base.
 
     If rewards of the domain file are learned from, learners with it are trained on another reward.
-
-    Args:
-        prepared: The comparison.
-        bound: The task with the base file, in a separate environment.
     """
     base, *others = prepared.plan.variants
     if not others:

@@ -74,9 +74,6 @@ def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
     """Return a task with the comparison's copy of its domain file.
 
     The file is copied into the folder at the beginning, so that later edits have no effect.
-
-    Raises:
-        RunError: The comparison has another file of that name.
     """
     place = kept_file(folder, variant)
     beside = place.with_name(f"{place.stem}-problem.pddl")
@@ -102,14 +99,7 @@ def keep_domain(folder: Path, variant: str, domain: Domain, task: Task) -> Task:
 def with_domain(task: Task, file: Path, limit: int = MAX_GROUND_SCHEMAS) -> Task:
     """Return a task with another domain file, and the problem file beside it if there is one.
 
-    Args:
-        task: The task.
-        file: The domain file.
-        limit: Limit on the size of the grounded domain; with another than the default, the file is
-            loaded at once.
-
-    Raises:
-        DomainError: The file was loaded, and is missing or wrong.
+    With another limit on its size than the default, the file is loaded at once.
     """
     if limit == MAX_GROUND_SCHEMAS:
         return dataclasses.replace(task, domain=file, problem=None)

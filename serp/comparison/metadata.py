@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any
 
 from serp.comparison.folder import kept_file
 from serp.comparison.plan import ComparisonPlan
@@ -21,12 +21,6 @@ from serp.tasks.bound_task import BoundTask
 from serp.tasks.registry import task_entries
 from serp.tasks.reward import reward_source
 
-_INPUTS: Final = {
-    "observation": "the observation",
-    "state": "the grounded state",
-    "both": "the observation and the grounded state",
-}
-
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonMetadata:
@@ -35,7 +29,7 @@ class ComparisonMetadata:
     Attributes:
         plan: The plan; its algorithms and variants are in the order of the tables.
         rewarded_by: The source of the reward: `domain`, `environment` or `sum`.
-        inputs: Description of the learners' input.
+        inputs: What learners see: `observation`, `state` (the grounded one) or `both`.
         command: The command that runs the same comparison again.
         unit: Name of the unit of the learning curve, such as `game`.
         notes: Sentences for the top of the report.
@@ -61,7 +55,7 @@ def metadata_of(
     return ComparisonMetadata(
         plan=prepared.plan,
         rewarded_by=reward_source(bound.rewarded_by, settings),
-        inputs=_INPUTS[settings.training.inputs],
+        inputs=settings.training.inputs,
         command=rerun_command(prepared, default_threshold(bound)),
         unit=unit_of(bound.task),
         notes=notes,
@@ -73,10 +67,6 @@ def rerun_command(prepared: PreparedComparison, threshold: float | None) -> str:
 
     Paths are relative to its folder. For a task that is not installed the command has a
     placeholder.
-
-    Args:
-        prepared: The comparison.
-        threshold: The default of its threshold.
     """
     plan, protocol = prepared.plan, prepared.plan.protocol
     files = (kept_file(prepared.folder, name) for name in plan.variants)

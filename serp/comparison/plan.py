@@ -51,15 +51,9 @@ SettingChanges = Annotated[
 
 
 class ComparisonProtocol(BaseModel):
-    """Budget and evaluations, the same for all trials of a comparison.
+    """Budget and evaluations, the same for all trials of a comparison; see `serp.compare`.
 
-    Attributes:
-        env_steps: Budget of a training.
-        evaluate_every: Env steps between evaluations of the learner; the last is at the end.
-        evaluation_episodes: Episodes of such an evaluation.
-        final_episodes: Episodes of each evaluation at the end.
-        evaluation_seed: Seed of the environment in evaluations; every evaluation plays the same
-            episodes.
+    Every evaluation plays the same episodes, those of `evaluation_seed`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -79,12 +73,9 @@ class ComparisonPlan(BaseModel):
     """The content of `plan.json`.
 
     Attributes:
-        task: Name of the task.
         variants: Names of the domain files. The first is the base: algorithms that use no model run
             only on it.
-        algorithms: Name → changes to the settings; not empty for names such as `algorithm:text`.
-        trials: All requested trials.
-        protocol: Budget and evaluations.
+        algorithms: Name → its own changes to the settings.
         changes: Changes to the settings of all algorithms.
         threshold: Return from which a policy counts as good; None for none.
         max_ground_schemas: Limit on the size of the grounded domains.
@@ -114,11 +105,7 @@ class ComparisonPlan(BaseModel):
 
 
 def write_plan(folder: Path, plan: ComparisonPlan) -> None:
-    """Write `plan.json`, so that the comparison can be continued.
-
-    Raises:
-        RunError: The write failed.
-    """
+    """Write `plan.json`, so that the comparison can be continued."""
     write_durably(folder / _PLAN, json_text(plan.model_dump()))
 
 
@@ -128,11 +115,7 @@ def has_plan(folder: Path) -> bool:
 
 
 def read_plan(folder: Path) -> ComparisonPlan | None:
-    """Return what `write_plan` wrote; None if the folder holds no comparison.
-
-    Raises:
-        RunError: The file is damaged, or another version of serp wrote it.
-    """
+    """Return what `write_plan` wrote; None if the folder holds no comparison."""
     if not has_plan(folder):
         return None
     file, advice = folder / _PLAN, "Restore it from a copy, or begin another comparison."

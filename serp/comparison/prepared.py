@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from serp.comparison.algorithms import Algorithm, ablation, find_algorithm
+from serp.comparison.algorithms import Algorithm, find_algorithm
 from serp.comparison.plan import ComparisonPlan
 from serp.comparison.trial_files import digest, is_complete, read_metadata
 from serp.comparison.trial_records import Trial
@@ -80,15 +80,7 @@ class PreparedComparison:
 
 
 def named_algorithms(names: Iterable[str], changed: Mapping[str, Changes]) -> dict[str, Algorithm]:
-    """Return algorithms by name.
-
-    Args:
-        names: Names of algorithms.
-        changed: Name of the form `algorithm:text` → what is changed in that algorithm's settings.
-
-    Raises:
-        SettingsError: There is no such algorithm.
-    """
+    """Return algorithms by name; `changed` has the settings of those named `algorithm:text`."""
     found: dict[str, Algorithm] = {}
     for name in names:
         base, colon, _ = name.partition(":")
@@ -96,7 +88,7 @@ def named_algorithms(names: Iterable[str], changed: Mapping[str, Changes]) -> di
         if colon:
             if name not in changed:
                 raise SettingsError(f"`{name}`: say in `changed` which settings it changes")
-            algorithm = ablation(algorithm, name, changed[name])
+            algorithm = algorithm.changed(name, changed[name])
         found[name] = algorithm
     return found
 

@@ -16,13 +16,7 @@ from serp.comparison.trial_records import Trial
 
 
 class Display:
-    """Shows the progress of a comparison on standard error.
-
-    Args:
-        trials: The trials to run.
-        env_steps: Env steps of each trial.
-        quiet: Show nothing.
-    """
+    """Shows the progress of a comparison on standard error."""
 
     def __init__(self, trials: Iterable[Trial], env_steps: int, *, quiet: bool) -> None:
         self._env_steps = env_steps

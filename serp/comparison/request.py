@@ -37,11 +37,7 @@ _PROTOCOL: Final = ("env_steps", "evaluate_every", "evaluation_episodes", "final
 
 
 class ComparisonRequest(Section):
-    """The options of `serp.compare`, which describes them; None stands for the default.
-
-    Raises:
-        SettingsError: There is no such option, or its value is of another type or out of range.
-    """
+    """The options of `serp.compare`, which describes them; None stands for the default."""
 
     algorithms: tuple[str, ...] = ()
     seeds: tuple[NonNegativeInt, ...] = ()
@@ -96,16 +92,7 @@ class ComparisonRequest(Section):
 def requested_task(
     task: Task | str | None, before: ComparisonPlan | None, folder: Path | None
 ) -> Task:
-    """Return the requested task.
-
-    Args:
-        task: The task, its name or a domain file; None for that of the existing comparison.
-        before: The existing plan, if there is one.
-        folder: The comparison's folder, if one is given.
-
-    Raises:
-        SerpError: There is no such task.
-    """
+    """Return the requested task."""
     if isinstance(task, Task):
         return task
     if isinstance(task, str):
@@ -124,17 +111,7 @@ def requested_task(
 def prepare(
     folder: Path, before: ComparisonPlan | None, bound: BoundTask, request: ComparisonRequest
 ) -> PreparedComparison:
-    """Return the existing plan extended by a request; the domain files are copied into the folder.
-
-    Args:
-        folder: The folder of the comparison, locked.
-        before: The existing plan, if there is one.
-        bound: The task with the base domain file.
-        request: The request.
-
-    Raises:
-        SerpError: The request is wrong, or contradicts the existing plan.
-    """
+    """Return the existing plan extended by a request; domain files are copied into the folder."""
     base = before.base if before else _base_name(bound)
     files = domain_files(request.model_variants, bound.name, _installed(bound, folder))
     named = [base, *(file.stem for file in files)]
@@ -223,16 +200,7 @@ def _tasks(
 
 
 def domain_files(asked: Iterable[str], task: str, own: Path) -> list[Path]:
-    """Return the domain files that `model_variants` names, in order, each once.
-
-    Args:
-        asked: See `serp.compare`.
-        task: Name of the task.
-        own: The task's own domain file.
-
-    Raises:
-        TaskError: A name or pattern matches no file.
-    """
+    """Return the domain files that `model_variants` names, in order, each once."""
     found: list[Path] = []
     for name in asked:
         with_suffix = name if name.endswith(".pddl") else f"{name}.pddl"

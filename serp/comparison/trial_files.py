@@ -62,17 +62,7 @@ def digest(made_of: Mapping[str, Any]) -> str:
 def write_trial(
     folder: Path, trial: Trial, measured: Measured, metadata: Mapping[str, Any]
 ) -> None:
-    """Write a complete trial, replacing files of an interrupted one.
-
-    Args:
-        folder: The folder of the comparison.
-        trial: The trial.
-        measured: Its results.
-        metadata: JSON values: `settings` and `made_of` of `Record.metadata`.
-
-    Raises:
-        RunError: The write failed.
-    """
+    """Write a complete trial, replacing files of an interrupted one."""
     place = trial_folder(folder, trial)
     try:
         make_inside(folder, *place.parent.relative_to(folder).parts)
@@ -103,20 +93,12 @@ def is_complete(folder: Path, trial: Trial) -> bool:
 
 
 def read_metadata(folder: Path, trial: Trial) -> dict[str, Any]:
-    """Return the content of the `trial.json` of a complete trial.
-
-    Raises:
-        RunError: The file is damaged.
-    """
+    """Return the content of the `trial.json` of a complete trial."""
     return read_json(trial_folder(folder, trial) / _DONE, _ADVICE)
 
 
 def read_trial(folder: Path, trial: Trial) -> Record:
-    """Return a complete trial.
-
-    Raises:
-        RunError: A file of it is missing or damaged.
-    """
+    """Return a complete trial."""
     place = trial_folder(folder, trial)
     metadata = read_metadata(folder, trial)
     counters = metadata.get("counters")

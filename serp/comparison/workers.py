@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from serp.comparison.algorithms import Algorithm
 from serp.comparison.plan import ComparisonProtocol
@@ -32,14 +32,8 @@ OnProgress = Callable[[Trial, int], None]
 _DIED: Final = "its process died; not enough memory?"
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How a trial ended.
-
-    Attributes:
-        trial: The trial.
-        error: The error message; None if the trial is complete.
-    """
+class Ended(NamedTuple):
+    """How a trial ended; without an error it is complete."""
 
     trial: Trial
     error: str | None
@@ -47,17 +41,7 @@ class Ended:
 
 @dataclass(frozen=True)
 class Job:
-    """Everything that a worker needs to run and write one trial.
-
-    Attributes:
-        folder: The folder of the comparison.
-        trial: The trial.
-        algorithm: Its algorithm.
-        task: The task with the domain file of the variant.
-        settings: All settings of the trial.
-        protocol: Budget and evaluations.
-        metadata: Entries of `trial.json` besides the results.
-    """
+    """Everything that a worker needs to run one trial and write it with some metadata."""
 
     folder: Path
     trial: Trial
@@ -94,13 +78,7 @@ def portable(jobs: Sequence[Job]) -> bool:
 def run_here(
     jobs: Sequence[Job], on_progress: OnProgress, stopped: Callable[[], bool] = lambda: False
 ) -> Iterator[Ended]:
-    """Run jobs in this process, one after another, and yield how each trial ended.
-
-    Args:
-        jobs: The jobs.
-        on_progress: Called with a trial and its env steps so far.
-        stopped: Whether to begin no more jobs; the running one is finished.
-    """
+    """Run jobs in this process, one after another, until `stopped`; yield how each trial ended."""
     for job in jobs:
         if stopped():
             return
@@ -112,14 +90,8 @@ def run_in_processes(
 ) -> Iterator[Ended]:
     """Run jobs in other processes, and yield how each trial ended.
 
-    A process that dies takes only its own trial with it, unlike one of
-    `concurrent.futures.ProcessPoolExecutor`.
-
-    Args:
-        jobs: The jobs.
-        processes: Number of processes.
-        on_progress: Called with a trial and its env steps so far.
-        stopped: Whether to begin no more jobs; running ones are finished.
+    Once `stopped`, those that run are finished and no more begin. A process that dies takes only
+    its own trial with it, unlike one of `concurrent.futures.ProcessPoolExecutor`.
     """
     waiting = deque(jobs)
     idle: list[_Worker] = []
@@ -167,11 +139,7 @@ class _Worker:
             self.pipe.send(job)
 
     def listen(self) -> int | Ended | None:
-        """Return the env steps of its trial so far, or how that ended; None if it is dead.
-
-        Raises:
-            Exception: The trial raised it; this is a bug.
-        """
+        """Return the env steps of its trial so far, or how that ended; None if it is dead."""
         try:
             said: int | Ended | Exception = self.pipe.recv()
         except (EOFError, OSError):

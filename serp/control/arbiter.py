@@ -80,76 +80,62 @@ class Arbiter:
         return self.actions.project(self.planner.forecast(state))
 
     def decide(self, state: Vector, learner: Proposer) -> Decision:
-        """Decide on the action in a state, as in training.
-
-        Args:
-            state: Monitored state `[F]`.
-            learner: The learner, with its input in this state.
-        """
+        """Decide on the action in a monitored state `[F]`, as in training."""
         planned = self.planner.forecast(state)
-        situation = self._situation_of(self.actions.project(planned))
+        situation = self._situation(self.actions.project(planned))
         proposal = self.strategy.propose(situation, learner)
         preferred = planned if proposal is not None else self._exploration_bonus(planned)
         if preferred is not planned:
-            action = self.actions.project(preferred).choice
+            action, planner = self.actions.project(preferred).choice, Actor.PLANNER
             if action >= 0 and situation.forecast.safe[action]:
                 return self._record(
-                    situation, action, Actor.PLANNER, Reason.LITTLE_TRIED, action, Actor.PLANNER
+                    situation, action, planner, Reason.LITTLE_TRIED, action, planner
                 )
         return self._follow(situation, proposal)
 
     def decide_greedily(self, state: Vector, learner: Proposer) -> Decision:
         """Decide as the trained policy does, without exploration or random draws."""
-        situation = self._situation(state)
+        situation = self._situation(self.forecast(state))
         return self._follow(situation, self.strategy.propose_greedily(situation, learner))
 
     def decide_in_turns(self, state: Vector, learner: Proposer, strategy: Strategy) -> Decision:
         """Decide as in training by a given strategy, without the exploration bonus."""
-        situation = self._situation(state)
+        situation = self._situation(self.forecast(state))
         return self._follow(situation, strategy.propose(situation, learner))
 
     def judge_proposal(self, state: Vector, proposal: Proposal) -> Decision:
         """Decide on a given proposal: execute it unless it is refused."""
-        return self._consider(self._situation(state), proposal)
+        return self._follow(self._situation(self.forecast(state)), proposal)
 
     def execute(self, state: Vector, proposal: Proposal) -> Decision:
         """Execute a proposal without a veto. The guarantee does not hold."""
-        return self._accept(self._situation(state), proposal)
+        return self._accept(self._situation(self.forecast(state)), proposal)
 
     def execute_baseline(self, state: Vector, learner: Proposer) -> Decision:
         """Execute the learner's greedy choice without a veto. The guarantee does not hold."""
-        situation = self._situation(state)
+        situation = self._situation(self.forecast(state))
         return self._accept(situation, self.strategy.propose_baseline(situation, learner))
 
     def plan(self, state: Vector) -> Decision:
         """Decide by the planner, whatever ρ is."""
-        return self._planners_turn(self._situation(state))
+        return self._follow(self._situation(self.forecast(state)), None)
 
     # Who acts ----------------------------------------------------------------------------------
 
-    def _situation(self, state: Vector) -> Situation:
-        return self._situation_of(self.forecast(state))
-
-    def _situation_of(self, forecast: ActionForecast) -> Situation:
+    def _situation(self, forecast: ActionForecast) -> Situation:
         admissible = self.vetoes.admissible(forecast)
         explorable = self.vetoes.explorable(forecast, admissible)
         return Situation(forecast, admissible, explorable, self._confidence())
 
     def _follow(self, situation: Situation, proposal: Proposal | None) -> Decision:
+        forecast, admissible = situation.forecast, situation.admissible
         if proposal is None:
-            return self._planners_turn(situation)
-        return self._consider(situation, proposal)
-
-    def _planners_turn(self, situation: Situation) -> Decision:
-        action = situation.forecast.choice
-        return self._planner_acts(situation, action, Actor.PLANNER, Reason.PLANNER_TURN)
-
-    def _consider(self, situation: Situation, proposal: Proposal) -> Decision:
-        admissible = situation.admissible
+            planned = forecast.choice
+            return self._planner_acts(situation, planned, Actor.PLANNER, Reason.PLANNER_TURN)
         actor, action = _proposer(proposal), int(proposal.action)
         if admissible[action]:
             return self._accept(situation, proposal)
-        refusal = self.vetoes.why_refused(situation.forecast, action)
+        refusal = self.vetoes.why_refused(forecast, action)
         if self.settings.after_veto == "learner" and proposal.q is not None and admissible.any():
             second = best_of(proposal.q, admissible)
             return self._record(situation, second, actor, refusal, action, actor)
@@ -202,7 +188,7 @@ class Arbiter:
         proposed: int,
         proposed_by: Actor,
     ) -> Decision:
-        forecast, admissible = situation.forecast, situation.admissible
+        forecast = situation.forecast
         flags = int(forecast.flags[action])
         return Decision(
             action=action,
@@ -215,7 +201,7 @@ class Arbiter:
             unsafe=bool(flags & UNSAFE),
             risk=risk_of(flags) if flags & (APPLICABLE | UNSAFE) else np.nan,
             proposal_unsafe=proposed >= 0 and bool(forecast.flags[proposed] & (UNSAFE | RISKY)),
-            admissible=admissible,
+            admissible=situation.admissible,
             forecast=forecast,
         )
 
@@ -250,11 +236,7 @@ class Arbiter:
         return {"strategy": self.strategy.state_dict(), "vetoes": self.vetoes.state_dict()}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It is damaged.
-        """
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
         saved = Saved("arbiter", {}, meta)
         self.strategy.load_state_dict(saved.part("strategy")[1])
         self.vetoes.load_state_dict(saved.part("vetoes")[1])

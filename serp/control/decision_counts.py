@@ -1,42 +1,28 @@
-"""Counts of decisions: vetoes, steps by actor, and unsafe steps.
-
-All such counts come from a `DecisionCounts`: in `metrics.csv`, the summary, the report and the
-display of a training, in evaluations, comparisons and films.
-"""
+"""Counts of decisions: vetoes, steps by actor, and unsafe steps."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from enum import StrEnum
 from typing import Any, Final, Protocol
 
 from serp._util.saved_state import Saved
 from serp.control.decision import Actor, Reason
 
 
-class Countable(Protocol):
+class _Countable(Protocol):
     """The part of a step that is counted; a `Decision` and a row of `decisions.csv` have it."""
 
     @property
-    def executed_by(self) -> str:
-        """Whose action was executed, a value of `Actor`."""
-
+    def executed_by(self) -> str: ...
     @property
-    def reason(self) -> str:
-        """Why it was executed, a value of `Reason`."""
-
+    def reason(self) -> str: ...
     @property
-    def vetoed(self) -> bool:
-        """Whether a proposal was refused."""
-
+    def vetoed(self) -> bool: ...
     @property
-    def proposal_unsafe(self) -> bool:
-        """Whether the proposed action is flagged unsafe, or too risky."""
-
+    def proposal_unsafe(self) -> bool: ...
     @property
-    def unsafe(self) -> bool:
-        """Whether the executed action is flagged unsafe."""
+    def unsafe(self) -> bool: ...
 
 
 STEPS_BY: Final[Mapping[str, str]] = {actor.value: f"{actor.value}_steps" for actor in Actor}
@@ -63,7 +49,7 @@ class DecisionCounts:
         self.unsafe_executed = 0
         self.no_safe_action = 0
 
-    def count(self, step: Countable) -> None:
+    def count(self, step: _Countable) -> None:
         """Count a step."""
         self.executed[step.executed_by] += 1
         if step.vetoed:
@@ -100,14 +86,12 @@ class DecisionCounts:
 
     @classmethod
     def from_saved(cls, meta: Any) -> DecisionCounts:
-        """Return the counts that `state_dict` wrote.
-
-        Raises:
-            RunError: They are damaged.
-        """
+        """Return the counts that `state_dict` wrote."""
         tally, saved = cls(), Saved("counts", {}, meta)
-        tally.executed.update(_by(Actor, saved.wholes("executed", len(Actor))))
-        tally.refused.update(_by(Reason, saved.wholes("refused", len(Reason))))
+        executed = saved.wholes("executed", len(Actor))
+        refused = saved.wholes("refused", len(Reason))
+        tally.executed.update(dict(zip(Actor, executed, strict=True)))
+        tally.refused.update(dict(zip(Reason, refused, strict=True)))
         for name in _FLAGGED:
             setattr(tally, name, saved.whole(name))
         return tally
@@ -118,18 +102,10 @@ class DecisionCounts:
         return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
 
 
-def _by(names: type[StrEnum], counts: list[int]) -> dict[str, int]:
-    return dict(zip(names, counts, strict=True))
-
-
 NUMBERS: Final = tuple(DecisionCounts().numbers())
 """Names of all counts; they are columns of `metrics.csv`."""
 
 
 def total(metrics: Mapping[str, Any]) -> dict[str, int]:
-    """Return every count over all episodes.
-
-    Args:
-        metrics: Column of `metrics.csv` → array `[episodes]`.
-    """
+    """Return every count over all episodes, given the columns of `metrics.csv` as arrays."""
     return {name: int(metrics[name].sum()) for name in NUMBERS}

@@ -37,7 +37,6 @@ _EXPLAINED: Final = 0.5
 _OTHERS: Final = 0.01
 """Share of the steps in which the rewards of file and learner may differ."""
 
-
 _HELD, _COMPARED = 0, 1
 
 
@@ -45,16 +44,9 @@ _HELD, _COMPARED = 0, 1
 def _follow(packed, state, next_state, reward, terminated, discount, window, count, means):  # type: ignore[no-untyped-def]
     """Add an env step to the window, and compare the values whose rewards are now complete.
 
-    Args:
-        packed: See `LeafValue`.
-        state: `[F]`.
-        next_state: `[F]`.
-        reward: The reward of the step.
-        terminated: Whether the environment ended the episode.
-        discount: γ.
-        window: `[2, n]` values and rewards of the last steps, the oldest first.
-        count: `[2]` length of the window in use, comparisons made.
-        means: `[4]` moving averages of the return, its square, the error and its square.
+    `window` `[2, n]` holds values and rewards of the last steps, the oldest first; `count` the
+    length of the window in use and the comparisons made; `means` the moving averages of the return,
+    its square, the error and its square.
     """
     length, width = window.shape[1], state.shape[0]
     held = count[_HELD]
@@ -87,12 +79,8 @@ class LeafValueBootstrap:
     V(s) - γⁿ V(s′), or V(s) if the episode has terminated. The prediction is compared with the
     rewards received. Each value is computed when its state is visited, so that it is tested on new
     data. The values are used while they explain at least half of the variance of the rewards. They
-    are never used if the learner learns from other rewards than the planner plans with.
-
-    Args:
-        planner: The planner.
-        learner: The learner; each of its inputs ends with the state.
-        seed: Seed of the random features.
+    are never used if the learner learns from other rewards than the planner plans with. Each input
+    of the learner has to end with the state.
     """
 
     def __init__(
@@ -166,21 +154,12 @@ class LeafValueBootstrap:
 
     def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores, between episodes."""
-        return (
-            {"packed": self._value.packed.copy(), "means": self._means.copy()},
-            {
-                "steps": self._steps,
-                "others": self._others,
-                "compared": int(self._count[_COMPARED]),
-            },
-        )
+        arrays = {"packed": self._value.packed.copy(), "means": self._means.copy()}
+        compared = int(self._count[_COMPARED])
+        return arrays, {"steps": self._steps, "others": self._others, "compared": compared}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It belongs to another domain, or is damaged.
-        """
+        """Restore what `state_dict` returned."""
         saved = Saved("leaf values", arrays, meta)
         packed = saved.array("packed", np.float64, (-1,))
         means = saved.array("means", np.float64, self._means.shape)

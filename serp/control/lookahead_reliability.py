@@ -15,17 +15,10 @@ class LookaheadReliability:
     """Counts the failures of the lookahead.
 
     The lookahead predicts an executed action to be safe if a plan exists that avoids everything
-    unsafe within the horizon. It has failed if something unsafe is observed within the horizon
-    nevertheless. A lookahead that fails often does not model what endangers the robot, so its
-    vetoes beyond the next step are not justified.
-
-    Args:
-        horizon: Control periods that the lookahead sees.
-        tolerated: Number of failures tolerated, plus one per 1,000 env steps. None tolerates all.
-
-    Attributes:
-        failures: Number of failures.
-        steps: Number of env steps observed.
+    unsafe within the horizon, in control periods. It has failed if something unsafe is observed
+    within the horizon nevertheless. A lookahead that fails more often than tolerated (plus once per
+    1,000 env steps) does not model what endangers the robot, so its vetoes beyond the next step are
+    not justified.
     """
 
     def __init__(self, horizon: int, tolerated: int | None) -> None:
@@ -42,16 +35,10 @@ class LookaheadReliability:
         return self._tolerated is None or self.failures <= self._tolerated + _PER_STEP * self.steps
 
     def observe(self, predicted_safe: bool | None, unsafe: bool, last: bool) -> bool:
-        """Process an env step.
+        """Process an env step; return whether the lookahead failed.
 
-        Args:
-            predicted_safe: Whether the lookahead predicted the executed action to be safe; None
-                for an action that the model does not know, which invalidates earlier predictions.
-            unsafe: Whether something unsafe was observed.
-            last: Whether the episode ended with this step.
-
-        Returns:
-            Whether the lookahead failed.
+        `predicted_safe` is None for an action that the model does not know, which invalidates
+        earlier predictions; `unsafe` is what was observed; `last` the end of the episode.
         """
         self.steps += 1
         if predicted_safe is None:
@@ -71,11 +58,7 @@ class LookaheadReliability:
         return {"failures": self.failures, "steps": self.steps}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It is damaged.
-        """
+        """Restore what `state_dict` returned."""
         saved = Saved("lookahead reliability", {}, meta)
         self.failures, self.steps = saved.whole("failures"), saved.whole("steps")
         self._since = None

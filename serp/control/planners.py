@@ -2,36 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from serp.control.protocols import Planner
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.planner import ClosedGraphPlanner, FarSightPlanner
 from serp.planning.forecast import Forecast
+from serp.planning.graph import PlanningGraph
 from serp.planning.lookahead import Lookahead
-from serp.planning.replanner import MonitorReplanner
 from serp.settings import PlannerSettings
 
 
+@dataclass(frozen=True)
 class GraphPlanner:
-    """Forecasts of the planning graph, for domains too large to be compiled.
+    """Forecasts of the planning graph, for domains too large to be compiled."""
 
-    Args:
-        model: The transition model.
-        settings: The settings of the planner.
-    """
-
-    def __init__(self, model: TransitionModel, settings: PlannerSettings) -> None:
-        self._replanner = MonitorReplanner(
-            model,
-            depth=settings.depth,
-            discount=settings.discount,
-            repeat=settings.repeat,
-            max_nodes=settings.max_nodes,
-            accepted_risk=settings.accepted_risk,
-        )
+    model: TransitionModel
+    settings: PlannerSettings
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
-        return self._replanner.plan(state).forecast
+        graph = PlanningGraph(self.model, self.settings, self.model.check_state(state))
+        graph.grow()
+        return graph.evaluate()
 
 
 def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:

@@ -9,13 +9,7 @@ from serp.model.transition_model import Vector
 
 
 class LearnerProposer:
-    """The proposals of a learner for one input; see `serp.control.protocols.Proposer`.
-
-    Args:
-        learner: The learner.
-        x: The input `[F]`.
-        explores: Whether `propose` explores.
-    """
+    """The proposals of a learner for one input `[F]`; see `serp.control.protocols.Proposer`."""
 
     def __init__(self, learner: Learner, x: Vector, *, explores: bool = True) -> None:
         self._learner = learner

@@ -54,7 +54,13 @@ class EpisodicPlanner(Planner, Protocol):
     """A planner that keeps what it found while an episode of training lasts."""
 
     def begin_episode(self) -> None:
-        """Forget everything, so that an episode depends on nothing before it."""
+        """Forget what was found, so that an episode depends on nothing before but `state_dict`."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned."""
 
 
 @runtime_checkable

@@ -28,11 +28,7 @@ def strategy_names() -> list[str]:
 
 
 def find_strategy(name: str) -> type[Strategy]:
-    """Return the strategy of a name.
-
-    Raises:
-        SettingsError: There is none, or it cannot be loaded.
-    """
+    """Return the strategy of a name, or raise a SettingsError."""
     found = _load(STRATEGIES, name, "strategy", "guide.strategy")
     if not (isinstance(found, type) and issubclass(found, Strategy)):
         raise SettingsError(
@@ -42,21 +38,13 @@ def find_strategy(name: str) -> type[Strategy]:
 
 
 def make_planner(model: TransitionModel, settings: PlannerSettings) -> Planner:
-    """Return the planner that `planner.name` names.
-
-    Raises:
-        SettingsError: There is none, or it cannot be loaded.
-    """
+    """Return the planner that `planner.name` names, or raise a SettingsError."""
     make = cast(MakePlanner, _load(PLANNERS, settings.name, "planner", "planner.name"))
     return make(model, settings)
 
 
 def find_learner(name: str) -> MakeLearner:
-    """Return the function that makes the learner of a name.
-
-    Raises:
-        SettingsError: There is none, or it cannot be loaded.
-    """
+    """Return the function that makes the learner of a name, or raise a SettingsError."""
     return cast(MakeLearner, _load(LEARNERS, name, "learner", "learner.name"))
 
 

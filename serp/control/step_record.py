@@ -13,17 +13,7 @@ from serp.model.transition_model import Vector
 
 @dataclass(slots=True)
 class EpisodeTotals:
-    """The totals of an episode.
-
-    Attributes:
-        length: Env steps.
-        return_: Sum of the environment's rewards.
-        domain_return: Sum of the rewards of the domain file.
-        learner_return: Sum of the rewards that are learned from.
-        terminated: Whether the environment ended the episode.
-        truncated: Whether the episode was cut off.
-        decisions: Counts of the decisions.
-    """
+    """The totals of an episode: sums of rewards by their source, and counts of the decisions."""
 
     length: int = 0
     return_: float = 0.0

@@ -95,11 +95,9 @@ class VetoPolicy:
         return self._reliability.failures
 
     def observe(self, step: StepRecord) -> bool:
-        """Compare an env step of training with what the lookahead predicted.
+        """Return whether the lookahead failed in an env step of training.
 
-        Returns:
-            Whether the lookahead failed: something unsafe happened that it had predicted to be
-            avoidable.
+        It failed if something unsafe happened that it had predicted to be avoidable.
         """
         decision = step.decision
         known = bool(self._actions.modelled[decision.action])
@@ -111,11 +109,7 @@ class VetoPolicy:
         return {"reliability": self._reliability.state_dict()}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It is damaged.
-        """
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
         self._reliability.load_state_dict(Saved("vetoes", {}, meta).part("reliability")[1])
 
 

@@ -17,7 +17,7 @@ from serp.diagnosis.patched_model import PatchedForecast
 from serp.model import ground as g
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.monitor import END, REWARD
-from serp.sysid.regression_data import RegressionData
+from serp.sysid.regression_data import RegressionData, predicted_steps, regression_data
 from serp.sysid.transitions import TransitionMemory
 
 _ROUNDING: Final = 1e-9
@@ -28,27 +28,33 @@ WELL: Final = 0.1
 
 
 class Steps(NamedTuple):
-    """Observed steps, over the fluents, the reward and the end.
+    """Observed steps, over the fluents, the reward and the end, and what the file predicts.
 
     Attributes:
-        actions: `[N]` positions of the executed ground actions.
+        sample: The transitions that the file is compared with.
         before: `[N, F + 2]`; reward and end are 0.
         after: `[N, F + 2]`; the end is 1 where the environment ended the task, else 0.
+        predicted: `[N, F + 2]` predictions of the file; NaN where there is none.
+        units: `[F + 2]` units of the errors.
     """
 
-    actions: NDArray[np.int64]
+    sample: RegressionData
     before: Vector
     after: Vector
+    predicted: Vector
+    units: Vector
 
     @classmethod
-    def of(cls, experience: TransitionMemory, sample: RegressionData) -> Self:
-        """Return the steps of a sample of an experience."""
-        rewards, over = experience.rewards[sample.positions], experience.over[sample.positions]
-        return cls(
-            sample.actions,
-            np.column_stack((sample.states, np.zeros((len(sample), 2)))),
-            np.column_stack((sample.next_states, rewards, over)),
+    def of(cls, model: TransitionModel, experience: TransitionMemory) -> Self:
+        """Compare an experience with a model as written."""
+        sample = regression_data(
+            model, experience.states, experience.actions, experience.next_states
         )
+        rewards, over = experience.rewards[sample.positions], experience.over[sample.positions]
+        before = np.column_stack((sample.states, np.zeros((len(sample), 2))))
+        after: Vector = np.column_stack((sample.next_states, rewards, over))
+        predicted = predicted_steps(model, sample.states, sample.actions)
+        return cls(sample, before, after, predicted, _units(model, before, after, predicted))
 
 
 @dataclass(frozen=True)
@@ -108,25 +114,20 @@ class Quantity:
         return math.sqrt(squared) if self.numeric else squared
 
 
-def units_of(model: TransitionModel, steps: Steps, predicted: Vector) -> Vector:
-    """Return the unit of each column `[F + 2]`: the root mean square change of its symbol.
+def _units(model: TransitionModel, before: Vector, after: Vector, predicted: Vector) -> Vector:
+    """Return the unit of each column: the root mean square change of its symbol.
 
     A symbol that never changes is measured by its predicted change; one that is not predicted to
     change either has unit 1.
-
-    Args:
-        model: The model as written.
-        steps: The observed steps.
-        predicted: `[N, F + 2]` predictions of the model; NaN where there is none.
     """
     names = _symbols(model)
     units = np.ones(len(names))
-    largest = np.abs(np.concatenate((steps.before, steps.after))).max(axis=0, initial=0.0)
+    largest = np.abs(np.concatenate((before, after))).max(axis=0, initial=0.0)
     for name in dict.fromkeys(names.tolist()):
         own = names == name
         least = _ROUNDING * float(largest[own].max())
-        for after in (steps.after, predicted):
-            squares = (after - steps.before)[:, own] ** 2
+        for reached in (after, predicted):
+            squares = (reached - before)[:, own] ** 2
             moved = float(np.sqrt(np.nansum(squares) / max(1, len(squares))))
             if moved > least:
                 units[own] = moved
@@ -135,7 +136,7 @@ def units_of(model: TransitionModel, steps: Steps, predicted: Vector) -> Vector:
 
 
 def quantities_of(
-    model: TransitionModel, steps: Steps, predicted: Vector, found: PatchedForecast, units: Vector
+    model: TransitionModel, steps: Steps, found: PatchedForecast
 ) -> tuple[Quantity, ...]:
     """Return all quantities that change or are predicted to, in the order of the file.
 
@@ -144,12 +145,11 @@ def quantities_of(
     Args:
         model: The model as written.
         steps: The observed steps.
-        predicted: `[N, F + 2]` predictions of the model.
-        found: The same of the model patched with the findings worth mentioning.
-        units: `[F + 2]`, see `units_of`.
+        found: The predictions of the model patched with findings.
     """
     names = _symbols(model)
     predicates = {fluent.symbol for fluent in model.fluents if not fluent.numeric} | {END}
+    predicted, units = steps.predicted, steps.units
     moves, says = steps.after - steps.before, predicted - steps.before
     errors, left, chance = (
         np.nan_to_num(square) / units**2
@@ -167,7 +167,7 @@ def quantities_of(
         squared = float(by_step.sum()) / number
         if not (np.abs(moves[:, own]) > _ROUNDING * units[own]).any() and squared <= _ROUNDING**2:
             continue
-        by_action = np.bincount(steps.actions, by_step, len(model.actions))
+        by_action = np.bincount(steps.sample.actions, by_step, len(model.actions))
         quantities.append(
             Quantity(
                 name=name,
@@ -196,17 +196,12 @@ def _symbols(model: TransitionModel) -> NDArray[np.str_]:
 def _written_symbols(model: TransitionModel) -> set[str]:
     """Return the symbols that an effect of the file changes, with `reward` and `terminal`."""
     ground = model.ground
-    targets = {
-        effect.target
-        for schema in (*ground.actions, *ground.processes, *ground.events)
-        for effect in schema.effects
-    }
+    schemas = (*ground.actions, *ground.processes, *ground.events)
+    targets = {effect.target for schema in schemas for effect in schema.effects}
     written = {fluent.symbol for fluent in model.fluents if fluent.index in targets}
-    if model.rewarding:
-        written.add(REWARD)
-    if ground.goal is not None or g.TERMINAL_TARGET in targets:
-        written.add(END)
-    return written
+    written |= {REWARD} if model.rewarding else set()
+    ends = ground.goal is not None or g.TERMINAL_TARGET in targets
+    return written | ({END} if ends else set())
 
 
 def _shown(model: TransitionModel, name: str) -> str:

@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 
-from serp.diagnosis.accuracy import Steps, units_of
+from serp.diagnosis.accuracy import Steps
 from serp.diagnosis.findings import EffectTerm, Findings, MissingEffect, ParameterFinding
 from serp.diagnosis.reward_rules import find_rules
 from serp.diagnosis.stochastic_effects import find_stochastic_effects
@@ -17,7 +17,7 @@ from serp.sysid.joint_fit import fit_jointly
 from serp.sysid.lifted_features import LiftedFluent
 from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.parameter_fit import function_columns, whole_symbols
-from serp.sysid.regression_data import RegressionData, predicted_steps, predictions, regression_data
+from serp.sysid.regression_data import RegressionData, predictions
 from serp.sysid.transitions import TransitionMemory
 
 _MOST_ROWS = 4_000  # rows of a regression
@@ -35,22 +35,20 @@ def findings(model: TransitionModel, experience: TransitionMemory) -> Findings:
         model: The model as written, with the control period of the transitions.
         experience: The transitions.
     """
-    sample = regression_data(model, experience.states, experience.actions, experience.next_states)
+    steps = Steps.of(model, experience)
+    sample = steps.sample
     if not len(sample):
         return Findings()
     objects = max(Counter(f.symbol for f in model.fluents if f.numeric).values(), default=1)
     part = sample.part(max(_FEWEST_ROWS, min(_MOST_ROWS, _MOST_PAIRS // objects)))
     explanation = fit_jointly(model, part)
-    steps = Steps.of(experience, sample)
-    predicted = predicted_steps(model, sample.states, sample.actions)
-    units = units_of(model, steps, predicted)
-    costs = _Costs(model, explanation, sample.part(_MOST_COSTED), units)
+    costs = _Costs(model, explanation, sample.part(_MOST_COSTED), steps.units)
     whole = whole_symbols(function_columns(model.ground), sample)
     return Findings(
         parameters=_parameters(model, explanation, costs),
         missing=_missing(model, explanation, costs, part),
-        stochastic=find_stochastic_effects(model, sample, whole, units),
-        rules=find_rules(model, sample, steps, predicted, units),
+        stochastic=find_stochastic_effects(model, steps, whole),
+        rules=find_rules(model, steps),
         samples=len(sample),
     )
 

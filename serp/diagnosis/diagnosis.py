@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from serp.diagnosis.accuracy import Quantity, Steps, quantities_of, units_of
+from serp.diagnosis.accuracy import Quantity, Steps, quantities_of
 from serp.diagnosis.analysis import findings
 from serp.diagnosis.findings import Findings
 from serp.diagnosis.patched_model import forecast_with
@@ -18,14 +18,14 @@ from serp.diagnosis.remarks import Remark, remarks
 from serp.diagnosis.verdict import unexplained, verdict
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.monitor import END, REWARD, MonitorRow
-from serp.sysid.regression_data import RegressionData, predicted_steps, regression_data
+from serp.sysid.regression_data import RegressionData
 
 
 class FitRow(NamedTuple):
-    """The accuracy for a fluent, the reward or the end after one ground action, in its own unit.
+    """The accuracy for a fluent, `reward` or `terminal` after a ground action, in its own unit.
 
     Attributes:
-        action, fluent: Their names; `reward`, and `terminal` for the end.
+        action, fluent: Their names.
         steps: Transitions.
         scale: Observed range over all actions.
         change: Root mean square of the observed change in a step.
@@ -50,10 +50,8 @@ class Diagnosis:
 
     Attributes:
         recorded: The data that the run recorded.
-        sample: The transitions that the file is compared with.
-        steps: The same with rewards and ends.
-        predicted: `[N, F + 2]` the predictions of the file.
-        expected: The same of the file patched with the findings worth mentioning.
+        steps: The transitions that the file is compared with, and its predictions.
+        expected: `[N, F + 2]` predictions of the file patched with the findings worth mentioning.
         findings: All findings.
         worthwhile: Findings worth mentioning; `serp repair` writes them into the file.
         matter: Remarks on these, the most costly first.
@@ -64,9 +62,7 @@ class Diagnosis:
     """
 
     recorded: Recorded
-    sample: RegressionData
     steps: Steps
-    predicted: Vector
     expected: Vector
     findings: Findings
     worthwhile: Findings
@@ -75,6 +71,11 @@ class Diagnosis:
     quantities: tuple[Quantity, ...]
     fits: tuple[FitRow, ...]
     observed: tuple[MonitorRow, ...]
+
+    @property
+    def sample(self) -> RegressionData:
+        """The transitions that the file is compared with."""
+        return self.steps.sample
 
     @property
     def verdict(self) -> str:
@@ -109,54 +110,47 @@ def diagnose(run: str | Path) -> Diagnosis:
 
 def make_diagnosis(recorded: Recorded, found: Findings) -> Diagnosis:
     """Return the diagnosis of a run with given findings."""
-    model, experience = recorded.model, recorded.experience
-    sample = regression_data(model, experience.states, experience.actions, experience.next_states)
-    steps = Steps.of(experience, sample)
-    predicted = predicted_steps(model, sample.states, sample.actions)
-    units = units_of(model, steps, predicted)
+    model = recorded.model
+    steps = Steps.of(model, recorded.experience)
 
     def accuracy(told: Findings) -> tuple[Vector, tuple[Quantity, ...]]:
-        forecast = forecast_with(model, told, sample.states, sample.actions)
-        return forecast.mean, quantities_of(model, steps, predicted, forecast, units)
+        forecast = forecast_with(model, told, steps.sample.states, steps.sample.actions)
+        return forecast.mean, quantities_of(model, steps, forecast)
 
     processes = {process.schema for process in model.ground.processes}
     worthy = worthwhile(found, accuracy(found)[1], processes)
     expected, quantities = accuracy(worthy)
     return Diagnosis(
         recorded=recorded,
-        sample=sample,
         steps=steps,
-        predicted=predicted,
         expected=expected,
         findings=found,
         worthwhile=worthy,
         matter=tuple(remarks(worthy, model.ground)),
         others=tuple(remarks(without(found, worthy), model.ground)),
         quantities=quantities,
-        fits=tuple(_fits(model, steps, predicted, expected, units)),
+        fits=tuple(_fits(model, steps, expected)),
         observed=tuple(recorded.monitor.rows()),
     )
 
 
-def _fits(
-    model: TransitionModel, steps: Steps, predicted: Vector, expected: Vector, units: Vector
-) -> list[FitRow]:
+def _fits(model: TransitionModel, steps: Steps, expected: Vector) -> list[FitRow]:
     names = [*(fluent.name for fluent in model.fluents), REWARD, END]
     rows: list[FitRow] = []
-    count = len(steps.actions)
+    count = len(steps.sample)
     if not count:
         return rows
     scale = np.ptp(np.concatenate((steps.before, steps.after)), axis=0)
     for position, action in enumerate(model.actions):
-        done = steps.actions == position
-        if not done.any():
+        done = steps.sample.actions == position
+        number = int(done.sum())
+        if not number:
             continue
-        after = steps.after[done]
         change, off, left = (
-            np.sqrt(np.nanmean((after - other[done]) ** 2, axis=0))
-            for other in (steps.before, predicted, expected)
+            np.sqrt(np.nanmean((steps.after[done] - other[done]) ** 2, axis=0))
+            for other in (steps.before, steps.predicted, expected)
         )
-        costs = done.sum() * (off / units) ** 2 / count
+        costs = number * (off / steps.units) ** 2 / count
         columns = zip(names, scale, change, off, left, costs, strict=True)
-        rows += [FitRow(action.name, name, int(done.sum()), *map(float, c)) for name, *c in columns]
+        rows += [FitRow(action.name, name, number, *map(float, c)) for name, *c in columns]
     return sorted(rows, key=lambda row: -row.cost)

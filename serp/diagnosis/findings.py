@@ -1,9 +1,9 @@
 """Findings about a domain file from observed transitions: records of `diagnose` and `repair`.
 
-`cost` is the fraction of the one-step prediction error that a finding accounts for: the reduction
-of the squared error of its quantity, divided by the squared change of that quantity. A file that
-predicts no change has an error of 1. Costs are comparable across
-kinds of findings and across fluents, rewards and ends of any scale.
+`samples` is the number of transitions that a finding is based on. `cost` is the fraction of the
+one-step prediction error that it accounts for: the reduction of the squared error of its quantity,
+divided by the squared change of that quantity. A file that predicts no change has an error of 1.
+Costs are comparable across kinds of findings and across fluents, rewards and ends of any scale.
 """
 
 from __future__ import annotations
@@ -40,8 +40,6 @@ class ParameterFinding:
         written: Its value in the file.
         estimate: Its value estimated from the transitions.
         error: Standard error of the estimate.
-        samples: Transitions used for the estimate.
-        cost: See the module.
     """
 
     parameter: Parameter
@@ -63,8 +61,6 @@ class MissingEffect:
         place: Where that schema is written; None where there is none.
         fluent: Name of the fluent that changes.
         terms: The summands of the change.
-        samples: Transitions used for the estimate.
-        cost: See the module.
     """
 
     schema: str
@@ -105,8 +101,6 @@ class StochasticEffect:
         schema: Name of the action schema.
         place: Where it is written.
         outcomes: Its outcomes, the most frequent first.
-        samples: Transitions used for the estimate.
-        cost: See the module.
     """
 
     schema: str
@@ -134,8 +128,6 @@ class RuleFinding:
         expected: Mean predicted reward of the steps counted by `predicted`; 1 for ends.
         observed: Mean observed reward of these steps, or fraction of ends; of the steps counted by
             `unpredicted` where `predicted` is 0.
-        samples: Transitions compared.
-        cost: See the module.
     """
 
     schema: str

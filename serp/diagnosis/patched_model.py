@@ -81,10 +81,7 @@ def _average(
     for finding in findings.stochastic:
         for action, binding in lifted.schema(finding.schema).bindings.items():
             rows = np.flatnonzero(actions == action)
-            outcomes = [
-                (outcome.probability, _columns(lifted, outcome, binding))
-                for outcome in finding.outcomes
-            ]
+            outcomes = [(o.probability, _columns(lifted, o, binding)) for o in finding.outcomes]
             changed = sorted({column for _, changes in outcomes for column in changes})
             if not len(rows) or not changed:
                 continue
@@ -132,18 +129,16 @@ def _usual_changes(
 def _columns(
     lifted: LiftedModel, outcome: ObservedOutcome, binding: Mapping[str, str]
 ) -> dict[int, float]:
-    """Return the changes of an outcome: column → change."""
-    changes = ((_column(lifted, fluent, binding), change) for fluent, change in outcome.changes)
-    return {column: change for column, change in changes if column is not None}
-
-
-def _column(lifted: LiftedModel, fluent: str, binding: Mapping[str, str]) -> int | None:
-    """Return the column of a fluent by name; None where the name is ambiguous."""
-    try:
-        return lifted.column(lifted_fluent(fluent), binding)
-    except KeyError:
-        named = [f.index for f in lifted.ground.fluents if f.symbol == fluent]
-        return named[0] if len(named) == 1 else None
+    """Return the changes of an outcome: column → change; ambiguous names are left out."""
+    changes = {}
+    for name, change in outcome.changes:
+        try:
+            changes[lifted.column(lifted_fluent(name), binding)] = change
+        except KeyError:
+            named = [f.index for f in lifted.ground.fluents if f.symbol == name]
+            if len(named) == 1:
+                changes[named[0]] = change
+    return changes
 
 
 def lifted_fluent(name: str) -> LiftedFluent:

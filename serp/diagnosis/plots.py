@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, MaxNLocator
-from numpy.typing import NDArray
 
 from serp._util.figures import FAINT, INK, PLANNER, STYLE, render
 from serp._util.number_format import number
@@ -25,11 +22,10 @@ PANELS: Final = 12
 _WRITTEN: Final = "#D55E00"
 _FOUND: Final = PLANNER
 _POINTS: Final = 600
-_VALUES: Final = 6
-"""Most distinct changes of a fluent that is shown as a table."""
-
+_AREA: Final = 7.0  # of one step's point; that of equal steps grows with their number
+_LARGEST: Final = 300.0
 _COLUMNS: Final = 4
-_NAME: Final = 30  # characters of a title
+_NAME: Final = 34  # characters of a title
 
 
 def picture(diagnosis: Diagnosis, kind: Literal["png", "svg"]) -> bytes:
@@ -46,31 +42,27 @@ def draw_diagnosis(diagnosis: Diagnosis) -> Figure:
     Returns:
         A figure outside matplotlib's global state.
     """
-    names = [*(fluent.name for fluent in diagnosis.recorded.model.fluents), REWARD, END]
-    actions = {a.name: k for k, a in enumerate(diagnosis.recorded.model.actions)}
     fits = panels_of(diagnosis)
     wide = min(_COLUMNS, max(1, len(fits)))
     high = max(1, -(-len(fits) // wide))
-    kinds = set()
     with matplotlib.style.context(["default", STYLE, {"font.size": 9, "axes.titlesize": 10}]):
-        figure = Figure(
-            figsize=(max(5.6, 3.1 * wide + 0.4), 2.9 * high + 1.0), layout="constrained"
-        )
+        size = max(5.6, 3.1 * wide + 0.4), 2.9 * high + 1.0
+        figure = Figure(figsize=size, layout="constrained")
         for position, fit in enumerate(fits):
             axes = figure.add_subplot(high, wide, position + 1)
-            kinds.add(_draw(axes, diagnosis, fit, actions[fit.action], names.index(fit.fluent)))
+            _draw(axes, diagnosis, fit)
             if position % wide == 0:
                 axes.set_ylabel("observed change")
             if position + wide >= len(fits):  # none below it
                 axes.set_xlabel("predicted change")
-        if not fits:
-            figure.add_subplot(1, 1, 1).set_axis_off()
         figure.suptitle(
             f"Predicted against observed: {diagnosis.recorded.domain.name}, "
             f"{len(diagnosis.sample):,} single steps",
             fontsize=13, fontweight="bold", x=0.01, horizontalalignment="left",
         )  # fmt: skip
-        figure.legend(handles=_legend(kinds), loc="outside lower center", ncols=4)
+        if fits:
+            handles, labels = figure.axes[0].get_legend_handles_labels()
+            figure.legend(handles, labels, loc="outside lower center", ncols=3, markerscale=2)
     return figure
 
 
@@ -81,43 +73,31 @@ def panels_of(diagnosis: Diagnosis) -> list[FitRow]:
     return (wrong or [fit for fit in moving if fit.change > 0.0])[:PANELS]
 
 
-def _draw(axes: Axes, diagnosis: Diagnosis, fit: FitRow, action: int, column: int) -> str:
-    """Draw one panel; return its kind, `table` or `points`."""
-    steps, rows = diagnosis.steps, np.flatnonzero(diagnosis.sample.actions == action)
-    before = steps.before[rows, column]
-    observed, by_file, by_found = (
-        after[rows, column] - before
-        for after in (steps.after, diagnosis.predicted, diagnosis.expected)
+def _draw(axes: Axes, diagnosis: Diagnosis, fit: FitRow) -> None:
+    model, steps = diagnosis.recorded.model, diagnosis.steps
+    column = [*(fluent.name for fluent in model.fluents), REWARD, END].index(fit.fluent)
+    action = [action.name for action in model.actions].index(fit.action)
+    rows = np.flatnonzero(diagnosis.sample.actions == action)
+    changes = np.stack(
+        [
+            after[rows, column] - steps.before[rows, column]
+            for after in (steps.after, steps.predicted, diagnosis.expected)
+        ]
     )
-    whole = np.isfinite(by_file) & np.isfinite(by_found)
-    observed, by_file, by_found = observed[whole], by_file[whole], by_found[whole]
-    fluents = diagnosis.recorded.model.fluents
-    numeric = fluents[column].numeric if column < len(fluents) else fit.fluent == REWARD
-    axes.set_title(f"{_short(fit.action)}: {_short(fit.fluent)}", pad=18)
+    changes = changes[:, np.isfinite(changes).all(axis=0)]
+    title = f"{fit.action}: {fit.fluent}"
+    axes.set_title(title if len(title) <= _NAME else title[: _NAME - 1] + "…", pad=18)
     axes.text(
         0.0, 1.02, f"error {number(fit.rmse_written)} → {number(fit.rmse_found)}",
         transform=axes.transAxes, fontsize=8, color=FAINT, verticalalignment="bottom",
     )  # fmt: skip
-    seen, said = _distinct(observed), _distinct(by_file)
-    if len(seen) <= _VALUES and len(said) <= _VALUES and (not numeric or _counts(seen)):
-        _draw_table(axes, observed, by_file, np.union1d(seen, said), numeric)
-        return "table"
-    _draw_points(axes, observed, by_file, by_found)
-    return "points"
-
-
-def _draw_points(axes: Axes, observed: Vector, written: Vector, found: Vector) -> None:
-    few = np.unique(np.linspace(0, len(observed) - 1, min(_POINTS, len(observed))).astype(int))
-    for predicted, colour in ((written, _WRITTEN), (found, _FOUND)):
-        axes.scatter(
-            predicted[few], observed[few], s=7, color=colour, alpha=0.45, linewidths=0,
-            rasterized=True,
-        )  # fmt: skip
-    values = np.concatenate((observed, written, found))
-    low, high = float(values.min()), float(values.max())
-    margin = 0.06 * (high - low) or 1.0
+    few = np.unique(np.linspace(0, changes.shape[1] - 1, _POINTS).astype(int))
+    _scatter(axes, changes[1, few], changes[0, few], _WRITTEN, "file as written")
+    _scatter(axes, changes[2, few], changes[0, few], _FOUND, "with what was found")
+    low, high = float(changes.min()), float(changes.max())
+    margin = 0.1 * (high - low) or 1.0
     ends = low - margin, high + margin
-    axes.plot(ends, ends, color=INK, linewidth=0.8, zorder=0.5)
+    axes.plot(ends, ends, color=INK, linewidth=0.8, zorder=0.5, label="where both are equal")
     axes.set_xlim(*ends)
     axes.set_ylim(*ends)
     for axis in (axes.xaxis, axes.yaxis):
@@ -125,63 +105,9 @@ def _draw_points(axes: Axes, observed: Vector, written: Vector, found: Vector) -
         axis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
 
 
-def _draw_table(
-    axes: Axes, observed: Vector, written: Vector, values: Vector, numeric: bool
-) -> None:
-    """Draw the frequencies of the observed changes for each predicted change."""
-    said = [value for value in values if (_rounded(written) == value).any()]
-    shares = np.zeros((len(values), len(said)))
-    for k, value in enumerate(said):
-        here = _rounded(observed)[_rounded(written) == value]
-        shares[:, k] = [np.mean(here == other) for other in values]
-    axes.imshow(shares, cmap="Greys", vmin=0.0, vmax=2.2, aspect="auto", origin="lower")
-    for row, value in enumerate(values):
-        for k, predicted in enumerate(said):
-            if shares[row, k] > 0:
-                axes.text(
-                    k, row, f"{100 * shares[row, k]:.0f} %", fontsize=9,
-                    horizontalalignment="center", verticalalignment="center",
-                    color=_WRITTEN if value != predicted else INK,
-                )  # fmt: skip
-    axes.set_xticks(range(len(said)), [_change(value, numeric) for value in said])
-    axes.set_yticks(range(len(values)), [_change(value, numeric) for value in values])
-    axes.grid(False)
-
-
-def _legend(kinds: Collection[str]) -> list[Line2D]:
-    def mark(marker: str, colour: str, label: str) -> Line2D:
-        return Line2D([], [], color=colour, marker=marker, linestyle="", markersize=5, label=label)
-
-    handles = []
-    if "points" in kinds:
-        handles += [
-            mark("o", _WRITTEN, "file as written"),
-            mark("o", _FOUND, "with what was found"),
-            Line2D([], [], color=INK, linewidth=0.8, label="where both are equal"),
-        ]
-    if "table" in kinds:
-        handles.append(mark("s", _WRITTEN, "fraction of the steps with another change"))
-    return handles
-
-
-def _rounded(values: Vector) -> NDArray[Any]:
-    return np.round(values, 6) + 0.0
-
-
-def _distinct(values: Vector) -> Vector:
-    return np.unique(_rounded(values))
-
-
-def _counts(values: Vector) -> bool:
-    """Return whether changes resemble those of a counter or of a position on a grid."""
-    return bool(np.all(values == np.round(values))) and len(values) > 1
-
-
-def _change(value: float, numeric: bool) -> str:
-    if numeric:
-        return "0" if value == 0 else f"{'+' if value > 0 else '−'}{number(abs(value))}"
-    return "stays" if value == 0 else ("true" if value > 0 else "false")
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= _NAME else name[: _NAME - 1] + "…"
+def _scatter(axes: Axes, predicted: Vector, observed: Vector, colour: str, label: str) -> None:
+    """Draw a point for each distinct pair, the larger the more steps it has."""
+    pairs = np.round(np.stack((predicted, observed)), 6) + 0.0
+    (x, y), counts = np.unique(pairs, axis=1, return_counts=True)
+    area = np.minimum(_AREA * counts**0.75, _LARGEST)
+    axes.scatter(x, y, s=area, color=colour, alpha=0.45, linewidths=0, rasterized=True, label=label)

@@ -44,10 +44,7 @@ class Recorded:
 
 
 def read_recorded(run: Path) -> Recorded:
-    """Read the recorded data of a run.
-
-    Args:
-        run: The run's folder.
+    """Read the recorded data of a run from its folder.
 
     Raises:
         RunError: The folder is not a run, it has no intact checkpoint, or its copy of the domain

@@ -7,6 +7,7 @@ same lines apply to both, it is attributed to these lines; if none applies, to n
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,7 +21,6 @@ from serp.model.emit import Site
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.pddl.source import Place
 from serp.sysid.monitor import END, REWARD
-from serp.sysid.regression_data import RegressionData
 
 _EQUAL = 0.1
 """A reward is as predicted if it differs by at most this fraction of the usual reward."""
@@ -36,6 +36,8 @@ _NO_LINE = _Line("", None)
 
 @dataclass
 class _Count:
+    """The steps of a line: those in which it was predicted, with sums of what was said and came."""
+
     predicted: int = 0
     came: int = 0
     unpredicted: int = 0
@@ -44,19 +46,16 @@ class _Count:
     unpredicted_sum: float = 0.0
     squares: float = 0.0
 
+    @property
+    def mean_observed(self) -> float:
+        if self.predicted:
+            return self.observed / self.predicted
+        return self.unpredicted_sum / max(1, self.unpredicted)
 
-def find_rules(
-    model: TransitionModel, sample: RegressionData, steps: Steps, predicted: Vector, units: Vector
-) -> tuple[RuleFinding, ...]:
-    """Return the lines whose rewards or ends differ from the observed ones, the worst first.
 
-    Args:
-        model: The model as written.
-        sample: The transitions.
-        steps: The same with rewards and ends.
-        predicted: `[N, F + 2]` predictions of the model.
-        units: `[F + 2]`, see `serp.diagnosis.accuracy.units_of`.
-    """
+def find_rules(model: TransitionModel, steps: Steps) -> tuple[RuleFinding, ...]:
+    """Return the lines whose rewards or ends differ from the observed ones, the worst first."""
+    sample, predicted, units = steps.sample, steps.predicted, steps.units
     width = len(model.fluents)
     rules = _Rules(model)
     counts: dict[str, dict[_Line, _Count]] = {REWARD: {}, END: {}}
@@ -78,9 +77,7 @@ def find_rules(
             came=count.came,
             unpredicted=count.unpredicted,
             expected=count.expected / max(1, count.predicted),
-            observed=count.observed / count.predicted
-            if count.predicted
-            else count.unpredicted_sum / max(1, count.unpredicted),
+            observed=count.mean_observed,
             samples=len(sample),
             cost=count.squares / float(units[width + k]) ** 2 / len(sample),
         )
@@ -101,16 +98,7 @@ def _count(
     came: float,
     equal: float,
 ) -> None:
-    """Count a step.
-
-    Args:
-        lines: The counts so far.
-        said: The lines that were predicted to apply.
-        seen: The lines that apply to the observed state.
-        expected: The predicted reward or end.
-        came: The observed reward or end.
-        equal: Largest difference that counts as none.
-    """
+    """Count a step by the lines said to apply, and those seen to; `equal` is no difference."""
     right, off = abs(came - expected) <= equal, (came - expected) ** 2
     for line in said:
         count = lines.setdefault(line, _Count())
@@ -147,14 +135,12 @@ class _Rules:
 
     def judged(self, state: Vector, action: int, next_state: Vector) -> dict[str, set[_Line]]:
         """Return the lines that apply to an observed transition."""
-        sites = self._model.trace_judged(state, action, next_state)
-        if self._goal is None and self._metric is None:
-            return self._applied(sites, 0.0, 0.0)
-        try:
-            judged = self._model.judge(state, action, next_state)
-        except StateError:
-            return self._applied(sites, 0.0, 0.0)
-        return self._applied(sites, judged.reward, float(judged.terminal))
+        reward = end = 0.0
+        if self._goal or self._metric:
+            with contextlib.suppress(StateError):
+                judged = self._model.judge(state, action, next_state)
+                reward, end = judged.reward, float(judged.terminal)
+        return self._applied(self._model.trace_judged(state, action, next_state), reward, end)
 
     def _applied(self, sites: Iterable[Site], reward: float, end: float) -> dict[str, set[_Line]]:
         """Return the lines among the sites; goal or metric where there are none."""

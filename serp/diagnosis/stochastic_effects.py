@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import functools
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from serp.diagnosis.accuracy import Steps
 from serp.diagnosis.expectation_maximisation import estimate_probabilities
 from serp.diagnosis.findings import ObservedOutcome, StochasticEffect
 from serp.model import ground as g
@@ -37,23 +38,24 @@ Mask = NDArray[np.bool_]
 
 
 def find_stochastic_effects(
-    model: TransitionModel, sample: RegressionData, whole: Iterable[str], units: Vector
+    model: TransitionModel, steps: Steps, whole: Iterable[str]
 ) -> tuple[StochasticEffect, ...]:
     """Return the action schemas that have other outcomes than in the file.
 
     Args:
         model: The model as written.
-        sample: The transitions.
+        steps: The observed steps.
         whole: Functions whose values are a few whole numbers.
-        units: `[F + 2]`, see `serp.diagnosis.accuracy.units_of`.
     """
-    sample = sample.part(_MOST_ROWS)
+    sample = steps.sample.part(_MOST_ROWS)
     columns = _discrete(model.ground, set(whole))
     if not len(columns) or not len(sample):
         return ()
     lifted = LiftedModel(model.ground)
     names = dict.fromkeys(action.schema for action in model.actions)
-    schemas = [_Schema(model, lifted, sample, columns, units[columns], name) for name in names]
+    schemas = [
+        _Schema(model, lifted, sample, columns, steps.units[columns], name) for name in names
+    ]
     surprising = [schema for schema in schemas if schema.surprising]
     # An environment may show the state after the last step of an episode, or the next start.
     strange = any(schema.ends_strangely for schema in surprising)
@@ -77,21 +79,13 @@ def _discrete(ground: g.GroundModel, whole: set[str]) -> NDArray[np.int64]:
 
 @dataclass
 class _Candidate:
-    """One candidate outcome.
+    """One candidate outcome; the observation after an end of the episode is unreliable."""
 
-    Attributes:
-        changes: Its changes, where it has any.
-        fits: `[n]`, whether it fits the observed next state.
-        after: `[n, D]` the next states that it predicts.
-        ends: `[n]`, whether it ends the episode. The observation after an end is unreliable.
-        written: Whether it is the action's effect in the file.
-    """
-
-    changes: Changes
-    fits: Mask
-    after: Vector
-    ends: Mask
-    written: bool
+    changes: Changes  # where it has any
+    fits: Mask  # [n], whether it fits the observed next state
+    after: Vector  # [n, D], the next states that it predicts
+    ends: Mask  # [n], whether it ends the episode
+    written: bool  # whether it is the action's effect in the file
 
 
 class _Schema:
@@ -128,7 +122,7 @@ class _Schema:
     @functools.cached_property
     def ends_strangely(self) -> bool:
         """Whether states after ends of episodes differ from the prediction."""
-        strange = self._ends & ~_any_fits(self._usual_candidates)
+        strange = self._ends & ~_fits_of(self._usual_candidates).any(1)
         return bool(strange.sum() > _RARE * self._ends.sum())
 
     def finding(self, *, without_ends: bool) -> StochasticEffect | None:
@@ -177,17 +171,15 @@ class _Schema:
     @functools.cached_property
     def _ends(self) -> Mask:
         """The states from which a usual outcome ends the episode."""
-        ends: Mask = np.logical_or.reduce([candidate.ends for candidate in self._usual_candidates])
+        ends: Mask = np.any([candidate.ends for candidate in self._usual_candidates], axis=0)
         return ends
 
     def _predicted(self, actions: NDArray[np.int64]) -> tuple[Vector, Mask]:
         """Return the discrete fluents after one step, `[n, D]`, and whether the episode ends."""
         after = np.full(self.before.shape, np.nan)
         ends = np.zeros(len(after), dtype=np.bool_)
-        for row, (state, action) in enumerate(
-            zip(self.states.tolist(), actions.tolist(), strict=True)
-        ):
-            out, flags = self.model.transition(state, action)
+        for row, state in enumerate(self.states.tolist()):
+            out, flags = self.model.transition(state, int(actions[row]))
             if flags & APPLICABLE:
                 after[row] = [out[column] for column in self.columns]
                 ends[row] = bool(flags & TERMINAL)
@@ -208,8 +200,11 @@ class _Schema:
                     continue
                 here = np.where(own_rows[:, None], after, np.nan)
                 self._add(candidates, self._usual(here), here, ends & own_rows)
-        missed = ~_any_fits(candidates.values())
-        for changes in self._commonest(missed):
+        missed: Mask = np.all(~_fits_of(candidates.values()), axis=1)
+        commonest = self._counted(self.observed, missed)[:_MOST_OTHERS]
+        if (self.observed[missed] == self.before[missed]).all(1).any():
+            commonest.append(())
+        for changes in commonest:
             self._add(candidates, changes, self._changed(changes), np.zeros(len(missed), np.bool_))
         found = [k for k in candidates.values() if k.written or k.fits.any()]
         return found if () in candidates else self._with_nothing(found)
@@ -256,15 +251,9 @@ class _Schema:
             counts[self._named(row, after[row] - self.before[row])] += 1
         return [changes for changes, _ in sorted(counts.items(), key=lambda c: (-c[1], c[0]))]
 
-    def _commonest(self, missed: Mask) -> list[Changes]:
-        found = self._counted(self.observed, missed)[:_MOST_OTHERS]
-        if (self.observed[missed] == self.before[missed]).all(1).any():
-            found.append(())
-        return found
-
     def _named(self, row: int, change: Vector) -> Changes:
         """Return a change with the fluents' names in the schema."""
-        names = {o: variable for variable, o in self._binding(row).items()}
+        names = {o: variable for variable, o in self.bindings[int(self.actions[row])].items()}
         named = []
         for column, by in zip(self.columns.tolist(), change.tolist(), strict=True):
             if by != 0.0:
@@ -278,7 +267,7 @@ class _Schema:
         after = self.before.copy()
         index = {self.model.fluents[c].name: k for k, c in enumerate(self.columns.tolist())}
         for row in range(len(after)):
-            binding = self._binding(row)
+            binding = self.bindings[int(self.actions[row])]
             for name, by in changes:
                 symbol, *terms = name.split(" ")
                 at = index.get(" ".join((symbol, *(binding.get(t, t) for t in terms))))
@@ -286,16 +275,7 @@ class _Schema:
                     after[row, at] += by
         return after
 
-    def _binding(self, row: int) -> Mapping[str, str]:
-        return self.bindings[int(self.actions[row])]
 
-
-def _fits_of(candidates: Sequence[_Candidate]) -> Mask:
+def _fits_of(candidates: Iterable[_Candidate]) -> Mask:
     """Return which candidates fit each transition, `[n, K]`."""
     return np.stack([candidate.fits for candidate in candidates], axis=1)
-
-
-def _any_fits(candidates: Iterable[_Candidate]) -> Mask:
-    """Return whether any candidate fits each transition, `[n]`."""
-    fits: Mask = np.logical_or.reduce([candidate.fits for candidate in candidates])
-    return fits

@@ -58,42 +58,31 @@ def _sentence(q: Quantity) -> str:
     listed = f"; with the findings {percent(q.off_left, 2)}" if differs else ""
     mostly = f"; most of it after `{q.action}`" if q.most > 0.5 and q.squared else ""
     if q.name == END:
-        return _end(q) + listed
-    steps = f"of {q.steps:,} steps"
-    if not q.numeric:
-        changes = f"{q.shown} changes {q.change:,.0f} times in {q.steps:,} steps"
-        if not q.written:
-            return f"{changes}, and nothing in the file says so{listed}{mostly}"
-        wrong = f"{q.said:,} changes were predicted, {q.right:,} of them correctly"
-        wrong += f" (wrong {percent(q.off, 2)} as often as it changes)"
-        return f"{changes}; {wrong}{listed}{mostly}"
-    if q.name == REWARD:
-        changes = f"the reward is {number(q.change)} a step"
+        missed = int(q.change) - q.right
+        what = f"the task ended in {q.change:,.0f} of {q.steps:,} steps"
+        said = f"; {q.said:,} ends were predicted, {q.right:,} of them correctly, and {missed:,} "
+        said += "ends were not predicted"
+        mostly = ""
+    elif not q.numeric:
+        what = f"{q.shown} changes {q.change:,.0f} times in {q.steps:,} steps"
+        said = f"; {q.said:,} changes were predicted, {q.right:,} of them correctly"
+        said += f" (wrong {percent(q.off, 2)} as often as it changes)"
+    elif not q.change:
+        still = "the reward is 0" if q.name == REWARD else f"{q.shown} does not change"
+        what, said = f"{still} in all {q.steps:,} steps", ", though the file predicts that it does"
     else:
-        changes = f"{q.shown} changes by {number(q.change)} a step"
-    if not q.change:
-        what = "the reward is 0" if q.name == REWARD else f"{q.shown} does not change"
-        return f"{what} in all {steps[3:]}, though the file predicts that it does{listed}{mostly}"
-    if not q.written:
-        return f"{changes}, and nothing in the file says so{listed}{mostly}"
-    error = number(q.change * q.off)
-    return f"{changes}, the error of the file is {error} ({percent(q.off, 2)}){listed}{mostly}"
-
-
-def _end(q: Quantity) -> str:
-    ended = f"the task ended in {q.change:,.0f} of {q.steps:,} steps"
-    if not q.written:
-        return f"{ended}, and nothing in the file says so"
-    missed = int(q.change) - q.right
-    return (
-        f"{ended}; {q.said:,} ends were predicted, {q.right:,} of them correctly, and {missed:,} "
-        "ends were not predicted"
-    )
+        moves = "the reward is" if q.name == REWARD else f"{q.shown} changes by"
+        what = f"{moves} {number(q.change)} a step"
+        error = number(q.change * q.off)
+        said = f", the error of the file is {error} ({percent(q.off, 2)})"
+    if q.change and not q.written:
+        said = ", and nothing in the file says so"
+    return f"{what}{said}{listed}{mostly}"
 
 
 def _names(quantities: Sequence[Quantity]) -> str:
     fluents = sum(q.name not in (REWARD, END) for q in quantities)
     named = [f"{fluents} fluents" if fluents > 1 else "a fluent"] if fluents else []
-    named += ["the reward"] if any(q.name == REWARD for q in quantities) else []
-    named += ["the end"] if any(q.name == END for q in quantities) else []
+    others = {REWARD: "the reward", END: "the end"}
+    named += [others[q.name] for q in quantities if q.name in others]
     return " and ".join([", ".join(named[:-1]), named[-1]] if len(named) > 1 else named)

@@ -118,7 +118,7 @@ class DQN:
 
         Args:
             x: One input ``[F]`` or a batch ``[B, F]``.
-            base: The guide's values ``[A]`` or ``[B, A]``, added; None: none.
+            base: As for all methods.
 
         Returns:
             ``[A]`` or ``[B, A]``, float32, in units of reward × `reward_scale`; a new array.

@@ -44,12 +44,9 @@ def checked(guidance: Guidance | None, actions: int) -> Guidance:
     """Return guidance; raise ValueError if it is absent, of another shape or not finite."""
     if guidance is None:
         raise ValueError("a learner with a guide needs guidance for every step")
-    for action in (guidance.action, guidance.next_action):
-        if not -1 <= action < actions:
-            raise ValueError(f"a guide's action must be in 0 ... {actions - 1}, not {action}")
-    values = guidance.next_values
-    if values.shape != (actions,):
-        raise ValueError(f"a guide's values must have shape ({actions},), not {values.shape}")
+    values, chosen = guidance.next_values, (guidance.action, guidance.next_action)
+    if values.shape != (actions,) or not all(-1 <= action < actions for action in chosen):
+        raise ValueError(f"guidance of {actions} actions cannot be {guidance}")
     if not (math.isfinite(guidance.value) and np.isfinite(values).all()):
         raise ValueError(f"a guide's values must be finite, not {guidance.value} and {values}")
     return guidance

@@ -53,14 +53,10 @@ def add_bias(z: Any, parameters: Any, at: int, floor: Any) -> None:
 
 @compiled
 def normalize(z: Any, h: Any, inverse: Any, parameters: Any, at: int) -> None:
-    """Set h to ReLU(LayerNorm(z + bias)).
+    """Set h ``[E, B, H]`` to ReLU(LayerNorm(z + bias)).
 
-    Args:
-        z: ``[E, B, H]``; becomes the normalised value before gain and shift.
-        h: ``[E, B, H]``, written.
-        inverse: ``[E, B]``, written: 1 / standard deviation of each row.
-        parameters: ``[E, P]``.
-        at: Column of the layer's bias.
+    z becomes the normalised value before gain and shift, `inverse` ``[E, B]`` the reciprocal of
+    the standard deviation of each row.
     """
     members, batch, outputs = z.shape
     share = _ONE / np.float32(outputs)

@@ -51,15 +51,9 @@ class TDGradient:
     def gradient(
         self, batch: Samples, bounds: tuple[float, float], imitation_weight: float
     ) -> float:
-        """Write the gradient of the loss on a batch into that of the network.
+        """Write the gradient of the loss on a batch ``[E, B]`` into the network's; return the loss.
 
-        Args:
-            batch: Samples ``[members, batch]``.
-            bounds: Smallest and largest possible value of a state.
-            imitation_weight: Weight of imitation, ≥ 0.
-
-        Returns:
-            The mean loss over members and samples.
+        `bounds` are the smallest and the largest possible value of a state.
         """
         if self._filters and imitation_weight > 0.0:
             self._target.forward(batch.observation, self._filter_work)
@@ -95,7 +89,7 @@ def _within(value: Any, lower: Any, upper: Any) -> Any:
 def td_gradient(
     values: Any, batch: Any, bounds: Any, huber: bool, guide: Any, how: Any, q_gradient: Any
 ) -> float:
-    """Compute the loss and its gradient.
+    """Write the gradient of each member's mean loss; return the mean loss over members and batch.
 
     The target of a sample is reward + discount × next_q[best], with best the action of largest
     choice_q among those not forbidden (the lowest index in a tie), and next_q[best] clipped to
@@ -105,22 +99,15 @@ def td_gradient(
 
     Args:
         values: ``[E, B, A]`` each: q of the current states; next_q, the values of the next states;
-            choice_q, which selects the next action, the same array unless double DQN; filter_q of
-            the current states for the filter, the same array as q without a target network.
-        batch: Action int64 ``[E, B]``; reward ``[E, B]``; discount ``[E, B]``, 0 after a terminal
-            step; forbidden bool ``[E, B, A]``, never all of a row.
-        bounds: Smallest and largest possible value.
+            choice_q, which selects the next action; filter_q of the current states.
+        batch: Action, reward, discount and forbidden of `Samples`.
+        bounds: Smallest and largest possible value of a state.
         huber: The Huber loss with threshold 1 instead of the squared error.
         guide: The fields of `Samples` for the guide; None without one. The loop is then compiled
             without the parts for a guide.
-        how: Whether the next state may be valued by the guide's action, where next_q prefers it;
-            whether the guide's values are added to q, next_q and choice_q (residual); whether to
-            imitate only where filter_q of the guide's action is no smaller than that of the action
-            with the largest q; margin ≥ 0; weight ≥ 0 of imitation. None without a guide.
-        q_gradient: ``[E, B, A]``, written: gradient of each member's mean loss.
-
-    Returns:
-        The mean loss over members and batch.
+        how: The fields of `GuidedLearning`: whether the next state may be valued by the guide's
+            action; whether the guide's values are added; whether to filter; margin; weight.
+        q_gradient: ``[E, B, A]``, written.
     """
     q, next_q, choice_q, filter_q = values
     action, reward, discount, forbidden = batch

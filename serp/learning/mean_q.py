@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
+from serp.learning.kernels import compiled
 from serp.learning.network import QNetwork, Workspace
 from serp.learning.samples import type_F32
 from serp.learning.symmetry_group import SymmetryGroup
@@ -15,11 +18,8 @@ class MeanQ:
 
     def __init__(self, network: QNetwork, symmetry: SymmetryGroup | None) -> None:
         self._input_size, self._action_count = network.sizes[0], network.sizes[-1]
-        group = symmetry or SymmetryGroup(self._input_size, self._action_count)
-        self._images = group.averaged
-        self._columns = group.columns[: group.averaged]
-        self._signs = group.signs[: group.averaged, np.newaxis]
-        self._actions = group.actions[: group.averaged, np.newaxis]
+        self._group = symmetry or SymmetryGroup(self._input_size, self._action_count)
+        self._images = self._group.averaged
         self._single = Workspace(network, self._images)
         self._many = Workspace(network, 0)
 
@@ -35,9 +35,14 @@ class MeanQ:
                 f"an input must have shape ({self._input_size},) or (batch, {self._input_size}), "
                 f"not {x.shape}"
             )
-        of_each = self._of_each(network, np.atleast_2d(x))
-        members, images, batch, actions = of_each.shape
-        q: type_F32 = of_each.reshape(members * images, batch, actions).mean(axis=0)
+        rows = np.atleast_2d(x)
+        of_each = self._of_each(network, rows)
+        q: type_F32
+        if self._images > 1:
+            q = np.empty((len(rows), self._action_count), np.float32)
+            _mean_over_images(of_each, self._group.actions, q)
+        else:
+            q = of_each[0].copy() if network.members == 1 else of_each.mean(axis=0)
         q = q if x.ndim == 2 else q[0]
         if base is not None:
             if base.shape != q.shape and base.shape != (self._action_count,):
@@ -47,22 +52,52 @@ class MeanQ:
 
     def of_members(self, network: QNetwork, x: npt.NDArray[np.floating]) -> type_F32:
         """Return Q of every action by each member, ``[members, A]``, for one input ``[F]``."""
-        mean: type_F32 = self._of_each(network, x[np.newaxis])[:, :, 0].mean(axis=1)
+        q = self._of_each(network, x[np.newaxis])
+        actions = self._group.actions[np.newaxis, : self._images]
+        mean: type_F32 = np.take_along_axis(q, actions, axis=2).mean(axis=1)
         return mean
 
     def _of_each(self, network: QNetwork, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q ``[E, K, B, A]`` by each member of each of K images, mapped back."""
+        """Return Q ``[E, K · B, A]`` by each member of each of K images of B inputs."""
         rows = self._images * len(x)
         if len(x) != 1 and self._many.batch != rows:
             self._many = Workspace(network, rows)
         work = self._single if len(x) == 1 else self._many
         inputs = x.astype(np.float32, copy=False)
-        if self._images == 1:
-            return network.forward(inputs, work)[:, np.newaxis]
-        images = inputs[:, self._columns].swapaxes(0, 1) * self._signs
-        q = network.forward(np.ascontiguousarray(images).reshape(rows, -1), work)
-        shape = (network.members, self._images, len(x), self._action_count)
-        each: type_F32 = np.take_along_axis(
-            q.reshape(shape), np.broadcast_to(self._actions, shape), axis=3
-        )
-        return each
+        if self._images > 1:
+            images: type_F32 = np.empty((rows, self._input_size), np.float32)
+            _all_images(
+                np.ascontiguousarray(inputs), self._group.columns, self._group.signs, images
+            )
+            inputs = images
+        return network.forward(inputs, work)
+
+
+@compiled
+def _all_images(x: Any, columns: Any, signs: Any, out: Any) -> None:
+    """Compute the images of inputs under K elements of a symmetry group, element by element.
+
+    x is ``[B, F]``, and out ``[K · B, F]`` is written.
+    """
+    batch, width = x.shape
+    for r in range(len(out)):
+        g, i = r // batch, r % batch
+        for j in range(width):
+            out[r, j] = signs[g, j] * x[i, columns[g, j]]
+
+
+@compiled
+def _mean_over_images(q: Any, images: Any, out: Any) -> None:
+    """Write the mean of q ``[E, K · B, A]`` over members and images to out ``[B, A]``."""
+    members, rows, actions = q.shape
+    batch = len(out)
+    share = np.float32(1.0) / np.float32(members * (rows // batch))
+    out[:, :] = np.float32(0.0)
+    for e in range(members):
+        for r in range(rows):
+            g, i = r // batch, r % batch
+            for k in range(actions):
+                out[i, k] += q[e, r, images[g, k]]
+    for i in range(batch):
+        for k in range(actions):
+            out[i, k] *= share

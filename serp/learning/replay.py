@@ -120,12 +120,10 @@ class ReplayBuffer:
             truncated: The episode was cut off; the value of its last state is estimated.
             next_allowed: ``[A]``, which actions may be chosen next; None, or none True: all.
             failing: This step is a failure.
-            guidance: The guide's advice on the step; required by a guided buffer, which stores the
-                advice on the first and the last state of a sample; otherwise ignored.
+            guidance: The guide's advice on the step; required by a guided buffer.
 
         Raises:
-            ValueError: An observation has another shape, there is no such action, or required
-                guidance is absent, of another shape or not finite.
+            ValueError: An observation or the guidance does not fit, or there is no such action.
         """
         shape, actions = (self._spec.input_size,), self._spec.action_count
         if observation.shape != shape or next_observation.shape != shape:

@@ -1,14 +1,10 @@
 """Bounds on the discounted return, from the rewards observed so far.
 
-A return is γ⁰c₀ + γ¹c₁ + … + γᵐt: m ≥ 0 rewards of steps after which the episode goes on, and the
-reward t of the step that terminates it (none where it never terminates). With rewards
-c ≤ c̄ and t ≤ t̄ that is at most
-
-    (1 − γᵐ) · c̄ / (1 − γ) + γᵐ · t̄,
-
-a weighted mean of c̄ / (1 − γ) and t̄. The largest return is therefore the larger of the two, and
-likewise the smallest. Separating both kinds of reward keeps the bounds tight: with 0 to 1 per step
-and −1 for a fall, γ = 0.9, they are −1 and 10; the range of all rewards would give −10.
+A return is γ⁰c₀ + γ¹c₁ + … + γᵐt: m ≥ 0 rewards c ≤ c̄ of steps after which the episode goes on, and
+the reward t ≤ t̄ of the step that terminates it. That is at most (1 − γᵐ) · c̄ / (1 − γ) + γᵐ · t̄, a
+weighted mean of c̄ / (1 − γ) and t̄, so the largest return is the larger of the two, and likewise the
+smallest. Separating both kinds of reward keeps the bounds tight: with 0 to 1 per step and −1 for a
+fall, γ = 0.9, they are −1 and 10; the range of all rewards would give −10.
 
 Only the *estimated* part of a TD target, the value of the next state, is clipped to these bounds.
 """

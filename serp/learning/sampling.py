@@ -27,14 +27,16 @@ class Sampler:
         symmetry: SymmetryGroup | None,
     ) -> None:
         self.rng = rng
-        self._store = store
         self._group = symmetry or SymmetryGroup(spec.input_size, spec.action_count)
         self._uniform = np.zeros(shape)
         self._counts = np.zeros(shape[1])
         self._starts: type_I64 = np.zeros(shape[1], np.int64)
         self._elements: type_I64 = np.zeros(shape, np.int64)
-        self._drawn = Samples.zeros(shape[0] * shape[1], spec)
-        self._batch = self._drawn.split(*shape)
+        drawn = Samples.zeros(shape[0] * shape[1], spec)
+        self._batch = drawn.split(*shape)
+        # Plain tuples for the loop.
+        self._tables = (tuple(store), tuple(drawn))
+        self._symmetries = (self._group.columns, self._group.signs, self._group.actions)
 
     def divide(self, ranges: Iterable[tuple[int, int, int]]) -> None:
         """Set the number of columns, the first row and the number of rows of each range."""
@@ -52,14 +54,10 @@ class Sampler:
         """
         self.rng.random(out=self._uniform)
         rows = self._starts + (self._uniform * self._counts).astype(np.int64)
-        group = self._group
-        if len(group) > 1:
+        if len(self._group) > 1:
             self.rng.random(out=self._uniform)
-            self._elements[:] = self._uniform * len(group)  # rounds down
-        symmetries = (group.columns, group.signs, group.actions)
-        _take_images(
-            rows.ravel(), self._elements.ravel(), symmetries, tuple(self._store), tuple(self._drawn)
-        )
+            self._elements[:] = self._uniform * len(self._group)  # rounds down
+        _take_images(rows.ravel(), self._elements.ravel(), self._symmetries, *self._tables)
         return self._batch
 
 

@@ -55,6 +55,10 @@ class Domain:
         supplied = frozenset[str]() if observed else None
         return cls(source, problem_source, syntax, problem, limit, supplied)
 
+    def __getstate__(self) -> dict[str, object]:
+        """Leave the model out of a pickle: another process compiles its own."""
+        return {name: value for name, value in vars(self).items() if name != "model"}
+
     @property
     def name(self) -> str:
         """The domain's name."""

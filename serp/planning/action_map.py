@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import copy
-import operator
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from serp._util.numbers import whole
 from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of, risks_of
@@ -116,7 +116,7 @@ class ActionMap:
         for index, ground in enumerate(model.actions):
             schemas.setdefault(ground.schema, []).append(index)
         for name, action in mapping.items():
-            if not _is_position(action, size):
+            if whole(action, 0, size - 1) is None:
                 raise TaskError(
                     f"actions: `{name}` is mapped to {action!r}, but the environment's actions "
                     f"are 0 ... {size - 1}"
@@ -158,21 +158,13 @@ class ActionMap:
                 forecast.safe_steps, forecast.reward, forecast.flags,
             )  # fmt: skip
         ground = self._first if self._one_to_one else self._choose(forecast)
-        unknown = ground < 0
         choice = self.environment_action[forecast.choice] if forecast.choice >= 0 else -1
-        if not len(self.model.actions):
-            count = self.size
-            return ActionForecast(
-                -1, ground, np.full(count, -np.inf), np.zeros(count), np.full(count, SAFE),
-                np.zeros(count), np.zeros(count, dtype=np.int64),
-            )  # fmt: skip
-        value, risk, steps = (
-            forecast.value[ground], forecast.path_risk[ground], forecast.safe_steps[ground],
-        )  # fmt: skip
-        reward, flags = forecast.reward[ground], forecast.flags[ground]
-        if unknown.any():
-            value[unknown], risk[unknown], steps[unknown] = -np.inf, 0.0, SAFE
-            reward[unknown], flags[unknown] = 0.0, 0
+        # Position -1 is that of the actions that the model does not know.
+        value = np.append(forecast.value, -np.inf)[ground]
+        risk = np.append(forecast.path_risk, 0.0)[ground]
+        steps = np.append(forecast.safe_steps, SAFE)[ground]
+        reward = np.append(forecast.reward, 0.0)[ground]
+        flags = np.append(forecast.flags, 0)[ground]
         if not self._one_to_one:
             for action, group in enumerate(self._groups):
                 together = [k for k in group if forecast.flags[k] & APPLICABLE]
@@ -212,11 +204,3 @@ class ActionMap:
                     ),
                 )
         return chosen
-
-
-def _is_position(action: object, size: int) -> bool:
-    """Whether a value is a whole number (Python's or NumPy's) from 0 to size - 1."""
-    try:
-        return not isinstance(action, bool) and 0 <= operator.index(action) < size  # type: ignore[arg-type]
-    except TypeError:
-        return False

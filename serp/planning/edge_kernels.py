@@ -20,19 +20,10 @@ _joined = cached_njit(nogil=True, forceinline=True)(joined)
 def edge(model, rules, state, action, target, scratch, width):
     """Follow one edge: `action`, `repeat` times or until it ends.
 
-    Args:
-        model: `CompiledModel`.
-        rules: `Rules`.
-        state: Pointer to the state that the edge leaves, `[F]`.
-        action: Position of the action.
-        target: Pointer to the row `[F + 1]` that receives the state reached, and a reward.
-        scratch: Pointer to a row `[F]` to work in.
-        width: F.
+    States are pointers to rows of `width` numbers; `target` has one more, for the reward.
 
     Returns:
-        Discounted reward; weight of later rewards (γ to the number of periods); flags of the whole
-        edge; `rank_of` its first period; number of periods (before the first with a risk, if any);
-        joint risk of the steps whose risk is not accepted; reward and flags of the first period.
+        The columns of `serp.planning.expansion.Edges` from `reward` on.
     """
     address, dt, accepted = model.address, model.dt, rules.accepted_risk
     theta = pointer_to(model.data, 0)
@@ -69,15 +60,10 @@ def edge(model, rules, state, action, target, scratch, width):
 
 @cached_njit(nogil=True)
 def expand(model, rules, nodes, states, out, found):
-    """Follow every edge of some states.
+    """Follow every edge of the `nodes` rows of `states`; rows are flat, of F + 1 numbers.
 
-    Args:
-        model: Values of `CompiledModel`, as a plain tuple, which numba reads faster.
-        rules: Values of `Rules`, likewise.
-        nodes: Number of states N.
-        states: Flat `[N * (F + 1)]`.
-        out: Flat `[(N * A + 1) * (F + 1)]`, receives the states reached.
-        found: Eight arrays `[N * A]`, receive what `edge` returns.
+    `out` receives the states reached, a row an edge and one to work in; `found`, eight arrays, what
+    `edge` returns.
     """
     reward, weight, flags, rank, periods, risk, first_reward, first_flags = found
     named, limits = CompiledModel(*model), Rules(*rules)

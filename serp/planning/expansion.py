@@ -20,13 +20,7 @@ _INTERPRETED_EDGES = 256
 
 
 class Followed(NamedTuple):
-    """The result of following the edges out of some nodes.
-
-    Attributes:
-        edges: The applicable edges.
-        reached: The state that each edge leads to.
-        undefined: Nodes with an edge whose result is undefined.
-    """
+    """Applicable edges, the states that they lead to, and nodes with an undefined result."""
 
     edges: Edges
     reached: list[State]
@@ -77,14 +71,7 @@ class Edges(NamedTuple):
 def follow(
     model: TransitionModel, settings: PlannerSettings, nodes: Sequence[int], states: list[State]
 ) -> Iterator[Followed]:
-    """Follow every edge out of some nodes, in batches.
-
-    Args:
-        model: The transition model.
-        settings: Repetition and discount.
-        nodes: Positions of the nodes.
-        states: States of all nodes.
-    """
+    """Follow every edge out of some nodes, given by their positions in `states`, in batches."""
     if model.compiles:
         size = max(1, _NATIVE_EDGES // max(1, len(model.actions)))
         for start in range(0, len(nodes), size):
@@ -110,24 +97,18 @@ def _follow_native(
     out = np.empty((tried + 1, width + 1))
     reward, weight, risk, first_reward = np.empty((4, tried))
     flags, rank, periods, first_flags = np.empty((4, tried), dtype=np.int64)
+    columns = (reward, weight, flags, rank, periods, risk, first_reward, first_flags)
     expand(
         (address_of(model.native_step()), model.data, model.dt),
         tuple(Rules(actions, 1, settings.repeat, settings.discount, settings.accepted_risk)),
         len(nodes), rows.reshape(-1), out.reshape(-1),
-        (reward, weight, flags, rank, periods, risk, first_reward, first_flags),
+        columns,
     )  # fmt: skip
     there = np.flatnonzero(flags & APPLICABLE)
     edges = Edges(
-        source=np.asarray(nodes)[there // actions].tolist(),
-        action=(there % actions).tolist(),
-        reward=reward[there].tolist(),
-        weight=weight[there].tolist(),
-        flags=flags[there].tolist(),
-        rank=rank[there].tolist(),
-        periods=periods[there].tolist(),
-        risk=risk[there].tolist(),
-        first_reward=first_reward[there].tolist(),
-        first_flags=first_flags[there].tolist(),
+        np.asarray(nodes)[there // actions].tolist(),
+        (there % actions).tolist(),
+        *(column[there].tolist() for column in columns),
     )
     undefined = np.flatnonzero((flags & UNDEFINED).reshape(len(nodes), actions).any(axis=1))
     return Followed(
@@ -163,15 +144,10 @@ def _follow_interpreted(
             reward += weight * further.pop()
             weight *= settings.discount
             target = further
-        edges.source.append(node)
-        edges.action.append(action)
-        edges.reward.append(reward)
-        edges.weight.append(weight)
-        edges.flags.append(flags)
-        edges.rank.append(rank_of(first_flags))
-        edges.periods.append(periods)
-        edges.risk.append(risk)
-        edges.first_reward.append(first_reward)
-        edges.first_flags.append(first_flags)
+        rank = rank_of(first_flags)
+        edge = (node, action, reward, weight, flags, rank, periods, risk, first_reward, first_flags)
+        columns: tuple[list[Any], ...] = edges
+        for column, value in zip(columns, edge, strict=True):
+            column.append(value)
         reached.append(tuple(target))
     return Followed(edges, reached, [node] if undefined else [])

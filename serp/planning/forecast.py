@@ -78,33 +78,26 @@ class Forecast(NamedTuple):
         return all_alike(self)
 
 
-class ScoreColumns(Protocol):
+class _ScoreColumns(Protocol):
     """The columns of a forecast by which actions are compared; see `Forecast`."""
 
     @property
-    def value(self) -> NDArray[np.float64]:
-        """`[A]` value of the best path that begins with each action."""
-
+    def value(self) -> NDArray[np.float64]: ...
     @property
-    def path_risk(self) -> NDArray[np.float64]:
-        """`[A]` risk of that path."""
-
+    def path_risk(self) -> NDArray[np.float64]: ...
     @property
-    def safe_steps(self) -> NDArray[np.int64]:
-        """`[A]` control periods of that path before the first with a risk."""
-
+    def safe_steps(self) -> NDArray[np.int64]: ...
     @property
-    def flags(self) -> NDArray[np.int64]:
-        """`[A]` flags of one control period."""
+    def flags(self) -> NDArray[np.int64]: ...
 
 
-def score_of(of: ScoreColumns, action: int) -> PathScore:
+def score_of(of: _ScoreColumns, action: int) -> PathScore:
     """Return the score of the best path that begins with an action."""
     rank, steps = rank_of(int(of.flags[action])), int(of.safe_steps[action])
     return path_score(rank, float(of.path_risk[action]), steps, float(of.value[action]))
 
 
-def all_alike(of: ScoreColumns) -> bool:
+def all_alike(of: _ScoreColumns) -> bool:
     """Return whether there are two or more actions to choose from and all have the same score.
 
     The actions to choose from are those of the best rank, see `serp.planning.preference`.

@@ -90,10 +90,9 @@ class PlanningGraph:
             open_nodes = reached
 
     def _expand(self, nodes: list[int], deadline: float | None) -> list[int] | Bound:
-        """Add the layer of edges out of some nodes.
+        """Add the layer of edges out of some nodes and return the nodes to expand next.
 
-        Returns:
-            The nodes to expand next, or the bound that was reached; then nothing is added.
+        If a bound is reached, nothing is added and the bound returned.
         """
         first, bounded = len(self.states), bool(self._layers)
         edges_left = edge_budget(len(self.model.fluents)) - sum(
@@ -186,10 +185,8 @@ class PlanningGraph:
             k, edges = self._best[node], layer.edges
             if k < 0:
                 break
-            path.append(
-                Edge(node, edges.action[k], layer.target[k], edges.reward[k], edges.flags[k])
-            )
-            node = path[-1].target
+            source, node = node, layer.target[k]
+            path.append(Edge(source, edges.action[k], node, edges.reward[k], edges.flags[k]))
         return path
 
     def to_networkx(self) -> nx.MultiDiGraph:
@@ -203,22 +200,16 @@ class PlanningGraph:
         """
         graph = nx.MultiDiGraph(fluents=tuple(f.name for f in self.model.fluents))
         names = [action.name for action in self.model.actions]
-        graph.add_nodes_from(
-            (
+        for node, (_, spared, steps, value) in enumerate(self._scores):
+            graph.add_node(
                 node,
-                {
-                    "layer": layer,
-                    "state": state,
-                    "ended": node in self._ended,
-                    "value": value,
-                    "path_risk": 0.0 - spared,
-                    "safe_steps": None if steps == SAFE else steps,
-                },
+                layer=self._layer_of[node],
+                state=self.states[node],
+                ended=node in self._ended,
+                value=value,
+                path_risk=0.0 - spared,
+                safe_steps=None if steps == SAFE else steps,
             )
-            for node, (state, layer, (_, spared, steps, value)) in enumerate(
-                zip(self.states, self._layer_of, self._scores, strict=True)
-            )
-        )
         for layer in self._layers:
             edges = layer.edges
             for source, action, target, reward, flags in zip(

@@ -11,18 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-_Reals = NDArray[np.float64]
-_Wholes = NDArray[np.int64]
-
 
 class CompiledModel(NamedTuple):
-    """A transition model, for compiled loops.
-
-    Attributes:
-        address: Address of its compiled transition function, see `serp.model.native`.
-        data: Its parameters.
-        dt: Its control period in seconds.
-    """
+    """A transition model, for compiled loops: its function, its parameters, its control period."""
 
     address: np.intp
     data: NDArray[np.float64]
@@ -32,12 +23,7 @@ class CompiledModel(NamedTuple):
 class Rules(NamedTuple):
     """Limits of a search, and its treatment of rewards and risks; see `PlannerSettings`.
 
-    Attributes:
-        actions: Number of actions A.
-        depth, repeat, discount, accepted_risk: As in the settings.
-        max_nodes: Most nodes that are expanded.
-        max_edges: Most applicable edges.
-        always: Whether leaf values always count, and not only where all scores are equal.
+    `always`: leaf values always count, and not only where all scores are equal.
     """
 
     actions: int
@@ -51,15 +37,7 @@ class Rules(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory of one search.
-
-    Attributes:
-        states: Flat `[(max_nodes + 2) * (F + 1)]`.
-        reward, weight, flags, periods, risk: `[max_nodes * A]`, of every edge.
-        child: `[max_nodes * A]` node that an edge leads to; -1 for none.
-        best_value, best_risk, best_steps: `[max_nodes]`, of the best path from every node.
-        table: Hash table, a power of two of at least twice max_nodes.
-    """
+    """Memory of one search: states, edges (`child` is -1 for none), best paths, hash table."""
 
     states: NDArray[np.float64]
     reward: NDArray[np.float64]
@@ -95,7 +73,7 @@ class Scratch(NamedTuple):
 
 
 class FirstActions(NamedTuple):
-    """Results of a search for every first action, `[A]`; see `serp.planning.forecast.Forecast`."""
+    """Results of a search for every first action, `[A]`; see `serp.Forecast`."""
 
     value: NDArray[np.float64]
     path_risk: NDArray[np.float64]
@@ -103,10 +81,9 @@ class FirstActions(NamedTuple):
     reward: NDArray[np.float64]
     flags: NDArray[np.int64]
 
-
-def room_for_actions(count: int) -> tuple[_Reals, _Reals, _Wholes, _Reals, _Wholes]:
-    """Allocate the values of `FirstActions` for `count` actions."""
-    return (
-        np.empty(count), np.empty(count), np.empty(count, dtype=np.int64), np.empty(count),
-        np.empty(count, dtype=np.int64),
-    )  # fmt: skip
+    @classmethod
+    def allocate(cls, count: int) -> FirstActions:
+        """Allocate room for `count` actions."""
+        value, path_risk, reward = (np.empty(count) for _ in range(3))
+        steps, flags = (np.empty(count, dtype=np.int64) for _ in range(2))
+        return cls(value, path_risk, steps, reward, flags)

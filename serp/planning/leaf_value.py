@@ -1,8 +1,6 @@
 """The value of the states at the end of a lookahead: an estimate for compiled loops.
 
-Ridge regression on random Fourier features (Rahimi & Recht 2007). It turns the values that a
-learner estimates from observations into a function of the state only, which a lookahead can
-evaluate in states that were never visited.
+It turns the values that a learner estimates from observations into a function of the state only.
 """
 
 from __future__ import annotations
@@ -29,14 +27,7 @@ _WAVES, _LOW, _HIGH, _CONSTANT, _HEADER = 0, 1, 2, 3, 4
 
 @cached_njit(nogil=True)
 def value_at(packed, states, at, width):  # type: ignore[no-untyped-def]
-    """Return the value of one state.
-
-    Args:
-        packed: `LeafValue.packed`, or `serp.planning.far_sight.cell_values.pack`.
-        states: Flat float64 array.
-        at: Where the state begins in it.
-        width: Fluents, F.
-    """
+    """Return the value of the state of `width` numbers that begins in flat `states` at `at`."""
     if packed[KIND] == CELLS:
         return cell_value_at(packed, states, at, width)
     waves = int(packed[_WAVES])
@@ -60,14 +51,9 @@ def value_at(packed, states, at, width):  # type: ignore[no-untyped-def]
 class LeafValue:
     """A value function of states `[F]`, fitted to the values of some states.
 
-    The value is clipped to the range of the values that it was fitted to.
-
-    Args:
-        fluents: Width of a state, F.
-        seed: Seed of the random features.
-
-    Attributes:
-        packed: float64, read by `value_at`. Empty before the first fit.
+    Ridge regression on random Fourier features (Rahimi & Recht 2007). The value is clipped to the
+    range of the values that it was fitted to. `packed`, which `value_at` reads, is empty before the
+    first fit.
     """
 
     def __init__(self, fluents: int, seed: np.random.SeedSequence) -> None:
@@ -83,11 +69,7 @@ class LeafValue:
         return self.packed.size > 0
 
     def restore(self, packed: Vector) -> None:
-        """Restore a saved `packed`.
-
-        Raises:
-            ValueError: It belongs to states of another width.
-        """
+        """Restore a saved `packed`, or raise a ValueError if it is of states of another width."""
         size = _HEADER + 2 * self._fluents + FEATURES * (2 + self._fluents)
         if packed.size and (packed.shape != (size,) or packed[_WAVES] != FEATURES):
             raise ValueError(f"{packed.shape} instead of {(size,)}")
@@ -98,14 +80,10 @@ class LeafValue:
         return float(value_at(self.packed, state, 0, self._fluents))
 
     def fit(self, states: Vector, values: Vector) -> None:
-        """Fit the estimate anew.
+        """Fit the estimate anew to states `[N, F]` and their values `[N]`, N ≥ 1.
 
         Where a number is not finite (the learner may diverge), or the regression has no solution,
         the previous estimate is kept.
-
-        Args:
-            states: `[N, F]`, N ≥ 1.
-            values: `[N]`.
         """
         if not (np.isfinite(states).all() and np.isfinite(values).all()):
             return

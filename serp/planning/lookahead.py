@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from serp.model.native import address_of
 from serp.model.transition_model import StateError, TransitionModel
 from serp.planning.forecast import Forecast
-from serp.planning.kernel_records import Rules, Scratch, room_for_actions
+from serp.planning.kernel_records import FirstActions, Rules, Scratch
 from serp.planning.limits import Bound, edge_budget, node_budget
 from serp.planning.search_kernels import search
 from serp.settings import PlannerSettings
@@ -82,9 +82,9 @@ class Lookahead:
         state = np.ascontiguousarray(state, dtype=np.float64)
         if state.shape != (self._width,):
             raise StateError(f"a state has {self._width} numbers, found shape {state.shape}")
-        found = room_for_actions(self._actions)
+        found = FirstActions.allocate(self._actions)
         choice, depth, bound = search(
             (self._address, self.model.data, self.model.dt), self._rules,
-            self.leaves[:0] if self._never else self.leaves, state, self._scratch, found,
+            self.leaves[:0] if self._never else self.leaves, state, self._scratch, tuple(found),
         )  # fmt: skip
         return Forecast(choice, *found, depth, _BOUNDS[bound])

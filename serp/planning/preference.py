@@ -39,22 +39,12 @@ def rank_of(flags: int) -> int:
 
 
 def path_score(rank: int, risk: float, steps: int, value: float) -> PathScore:
-    """Return the score of a path; a better path has a larger one.
-
-    Args:
-        rank: `rank_of` its first control period; the smaller is better.
-        risk: Probability of an unsafe step on it; the smaller is better.
-        steps: Control periods before the first one with a risk; the larger is better.
-        value: Discounted sum of rewards; the larger is better.
-    """
+    """Return the score of a path: `rank` is that of its first control period."""
     return -rank, -risk, steps, value
 
 
 def free_of_risk(flags: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return whether steps are applicable, not flagged by the file, and of an accepted risk.
-
-    An action with such a step is called safe.
-    """
+    """Return which steps are safe: applicable, not flagged by the file, of an accepted risk."""
     free: NDArray[np.bool_] = (flags & (APPLICABLE | UNSAFE | RISKY)) == APPLICABLE
     return free
 

@@ -24,8 +24,6 @@ from serp.planning.preference import path_score, rank_of
 _DEPTH = int(Bound.DEPTH)
 _NODES = int(Bound.NODES)
 _EXHAUSTED = int(Bound.EXHAUSTED)
-_LEFT_OUT, _WANTED = -2, -1
-"""In place of the steps of a node: it is left out; the backward pass has not evaluated it yet."""
 _BITS, _RANK = 0x1F, 6
 """Stored flags of an edge: their bits, and above these the rank of its first period."""
 
@@ -59,41 +57,13 @@ def _same_slot(states, row, width, table, mask, candidate):
     return slot
 
 
-@cached_njit(nogil=True, forceinline=True)
-def _want_children(edges, actions, flags, periods, risk, child, best_steps):
-    """Mark the children of a node that matter: those of edges that may be its best.
-
-    An edge cannot be the best if it has a worse rank than another edge, or if it is certainly
-    unsafe while another edge is free of risk for longer, whatever follows on either.
-    """
-    first, safest = np.int64(3), 0
-    for e in range(edges, edges + actions):
-        if flags[e] & APPLICABLE:
-            rank = np.int64(flags[e] >> _RANK)
-            if rank < first:
-                first, safest = rank, 0
-            if rank == first:
-                safest = max(safest, int(periods[e]))
-    for e in range(edges, edges + actions):
-        lasting = risk[e] < 1.0 or periods[e] >= safest
-        if child[e] >= 0 and lasting and np.int64(flags[e] >> _RANK) == first:
-            best_steps[child[e]] = _WANTED
-
-
 @cached_njit(nogil=True)
 def search(model, rules, leaves, state, scratch, found):
     """Expand the planning graph of one state and find the best path of every first action.
 
-    Records are passed as plain tuples, see `serp.planning.kernel_records`.
-
-    Args:
-        model: Values of `serp.planning.kernel_records.CompiledModel`.
-        rules: Values of `serp.planning.kernel_records.Rules`.
-        leaves: Value function of the states that the last layer leads to, see
-            `serp.planning.leaf_value`; empty: their values are 0.
-        state: `[F]`.
-        scratch: Values of `serp.planning.kernel_records.Scratch`.
-        found: Values of `serp.planning.kernel_records.FirstActions`, written.
+    Model, rules, scratch and found (which is written) are records of
+    `serp.planning.kernel_records` as plain tuples. `leaves` is the value function of the states
+    that the last layer leads to, see `serp.planning.leaf_value`; empty: their values are 0.
 
     Returns:
         Chosen action, layers expanded, bound.
@@ -101,9 +71,9 @@ def search(model, rules, leaves, state, scratch, found):
     named, limits = CompiledModel(*model), Rules(*rules)
     room, first = Scratch(*scratch), FirstActions(*found)
     always = limits.always
-    result = _search_all(named, limits, leaves if always else leaves[:0], state, room, first)
+    result = _search(named, limits, leaves if always else leaves[:0], state, room, first)
     if not always and leaves.shape[0] > 0 and _all_alike(first):
-        result = _search_all(named, limits, leaves, state, room, first)
+        result = _search(named, limits, leaves, state, room, first)
     return result
 
 
@@ -132,28 +102,8 @@ def _all_alike(found):
 
 
 @cached_njit(nogil=True)
-def _search_all(model, rules, leaves, state, scratch, found):
-    """Search without the nodes that cannot matter, if the budgets have room for all nodes."""
-    nodes, layer = 0, 1
-    for _ in range(rules.depth):
-        nodes += layer
-        layer *= rules.actions
-        if nodes > rules.max_nodes or nodes * rules.actions > rules.max_edges:
-            break
-    roomy = nodes <= rules.max_nodes and nodes * rules.actions <= rules.max_edges
-    result = _search(model, rules, leaves, state, scratch, found, roomy)
-    if roomy and result[2] == _EXHAUSTED:
-        # Only the whole graph shows its depth.
-        result = _search(model, rules, leaves, state, scratch, found, False)
-    return result
-
-
-@cached_njit(nogil=True)
-def _search(model, rules, leaves, state, scratch, found, choosy):
-    """Expand and evaluate the nodes; `choosy`: leave out nodes that cannot matter.
-
-    Where a budget ends the expansion, the values of the leaves are 0.
-    """
+def _search(model, rules, leaves, state, scratch, found):
+    """Expand and evaluate the nodes; where a budget ends the expansion, leaves are worth 0."""
     (
         states, reward, weight, flags, periods, risk, child, best_value, best_risk, best_steps,
         table,
@@ -189,8 +139,6 @@ def _search(model, rules, leaves, state, scratch, found, choosy):
             for i in range(mask + 1):
                 table[i] = -1
         for node in range(start, end):
-            if choosy and node > 0 and best_steps[node] == _LEFT_OUT:
-                continue
             source = pointer_to(states, node * row)
             for action in range(actions):
                 e = node * actions + action
@@ -216,13 +164,10 @@ def _search(model, rules, leaves, state, scratch, found, choosy):
                 if table[place] < 0:
                     if stored < max_nodes:
                         table[place] = stored
-                        best_steps[stored] = _LEFT_OUT if choosy and node > 0 else _WANTED
                     stored += 1
                     if stored > max_nodes:
                         continue
                 child[e] = table[place]
-            if choosy and keep and node > 0:
-                _want_children(node * actions, actions, flags, periods, risk, child, best_steps)
             if applied > max_edges and expanded > 0:
                 break
         if applied > max_edges and expanded > 0:
@@ -232,8 +177,6 @@ def _search(model, rules, leaves, state, scratch, found, choosy):
         end = stored
         expanded += 1
     for node in range(start - 1, -1, -1):
-        if choosy and node > 0 and best_steps[node] == _LEFT_OUT:
-            continue
         chosen = -1
         top_risk, top_steps, top_value = 0.0, SAFE, 0.0
         best = _path_score(0, top_risk, top_steps, top_value)

@@ -24,7 +24,7 @@ import numpy as np
 import safetensors.numpy
 from safetensors import SafetensorError
 
-from serp._util.files import read_regular, replaced_durably, write_durably
+from serp._util.files import read_regular, replaced_durably, write_durably, write_flushed
 from serp.errors import RunError
 
 FORMAT: Final = 7
@@ -83,7 +83,7 @@ def save_rotating(
     newest, previous = folder / NEWEST, folder / PREVIOUS
     data = _encode(arrays, meta)
     with replaced_durably(newest) as aside:
-        aside.write_bytes(data)
+        write_flushed(aside, data)
         if newest.exists():
             previous.unlink(missing_ok=True)
             try:  # a second name, so that a reader always finds a newest one

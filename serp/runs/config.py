@@ -94,12 +94,12 @@ def read_config(folder: Path) -> dict[str, Any]:
         )
     about = read_json(file, "Restore it from a copy.")
     version = about.get("format")
-    if isinstance(version, int) and version != FORMAT:
+    if version != FORMAT:
         versions = about.get("versions")
         wrote = versions.get("serp") if isinstance(versions, dict) else None
         raise RunError(
             f"{file} was written by another version of serp ({wrote or 'unknown'}): it has format "
-            f"{version}, and this one reads format {FORMAT}. Use that version, or train again."
+            f"{version!r}, and this one reads format {FORMAT}. Use that version, or train again."
         )
     try:
         _Config.model_validate(about)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 from serp.errors import SettingsError
@@ -16,16 +17,28 @@ _SETTINGS: Final = {
 _VALUES: Final = {("adaptation", "mode", "literals"): "parameters"}
 
 
-def refuse_old_names(section: Any, setting: Any = None, value: Any = None) -> None:
-    """Refuse a former name.
+def refuse_old_section(section: Any, values: Any) -> None:
+    """Refuse the former name of a section, naming its settings as well.
 
     Raises:
-        SettingsError: The section, the setting or its value was renamed.
+        SettingsError: The section was renamed.
     """
-    if setting is None:
-        if isinstance(section, str) and section in _SECTIONS:
-            raise SettingsError(f"section `{section}` is now called `{_SECTIONS[section]}`")
+    if not isinstance(section, str) or section not in _SECTIONS:
         return
+    new = _SECTIONS[section]
+    text = f"section `{section}` is now called `{new}`"
+    for setting in values if isinstance(values, Mapping) else ():
+        name = _SETTINGS.get((new, setting), setting)
+        text += f", `{section}.{setting}` is `{new}.{name}`"
+    raise SettingsError(text)
+
+
+def refuse_old_names(section: str, setting: Any, value: Any) -> None:
+    """Refuse the former name of a setting or of its value.
+
+    Raises:
+        SettingsError: It was renamed.
+    """
     name = _SETTINGS.get((section, setting)) if isinstance(setting, str) else None
     if name is not None:
         raise SettingsError(f"setting `{section}.{setting}` is now called `{section}.{name}`")

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from serp._util.text import did_you_mean
 from serp.errors import SettingsError
-from serp.settings.renamed import refuse_old_names
+from serp.settings.renamed import refuse_old_names, refuse_old_section
 from serp.settings.section import Section, from_json
 from serp.settings.sections import (
     AdaptationSettings,
@@ -72,7 +72,7 @@ class Settings(BaseModel):
         """
         sections: dict[str, Section] = {}
         for name, values in entries(changes, "settings", '{"planner": {"depth": 5}}'):
-            refuse_old_names(name)
+            refuse_old_section(name, values)
             if name not in Settings.model_fields:
                 known = did_you_mean(str(name), Settings.model_fields)
                 raise SettingsError(f"there is no section `{name}`; {known}")

@@ -26,6 +26,7 @@ from serp.tasks.grounding_samples import grounded
 from serp.tasks.observation import Observations
 from serp.tasks.task import Task, declared_reward
 
+_SOURCES = ("domain", "environment")
 _SAMPLES = 8
 """Number of sampled observations on which the grounding is tried."""
 
@@ -69,8 +70,7 @@ class BoundTask(Closing):
             (not isinstance(task.name, str | None), "name", "a text"),
             (not callable(task.ground), "ground", "a function of an observation"),
             (not callable(task.make_env), "make_env", "a function that returns an environment"),
-            (task.reward not in (None, "domain", "environment"), "reward",
-             "'domain' or 'environment'"),
+            (task.reward not in (None, *_SOURCES), "reward", "'domain' or 'environment'"),
             (dt is None or dt <= 0, "dt (the control period)", "a number > 0"),
         ):  # fmt: skip
             if wrong:
@@ -134,23 +134,14 @@ class BoundTask(Closing):
     # Steps -------------------------------------------------------------------------------------
 
     def observation(self, raw: Any) -> NDArray[np.float64]:
-        """Return an observation as a flat float64 vector.
-
-        Raises:
-            EnvironmentFailure: It is not a member of the space, does not consist of real numbers,
-                or holds NaN or an infinity.
-        """
+        """Return an observation as a flat float64 vector, or raise an EnvironmentFailure."""
         try:
             return self.observations.read(raw)
         except ValueError as error:
             raise EnvironmentFailure(f"task {self.name}: the observation: {error}") from None
 
     def ground(self, raw: Any) -> Vector:
-        """Return the state `[F]` of an observation of the environment.
-
-        Raises:
-            TaskError: The grounding raised, left out a fluent, or gave NaN.
-        """
+        """Return the state `[F]` of an observation, or raise a TaskError."""
         try:
             grounded = self.task.ground(raw)
         except Exception as error:
@@ -165,11 +156,7 @@ class BoundTask(Closing):
             raise TaskError(f"task {self.name}: grounding of {raw}: {error}") from None
 
     def reset(self, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
-        """Reset the environment.
-
-        Raises:
-            EnvironmentFailure: It raised, or did not return observation and info.
-        """
+        """Reset the environment; return observation and info, or raise an EnvironmentFailure."""
         with self._calling("reset"):
             return reset_answer(self.env.reset(seed=seed))
 
@@ -199,24 +186,14 @@ class BoundTask(Closing):
             self.call = None
 
     def close(self) -> None:
-        """Close the environment.
-
-        Raises:
-            EnvironmentFailure: It raised.
-        """
+        """Close the environment."""
         with self._calling("closing the environment"):
             self.env.close()
 
     # State across episodes ---------------------------------------------------------------------
 
     def environment_state(self) -> dict[str, Any]:
-        """Return the state that environment and wrappers keep from one episode to the next.
-
-        See `serp.tasks.wrapper_state`.
-
-        Raises:
-            EnvironmentFailure: A layer raised, or its state does not consist of JSON values.
-        """
+        """Return what the layers of the environment keep across episodes, as JSON values."""
         try:
             saved = wrapper_state.save(self.env)
             json.dumps(saved)
@@ -230,11 +207,7 @@ class BoundTask(Closing):
     def restore_environment(
         self, saved: Mapping[str, Any], *, statistics_only: bool = False
     ) -> None:
-        """Restore what `environment_state` returned, or only the running statistics in it.
-
-        Raises:
-            RunError: The state does not fit this environment.
-        """
+        """Restore what `environment_state` returned, or only the running statistics in it."""
         try:
             wrapper_state.restore(self.env, saved, statistics_only=statistics_only)
         except Exception as error:

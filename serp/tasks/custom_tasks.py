@@ -20,12 +20,9 @@ FORMS = "FILE.py, FILE.py:FUNCTION or MODULE:FUNCTION"
 def custom_task(name: str) -> Task:
     """Return the task that `--task` names.
 
-    The name refers to a `serp.Task`, or to a function without arguments that returns one; a file
-    with one task needs no function name. Installed modules come before those in the working
-    directory; importing a module runs it.
-
-    Args:
-        name: `FILE.py`, `FILE.py:FUNCTION` or `MODULE:FUNCTION`.
+    The name, one of `FORMS`, refers to a `serp.Task`, or to a function without arguments that
+    returns one; a file with one task needs no function name. Installed modules come before those in
+    the working directory; importing a module runs it.
 
     Raises:
         TaskError: There is no such file, module or function, it fails, or it returns no task.
@@ -125,11 +122,10 @@ def _failed(what: str, error: Exception) -> TaskError:
     """Return an error that names the line that raised another one."""
     if isinstance(error, SyntaxError) and error.filename:
         return TaskError(f"{what}: {error.filename}:{error.lineno}:{error.offset}: {error.msg}")
-    frames = [
+    outside = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
-        if frame.filename != __file__ and not frame.filename.startswith("<frozen")
+        if frame.filename != __file__ and "importlib" not in frame.filename
     ]
-    outside = [frame for frame in frames if "importlib" not in frame.filename]
     place = f"{outside[-1].filename}:{outside[-1].lineno}: " if outside else ""
     return TaskError(f"{what}: {place}{type(error).__name__}: {error}")

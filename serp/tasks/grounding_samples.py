@@ -1,8 +1,4 @@
-"""Results of a task's grounding on sampled observations.
-
-The grounding is a function of an observation, so sampled observations of the space show which
-fluents it gives; the environment is neither reset nor stepped.
-"""
+"""Results of a task's grounding on sampled observations; the environment is not used."""
 
 from __future__ import annotations
 
@@ -22,16 +18,14 @@ FAR = 1e9
 def samples(space: spaces.Space[Any], count: int) -> Iterator[Any]:
     """Yield observations of a space; of a box first its centre and bounds, then random points.
 
-    The space's random generator is not used. Equal calls yield equal observations.
-
-    Args:
-        space: The observation space.
-        count: Number of random observations.
+    The space's random generator is not used. Equal calls yield equal observations, `count` of them
+    random.
     """
     if isinstance(space, spaces.Box) and np.issubdtype(space.dtype, np.floating):
         low = np.clip(space.low.astype(np.float64), -FAR, FAR)
         high = np.clip(space.high.astype(np.float64), -FAR, FAR)
-        yield from (_inside(space, point) for point in _of_box(low, high, count))
+        for point in _of_box(low, high, count):
+            yield np.clip(point.astype(space.dtype), space.low, space.high)
         return
     try:
         own = copy.deepcopy(space)
@@ -40,11 +34,6 @@ def samples(space: spaces.Space[Any], count: int) -> Iterator[Any]:
             yield own.sample()
     except Exception:  # a custom space that cannot be sampled
         return
-
-
-def _inside(space: spaces.Box, point: NDArray[np.float64]) -> Any:
-    """Return a point in the form of an observation."""
-    return np.clip(point.astype(space.dtype), space.low, space.high)
 
 
 def _of_box(

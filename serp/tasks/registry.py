@@ -36,11 +36,10 @@ def load_task(name: str) -> Task:
 
 
 def find_domain_file(domain: str) -> Path | None:
-    """Return the file that `--domain` means.
+    """Return the file that `--domain` means; None for the name of an installed task.
 
     It is a path, or `domains/NAME.pddl` or `NAME.pddl` in the working directory, or a variant
-    `NAME.pddl` beside the domain file of an installed task. None if the name can only be that of an
-    installed task.
+    `NAME.pddl` beside the domain file of an installed task.
     """
     path = Path(domain)
     if path.suffix == ".pddl" or len(path.parts) > 1:
@@ -52,14 +51,10 @@ def find_domain_file(domain: str) -> Path | None:
 
 
 def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
-    """Return the task that `--domain` means.
+    """Return the task that `--domain` means: the name of an installed task, or a domain file.
 
     A file belongs to the task with the name of its domain, or with the name of the file up to a
     hyphen (`cartpole-no-gravity.pddl` is a variant for the task `cartpole`).
-
-    Args:
-        domain: Name of an installed task, or a domain file.
-        max_ground_schemas: How large the domain of a file may be; None for the usual limit.
 
     Raises:
         TaskError: There is no such file, or no task for it.
@@ -81,11 +76,7 @@ def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
 
 
 def _shipped_beside(name: str) -> Path | None:
-    """Return the file of that name beside the domain file of an installed task; None for none.
-
-    Raises:
-        TaskError: Making the task fails.
-    """
+    """Return the file of that name beside the domain file of an installed task; None for none."""
     entries = task_entries()
     for task in _shortened(name):
         if task in entries:
@@ -97,11 +88,7 @@ def _shipped_beside(name: str) -> Path | None:
 
 
 def task_of(domain: Domain, path: Path) -> Task | None:
-    """Return the installed task that a domain file belongs to, with that domain; None for none.
-
-    Raises:
-        TaskError: Making the task fails.
-    """
+    """Return the installed task that a domain file belongs to, with that domain; None for none."""
     entries = task_entries()
     for name in (domain.name, path.stem, *_shortened(domain.name), *_shortened(path.stem)):
         if name in entries:

@@ -19,13 +19,7 @@ Source = Literal["domain", "environment", "sum"]
 
 
 class Judged(NamedTuple):
-    """The rewards and the safety of an observed step.
-
-    Attributes:
-        reward: The reward that is learned from.
-        domain_reward: R(s') of the domain file; 0 if the file cannot judge the step.
-        unsafe: Whether the observed step is unsafe by the domain file.
-    """
+    """The rewards and the safety of an observed step; see `serp.StepRecord`."""
 
     reward: float
     domain_reward: float
@@ -33,14 +27,7 @@ class Judged(NamedTuple):
 
 
 class Judge:
-    """Judges the observed steps of a task.
-
-    Args:
-        task: The task.
-        settings: All settings; `training.reward` chooses the reward.
-
-    Attributes:
-        source: The source of the reward that is learned from.
+    """Judges the observed steps of a task; the setting `training.reward` chooses the reward.
 
     Raises:
         SettingsError: The domain's rewards are to be learned from, but it gives none.
@@ -57,13 +44,7 @@ class Judge:
             )
 
     def __call__(self, state: Vector, ground: int, next_state: Vector, env_reward: float) -> Judged:
-        """Judge an observed step.
-
-        Args:
-            state: State `[F]` before the step.
-            ground: Ground action that was executed; -1 if the model does not know it.
-            next_state: State `[F]` after it.
-            env_reward: The environment's reward.
+        """Judge an observed step by a ground action, -1 if the model does not know it.
 
         Raises:
             StateError: The domain's reward is learned from, and the file cannot judge this step.
@@ -84,12 +65,7 @@ class Judge:
 
 
 def reward_source(declared: Literal["domain", "environment"], settings: Settings) -> Source:
-    """Return the source of the reward that is learned from.
-
-    Args:
-        declared: The source that the task declares; see `serp.tasks.task.declared_reward`.
-        settings: All settings.
-    """
+    """Return the source of the reward that is learned from, given the one that a task declares."""
     choice = settings.training.reward
     return declared if choice == "task" else choice
 
@@ -97,9 +73,7 @@ def reward_source(declared: Literal["domain", "environment"], settings: Settings
 def describe_source(source: Source, *, in_file: bool) -> str:
     """Return the end of a sentence that begins with "the learner learns from".
 
-    Args:
-        source: The source of the reward.
-        in_file: Whether the domain file gives rewards.
+    `in_file` says whether the domain file gives rewards.
     """
     match source:
         case "domain":

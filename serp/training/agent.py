@@ -217,9 +217,7 @@ class Agent:
     def remember(self, step: StepRecord, following: Decision | None) -> None:
         """Store an env step in the learner's replay memory.
 
-        Args:
-            step: The step.
-            following: The decision in the next state; None if the episode ended.
+        `following` is the decision in the next state, None if the episode ended.
         """
         strategy, decision = self.strategy, step.decision
         ahead: ActionForecast | None = None
@@ -251,6 +249,8 @@ class Agent:
             "arbiter": self.arbiter.state_dict(),
             "random": self._random.bit_generator.state,
         }
+        if isinstance(self.arbiter.planner, EpisodicPlanner):
+            meta["planner"] = self.arbiter.planner.state_dict()
         if self.leaf_values is not None:
             seen, meta["leaf_values"] = self.leaf_values.state_dict()
             saved |= nested("leaf_values", seen)
@@ -266,6 +266,8 @@ class Agent:
         self.learner.load_state_dict(*saved.part("learner"))
         self.adaptation.load_state_dict(*saved.part("adaptation"))
         self.arbiter.load_state_dict(saved.part("arbiter")[1])
+        if isinstance(self.arbiter.planner, EpisodicPlanner):
+            self.arbiter.planner.load_state_dict(saved.part("planner")[1])
         if self.leaf_values is not None:
             self.leaf_values.load_state_dict(*saved.part("leaf_values"))
         self._random.bit_generator.state = saved.generator_state("random", self._random)

@@ -15,42 +15,33 @@ from serp.training.progress import is_terminal
 
 @contextlib.contextmanager
 def show_compiling(*, quiet: bool = False, stream: TextIO | None = None) -> Iterator[None]:
-    """Show on standard error that loops are compiled in the body, and afterwards how many.
+    """Show that loops are compiled in the body, and afterwards how many.
 
-    A terminal counts them. Nothing is shown if all machine code comes from the cache.
-
-    Args:
-        quiet: Show nothing.
-        stream: The stream; by default standard error.
+    Nothing is shown if `quiet`, or if all machine code comes from the cache. The stream is standard
+    error by default.
     """
     if quiet:
         yield
         return
     console = open_console(stream, stderr=True)
-    status = console.status("") if is_terminal(stream) else None
-    loops_before, seconds_before = compiled_functions(), compile_seconds()
+    status = console.status("Compiling, once …") if is_terminal(stream) else None
+    loops, seconds = compiled_functions(), compile_seconds()
 
-    def compiled() -> tuple[int, str]:
-        return compiled_functions() - loops_before, duration(compile_seconds() - seconds_before)
-
-    def show() -> None:
-        loops, seconds = compiled()
+    def begin() -> None:
         with contextlib.suppress(OSError, ValueError):  # the stream was closed
             if status is not None:
-                status.update(f"Compiling, once: loop {loops}, {seconds} so far")
                 status.start()
-            elif loops == 1:
+            elif compiled_functions() == loops + 1:
                 console.print("Compiling, once …")
 
     try:
-        with notifying_of_compilation(show):
+        with notifying_of_compilation(begin):
             yield
     finally:
-        loops, seconds = compiled()
         with contextlib.suppress(OSError, ValueError):
             if status is not None:
                 status.stop()
-            if loops:
-                console.print(
-                    f"Compiled {plural(loops, 'loop')} in {seconds}, kept for later runs."
-                )
+            if compiled_functions() > loops:
+                what = plural(compiled_functions() - loops, "loop")
+                took = duration(compile_seconds() - seconds)
+                console.print(f"Compiled {what} in {took}, kept for later runs.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, get_args
 
 import numpy as np
 
@@ -25,7 +25,6 @@ ENOUGH: Final = WINDOW
 """Number of episodes below which mean and interval are rough."""
 CONFIDENCE: Final = 0.95
 _DRAWS = 3  # spawn key of a strategy's random draws
-_Begin = Callable[[np.random.SeedSequence], Decide]  # seed of an episode's draws → its policy
 
 
 @dataclass(frozen=True)
@@ -116,22 +115,17 @@ def play(
 ) -> Iterator[Episode]:
     """Run a policy without exploring or learning; no random state of the agent changes.
 
-    Advancing the iterator begins the next episode, even if the previous one is not finished.
-
-    Args:
-        agent: The agent.
-        task: The task, in an environment that is not used otherwise.
-        policy: The policy; see `serp.training.policies.Policy`.
-        episodes: Number of episodes, at least 1.
-        seed: Seed of the environment; equal seeds give other episodes than in training.
+    The environment of the task is not used otherwise. Advancing the iterator begins the next
+    episode, even if the previous one is not finished. Equal seeds give other episodes than in
+    training.
 
     Raises:
         SettingsError: There is no such policy, or `episodes` or `seed` is out of range.
         TaskError: The grounding failed (in a step).
         EnvironmentFailure: The environment raised or gave NaN (in a step).
     """
-    policies = _policies(agent)
-    if not isinstance(policy, str) or policy not in policies:
+    policies = get_args(Policy)
+    if policy not in policies:
         raise SettingsError(f"there is no policy `{policy}`; {did_you_mean(str(policy), policies)}")
     count, seed = whole(episodes, 1), seed_of(seed)
     if count is None:
@@ -141,7 +135,8 @@ def play(
     limit = agent.settings.training.episode_steps
     for episode in range(count):
         rollout = Rollout(task, agent.perceive, seed=evaluation_seed(seed, episode), limit=limit)
-        decide = policies[policy](np.random.SeedSequence(seed, spawn_key=(_DRAWS, episode)))
+        draws = np.random.SeedSequence(seed, spawn_key=(_DRAWS, episode))
+        decide = _decisions(agent, policy, draws)
         yield Episode(episode + 1, rollout.info, rollout.steps(decide), rollout.totals)
 
 
@@ -201,14 +196,13 @@ def other_in_training(agent: Agent) -> str | None:
     return None if strategy.turns == strategy.choice else strategy.turns
 
 
-def _policies(agent: Agent) -> dict[str, _Begin]:
-    def in_turns(draws: np.random.SeedSequence) -> Decide:
-        strategy = agent.strategy.forked(draws)
-        return lambda state, x: agent.decide_in_turns(state, x, strategy)
-
-    return {
-        "serp": lambda draws: agent.decide_greedily,
-        "planner": lambda draws: lambda state, x: agent.arbiter.plan(state),
-        "learner": lambda draws: agent.decide_as_baseline,
-        "training": in_turns,
-    }
+def _decisions(agent: Agent, policy: Policy, draws: np.random.SeedSequence) -> Decide:
+    """Return a policy for an episode, with the seed of its random draws."""
+    if policy == "serp":
+        return agent.decide_greedily
+    if policy == "learner":
+        return agent.decide_as_baseline
+    if policy == "planner":
+        return lambda state, x: agent.arbiter.plan(state)
+    strategy = agent.strategy.forked(draws)
+    return lambda state, x: agent.decide_in_turns(state, x, strategy)

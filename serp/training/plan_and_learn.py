@@ -219,6 +219,8 @@ def _train(
             source = describe_source(trainer.judge.source, in_file=trainer.task.model.rewarding)
             for note in (*notes, f"The learner learns from {source}.", *trainer.agent.notices):
                 progress.note(note)
+            if budget.spent_by(trainer):
+                progress.note("Nothing is left to do; to train on, give a larger budget in all.")
             # A failure in the first episodes must not prevent a continuation.
             due = save()
             while not budget.spent_by(trainer) and not stopping.requested:

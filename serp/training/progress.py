@@ -32,13 +32,8 @@ _TOO_SHORT: Final = 0.5  # seconds over which a measured speed would be noise
 class Progress:
     """Shows a training while its body runs; a stream that was closed does not end the training.
 
-    Args:
-        trainer: The training.
-        budget: Its budget.
-        title: Title of the panel.
-        quiet: Show nothing, except for answers on a terminal.
-        stream: The stream; by default standard error.
-        clock: Monotonic clock, seconds.
+    `quiet` shows nothing, except for answers on a terminal. The stream is standard error by
+    default.
     """
 
     def __init__(

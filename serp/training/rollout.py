@@ -38,18 +38,12 @@ def _seed(seed: int, use: int, episode: int) -> int:
 
 
 class Rollout:
-    """A running episode of a task.
+    """A running episode of a task, right after the reset of its environment.
 
-    It counts steps and truncates the episode itself: Gymnasium's `TimeLimit` and
+    It counts steps and truncates the episode after `limit` itself: Gymnasium's `TimeLimit` and
     `RecordEpisodeStatistics` would add layers to the wrapper state of every checkpoint, mark
-    terminated steps as truncated, and write into `info`, which belongs to the task.
-
-    Args:
-        task: The task; its environment is reset.
-        perceive: Observation of the environment → (state, input of the learner).
-        seed: Seed of the reset.
-        limit: Number of steps after which the episode is truncated.
-        judge: Judges each step; None: only the environment's reward is used.
+    terminated steps as truncated, and write into `info`, which belongs to the task. Without a
+    judge, only the environment's reward is used.
 
     Attributes:
         state: Current state `[F]`.

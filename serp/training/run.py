@@ -172,11 +172,7 @@ class Run:
 
 
 def task_of_run(folder: RunFolder, task: Task) -> Task:
-    """Return the task with the run's own copy of the domain.
-
-    Raises:
-        RunError: The run is of another task.
-    """
+    """Return the task with the run's own copy of the domain; refuse another task."""
     made = read_run_metadata(folder)
     if task.name not in (None, made.task):
         raise RunError(f"{folder.path} is a run of task {made.task}, not of {task.name}")

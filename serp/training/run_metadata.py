@@ -52,11 +52,7 @@ class RunMetadata(BaseModel):
 
 
 def read_run_metadata(folder: RunFolder) -> RunMetadata:
-    """Read a run's configuration.
-
-    Raises:
-        RunError: Something is missing in it, or of the wrong kind.
-    """
+    """Read a run's configuration; raise `RunError` if a value is missing or wrong."""
     try:
         return RunMetadata.model_validate(folder.config)
     except (ValidationError, SettingsError) as error:
@@ -84,15 +80,10 @@ def content_digests(folder: RunFolder) -> dict[str, str]:
 
 
 def refuse_changes(folder: RunFolder, checkpoint: Checkpoint, *, domain_only: bool = False) -> None:
-    """Check that the files of a run are those that it began with.
-
-    Args:
-        folder: The run.
-        checkpoint: A checkpoint of it.
-        domain_only: Whether to check only the domain files, not the configuration.
+    """Check that the files of a run are those that a checkpoint of it began with.
 
     Raises:
-        RunError: A file was changed.
+        RunError: A domain file, or the configuration unless `domain_only`, was changed.
     """
     _, before = Saved("run", {}, checkpoint.meta).part("made_of")
     if not isinstance(before, dict):

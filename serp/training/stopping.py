@@ -46,12 +46,7 @@ class Stopping:
         return self.signal is not None
 
     def answer(self, finishing: str, otherwise: str) -> str | None:
-        """Return, once after a signal, a message for the user; else None.
-
-        Args:
-            finishing: What is finished first.
-            otherwise: The consequence of a second signal.
-        """
+        """Return, once after a signal, what is finished first and what a second would do."""
         if self.signal is None or self._answered:
             return None
         self._answered = True

@@ -39,12 +39,6 @@ class Trainer:
     environment whose state survives `reset` (a game clock) has `state_dict()` and
     `load_state_dict(state)` with JSON values.
 
-    Args:
-        task: The task.
-        settings: All settings.
-        seed: Seed of everything random.
-        agent: The agent; by default a new `Agent`.
-
     Attributes:
         judge: Judges the steps.
         decisions: Table in which decisions are logged; None for no log.
@@ -52,6 +46,7 @@ class Trainer:
         under_way: Number of the current env step, from 1.
         units: Number of complete units of `arbiter.rho_unit`.
         tally: Counts over all steps.
+        recent: Returns of the last 20 episodes.
         on_step: If set, called with every env step, after learning from it.
     """
 

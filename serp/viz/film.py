@@ -90,7 +90,7 @@ def film_of_run(
 def film(
     agent: Agent, task: BoundTask, settings: FilmSettings, on_episode: OnEpisode | None = None
 ) -> Iterator[Frame]:
-    """Play a policy and return the frames of a film, as they are made.
+    """Play a policy and return the frames of a film as they are made.
 
     Args:
         agent: The agent.

@@ -1,16 +1,11 @@
-"""What a gradient update and a forward pass of the learner cost, beside two other ways.
+"""What a gradient update of the learner costs, beside plain torch.
 
     python tests/benchmarks/bench_learner.py [--rounds N]
 
-Measures, in µs, one update (batch 64, network 64-64, 8 inputs, 3 actions, Adam, one core) and the
-Q-values of one input:
-
-* serp: `DQN.learn` and `DQN.q_values`, in several settings;
-* plain torch: the same double DQN with `torch.nn.Sequential`, autograd and `torch.optim.Adam`;
-* stable-baselines3: `DQN.train` and the Q-network's forward pass, if it is installed.
-
-All take turns in short rounds, so that a busy machine slows all alike; medians and ratios to
-stable-baselines3 (or to plain torch without it) are printed. Nothing is asserted.
+Measures, in µs, one update (batch 64, network 64-64, 8 inputs, 3 actions, Adam, one core) of
+`DQN.learn` in several settings, and of the same double DQN with `torch.nn.Sequential`, autograd and
+`torch.optim.Adam`. All take turns in short rounds, so that a busy machine slows all alike; medians
+and ratios to plain torch are printed. Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -19,8 +14,6 @@ import argparse
 import os
 import statistics
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from importlib.util import find_spec
 from itertools import pairwise
 from time import perf_counter
 from typing import Any
@@ -37,17 +30,6 @@ INPUTS, ACTIONS, BATCH, HIDDEN = 8, 3, 64, (64, 64)
 FILLED = 2000
 
 
-@dataclass
-class Candidate:
-    """Two things to time; `updates` and `forwards` collect seconds of single calls."""
-
-    name: str
-    update: Callable[[], Any]
-    forward: Callable[[], Any]
-    updates: list[float] = field(default_factory=list)
-    forwards: list[float] = field(default_factory=list)
-
-
 def transitions() -> list[tuple[Any, ...]]:
     rng = np.random.default_rng(0)
     x = rng.standard_normal((FILLED + 1, INPUTS)).astype(np.float32)
@@ -57,18 +39,17 @@ def transitions() -> list[tuple[Any, ...]]:
     ]
 
 
-def serp(name: str, **settings: Any) -> Candidate:
+def serp(**settings: Any) -> Callable[[], Any]:
     agent = DQN(
         INPUTS, ACTIONS, LearnerSettings(hidden=HIDDEN, batch_size=BATCH, **settings), seed=0
     )
     for x, action, reward, next_x, terminated in transitions():
         agent.remember(x, action, reward, next_x, terminated, False)
-    x = np.ones(INPUTS, np.float32)
-    return Candidate(f"serp, {name}", agent.learn, lambda: agent.q_values(x))
+    return agent.learn
 
 
-def plain_torch() -> Candidate:
-    """The textbook way, as `serp, double DQN` does it."""
+def plain_torch() -> Callable[[], Any]:
+    """The textbook way, as `double DQN` does it."""
 
     def network() -> torch.nn.Sequential:
         sizes = (INPUTS, *HIDDEN, ACTIONS)
@@ -85,7 +66,6 @@ def plain_torch() -> Candidate:
     action = torch.tensor([t[1] for t in memory])[:, None]
     reward = torch.tensor([t[2] for t in memory])
     going_on = torch.tensor([not t[4] for t in memory], dtype=torch.float32)
-    one = np.ones(INPUTS, np.float32)
 
     def update() -> float:
         i = torch.randint(FILLED, (BATCH,))
@@ -100,50 +80,7 @@ def plain_torch() -> Candidate:
         optimizer.step()
         return loss.item()
 
-    @torch.no_grad()
-    def forward() -> Any:
-        return online(torch.from_numpy(one)[None])[0].numpy()
-
-    return Candidate("plain torch, double DQN", update, forward)
-
-
-def stable_baselines3() -> Candidate:
-    import gymnasium
-    from stable_baselines3 import DQN as TheirDQN
-    from stable_baselines3.common.logger import Logger
-
-    class Nothing(gymnasium.Env[np.ndarray, np.int64]):
-        observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (INPUTS,), np.float32)
-        action_space = gymnasium.spaces.Discrete(ACTIONS)
-
-    agent = TheirDQN(
-        "MlpPolicy",
-        Nothing(),
-        batch_size=BATCH,
-        buffer_size=50_000,
-        policy_kwargs={"net_arch": list(HIDDEN)},
-        device="cpu",
-        seed=0,
-    )
-    agent.set_logger(Logger(None, []))
-    for x, action, reward, next_x, terminated in transitions():
-        agent.replay_buffer.add(
-            x[None],
-            next_x[None],
-            np.array([[action]]),
-            np.array([reward]),
-            np.array([terminated]),
-            [{}],
-        )
-    one = np.ones(INPUTS, np.float32)
-
-    @torch.no_grad()
-    def forward() -> Any:
-        return agent.q_net(torch.from_numpy(one)[None])[0].numpy()
-
-    return Candidate(
-        "stable-baselines3 DQN", lambda: agent.train(gradient_steps=1, batch_size=BATCH), forward
-    )
+    return update
 
 
 def timed(call: Callable[[], Any], count: int) -> float:
@@ -159,37 +96,25 @@ def main() -> None:
     rounds = parser.parse_args().rounds
     torch.set_num_threads(1)
 
-    candidates = [
-        serp("paper", target_period=None, double=False, n_step=1, clip_targets=False),
-        serp("target network", double=False),
-        serp("double DQN"),
-        serp("double DQN, LayerNorm", layer_norm=True),
-        serp("double DQN, 5 members", members=5),
-        serp("double DQN, LayerNorm, 5 members", members=5, layer_norm=True),
-        plain_torch(),
-    ]
-    if find_spec("stable_baselines3") is None:
-        print("stable-baselines3 is not installed; ratios are to plain torch")
-    else:
-        candidates.append(stable_baselines3())
-
-    for candidate in candidates:
-        timed(candidate.update, 20)  # compiles, fills caches
-        timed(candidate.forward, 20)
+    updates = {
+        "paper": serp(target_period=None, double=False, n_step=1, clip_targets=False),
+        "target network": serp(double=False),
+        "double DQN": serp(),
+        "double DQN, LayerNorm": serp(layer_norm=True),
+        "double DQN, 5 members": serp(members=5),
+        "double DQN, LayerNorm, 5 members": serp(members=5, layer_norm=True),
+        "plain torch, double DQN": plain_torch(),
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in updates}
+    for update in updates.values():
+        timed(update, 20)  # compiles, fills caches
     for _ in range(rounds):
-        for candidate in candidates:
-            candidate.updates.append(timed(candidate.update, 25))
-            candidate.forwards.append(timed(candidate.forward, 50))
-
-    reference = candidates[-1]
-    print(f"{'':36}{'update µs':>10}{'times':>8}{'forward µs':>12}{'times':>8}")
-    for c in candidates:
-        update, forward = map(statistics.median, (c.updates, c.forwards))
-        print(
-            f"{c.name:36}{update * 1e6:10.1f}{statistics.median(reference.updates) / update:8.1f}"
-            f"{forward * 1e6:12.1f}{statistics.median(reference.forwards) / forward:8.1f}"
-        )
-    print(f"times: as many times faster than {reference.name}, medians of {rounds} rounds")
+        for name, update in updates.items():
+            seconds[name].append(timed(update, 25))
+    reference = statistics.median(seconds["plain torch, double DQN"])
+    for name, found in seconds.items():
+        median = statistics.median(found)
+        print(f"{name:36}{median * 1e6:8.1f} µs{reference / median:8.1f} times as fast as torch")
 
 
 if __name__ == "__main__":

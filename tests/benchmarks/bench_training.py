@@ -29,7 +29,6 @@ import gymnasium as gym
 import torch
 
 import serp
-import serp_envs
 from serp.tasks.registry import load_task
 
 HIDDEN, BATCH, STARTS, WANTED = (64, 64), 64, 200, 3.0
@@ -64,10 +63,9 @@ def with_stable_baselines3(env_steps: int, seed: int) -> float:
     """Env steps a second of its DQN."""
     from stable_baselines3 import DQN
 
-    serp_envs.register()
     agent = DQN(
         "MlpPolicy",
-        gym.make("serp/CartPole-v0"),
+        gym.make("serp_envs:serp/CartPole-v0"),
         batch_size=BATCH,
         learning_starts=STARTS,
         train_freq=1,

@@ -49,7 +49,7 @@ class Study:
 
     def compare(self, name: str, first: str, second: str, low=0.0, high=np.inf, of=mean) -> str:
         """Return a line on first − second, which the claim has between two limits."""
-        found = difference([self.values(first, name)], [self.values(second, name)], of)
+        found = difference(self.values(first, name), self.values(second, name), of)
         title = self.about["measures"][name]["title"]
         return line(f"{title}, {first} − {second}", found, low, high)
 
@@ -83,7 +83,7 @@ class Study:
         width = max(self.about["evaluate_every"], -(-budget // 60))
         edges = np.append(np.arange(0.0, budget, width), budget)
         ours, planners = self.blocks(self.subject, edges), self.blocks("mrp", edges)
-        found = [difference([a], [b], mean) for a, b in zip(ours, planners, strict=True)]
+        found = [difference(a, b, mean) for a, b in zip(ours, planners, strict=True)]
         lowest = min(found, key=lambda one: np.inf if one.high is None else one.high)
         what = f"lowest of {len(found)} blocks of {width:,} env steps, {self.subject} − mrp"
         # A block counts against the claim only where its whole interval is below 0.

@@ -5,7 +5,7 @@
 
 A row a policy: standing still, random, every fixed action, a rule of one line, monitor-replanning
 with the shipped domain file. Won are balls secured or cleared. Every policy plays with the same
-seeds; behind the mean return stands its standard error. `--policies planner,random` plays some.
+seeds; behind the mean return stands its standard error.
 """
 
 from __future__ import annotations
@@ -97,19 +97,13 @@ def main() -> None:
     parser.add_argument("--task", choices=tuple(RULES), default="soccer")
     parser.add_argument("--episodes", type=int, default=2000, help="for each seed")
     parser.add_argument("--seeds", default="1-3", help="one, or first-last")
-    parser.add_argument("--policies", help="some of them, with commas between")
     arguments = parser.parse_args()
     first, _, last = arguments.seeds.partition("-")
     seeds = range(int(first), int(last or first) + 1)
     print("| policy | return | goals | won | decisions | unsafe | hits |")
     print("|---|---|---|---|---|---|---|")
     with load_task(arguments.task).bind() as task:
-        names = list(policies(task, 0))
-        wanted = arguments.policies.split(",") if arguments.policies else names
-        unknown = set(wanted) - set(names)
-        if unknown:
-            parser.error(f"no policy is called {', '.join(sorted(unknown))}; there are {names}")
-        for name in wanted:
+        for name in policies(task, 0):
             counts, returns = Counter[str](), []
             for seed in seeds:
                 more, others = play(task, name, arguments.episodes, seed)

@@ -39,6 +39,22 @@ CORRIDOR = """; A robot in a corridor, in metres: the goal to the right, a pit t
     :effect (and (terminal) (increase (reward) 5))))
 """
 
+ROBOT = """
+import serp
+from tests.serp.sample_tasks import Corridor
+
+
+def ground(seen):
+    return {"x": seen[0]}
+
+
+def walkway() -> serp.Task:
+    return serp.Task(
+        name="walkway", make_env=Corridor, domain="corridor.pddl", ground=ground
+    )
+"""
+"""A Python file with a task for the corridor."""
+
 SMALL: Mapping[str, Mapping[str, Any]] = {
     "planner": {"depth": 2},
     "learner": {

@@ -84,14 +84,6 @@ def test_every_step_is_one_of_gymnasiums_table_and_a_fall_shows_its_cell(
     assert task.model.judge(task.ground(35), 2, task.ground(GOAL))[1:] == (False, True)
 
 
-def test_grounding_is_row_and_column(task: BoundTask) -> None:
-    for cell in range(48):
-        row, column = task.ground(cell)
-        assert 12 * row + column == cell
-        assert (0 <= row <= 3) and (0 <= column <= 11)
-    assert [fluent.name for fluent in task.model.fluents] == ["row", "column"]
-
-
 def test_the_domain_moves_as_the_environment_does_without_slipping(task: BoundTask) -> None:
     for cell in range(48):
         for action in range(4):

@@ -98,7 +98,7 @@ def test_grounding_agrees_with_the_poses_of_info(task: BoundTask) -> None:
 
 def test_the_mirrored_observation_swaps_the_sides(task: BoundTask) -> None:
     rng = np.random.default_rng(5)
-    seen = play(task, lambda raw: int(rng.integers(5)), 40).seen.astype(np.float64)
+    seen = play(task, lambda raw: int(rng.integers(5)), 600)
     names = [f.name for f in task.model.fluents]
     swap = [names.index(MIRRORED.get(name, name)) for name in names]
     np.testing.assert_array_equal(soccer.ground(seen * MIRROR), soccer.ground(seen)[:, swap])

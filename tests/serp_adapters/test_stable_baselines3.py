@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import importlib
-import os
 import random
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -19,7 +17,6 @@ from serp.errors import MissingExtra
 
 pytest.importorskip("stable_baselines3")
 
-from stable_baselines3 import DQN, PPO
 
 from serp_adapters import stable_baselines3
 from serp_adapters.stable_baselines3 import StableBaselines3
@@ -79,7 +76,7 @@ def test_updates_after_a_last_whole_rollout_are_made() -> None:
     for steps, epochs in ((255, 0), (256, 20), (511, 20), (512, 40)):
         learner = stable_baselines3.ppo(Sign(), "cartpole", 0)
         learner.learn(steps)
-        assert learner._model._n_updates == epochs
+        assert learner.model._n_updates == epochs
 
 
 @pytest.mark.parametrize(("name", "task"), CASES)
@@ -125,60 +122,13 @@ def test_global_random_numbers_are_left_as_they_were(name: str) -> None:
     assert torch.get_num_threads() == threads
 
 
-@pytest.mark.parametrize("name", MAKERS)
-def test_it_acts_on_batches_greedily_also_while_it_learns(name: str) -> None:
-    env = Sign()
-    learner = MAKERS[name](env, "cartpole", 2)
-    env.during = lambda: asked.append(learner.act(INPUTS).tolist())
-    asked: list[list[int]] = []
-    learner.learn(300)
-    watched = env.actions
-
-    actions = learner.act(INPUTS)
-    assert actions.shape == (41,) and actions.dtype == np.int64
-    assert set(actions.tolist()) <= {0, 1}
-    np.testing.assert_array_equal(learner.act(INPUTS), actions)
-    np.testing.assert_array_equal(learner.act(INPUTS[7:8]), actions[7:8])
-
-    other = Sign()
-    MAKERS[name](other, "cartpole", 2).learn(300)
-    assert other.actions == watched  # asking has changed nothing
-
-
-def test_settings_that_are_not_adapted_are_the_defaults() -> None:
-    import inspect
-
-    for kind, settings, adapted in (
-        (DQN, stable_baselines3._DQN, {"buffer_size", "target_update_interval"}),
-        (PPO, stable_baselines3._PPO, set()),
-    ):
-        defaults = inspect.signature(kind).parameters
-        changed = {
-            name
-            for name, value in settings.items()
-            if name != "policy_kwargs" and defaults[name].default != value
-        }
-        assert changed == adapted
-
-
 def test_schedules_of_the_zoo_fall_to_nothing_over_the_budget() -> None:
     learner = stable_baselines3.ppo(Sign(), "cartpole", 0)
     learner.learn(1_024)
-    model: Any = learner._model
+    model: Any = learner.model
     (rate,) = {group["lr"] for group in model.policy.optimizer.param_groups}
     assert rate == model.clip_range(0.0) == 0.0
     assert (model.lr_schedule(0.5), model.clip_range(0.5)) == (0.0005, 0.1)
-
-
-@pytest.mark.parametrize("name", MAKERS)
-def test_nothing_is_written_or_printed(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    MAKERS[name](Sign(), "cartpole", 0).learn(1_300)
-    assert os.listdir(tmp_path) == []
-    assert capfd.readouterr() == ("", "")
 
 
 def test_without_the_library_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from typing import Any
 
 import gymnasium
@@ -14,7 +13,7 @@ from hypothesis import strategies as st
 
 import serp_envs
 from serp_envs.drawn import FORCE
-from tests.serp_envs.common import KINDS, SMALL, actions_of, bits, go_on, play
+from tests.serp_envs.common import KINDS, SMALL, actions_of, bits, play
 
 each = pytest.mark.parametrize("kind", KINDS)
 DRAWN = ("hill", "landing", "swing-up")
@@ -82,25 +81,6 @@ def test_episodes_of_one_seed_differ(kind: str) -> None:
     env = made(kind)
     starts = {bits(env.reset(seed=7 if k == 0 else None))[0] for k in range(5)}
     assert len(starts) == 5
-
-
-@each
-def test_neither_global_generators_nor_other_environments_matter(kind: str) -> None:
-    actions = actions_of(kind, 5, 30)
-    random.seed(3)
-    np.random.seed(3)
-    before = random.getstate(), repr(np.random.get_state())
-    first = play(made(kind), 5, actions)
-    assert (random.getstate(), repr(np.random.get_state())) == before
-    random.seed(4)
-    np.random.seed(4)
-    env, other = made(kind), made(kind)
-    together = [bits(env.reset(seed=5))]
-    for action in actions:
-        other.reset(seed=9)
-        other.step(1)
-        together += go_on(env, np.array([action]))
-    assert together == first
 
 
 @each

@@ -139,18 +139,25 @@ def land(offset: float, height: float, sideways: float, upwards: float) -> int:
 
 
 @pytest.mark.parametrize(
-    ("name", "rule", "solved", "idle", "actions"),
+    ("name", "rule", "of_many", "solved", "by_chance", "by_one", "actions"),
     [
-        ("serp/Hill-v0", run_up, hill.SOLVED, -150.0, 3),
-        ("serp/SwingUp-v0", swing, swing_up.SOLVED, 0.5 * swing_up.SOLVED, 3),
-        ("serp/Landing-v0", land, landing.SOLVED, 0.0, 4),
+        ("serp/Hill-v0", run_up, min, hill.SOLVED, -150.0, -199.0, 3),
+        ("serp/SwingUp-v0", swing, min, swing_up.SOLVED, 0.5 * swing_up.SOLVED,
+         0.25 * swing_up.SOLVED, 3),
+        ("serp/Landing-v0", land, np.mean, landing.SOLVED, 0.0, 0.0, 4),
     ],
-)
+)  # fmt: skip
 def test_it_is_solved_by_a_rule_and_neither_by_chance_nor_by_one_action(
-    name: str, rule: Callable[..., int], solved: float, idle: float, actions: int
+    name: str,
+    rule: Callable[..., int],
+    of_many: Callable[[list[float]], float],
+    solved: float,
+    by_chance: float,
+    by_one: float,
+    actions: int,
 ) -> None:
     rng = np.random.default_rng(1)
-    assert np.mean(returns(name, rule, 40)) >= solved
-    assert np.mean(returns(name, lambda *_: int(rng.integers(actions)), 40)) < idle
+    assert of_many(returns(name, rule, 20)) >= solved
+    assert np.mean(returns(name, lambda *_: int(rng.integers(actions)), 20)) < by_chance
     for action in range(actions):
-        assert np.mean(returns(name, lambda *_, action=action: action, 5)) < idle
+        assert max(returns(name, lambda *_, action=action: action, 5)) < by_one

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import hypot
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from gymnasium import spaces
@@ -13,7 +13,6 @@ from serp_envs.soccer import actions
 from serp_envs.soccer.fields import Field
 from serp_envs.soccer.observation import SPACE, observe
 from serp_envs.soccer.opponents.approach import CONTEST_RADIUS, approach
-from serp_envs.soccer.opponents.attacker import Attacker
 from serp_envs.soccer.physics.periods import ticks
 from serp_envs.soccer.referee import Referee
 from serp_envs.soccer.scenario import Ruling, Scenario
@@ -54,10 +53,6 @@ class Contest(Scenario):
 
     def __init__(self, field: Field) -> None:
         super().__init__(field)
-        self.attacker: Attacker
-        """The policy of the attacker, from `start` on."""
-        self.referee: Referee
-        """The referee, from `start` on."""
         self._started = 0
 
     @property
@@ -115,10 +110,3 @@ class Contest(Scenario):
     def observe(self) -> NDArray[np.float32]:
         """Return 16 numbers, see `serp_envs.soccer.observation`."""
         return observe(self.world, self.attacker.wind_up, self.referee.secure_timer)
-
-    def facts(self) -> dict[str, Any]:
-        """Return the facts of `Scenario`, with wind-up and secure timer."""
-        facts = super().facts()
-        facts["wind_up"] = self.attacker.wind_up
-        facts["secure_timer"] = self.referee.secure_timer
-        return facts

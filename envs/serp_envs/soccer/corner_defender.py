@@ -89,10 +89,6 @@ class CornerKickDefender(SoccerEnv):
 
     Won are cleared and secured balls. A corner that is always won returns about +9.
 
-    ## Version history
-
-    * v0: first release.
-
     Raises:
         ValueError: There is no such field or render mode.
     """

@@ -76,8 +76,6 @@ class CornerKick(Scenario):
         super().__init__(field)
         self.attack: CornerAttack
         """The policy of the other two robots, from `start` on."""
-        self.referee: Referee
-        """The referee, from `start` on."""
 
     @property
     def observation_space(self) -> spaces.Space[NDArray[np.float32]]:
@@ -88,7 +86,7 @@ class CornerKick(Scenario):
     def start(self, rng: np.random.Generator) -> None:
         """Place all robots for a corner on either side."""
         self.attack = CornerAttack(self.field, rng)
-        self.world = self.attack.world
+        self.world, self.attacker = self.attack.world, self.attack.attacker
         self.referee = Referee(self.world)
         self.hits = 0
 
@@ -183,7 +181,7 @@ class CornerKick(Scenario):
                 cos(attacker.heading),
                 side * sin(attacker.heading),
                 float(self.attack.kicked),
-                self.attack.attacker.wind_up / WIND_UP,
+                self.attacker.wind_up / WIND_UP,
                 float(attacker.down_until > tick),
                 float(defender.down_until > tick),
                 self.referee.secure_timer,
@@ -192,10 +190,8 @@ class CornerKick(Scenario):
         )
 
     def facts(self) -> dict[str, Any]:
-        """Return the facts of `Scenario`, with wind-up, secure timer, corner and kick."""
+        """Return the facts of `Scenario`, with corner and kick."""
         facts = super().facts()
-        facts["wind_up"] = self.attack.attacker.wind_up
-        facts["secure_timer"] = self.referee.secure_timer
         facts["corner"] = self.attack.side
         facts["kicked"] = self.attack.kicked
         return facts

@@ -100,10 +100,6 @@ class SoccerDefender(SoccerEnv):
 
     Pictures need pygame: `pip install 'serp[watch]'`.
 
-    ## Version history
-
-    * v0: first release.
-
     Raises:
         ValueError: There is no such field or render mode.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 
@@ -88,22 +88,17 @@ SPL_2020: Final = Field(
 )
 """The RoboCup Standard Platform League of 2020, the field of the paper's section 4.2."""
 
-HSL_SMALL_2026: Final = Field(
+HSL_SMALL_2026: Final = replace(
+    SPL_2020,
     name="hsl-small-2026",
-    length=9.0,
-    width=6.0,
-    border=0.7,
     goal_width=2.6,
-    post_radius=0.05,
     goal_area_length=1.0,
     goal_area_width=3.0,
     penalty_length=2.0,
     penalty_width=5.0,
     penalty_spot=1.5,
-    circle_radius=0.75,
     ball_radius=0.11,
     ball_mass=0.43,
-    ball_deceleration=0.30,
     ball_spin_torque=4.6e-3,
 )
 """The small size of the RoboCup Humanoid Soccer League of 2026: wider goal, full-size ball.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from math import cos, hypot, sin
+from math import cos, sin
 from typing import Any, Final
 
 import numpy as np
@@ -48,8 +48,6 @@ TEAMS: Final[tuple[Color, ...]] = ((66, 133, 244), (236, 98, 58), (246, 168, 138
 """Colours of the robots, in the order of the world's; the learning one is blue."""
 NET_DEPTH: Final = 0.4
 """m."""
-TAIL: Final = 0.4
-"""The ball trails the way of so many seconds."""
 
 
 class Viewer:
@@ -95,7 +93,6 @@ class Viewer:
         self._top = min(max(lowest, world.ball_x + AHEAD), field.max_x)
         canvas.blit(self._pitch, (0, BANNER - round(SCALE * (field.max_x - self._top))))
         places = [self._at(robot.x, robot.y) for robot in world.robots]
-        self._draw_tail(world)
         for number, robot in enumerate(world.robots):
             down = robot.down_until > world.tick
             pixels = SCALE * robot.walk.radius
@@ -110,23 +107,6 @@ class Viewer:
         self._write(words, ALARM if alarm else TEXT, (16, middle), "midleft")
         self._write(outcome.upper(), NEWS, (width // 2, middle), "center")
         self._write(status, TEXT, (width - 16, middle), "midright")
-
-    def _draw_tail(self, world: World) -> None:
-        """Draw a tail behind a rolling ball."""
-        speed = hypot(world.ball_vx, world.ball_vy)
-        if speed < 0.05:
-            return
-        radius = self._field.ball_radius
-        side_x, side_y = -radius * world.ball_vy / speed, radius * world.ball_vx / speed
-        x, y = world.ball_x, world.ball_y
-        corners = [
-            self._at(x + side_x, y + side_y),
-            self._at(x - side_x, y - side_y),
-            self._at(x - TAIL * world.ball_vx, y - TAIL * world.ball_vy),
-        ]
-        layer = pygame.Surface(self._size, pygame.SRCALPHA)
-        pygame.draw.polygon(layer, (*BALL, 90), corners)
-        self._canvas.blit(layer, (0, 0))
 
     def _draw_labels(
         self, places: Sequence[tuple[int, int]], teams: Sequence[str], radius: float

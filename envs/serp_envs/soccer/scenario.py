@@ -11,8 +11,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from serp_envs.soccer.fields import Field
+from serp_envs.soccer.opponents.attacker import Attacker
 from serp_envs.soccer.physics.geometry import goal_coverage
 from serp_envs.soccer.physics.world import World
+from serp_envs.soccer.referee import Referee
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +53,10 @@ class Scenario(ABC):
         self.field = field
         self.world: World
         """The world of the running episode, from `start` on."""
+        self.attacker: Attacker
+        """The policy of the attacker, from `start` on."""
+        self.referee: Referee
+        """The referee, from `start` on."""
         self.hits = 0
         """Damaging hits by the learning robot in this episode."""
         self._names = [
@@ -101,7 +107,8 @@ class Scenario(ABC):
 
         Returns:
             Metres, radians, seconds: `ball_x`, `ball_y`, `ball_vx`, `ball_vy` and of each robot,
-            after its word in `teams`, `…_x`, `…_y`, `…_heading` and whether it is `…_down`.
+            after its word in `teams`, `…_x`, `…_y`, `…_heading` and whether it is `…_down`;
+            `wind_up` of the attacker and `secure_timer`.
         """
         world = self.world
         facts: dict[str, Any] = {
@@ -116,4 +123,6 @@ class Scenario(ABC):
             facts[y] = robot.y
             facts[heading] = robot.heading
             facts[down] = robot.down_until > tick
+        facts["wind_up"] = self.attacker.wind_up
+        facts["secure_timer"] = self.referee.secure_timer
         return facts

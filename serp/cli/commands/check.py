@@ -98,11 +98,7 @@ def _report(
     portable_seconds: float | None,
     max_ground_schemas: int | None,
 ) -> int:
-    """Load a domain and print what is in it; return the number of warnings.
-
-    Raises:
-        SerpError: Something is wrong.
-    """
+    """Load a domain and print what is in it; return the number of warnings."""
     from serp.lint.portability import outside_portable_subset
     from serp.lint.rules import warnings_of
     from serp.lint.unified_planning import ask_unified_planning
@@ -161,12 +157,7 @@ def _load(
 def _fit(task: Task, *, asked: bool) -> tuple[str | None, list[DomainWarning]]:
     """Return a line that says that a task fits its domain, and what is to be known of that.
 
-    Args:
-        task: The task.
-        asked: Whether the user named it: a task that does not fit is then an error, else a warning.
-
-    Raises:
-        SerpError: The user named it, and it does not fit.
+    A task that does not fit is an error if the user asked for it, else a warning.
     """
     from serp.lint.task_ranges import out_of_range
     from serp.pddl.source import DomainWarning

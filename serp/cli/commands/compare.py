@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -97,11 +98,13 @@ def command(
         raise click.UsageError(
             "--max-ground-schemas cannot change in a comparison that is continued", ctx
         )
-    names, changed = _algorithms(algorithms)
+    names = _named(algorithms, "--algorithms")
     options |= {
         "algorithms": names,
-        "changed": changed,
-        "seeds": _seeds(ctx, seeds),
+        "changed": {
+            name: parse_settings(name.partition(":")[2].split(";")) for name in names if ":" in name
+        },
+        "seeds": _seeds(seeds),
         "settings": parse_settings(assignments),
         "model_variants": _named(model_variants, "--model-variants"),
     }
@@ -121,19 +124,6 @@ def command(
     return None
 
 
-def _algorithms(texts: tuple[str, ...]) -> tuple[list[str] | None, dict[str, Any]]:
-    """Return names, and what those of the form `name:section.setting=value` change."""
-    names = _named(texts, "--algorithms")
-    if not names:
-        return None, {}
-    changed = {
-        name: parse_settings(tuple(name.partition(":")[2].split(";")))
-        for name in names
-        if ":" in name
-    }
-    return names, changed
-
-
 def _named(texts: tuple[str, ...], option: str) -> list[str]:
     """Return the names that an option was given, apart by commas or given one by one.
 
@@ -142,47 +132,29 @@ def _named(texts: tuple[str, ...], option: str) -> list[str]:
     """
     names: list[str] = []
     for text in texts:
-        # A file may have commas in its name.
-        found = [text] if Path(text).is_file() else _split(text)
+        parts = re.split(r",(?![^\[(]*[\])])", text)  # commas outside brackets
+        found = [part.strip() for part in parts if part.strip()]
         if not found:
             raise click.BadParameter("nothing is named", param_hint=option)
         names += found
     return names
 
 
-def _split(text: str) -> list[str]:
-    """Split at commas outside brackets."""
-    parts, depth, start = [], 0, 0
-    for place, letter in enumerate(text):
-        depth += (letter in "[(") - (letter in "])")
-        if letter == "," and depth == 0:
-            parts.append(text[start:place])
-            start = place + 1
-    parts.append(text[start:])
-    return [part.strip() for part in parts if part.strip()]
-
-
 _MOST_SEEDS = 10_000
 
 
-def _seeds(ctx: click.Context, text: str | None) -> int | list[int] | None:
-    if text is None:
-        return None
-    try:
-        if "," not in text and "-" not in text:
-            return int(text)
-        seeds: list[int] = []
-        for part in text.split(","):
-            first, dash, last = part.partition("-")
-            several = range(int(first), int(last) + 1) if dash else [int(first)]
-            if len(several) > _MOST_SEEDS:
-                raise ValueError
-            seeds += several
-    except ValueError:
-        seeds = []
-    if not seeds:
-        raise click.BadParameter("expected a number, or seeds such as 0-9 or 1,3", ctx,
-                                 param_hint="--seeds")  # fmt: skip
+def _seeds(text: str | None) -> int | list[int] | None:
+    if text is None or text.strip().isdecimal():
+        return None if text is None else int(text)
+    seeds: list[int] = []
+    for part in text.split(","):
+        ends = re.fullmatch(r"\s*(\d+)(?:-(\d+))?\s*", part)
+        chosen = range(int(ends[1]), int(ends[2] or ends[1]) + 1) if ends else ()
+        if not 0 < len(chosen) <= _MOST_SEEDS:
+            raise click.BadParameter(
+                "expected a number, or seeds such as 0-9 or 1,3", param_hint="--seeds"
+            )
+        seeds += chosen
     return seeds
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -38,21 +36,11 @@ _NAMED = 6  # fluents of a state that is shown
 @click.option("--all", "everything", is_flag=True,
               help="List what hardly matters, too.")  # fmt: skip
 @click.option("--json", "as_json", is_flag=True, help="Print everything as JSON.")
-@click.option("--csv", "table", type=OutputFile(".csv"), metavar="FILE.csv",
-              help="Write the numbers there, a row for each ground action and "
-                   "fluent.")  # fmt: skip
 @click.option("--png", type=OutputFile(".png"), metavar="FILE.png",
               help="Draw predicted against observed there.")  # fmt: skip
 @click.option("--svg", type=OutputFile(".svg"), metavar="FILE.svg",
               help="The same as SVG.")  # fmt: skip
-def command(
-    run: Path,
-    everything: bool,
-    as_json: bool,
-    table: Path | None,
-    png: Path | None,
-    svg: Path | None,
-) -> None:
+def command(run: Path, everything: bool, as_json: bool, png: Path | None, svg: Path | None) -> None:
     """Say what is wrong or missing in the domain file of RUN, a folder of plan-and-learn.
 
     What the file predicts is compared with what was observed in the run's newest steps (up to
@@ -76,11 +64,6 @@ def command(
         print_json(export.as_dict(diagnosis))
     else:
         print_diagnosis(open_console(), diagnosis, everything=everything)
-    if table is not None:
-        text = io.StringIO()
-        csv.writer(text, lineterminator="\n").writerows(export.table(diagnosis))
-        write_durably(table, text.getvalue())
-        say(f"The numbers are in {table}")
     pictures: dict[Literal["png", "svg"], Path | None] = {"png": png, "svg": svg}
     for kind, file in pictures.items():
         if file is not None:

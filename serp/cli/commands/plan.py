@@ -121,11 +121,7 @@ def _planning(
     time_budget: float,
     **options: float | None,
 ) -> MakePlanner:
-    """Return a function that makes the planner of a domain, as task, settings and options say.
-
-    Raises:
-        SettingsError: A setting is wrong, or is not used to decide once.
-    """
+    """Return a function that makes the planner of a domain, as task, settings and options say."""
     from serp.planning.replanner import MonitorReplanner
     from serp.settings import Settings, resolve
 

@@ -24,7 +24,6 @@ from serp.cli.options import (
 from serp.cli.output import examples, open_console, print_result, print_table
 
 if TYPE_CHECKING:
-    from serp.tasks.task import Task
     from serp.training.run import Run
 
 _FROM_OUT = ""
@@ -37,6 +36,11 @@ _FIXED = {
     "settings": "--set",
 }
 """What cannot change in a run that is resumed."""
+
+
+def _renamed(ctx: click.Context, option: click.Parameter, value: str | None) -> None:
+    if value is not None:
+        raise click.UsageError(f"{option.opts[0]} is now called --adapt", ctx)
 
 
 @click.command(
@@ -66,6 +70,7 @@ _FIXED = {
               help="Continue a run: this one, or that in --out.")  # fmt: skip
 @click.option("--adapt", metavar="off|parameters|residual|full",
               help="What the model learns from its errors.  [default: by the preset]")  # fmt: skip
+@click.option("--correct", hidden=True, expose_value=False, callback=_renamed)
 @max_ground_schemas_option
 @settings_option
 @click.option("--quiet", is_flag=True, help="No display; print the run's folder alone.")
@@ -95,29 +100,25 @@ def command(
     resuming = resume is not None
     path = out if resume is None else _run_to_resume(resume, out)
     task = asked_task(domain, max_ground_schemas)
-    if task is None:
-        if path is None or not resuming:
-            raise click.UsageError(
-                "give --domain (`serp list` names the tasks), --task, or --resume RUN"
-            )
-        task = _task_of_run(path)
+    if task is None and not resuming:
+        raise click.UsageError(
+            "give --domain (`serp list` names the tasks), --task, or --resume RUN"
+        )
     from serp.errors import Interrupted
     from serp.training.plan_and_learn import plan_and_learn
 
-    episodes_before = _episodes(path) if resuming and path is not None else 0
     try:
         with _own_task_added():
             run = plan_and_learn(
-                task, settings=settings, out=path, resume=resuming, quiet=quiet, **options
-            )
+                task or str(path), settings=settings, out=path, resume=resuming, quiet=quiet,
+                **options,
+            )  # fmt: skip
     except (Interrupted, KeyboardInterrupt) as stop:
         if not isinstance(stop, Interrupted) and not _notes(stop):
             raise
         said = str(stop) if isinstance(stop, Interrupted) else "Stopped at once."
         say("\n".join([said, *_notes(stop)]))
         return stopped_by(stop)
-    if resuming and _episodes(run.path) == episodes_before:
-        say("Nothing was left to do. To train on, give more --episodes or --env-steps in all.")
     if quiet:
         print_result(run.path)
     else:
@@ -137,20 +138,6 @@ def _run_to_resume(given: str, out: Path | None) -> Path:
     if path is None:
         raise click.UsageError("give the run to continue: --resume RUN")
     return path
-
-
-def _task_of_run(path: Path) -> Task:
-    from serp.runs.config import read_config
-    from serp.tasks.registry import load_task
-
-    return load_task(str(read_config(path)["config"].get("task")))
-
-
-def _episodes(path: Path) -> int:
-    from serp.runs.folder import METRICS
-    from serp.runs.reading import read_metrics
-
-    return len(read_metrics(path / METRICS)["episode"])
 
 
 @contextlib.contextmanager

@@ -65,7 +65,7 @@ def command(run: Path, out: Path | None, force: bool) -> None:
     console = open_console()
     name = recorded.files.get("domain.pddl", "domain.pddl")
     steps = plural(len(diagnosis.sample), "step")
-    if repaired.repairs:
+    if repaired.changes:
         new_name = "repaired" if out is None else str(out)
         old = recorded.domain.source.text
         _print_difference(console, old, repaired.text, Path(name).name, new_name)
@@ -75,9 +75,9 @@ def command(run: Path, out: Path | None, force: bool) -> None:
         console.print(diagnosis.verdict)
     if repaired.open:
         say("\n  ".join(["Not explained, and left as it is:", *repaired.open]))
-    if not repaired.repairs:
+    if not repaired.changes:
         return
-    changes = plural(len(repaired.repairs), "change")
+    changes = plural(len(repaired.changes), "change")
     if out is None:
         say(f"{changes}, from {steps}; -o FILE.pddl writes the repaired file")
         return

@@ -48,10 +48,6 @@ def running_return(record: Record, at: Array) -> Array:
     Piecewise constant: episode i runs from the step after the end of episode i - 1 to its own
     end. The last complete episode's return is used to the end, as nothing else is known.
 
-    Args:
-        record: Of a trial.
-        at: Env steps, each at least 0.
-
     Returns:
         As many returns; NaN where no episode was completed.
     """

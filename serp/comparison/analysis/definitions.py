@@ -36,14 +36,12 @@ class Measure(NamedTuple):
 # fmt: off
 MEASURES: Final = (
     Measure("training_area", "area under the training curve",
-            "Time average, over the budget, of the return of the training episode that is running "
-            "at each env step; the last complete episode's return goes on to the end of the "
-            "budget.",
+            "Time average, over the budget, of the return of the running training episode; the "
+            "last complete episode's return goes on to the end of the budget.",
             "return", "higher", "returns", True),
     Measure("learner_area", "area under the learner's curve",
-            "Area under the mean returns of the learner alone (greedy, no planner, no veto) at "
-            "the checkpoints, by the trapezoid rule, divided by the budget; the first and the "
-            "last value go on to the ends of the budget.",
+            "Time average, over the budget, of the mean returns of the learner alone (greedy, no "
+            "planner, no veto), linear between evaluations and constant before and after them.",
             "return", "higher", "returns", True),
     Measure("first_10", "first 10 episodes",
             "Mean return of the first 10 training episodes (of all, where there are fewer).",
@@ -63,8 +61,7 @@ MEASURES: Final = (
             "episodes", "lower", "times"),
     Measure("learner_threshold_env_steps", "env steps to the learner's threshold",
             "Env steps until an evaluation of the learner alone first reaches the threshold in "
-            "the mean. Fewer than 20 evaluation episodes in all are too few to say so, or to say "
-            "never.",
+            "the mean. Fewer than 20 evaluation episodes in all are too few to say so, or never.",
             "env steps", "lower", "times"),
     Measure("learner_threshold_held", "threshold held",
             "Share of the evaluations after that one that reach the threshold, too.",
@@ -74,9 +71,8 @@ MEASURES: Final = (
             "training. `residual` keeps the planner's values, which are a part of its Q.",
             "return", "higher", "returns", True),
     Measure("final_vetoed", "final policy within the vetoes",
-            "The same within the vetoes. What takes the place of a refused proposal is for the "
-            "algorithm's settings to say (`arbiter.after_veto`); for external algorithms it "
-            "is the planner's action.",
+            "The same within the vetoes. `arbiter.after_veto` says what replaces a refused "
+            "proposal; for external algorithms it is the planner's action.",
             "return", "higher", "returns"),
     Measure("planner", "planner alone",
             "Mean return of the planner alone, evaluated at the end of training.",
@@ -85,8 +81,7 @@ MEASURES: Final = (
             "Complete training episodes.",
             "episodes", None, "cost"),
     Measure("terminated", "terminated episodes",
-            "Training episodes that the environment ended (a fall, a goal; not a limit of time or "
-            "steps).",
+            "Training episodes that the environment ended (a fall, a goal; not a time limit).",
             "episodes", None, "safety"),
     Measure("unsafe", "unsafe executed",
             "Actions executed in training that the domain file flags unsafe.",
@@ -125,11 +120,10 @@ def extra_measures(names: Iterable[str]) -> tuple[Measure, ...]:
     for name in sorted({name for name in names if name not in BY_NAME}):
         kind, _, what = name.partition(".")
         if kind == "outcome":
+            title, unit = f"outcome {what}", "episodes"
             meaning = f"Training episodes that ended with the outcome “{what}”."
-            found.append(Measure(name, f"outcome {what}", meaning, "episodes", None, "safety"))
         else:
-            meaning = (
-                f"Sum, over the training episodes, of the environment's “{what}” at their end."
-            )
-            found.append(Measure(name, what, meaning, "count", None, "safety"))
+            title, unit = what, "count"
+            meaning = f"Sum of the environment's “{what}” at the ends of the training episodes."
+        found.append(Measure(name, title, meaning, unit, None, "safety"))
     return tuple(found)

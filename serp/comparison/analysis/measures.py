@@ -16,29 +16,21 @@ Array = NDArray[np.float64]
 NEVER: Final = float("inf")
 """The value of a time until something that did not happen."""
 
-TRAINING_THRESHOLD: Final = ("threshold_env_steps", "threshold_episodes")
-LEARNER_THRESHOLD: Final = ("learner_threshold_env_steps", "learner_threshold_held")
-
 
 def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str, float]:
     """Return every measure of a trial.
 
-    Args:
-        record: Of the trial.
-        env_steps: The budget that areas refer to.
-        threshold: Return from which a policy counts as good; None: there is none.
-
     Returns:
         Every name of `serp.comparison.analysis.definitions.MEASURES`, then `outcome.<name>` and
         `info.<name>`, if there are any. NaN where nothing was measured or there are too few
-        episodes (see `undecided`), infinity for times until what never happened.
+        episodes, infinity for times until what never happened.
     """
     episodes = record.episodes
     returns = episodes["return"].astype(np.float64)
     ends = episodes["env_steps"].astype(np.float64)
     learner = checkpoints(record)
     steps = float(episodes["length"].sum())
-    seconds = _seconds(record)
+    seconds = float((record.metadata.get("seconds") or {}).get("training", np.nan))
     values = {
         "training_area": training_area(ends, returns, env_steps),
         "learner_area": learner_area(learner, env_steps),
@@ -46,8 +38,7 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
         "first_50": _mean(returns[:50]),
         "last_20": _mean(returns[-WINDOW:]),
         **_training_threshold(ends, returns, threshold),
-        **_learner_threshold(learner, threshold),
-        **dict.fromkeys(undecided(record, threshold), np.nan),
+        **_learner_threshold(record, learner, threshold),
         "final_learner": _final(record, "learner", "return"),
         "final_vetoed": _final(record, "vetoed", "return"),
         "planner": _final(record, "planner", "return"),
@@ -72,26 +63,8 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
     return {name: float(value) for name, value in values.items()}
 
 
-def undecided(record: Record, threshold: float | None) -> tuple[str, ...]:
-    """Return the measures of a threshold that a trial has too few episodes for.
-
-    A few episodes do not show that a policy is good, nor that it never is.
-    """
-    if threshold is None:
-        return ()
-    evaluated = int((record.evaluations["policy"] == "learner").sum())
-    few = TRAINING_THRESHOLD if len(record.episodes["return"]) < WINDOW else ()
-    return few + (LEARNER_THRESHOLD if 0 < evaluated < WINDOW else ())
-
-
 def training_area(ends: Array, returns: Array, env_steps: int) -> float:
-    """Return the time average over a budget of the return of the running episode.
-
-    Args:
-        ends: Env step at which each episode ended, rising.
-        returns: Of each episode.
-        env_steps: The budget; what lies beyond it does not count.
-    """
+    """Return the time average over a budget of the return of the running episode."""
     if not len(returns) or env_steps <= 0:
         return float("nan")
     edges = np.concatenate([[0.0], np.minimum(ends, env_steps)])
@@ -109,27 +82,28 @@ def learner_area(points: Checkpoints, env_steps: int) -> float:
     return float(np.diff(grid) @ (heights[1:] + heights[:-1])) / 2 / env_steps
 
 
+# A few episodes do not show that a policy is good, nor that it never is.
+
+
 def _training_threshold(ends: Array, returns: Array, threshold: float | None) -> dict[str, float]:
-    names = TRAINING_THRESHOLD
-    if threshold is None:
-        return dict.fromkeys(names, float("nan"))
-    good = np.flatnonzero(moving_mean(returns)[WINDOW - 1 :] >= threshold)  # whole windows only
-    if not len(good):
-        return dict.fromkeys(names, NEVER)
-    episode = int(good[0]) + WINDOW
-    return dict(zip(names, (float(ends[episode - 1]), float(episode)), strict=True))
+    steps, episode = np.nan, np.nan
+    if threshold is not None and len(returns) >= WINDOW:
+        good = np.flatnonzero(moving_mean(returns)[WINDOW - 1 :] >= threshold)  # whole windows only
+        episode = float(good[0] + WINDOW) if len(good) else NEVER
+        steps = float(ends[int(good[0]) + WINDOW - 1]) if len(good) else NEVER
+    return {"threshold_env_steps": steps, "threshold_episodes": episode}
 
 
-def _learner_threshold(points: Checkpoints, threshold: float | None) -> dict[str, float]:
-    names = LEARNER_THRESHOLD
-    if threshold is None or not len(points.returns):
-        return dict.fromkeys(names, float("nan"))
-    good = points.returns >= threshold
-    if not good.any():
-        return dict(zip(names, (NEVER, float("nan")), strict=True))
-    first = int(np.argmax(good))
-    held = _mean(good[first + 1 :].astype(np.float64))
-    return dict(zip(names, (float(points.env_steps[first]), held), strict=True))
+def _learner_threshold(
+    record: Record, points: Checkpoints, threshold: float | None
+) -> dict[str, float]:
+    steps, held = np.nan, np.nan
+    if threshold is not None and (record.evaluations["policy"] == "learner").sum() >= WINDOW:
+        good = points.returns >= threshold
+        first = int(np.argmax(good))
+        steps = float(points.env_steps[first]) if good.any() else NEVER
+        held = _mean(good[first + 1 :].astype(np.float64)) if good.any() else np.nan
+    return {"learner_threshold_env_steps": steps, "learner_threshold_held": held}
 
 
 def _final(record: Record, policy: str, column: str) -> float:
@@ -140,14 +114,6 @@ def _final(record: Record, policy: str, column: str) -> float:
         return float("nan")
     rows &= evaluations["env_steps"] == evaluations["env_steps"][rows].max()
     return _mean(evaluations[column][rows].astype(np.float64))
-
-
-def _seconds(record: Record) -> float:
-    found = (record.metadata.get("seconds") or {}).get("training")
-    if found is not None:
-        return float(found)
-    seconds = record.episodes["seconds"]
-    return float(seconds[-1]) if len(seconds) else float("nan")
 
 
 def _mean(values: Array) -> float:

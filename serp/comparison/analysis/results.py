@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.comparison.analysis.definitions import BY_NAME, MEASURES, Measure, extra_measures
-from serp.comparison.analysis.measures import measure, undecided
+from serp.comparison.analysis.measures import measure
 from serp.comparison.analysis.statistics import (
     Estimate,
     Statistic,
@@ -34,16 +34,11 @@ class Results:
 
     Methods that take a variant use the base by default.
 
-    Args:
-        records: Of finished trials, in any order; some may be missing.
-        metadata: The metadata of the comparison.
-
     Attributes:
         metadata: As given.
         plan: That of the metadata.
         records: In the order of algorithms, variants (the base first) and seeds.
         measured: Trial → name of a measure → value; see `serp.comparison.analysis.measures`.
-        undecided: Trial → measures of the threshold that it has too few episodes for.
         missing: Requested trials that are not finished.
     """
 
@@ -61,7 +56,6 @@ class Results:
             record.trial: measure(record, plan.protocol.env_steps, plan.threshold)
             for record in self.records
         }
-        self.undecided = {r.trial: undecided(r, plan.threshold) for r in self.records}
         self.missing = tuple(trial for trial in plan.trials if trial not in found)
         self._estimates: dict[tuple[str, str, str], Estimate] = {}
 
@@ -97,8 +91,7 @@ class Results:
 
     def times(self, algorithm: str, name: str, variant: str | None = None) -> Times:
         """Return the median of a measure that is a time until something, with its interval."""
-        few = sum(name in self.undecided[record.trial] for record in self.of(algorithm, variant))
-        return times(self.values(algorithm, name, variant), few)
+        return times(self.values(algorithm, name, variant))
 
     @cached_property
     def caution(self) -> str | None:
@@ -129,14 +122,14 @@ class Results:
         """Return the interquartile mean of a measure over the seeds, with its 95 % interval."""
         key = (algorithm, name, variant or self.plan.base)
         if key not in self._estimates:
-            self._estimates[key] = estimate([self.known(*key)])
+            self._estimates[key] = estimate(self.known(*key))
         return self._estimates[key]
 
     def difference(
         self, first: str, second: str, name: str, statistic: Statistic = mean
     ) -> Estimate:
         """Estimate by how much a measure of one algorithm exceeds another's on the base variant."""
-        return difference([self.known(first, name)], [self.known(second, name)], statistic)
+        return difference(self.known(first, name), self.known(second, name), statistic)
 
     @cached_property
     def range(self) -> float:

@@ -2,7 +2,7 @@
 
 Agarwal et al., *Deep Reinforcement Learning at the Edge of the Statistical Precipice* (NeurIPS
 2021, arXiv:2108.13264), recommend the interquartile mean (mean of the middle half) with percentile
-intervals from a stratified bootstrap: it is robust against outliers, and more efficient than the
+intervals from a bootstrap: it is robust against outliers, and more efficient than the
 median.
 
 Values that are NaN were not measured and are left out. Results do not depend on the order of the
@@ -35,7 +35,7 @@ class Estimate(NamedTuple):
 
     Attributes:
         value: The statistic of the data; NaN where there are none.
-        low: Lower end; None where no stratum has two values, or one of them is infinite.
+        low: Lower end; None where a sample has less than two values, or one of them is infinite.
         high: Upper end; None likewise.
     """
 
@@ -52,8 +52,7 @@ class Times(NamedTuple):
         low: Lower end of its 95 % interval; None for fewer than two trials.
         high: Upper end, maybe infinity; None likewise.
         never: Trials in which it never happened.
-        trials: How many there are, those with too few episodes left out.
-        too_few: Trials with too few episodes to tell.
+        trials: How many there are, those with too few episodes to tell left out.
     """
 
     median: float
@@ -61,7 +60,6 @@ class Times(NamedTuple):
     high: float | None
     never: int
     trials: int
-    too_few: int = 0
 
 
 class CurveBand(NamedTuple):
@@ -101,71 +99,43 @@ def _reduced(statistic: Callable[..., Any], values: Array) -> Array:
         return np.asarray(statistic(values, axis=-1), dtype=np.float64)
 
 
-def estimate(strata: Sequence[ArrayLike], statistic: Statistic = interquartile_mean) -> Estimate:
-    """Estimate a statistic of pooled values with a stratified bootstrap interval.
-
-    Args:
-        strata: One array `[seeds]` a stratum (a domain file, say); seeds are resampled within
-            each. With one stratum this is the ordinary bootstrap.
-        statistic: Of the values of all strata together.
-
-    Returns:
-        The value with its percentile interval, widened to hold the value where it would not.
-    """
-    values = [_sorted(stratum) for stratum in strata]
-    return _interval(values, lambda parts: statistic(_pooled(parts)))
+def estimate(values: ArrayLike, statistic: Statistic = interquartile_mean) -> Estimate:
+    """Estimate a statistic with its bootstrap interval, widened to hold the estimate."""
+    return _interval([_sorted(values)], statistic)
 
 
 def difference(
-    first: Sequence[ArrayLike],
-    second: Sequence[ArrayLike],
-    statistic: Statistic = interquartile_mean,
+    first: ArrayLike, second: ArrayLike, statistic: Statistic = interquartile_mean
 ) -> Estimate:
     """Estimate by how much a statistic of `first` exceeds that of `second`.
 
     Seeds of both are resampled independently, which is on the safe side where the same seeds of an
-    environment make both alike.
-
-    Args:
-        first: Strata, as in `estimate`.
-        second: Likewise.
-        statistic: Of the values of all strata of one side together.
+    environment make both alike. One value on a side tells nothing of its spread, so that there is
+    no interval.
     """
-    ours, theirs = (
-        [values for values in map(_sorted, side) if len(values)] for side in (first, second)
-    )
-    split = len(ours)
-
-    # One value on a side tells nothing of its spread, so that there is no interval.
     return _interval(
-        [*ours, *theirs],
-        lambda parts: statistic(_pooled(parts[:split])) - statistic(_pooled(parts[split:])),
-        known=min(_most(ours), _most(theirs)) > 1,
+        [_sorted(first), _sorted(second)], lambda one, other: statistic(one) - statistic(other)
     )
 
 
-def times(values: ArrayLike, too_few: int = 0) -> Times:
+def times(values: ArrayLike) -> Times:
     """Return the median of times, infinity standing for never, with its interval.
 
     The ends of the interval are medians of resampled trials: scipy's interpolate between two, which
     has no meaning next to infinity.
-
-    Args:
-        values: `[trials]`.
-        too_few: Of the trials whose value is NaN, those that had too few episodes to tell.
     """
     found = _sorted(values)
     never = int(np.isinf(found).sum())
     middle = median(found)
     if len(found) < 2:
-        return Times(middle, None, None, never, len(found), too_few)
+        return Times(middle, None, None, never, len(found))
     rng = np.random.default_rng(_SEED)
     picks = rng.integers(0, len(found), (RESAMPLES, len(found)))
     medians = np.median(found[picks], axis=-1)
     tail = (1 - CONFIDENCE) / 2
     low, high = np.quantile(medians, [tail, 1 - tail], method="inverted_cdf")
     ends = min(float(low), middle), max(float(high), middle)
-    return Times(middle, *ends, never, len(found), too_few)
+    return Times(middle, *ends, never, len(found))
 
 
 def mean_band(curves: Array) -> CurveBand:
@@ -183,9 +153,7 @@ def interquartile_band(curves: Array) -> CurveBand:
     centre = interquartile_mean(across)
     if len(curves) < 2:
         return CurveBand(centre, centre, centre)
-    low, high = _bootstrap(
-        [across], lambda parts: interquartile_mean(parts[0]), resamples=CURVE_RESAMPLES
-    )
+    low, high = _bootstrap([across], interquartile_mean, CURVE_RESAMPLES)
     return CurveBand(centre, np.minimum(low, centre), np.maximum(high, centre))
 
 
@@ -194,49 +162,22 @@ def _sorted(values: ArrayLike) -> Array:
     return np.sort(found[~np.isnan(found)])
 
 
-def _pooled(parts: Sequence[Array]) -> Array:
-    return np.concatenate(parts, axis=-1) if parts else np.zeros(0)
-
-
-def _most(strata: Sequence[Array]) -> int:
-    return max((len(stratum) for stratum in strata), default=0)
-
-
-def _interval(
-    strata: Sequence[Array], statistic: Callable[[Sequence[Array]], Array], *, known: bool = True
-) -> Estimate:
-    """Return a statistic of strata with its interval, where that is `known`."""
-    strata = [stratum for stratum in strata if len(stratum)] or [np.zeros(0)]
+def _interval(samples: Sequence[Array], statistic: Callable[..., Array]) -> Estimate:
     with np.errstate(invalid="ignore"):  # infinity less infinity
-        value = float(statistic(strata))
-    finite = all(np.isfinite(stratum).all() for stratum in strata)
-    if not known or not finite or _most(strata) < 2:
+        value = float(statistic(*samples))
+    if any(len(sample) < 2 or not np.isfinite(sample).all() for sample in samples):
         return Estimate(value, None, None)
-    low, high = _bootstrap(strata, statistic, resamples=RESAMPLES)
+    low, high = _bootstrap(samples, statistic, RESAMPLES)
     return Estimate(value, min(float(low), value), max(float(high), value))
 
 
 def _bootstrap(
-    strata: Sequence[Array], statistic: Callable[[Sequence[Array]], Array], *, resamples: int
+    samples: Sequence[Array], statistic: Callable[..., Array], resamples: int
 ) -> tuple[Array, Array]:
-    """Return the ends of the percentile interval; each stratum `[..., seeds]` is resampled."""
-    # A stratum of one seed is constant; scipy needs at least two values.
-    whole = [stratum if stratum.shape[-1] > 1 else None for stratum in strata]
-    resampled = [stratum for stratum in whole if stratum is not None]
-
-    def of(*parts: Array, axis: int) -> Array:
-        shape = parts[0].shape[:-1]
-        drawn = iter(parts)
-        return statistic(
-            [
-                next(drawn) if part is not None else np.broadcast_to(stratum, (*shape, 1))
-                for part, stratum in zip(whole, strata, strict=True)
-            ]
-        )
-
+    """Return the ends of the percentile interval; seeds are on the last axis."""
     found = bootstrap(
-        resampled,
-        of,
+        samples,
+        lambda *parts, axis: statistic(*parts),
         n_resamples=resamples,
         vectorized=True,
         paired=False,

@@ -77,11 +77,11 @@ def _row(results: Results, ours: str, variant: str) -> VariantRow:
     return VariantRow(
         variant=variant,
         seeds=len(results.of(ours, variant)),
-        planner=estimate([planner], mean),
+        planner=estimate(planner, mean),
         area=results.estimate(ours, "training_area", variant),
         early=results.estimate(ours, EARLY, variant),
         final=results.estimate(ours, "final_learner", variant),
-        final_difference=difference([own_final], [plain_final], mean),
-        early_difference=difference([own_early], [early[better]], mean),
+        final_difference=difference(own_final, plain_final, mean),
+        early_difference=difference(own_early, early[better], mean),
         better=better,
     )

@@ -1,11 +1,10 @@
-"""Exports every number of a comparison: three CSV tables and one JSON object."""
+"""Exports of a comparison: every number in three CSV tables, statistics in one JSON object."""
 
 from __future__ import annotations
 
 import csv
 import dataclasses
 import io
-import math
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
@@ -54,10 +53,9 @@ def evaluations_csv(records: Sequence[Record]) -> str:
 
 
 def comparison_json(results: Results) -> str:
-    """Return everything that the report says, as strict JSON.
+    """Return metadata, statistics and differences as strict JSON.
 
-    Null stands for what was not measured and for infinity; a trial's `never` names the times until
-    what did not happen, its `too_few_episodes` the measures that it has too few episodes for.
+    Null stands for what was not measured and for infinity.
     """
     plan = results.plan.model_dump(exclude={"format", "trials", "protocol"})
     about = {field.name: getattr(results.metadata, field.name)
@@ -81,7 +79,6 @@ def comparison_json(results: Results) -> str:
             for name in results.algorithms
         },
         "caution": results.caution,
-        "trials": [_trial(results, trial) for trial in results.measured],
         "statistics": {
             variant: {
                 algorithm: {
@@ -97,13 +94,6 @@ def comparison_json(results: Results) -> str:
     return json_text(finite(content))
 
 
-def _trial(results: Results, trial: Trial) -> dict[str, Any]:
-    values = results.measured[trial]
-    never = [name for name, value in values.items() if math.isinf(value)]
-    few = list(results.undecided[trial])
-    return {**trial._asdict(), "measures": values, "never": never, "too_few_episodes": few}
-
-
 def _statistic(results: Results, algorithm: str, measure: Measure, variant: str) -> dict[str, Any]:
     values = results.known(algorithm, measure.name, variant)
     found: dict[str, Any] = {
@@ -116,7 +106,7 @@ def _statistic(results: Results, algorithm: str, measure: Measure, variant: str)
     if measure.time:
         summed = results.times(algorithm, measure.name, variant)
         found |= {"median": summed.median, "median_low": summed.low, "median_high": summed.high,
-                  "never": summed.never, "too_few_episodes": summed.too_few}  # fmt: skip
+                  "never": summed.never}  # fmt: skip
     return found
 
 

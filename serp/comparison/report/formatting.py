@@ -39,19 +39,18 @@ def spread_text(mean: float, deviation: float) -> str:
 def times_text(found: Times) -> str:
     """Return the median, its interval and how often it never happened.
 
-    Such as `12,000 [9,000, never], never in 3 of 10`, `never (8 of 10)` or `too few episodes`.
+    Such as `12,000 [9,000, never], never in 3 of 10` or `never (8 of 10)`.
     """
     if not found.trials:
-        return "too few episodes" if found.too_few else NOTHING
-    few = f", too few episodes in {found.too_few}" if found.too_few else ""
+        return NOTHING
     if math.isinf(found.median) and (found.low is None or math.isinf(found.low)):
-        return f"never ({found.never} of {found.trials}){few}"
+        return f"never ({found.never} of {found.trials})"
     text = _time(found.median)
     if found.low is not None and found.high is not None:
         text += f" [{_time(found.low)}, {_time(found.high)}]"
     if found.never:
         text += f", never in {found.never} of {found.trials}"
-    return text + few
+    return text
 
 
 def seeds_text(seeds: Sequence[int]) -> str:

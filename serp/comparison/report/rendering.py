@@ -35,13 +35,7 @@ def _environment() -> Environment:
 
 
 def html_page(markdown: str, title: str, pictures: Mapping[str, bytes]) -> str:
-    """Return a Markdown report as an HTML document that refers to nothing outside.
-
-    Args:
-        markdown: The report. HTML in it is shown as text.
-        title: Title of the page; any text.
-        pictures: Address of a picture in the report → its SVG file, which the page embeds.
-    """
+    """Return Markdown as an HTML document; it embeds `pictures` (address → SVG), HTML is shown."""
     reader = MarkdownIt("commonmark", {"html": False}).enable("table")
     tokens = reader.parse(markdown)
     for token in tokens:

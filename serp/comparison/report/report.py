@@ -32,13 +32,6 @@ def write_report(folder: Path, results: Results) -> None:
     `report.md` and `report.html` (which embeds its figures), `figures/*.png` and `*.svg`,
     `measures.csv`, `episodes.csv`, `evaluations.csv`, `comparison.json`. Equal results give equal
     files on equal machines. Files of an earlier report are replaced.
-
-    Args:
-        folder: An existing folder.
-        results: The finished trials; some, or all, may be missing.
-
-    Raises:
-        RunError: A file cannot be written.
     """
     drawn = pictures(results)
     markdown = report_text(results, drawn)

@@ -26,14 +26,7 @@ _MOST = 20
 
 
 class Arena:
-    """Environments of one task in which policies are evaluated.
-
-    Args:
-        task: The task.
-        agent: Converts observations to states and inputs.
-        episodes: Largest number of episodes of an evaluation.
-        seed: Seed of the environments: every evaluation plays the same episodes.
-    """
+    """Environments of one task in which policies are evaluated, always on the same episodes."""
 
     def __init__(self, task: Task, agent: Agent, episodes: int, seed: int) -> None:
         self._agent = agent
@@ -49,15 +42,7 @@ class Arena:
     def play(
         self, act: Act, episodes: int, *, policy: str, env_steps: int, trained_in: BoundTask
     ) -> list[EvaluationRow]:
-        """Play episodes and return their rows, in the order of the episodes.
-
-        Args:
-            act: The policy.
-            episodes: Number of episodes.
-            policy: Its name.
-            env_steps: Env steps of training before the evaluation.
-            trained_in: The task of the training; its running statistics are used.
-        """
+        """Play episodes with the running statistics of a training; return their rows in order."""
         statistics = trained_in.environment_state()
         for task in self._tasks:
             task.restore_environment(statistics, statistics_only=True)

@@ -26,15 +26,7 @@ _NOT_OF_TRAINING: Final = (
 
 
 def characteristics_of(algorithm: Algorithm, settings: Settings, source: Source) -> dict[str, str]:
-    """Return the characteristics of one of serp's algorithms: name → text.
-
-    Its settings are reported beside them, see `settings_in_use`.
-
-    Args:
-        algorithm: The algorithm.
-        settings: All its settings.
-        source: The source of the reward that it learns from.
-    """
+    """Return the characteristics of one of serp's algorithms: name → text."""
     learns, plans = algorithm.kind != "planner", algorithm.kind != "baseline"
     acting = {"planner": "planner", "baseline": "learner"}
     return {

@@ -9,11 +9,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.comparison.algorithms import Algorithm, ExternalAlgorithm
+from serp.comparison.algorithms import Algorithm
 from serp.comparison.trials.characteristics import REWARDS, characteristics_of
 from serp.comparison.trials.external_env import ExternalEnv
 from serp.control.decision import Decision
-from serp.control.step_record import OnStep, StepRecord
+from serp.control.step_record import OnStep
 from serp.errors import RunError, SerpError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
@@ -87,23 +87,18 @@ class _External:
 
     def __init__(self, algorithm: Algorithm, task: BoundTask, agent: Agent, seed: int) -> None:
         self.agent = agent
-        self._on_step: OnStep | None = None
-        env = ExternalEnv(task, agent, seed, self._notice)
+        self._env = ExternalEnv(task, agent, seed)
         assert algorithm.make_external is not None
         self._name = algorithm.name
         with self._blamed():
-            self._algorithm: ExternalAlgorithm = algorithm.make_external(env, task.name, seed)
+            self._algorithm = algorithm.make_external(self._env, task.name, seed)
         self.characteristics: Mapping[str, str] = {
-            "learned from": REWARDS[env.judge.source],
+            "learned from": REWARDS[self._env.judge.source],
             **self._algorithm.characteristics,
         }
 
-    def _notice(self, step: StepRecord) -> None:
-        if self._on_step is not None:
-            self._on_step(step)
-
     def train(self, env_steps: int, on_step: OnStep) -> None:
-        self._on_step = on_step
+        self._env.on_step = on_step
         with self._blamed():
             self._algorithm.learn(env_steps)
 

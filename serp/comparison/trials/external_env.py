@@ -22,24 +22,22 @@ class ExternalEnv(gym.Env[NDArray[np.float32], np.int64]):
 
     Observations are the learner's input (observation, grounded state or both, by
     `training.inputs`) as float32 `[F]`; the reward is the one that is learned from; episodes
-    begin with the same seeds as in serp's training; actions are 0 ... E-1. Nothing is refused.
-
-    Args:
-        task: The task.
-        agent: Converts observations, and forecasts steps to count unsafe ones.
-        seed: Seed of the training; a seed given to `reset` is ignored.
-        on_step: Called with every env step.
+    begin with the same seeds as in serp's training, whatever is given to `reset`; actions are
+    0 ... E-1. Nothing is refused; the agent forecasts steps to count unsafe ones.
 
     Attributes:
         judge: Judges the steps.
+        on_step: Called with every env step.
     """
 
-    def __init__(self, task: BoundTask, agent: Agent, seed: int, on_step: OnStep) -> None:
+    def __init__(
+        self, task: BoundTask, agent: Agent, seed: int, on_step: OnStep | None = None
+    ) -> None:
         self._task = task
         self._agent = agent
         self.judge = Judge(task, agent.settings)
+        self.on_step = on_step
         self._seed = seed
-        self._on_step = on_step
         self._episode = 0
         self._rollout: Rollout | None = None
         shape = (agent.learner.input_size,)
@@ -73,6 +71,7 @@ class ExternalEnv(gym.Env[NDArray[np.float32], np.int64]):
         step = rollout.step(
             self._agent.guarded.execute(rollout.state, Proposal(int(action), False, None))
         )
-        self._on_step(step)
+        if self.on_step is not None:
+            self.on_step(step)
         x = step.next_x.astype(np.float32)
         return x, step.reward, step.terminated, step.truncated, step.info

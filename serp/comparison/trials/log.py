@@ -81,7 +81,7 @@ class Log:
         row = EpisodeRow(
             episode=len(self.rows) + 1,
             env_steps=self.env_steps,
-            unit=_number(info.get(self._unit, 0)),
+            unit=int(real(single(info.get(self._unit))) or 0),
             return_=totals.return_,
             learner_return=totals.learner_return,
             length=totals.length,
@@ -106,8 +106,3 @@ def _counted(info: dict[str, Any], name: str) -> float:
             "finite number is wanted"
         )
     return float(value)
-
-
-def _number(value: Any) -> int:
-    """Return the number of a unit; 0 if it is not a number."""
-    return int(real(single(value)) or 0)

@@ -41,14 +41,7 @@ class _Spent(BaseException):
 
 @dataclass(frozen=True)
 class Measured:
-    """The results of a trial.
-
-    Attributes:
-        log: The episodes of training.
-        evaluations: The episodes of all evaluations.
-        characteristics: Name → text: those of the algorithm.
-        seconds: Seconds of training and of evaluation.
-    """
+    """The results of a trial: the log of its training, and the episodes of all evaluations."""
 
     log: Log
     evaluations: list[EvaluationRow]
@@ -69,19 +62,7 @@ def run_trial(
     protocol: ComparisonProtocol,
     on_progress: Callable[[int], None],
 ) -> Measured:
-    """Train and measure.
-
-    Args:
-        algorithm: The algorithm.
-        task: The task, with the domain file of the variant.
-        settings: All settings.
-        seed: Seed of everything random in training.
-        protocol: Budget and evaluations.
-        on_progress: Called with the env steps so far, a few times per second at most.
-
-    Raises:
-        SerpError: Task, settings or environment are wrong.
-    """
+    """Train and measure; `on_progress` gets the env steps so far, a few times per second."""
     with one_thread(), task.bind() as bound:
         contestant = make_contestant(algorithm, bound, settings, seed)
         return _Trial(algorithm, contestant, bound, protocol, on_progress).run()

@@ -20,9 +20,7 @@ def values_of(forecast: ActionForecast, scale: float) -> NDArray[np.float32]:
     finite = np.isfinite(value)
     if not finite.all():
         value = np.where(finite, value, value[finite].min() if finite.any() else 0.0)
-    held = np.clip(scale * value, -FLOAT32_MAX, FLOAT32_MAX)
-    scaled: NDArray[np.float32] = held.astype(np.float32)
-    return scaled
+    return np.clip(scale * value, -FLOAT32_MAX, FLOAT32_MAX).astype(np.float32)
 
 
 def advice(
@@ -33,14 +31,10 @@ def advice(
     scale: float,
     imitate: bool,
 ) -> Guidance:
-    """Return the planner's guidance for an env step.
+    """Return the planner's guidance for an env step; see `Strategy.guidance`.
 
-    Args:
-        forecast: Forecast for the state before the step.
-        action: The executed environment action.
-        following: Forecast for the next state; None if the episode ended there.
-        scale: Factor from the planner's values to units of Q.
-        imitate: Whether the learner is to imitate the planner's action before the step.
+    `scale` is the factor from the planner's values to units of Q; `imitate` says whether the
+    learner is to imitate the planner's action before the step.
     """
     if following is None:
         next_action, next_values = -1, np.zeros(len(forecast.value), np.float32)

@@ -20,10 +20,9 @@ class Demonstrations(Strategy):
 
     Deep Q-learning from Demonstrations (Hester et al. 2018, arXiv 1704.03732): on demonstrated
     samples a margin loss, in addition to the TD loss, makes the Q of the planner's action a margin
-    larger than that of any other. With the Q-filter of Nair et al. (2018, arXiv 1709.10089) the
-    margin loss applies only if the target network does not value another action more.
-    Demonstrations stay in the replay memory: `learner.protected_early` says how many, and
-    `learner.protected_share` which share of a batch they and failing samples have.
+    larger than that of any other, unless the target network values another action more (the
+    Q-filter of Nair et al. 2018, arXiv 1709.10089). Demonstrations stay in the replay memory; see
+    `learner.protected_early` and `learner.protected_share`.
     """
 
     reads = ("guide.imitation_steps", "guide.margin")
@@ -68,9 +67,5 @@ class Demonstrations(Strategy):
         return {"step": self._step}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It is damaged.
-        """
+        """Restore what `state_dict` returned."""
         self._step = Saved("strategy", {}, meta).whole("step")

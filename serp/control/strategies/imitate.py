@@ -90,11 +90,7 @@ class ImitateThenLearn(Strategy):
         }
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It is damaged.
-        """
+        """Restore what `state_dict` returned."""
         saved = Saved("strategy", {}, meta)
         self._step, self._end = saved.whole("step"), saved.whole("end")
         self._random.bit_generator.state = saved.generator_state("random", self._random)

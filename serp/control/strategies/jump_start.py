@@ -92,11 +92,7 @@ class JumpStart(Strategy):
         }
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It is damaged.
-        """
+        """Restore what `state_dict` returned."""
         saved = Saved("strategy", {}, meta)
         self._longest = saved.whole("longest")
         self._stage = saved.whole("stage", -1, self._settings.guide.jump_stages)

@@ -123,11 +123,7 @@ class Mixture(Strategy):
         return {"rho": self._rho, "random": self._random.bit_generator.state}
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
-        """Restore what `state_dict` returned.
-
-        Raises:
-            RunError: It is damaged.
-        """
+        """Restore what `state_dict` returned."""
         saved = Saved("strategy", {}, meta)
         self._rho = saved.real("rho", 0.0, 1.0)
         self._random.bit_generator.state = saved.generator_state("random", self._random)

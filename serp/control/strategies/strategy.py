@@ -1,8 +1,4 @@
-"""The base class of strategies, which decide whether planner or learner proposes.
-
-A strategy only proposes; `serp.control.arbiter.Arbiter` checks each proposal, so that the vetoes
-hold under every strategy.
-"""
+"""The base class of strategies, which decide whether planner or learner proposes."""
 
 from __future__ import annotations
 

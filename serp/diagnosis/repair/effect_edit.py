@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from serp.diagnosis.findings import EffectTerm
 from serp.diagnosis.repair.formatting import plus
 from serp.pddl import syntax as x
-from serp.pddl.edits import Edit, edited
+from serp.pddl.edits import Edit
 from serp.pddl.source import Place
 
 _OPPOSITE = {x.Change.INCREASE: x.Change.DECREASE, x.Change.DECREASE: x.Change.INCREASE}
@@ -18,16 +18,13 @@ _HEAD = re.compile(r"\(\s*([^\s();]+)")
 class EffectEdit:
     """An effect on a number, and its edits.
 
-    Args:
-        schema: The action or process that contains it.
-        effect: The effect.
-
     Attributes:
-        schema, effect: As above.
+        schema: Name of the action or process that contains it.
+        effect: The effect.
         evidence: Comments on the edits, each with the place above which it is inserted.
     """
 
-    def __init__(self, schema: x.Schema, effect: x.ChangeFunction) -> None:
+    def __init__(self, schema: str, effect: x.ChangeFunction) -> None:
         self.schema = schema
         self.effect = effect
         self.evidence: list[tuple[Place, str]] = []
@@ -70,13 +67,6 @@ class EffectEdit:
             before, after = plus("\n", self._added).split("\n")
             edits += [Edit(start, start, before), Edit(end, end, after)]
         return edits
-
-    @property
-    def text(self) -> str:
-        """The edited effect in one line."""
-        start, end = self.effect.place.start, self.effect.place.end
-        own = [Edit(e.start - start, e.end - start, e.text) for e in self.edits()]
-        return " ".join(edited(self.effect.place.source.text[start:end], own).split())
 
 
 def _is_factor(value: x.Expression, place: Place) -> bool:

@@ -1,4 +1,4 @@
-"""Numbers, terms and evidence as PDDL text: plain decimals, binary arithmetic, ASCII comments."""
+"""Numbers, terms and comments as PDDL text: plain decimals, binary arithmetic, ASCII."""
 
 from __future__ import annotations
 
@@ -6,14 +6,11 @@ import math
 import textwrap
 from collections.abc import Iterable
 
-from serp.diagnosis.findings import EffectTerm, RuleFinding, StochasticEffect
-from serp.sysid.monitor import END
+from serp.diagnosis.findings import EffectTerm
 
-_DIGITS = 4
-"""Most significant digits."""
+_DIGITS = 4  # most significant ones
 _WIDTH = 100
 _PLAIN = str.maketrans({"−": "-", "…": "...", "×": "*", "±": "+/-"})
-"""Some PDDL tools read only ASCII."""
 
 
 def decimal(value: float, error: float) -> str:
@@ -72,48 +69,6 @@ def _product(coefficient: float, term: EffectTerm) -> str:
     if not fluents:
         return number
     return fluents if number == "1" else f"(* {number} {fluents})"
-
-
-def measured(value: float, error: float) -> str:
-    """Format a number for a comment, with its standard error if visible: `0.21 +/- 0.02`."""
-    number = decimal(value, error)
-    decimals = len(number.partition(".")[2])
-    if error < 0.5 * 10.0**-decimals and float(number) != 0.0:
-        return number
-    return f"{number} +/- " + (f"{error:.{decimals}f}" if decimals else decimal(error, error))
-
-
-def evidence_of_term(term: EffectTerm, samples: int, *, rate: bool) -> str:
-    """Return the evidence for a new effect, for a comment above it."""
-    found = f"found in {samples:,} steps"
-    value = measured(term.coefficient, term.error)
-    if "+/-" not in value:
-        return found
-    return f"{found}: {value}{' per unit of time' if rate else ''}"
-
-
-def evidence_of_outcomes(finding: StochasticEffect) -> list[str]:
-    """Return the observed outcomes of an action, for comments above it, a line each."""
-    lines = [f"Observed in {finding.samples:,} steps; the effects are as written:"]
-    for outcome in finding.outcomes:
-        if outcome.probability < 0.005 and not outcome.written:
-            continue
-        what = " and ".join(f"({name}) {by:+g}" for name, by in outcome.changes)
-        share = f"{100 * outcome.probability:.0f} +/- {max(1.0, 100 * outcome.error):.0f} %"
-        written = ", as written" if outcome.written else ""
-        lines.append(f"  {share}: {what or 'nothing changes'}{written}")
-    return lines
-
-
-def evidence_of_rule(finding: RuleFinding) -> str:
-    """Return the observations of a line on rewards or ends, for a comment above it."""
-    what = f"Observed in {finding.samples:,} steps: predicted in {finding.predicted:,}"
-    if finding.fluent == END:
-        came = f"the task ended in {finding.came:,} of them"
-    else:
-        came = f"reward {finding.expected:.3g} on average, observed {finding.observed:.3g}"
-    more = f"; applied in {finding.unpredicted:,} others" if finding.unpredicted else ""
-    return f"{what}, {came}{more}." if finding.predicted else f"{what}{more}."
 
 
 def comment(text: str, indent: str, newline: str) -> str:

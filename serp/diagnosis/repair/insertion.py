@@ -71,12 +71,17 @@ class InsertionPoints:
         lines = self._lines(effects, base + "  ")
         if not value.items:
             return [Edit(start, end, f"(and{lines})")]
-        if value.head == "and":
-            return self._into_and(value, effects, base)
-        if self._commented(end):
+        if value.head != "and":
             before = f"(and{lines}{self._newline}{base}  "
             return [Edit(start, start, before), Edit(end, end, ")")]
-        return [Edit(start, start, "(and "), Edit(end, end, f"{lines})")]
+        # In front, because comments behind the last effect refer to it.
+        at = value.items[0].place.end
+        rest = self.text[at : line_end(self.text, at)].strip()
+        if not rest or rest.startswith(";"):
+            at = line_end(self.text, at)
+        elif len(value.items) > 1:  # the text before the first effect ends its indent
+            lines += self._newline + (base + "  ")[value.items[1].place.start - at :]
+        return [Edit(at, at, lines)]
 
     def process(self, name: str, parameters: str, effects: Sequence[tuple[str, str]]) -> Edit:
         """Return the edit that adds a process, after the last one or else the last action.
@@ -121,42 +126,12 @@ class InsertionPoints:
         words = " ".join([":strips", *missing])
         return [Edit(at, at, f"{self._newline}  (:requirements {words})")]
 
-    def _into_and(self, value: Group, effects: Sequence[tuple[str, str]], base: str) -> list[Edit]:
-        last = value.items[-1].place
-        first = value.items[min(1, len(value.items) - 1)].place
-        own_line = self.text[line_start(self.text, last.start) : last.start]
-        indent = own_line if len(value.items) > 1 and not own_line.strip() else base + "  "
-        lines = self._lines(effects, indent)
-        between = self.text[last.end : value.place.end - 1]
-        if "\n" in between:  # behind the comments that may follow the last effect
-            line = last.end + between.rfind("\n", 0, between.rfind("\n")) + 1
-            at = line_end(self.text, line)
-            return [Edit(at, at, lines)]
-        if not self._commented(value.place.end):
-            return [Edit(last.end, last.end, lines)]
-        # In front, because the comment behind the brackets refers to the last effect.
-        at = value.items[0].place.end
-        rest = self.text[at : line_end(self.text, at)].strip()
-        if not rest or rest.startswith(";"):
-            at = line_end(self.text, at)
-            return [Edit(at, at, lines)]
-        if first.start == value.items[0].place.start:  # an empty `and`
-            return [Edit(at, at, lines)]
-        # The text before the first effect ends its indent.
-        return [Edit(at, at, f"{lines}{self._newline}{indent[first.start - at :]}")]
-
-    def _commented(self, position: int) -> bool:
-        """Return whether only closing brackets and a comment follow in the line."""
-        rest = self.text[position : line_end(self.text, position)]
-        return rest.lstrip(") \t").startswith(";")
-
     def _lines(self, effects: Sequence[tuple[str, str]], indent: str) -> str:
         """Return effects on separate lines, each after a line break."""
-        lines = [
+        return "".join(
             f"{self._newline}{comment(evidence, indent, self._newline)}{indent}{effect}"
             for evidence, effect in effects
-        ]
-        return "".join(lines)
+        )
 
 
 def _field(group: Group, key: str) -> Group | None:

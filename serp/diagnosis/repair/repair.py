@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from serp._util.number_format import measured
 from serp.diagnosis.findings import (
     EffectTerm,
     Findings,
@@ -19,15 +20,9 @@ from serp.diagnosis.findings import (
     symbol_of,
 )
 from serp.diagnosis.relevance import CERTAIN
+from serp.diagnosis.remarks import outcomes_text, rule_text
 from serp.diagnosis.repair.effect_edit import EffectEdit
-from serp.diagnosis.repair.formatting import (
-    decimal,
-    effect_of,
-    evidence_of_outcomes,
-    evidence_of_rule,
-    evidence_of_term,
-    measured,
-)
+from serp.diagnosis.repair.formatting import decimal, effect_of
 from serp.diagnosis.repair.insertion import InsertionPoints
 from serp.model.loading import Domain
 from serp.pddl import syntax as x
@@ -40,37 +35,19 @@ _HEAD = "Not explained by what serp observed"
 
 
 @dataclass(frozen=True)
-class Repair:
-    """One change of a file.
-
-    Attributes:
-        line: Line of the file as it was; for an addition the line of what it is added to.
-        schema: The action or process that is changed or new.
-        before: The effect as it was; empty for an addition.
-        after: The effect as it is now; empty if only a comment is added.
-        evidence: The observation behind it.
-    """
-
-    line: int
-    schema: str
-    before: str
-    after: str
-    evidence: str
-
-
-@dataclass(frozen=True)
 class Repaired:
     """A repaired domain file.
 
     Attributes:
         text: The whole text.
-        repairs: The changes, in the order of the file.
+        changes: For each effect or comment that is changed or new: the line of the file as it was;
+            for an addition the line of what it is added to.
         open: Sentences about what is not repaired: quantities that the findings do not explain, and
             findings about the problem file. If there are changes, the head of the file lists them.
     """
 
     text: str
-    repairs: tuple[Repair, ...]
+    changes: tuple[int, ...]
     open: tuple[str, ...] = ()
 
 
@@ -91,31 +68,28 @@ def repair(domain: Domain, findings: Findings, unexplained: Sequence[str] = ()) 
     writer = _Writer(domain, findings)
     edits = writer.edits()
     left = (*unexplained, *writer.in_problem)
-    if not writer.repairs:
+    if not writer.changes:
         return Repaired(domain.source.text, (), left)
-    text = edited(domain.source.text, [*writer.head(left), *edits])
-    _check(domain, text)
-    return Repaired(text, tuple(sorted(writer.repairs, key=lambda r: r.line)), left)
-
-
-def _check(domain: Domain, text: str) -> None:
+    head = writer.points.head(f"{_HEAD}, in {findings.samples:,} steps:", left)
+    text = edited(domain.source.text, [*head, *edits])
     source = Source(f"{domain.source.name} (repaired)", text)
     limit = domain.max_ground_schemas
     Domain.parse(source, domain.problem_source, max_ground_schemas=limit).model  # noqa: B018
+    return Repaired(text, tuple(sorted(writer.changes)), left)
 
 
 class _Writer:
-    """Collects the edits of one file and notes the repairs."""
+    """Collects the edits of one file and the lines that they change."""
 
     def __init__(self, domain: Domain, findings: Findings) -> None:
-        self.repairs: list[Repair] = []
+        self.changes: list[int] = []
         self.in_problem: list[str] = []
+        self.points = InsertionPoints(domain.source)
         self._findings = findings
-        self._source = domain.source
+        self._domain = domain
         self._syntax = domain.syntax
-        self._points = InsertionPoints(domain.source)
         self._effects = [
-            EffectEdit(schema, effect)
+            EffectEdit(schema.name, effect)
             for schema in domain.syntax.schemas
             for effect in _changes(schema.effects)
         ]
@@ -128,43 +102,33 @@ class _Writer:
         }
 
     def edits(self) -> list[Edit]:
-        """Return all edits, and note the repairs."""
+        """Return all edits, and note the lines that they change."""
+        source = self._domain.source
         for finding in self._findings.parameters:
-            if finding.parameter.place.source is self._source:
+            place = finding.parameter.place
+            if place.source is source:
                 self._change(finding)
             else:
-                place, found = finding.parameter.place, measured(finding.estimate, finding.error)
+                found = measured(finding.estimate, finding.error)
                 where = f"{Path(place.source.name).name}, line {place.line}"
                 self.in_problem.append(f"{where}: {place.text} as written; observed {found}")
         edits = self._additions()
-        for rule in self._findings.rules:
-            if rule.place is not None and rule.place.source is self._source:
-                edits += self._comment(rule.place, rule.schema, [evidence_of_rule(rule)])
-        for effect in self._findings.stochastic:
-            edits += self._comment(effect.place, effect.schema, evidence_of_outcomes(effect))
+        comments: list[tuple[Place | None, str]]
+        comments = [(r.place, rule_text(r)) for r in self._findings.rules]
+        comments += [
+            (e.place, outcomes_text(e, self._domain.model.ground))
+            for e in self._findings.stochastic
+        ]
+        for at, text in comments:
+            if at is not None and at.source is source:
+                self.changes.append(at.line)
+                edits.append(self.points.comment_above(at.start, f"Observed: {text}."))
         for edit in self._effects:
-            edits += edit.edits() + self._evidence_edits(edit)
-        return edits + self._points.requirements(self._needs)
-
-    def head(self, left: Sequence[str]) -> list[Edit]:
-        """Return the edits that list, at the head of the file, what is not repaired."""
-        steps = f"{self._findings.samples:,} steps"
-        return self._points.head(f"{_HEAD}, in {steps}:", left)
-
-    def _comment(self, place: Place, schema: str, lines: Sequence[str]) -> list[Edit]:
-        """Return the edits that put comments above a place, and note the repair."""
-        evidence = " ".join(line.strip() for line in lines)
-        self.repairs.append(Repair(place.line, schema, "", "", evidence))
-        return [self._points.comment_above(place.start, line) for line in lines]
-
-    def _evidence_edits(self, edit: EffectEdit) -> list[Edit]:
-        """Return the comments on the changes of an effect as edits, and note the repair."""
-        if edit.evidence:
-            place, evidence = edit.effect.place, "; ".join(text for _, text in edit.evidence)
-            self.repairs.append(
-                Repair(place.line, edit.schema.name, place.text, edit.text, evidence)
-            )
-        return [self._points.comment_above(place.start, text) for place, text in edit.evidence]
+            if edit.evidence:
+                self.changes.append(edit.effect.place.line)
+            edits += edit.edits()
+            edits += [self.points.comment_above(p.start, text) for p, text in edit.evidence]
+        return edits + self.points.requirements(self._needs)
 
     def _change(self, finding: ParameterFinding) -> None:
         place = finding.parameter.place
@@ -192,16 +156,14 @@ class _Writer:
         for missing in sorted(self._findings.missing, key=lambda m: order[symbol_of(m.fluent)]):
             terms = sorted(missing.terms, key=lambda term: (len(term.fluents), term.fluents))
             if missing.schema == WORLD:
-                if terms:
-                    edits.append(self._process(missing, terms))
+                edits += [self._process(missing, terms)] if terms else []
                 continue
             terms = self._into_assignment(missing, terms)
             if terms:
-                place = self._schema(missing.schema).place
-                effects = self._written(missing, terms, missing.schema, place.line)
+                effects = self._written(missing, terms, self._place(missing.schema).line)
                 into.setdefault(missing.schema, []).extend(effects)
         for name, effects in into.items():
-            edits += self._points.effects_in(self._schema(name).place, effects)
+            edits += self.points.effects_in(self._place(name), effects)
         return edits
 
     def _into_assignment(self, missing: MissingEffect, terms: list[EffectTerm]) -> list[EffectTerm]:
@@ -210,7 +172,7 @@ class _Writer:
             (
                 e
                 for e in self._effects
-                if e.schema.name == missing.schema
+                if e.schema == missing.schema
                 and e.effect.change is x.Change.ASSIGN
                 and _name_of(e.effect.function) == missing.fluent
             ),
@@ -234,37 +196,34 @@ class _Writer:
     def _process(self, missing: MissingEffect, terms: Sequence[EffectTerm]) -> Edit:
         self._needs[":time"] = None
         symbol = symbol_of(missing.fluent)
-        name = self._new_name(f"{symbol}-changes")
-        effects = self._written(missing, terms, name, self._points.last_schema.line)
+        name, number = f"{symbol}-changes", 1
+        while name in self._names:
+            number += 1
+            name = f"{symbol}-changes-{number}"
+        self._names.add(name)
+        effects = self._written(missing, terms, self.points.last_schema.line)
         declared = self._syntax.declarations[symbol].parameters
-        return self._points.process(name, _parameters(declared), effects)
+        return self.points.process(name, _parameters(declared), effects)
 
     def _written(
-        self, missing: MissingEffect, terms: Sequence[EffectTerm], schema: str, line: int
+        self, missing: MissingEffect, terms: Sequence[EffectTerm], line: int
     ) -> list[tuple[str, str]]:
-        """Return an effect for each term with its evidence, and note the repairs."""
+        """Return an effect for each term with its evidence, and note the changes."""
         self._needs[":numeric-fluents"] = None
-        rate = missing.rate
-        effects = [
+        self.changes += [line] * len(terms)
+        found = f"found in {missing.samples:,} steps: "
+        per = " per unit of time" if missing.rate else ""
+        return [
             (
-                evidence_of_term(term, missing.samples, rate=rate),
-                effect_of(missing.fluent, term, rate=rate),
+                f"{found}{measured(term.coefficient, term.error)}{per}",
+                effect_of(missing.fluent, term, rate=missing.rate),
             )
             for term in terms
         ]
-        self.repairs += [Repair(line, schema, "", effect, evidence) for evidence, effect in effects]
-        return effects
 
-    def _schema(self, name: str) -> x.Schema:
-        return next(s for s in self._syntax.schemas if s.kind is x.Kind.ACTION and s.name == name)
-
-    def _new_name(self, wanted: str) -> str:
-        name, number = wanted, 1
-        while name in self._names:
-            number += 1
-            name = f"{wanted}-{number}"
-        self._names.add(name)
-        return name
+    def _place(self, action: str) -> Place:
+        schemas = self._syntax.schemas
+        return next(s.place for s in schemas if s.kind is x.Kind.ACTION and s.name == action)
 
 
 def _changes(effects: Sequence[x.Effect]) -> Iterator[x.ChangeFunction]:
@@ -284,10 +243,8 @@ def _parameters(parameters: Sequence[x.SchemaParameter]) -> str:
     """Return parameters as they are declared: `?r - robot`."""
     written = []
     for parameter in parameters:
-        if parameter.types == (x.OBJECT,):
-            written.append(parameter.name)
-        elif len(parameter.types) == 1:
-            written.append(f"{parameter.name} - {parameter.types[0]}")
-        else:
-            written.append(f"{parameter.name} - (either {' '.join(parameter.types)})")
+        types = " ".join(parameter.types)
+        if len(parameter.types) > 1:
+            types = f"(either {types})"
+        written.append(parameter.name if types == x.OBJECT else f"{parameter.name} - {types}")
     return " ".join(written)

@@ -34,6 +34,7 @@ _FINEST, _COARSEST, _FINER = 100.0, 4.0, 1.4
 """Bins in the range of a fluent: most, least, and the ratio from one attempt to the next."""
 _PRECISION: Final = 1e-4
 """Precision of the values, see `serp.planning.far_sight.solution_kernels.EXACT`."""
+_SWEEPS: Final = 200
 _AT = Counters()
 
 
@@ -174,7 +175,9 @@ class CellGraph:
         arrays.reward[:edges] = (
             self._edges_held.reward[:edges] + beyond * self._edges_held.beyond[:edges]
         )
-        solution.solve(self._arrays_tuple, self._settings.discount, _PRECISION, self._allowed)
+        solution.solve(
+            self._arrays_tuple, self._settings.discount, _PRECISION, _SWEEPS, self._allowed
+        )
 
     def _allocate(self) -> None:
         if self._allocated:

@@ -18,7 +18,7 @@ from serp.planning.far_sight import closed_kernels as kernels
 from serp.planning.far_sight import solution_kernels as solution
 from serp.planning.far_sight.closed_kernels import OUTCOMES, Counters, GraphArrays
 from serp.planning.forecast import Forecast
-from serp.planning.kernel_records import FirstActions, room_for_actions
+from serp.planning.kernel_records import FirstActions
 from serp.planning.limits import Bound
 from serp.settings import PlannerSettings
 
@@ -109,7 +109,9 @@ class ClosedGraph:
 
     def _solve(self) -> None:
         allowed = np.empty(self._arrays.action.shape[0], dtype=np.uint8)
-        solution.solve(self._arrays_tuple, self._settings.discount, solution.EXACT, allowed)
+        solution.solve(
+            self._arrays_tuple, self._settings.discount, solution.EXACT, solution.SWEEPS, allowed
+        )
         self._unit = solution.ALIKE * solution.largest_value(self._arrays_tuple)
 
     def forecast(self, state: Vector) -> Forecast | None:
@@ -133,10 +135,10 @@ class ClosedGraph:
 
     def _look_up(self, node: int) -> tuple[int, FirstActions]:
         """Return the chosen action of a node, and what is predicted for every action."""
-        found = room_for_actions(self._actions)
+        found = FirstActions.allocate(self._actions)
         discount = self._settings.discount
-        choice = solution.look_up(self._arrays_tuple, node, discount, self._unit, found)
-        return choice, FirstActions(*found)
+        choice = solution.look_up(self._arrays_tuple, node, discount, self._unit, tuple(found))
+        return choice, found
 
     # Expansion ---------------------------------------------------------------------------------
 

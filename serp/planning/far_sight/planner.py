@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from collections.abc import Mapping
+from typing import Any, Final, Protocol
 
+from serp._util.saved_state import Saved
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.cell_graph import CellGraph, Visited
 from serp.planning.far_sight.closed_graph import ClosedGraph
@@ -11,8 +13,9 @@ from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 
-_PATIENCE: Final = 4
-"""After a graph could not be closed, so many times more decisions pass before the next attempt."""
+_EARNED: Final = 1_000
+"""Edges that every decision earns; their expansion and solution take one to three milliseconds."""
+_MOST_FAILURES: Final = 10
 
 _DECISIONS: Final = 20
 """Decisions between two builds of the graph of cells, at least."""
@@ -30,9 +33,10 @@ class NearPlanner(Protocol):
 class ClosedGraphPlanner:
     """Plans on the closed graph where the best policy stays inside it, else by another planner.
 
-    The graph is built again when the model has changed, or when the world is in a state that is
-    not in it. After a graph could not be closed, so many decisions pass before the next attempt
-    that attempts take little time.
+    The graph is built again when the model has changed, and grows when the world is in a state that
+    is not in it. Every decision earns the time for a number of edges, which a graph spends when it
+    is built: so a large graph of a model that changes often is built rarely, and the mean cost of
+    a decision is bounded. Each further graph in a row that could not be closed costs twice as much.
 
     Args:
         model: The transition model.
@@ -50,33 +54,47 @@ class ClosedGraphPlanner:
         self.model = model
         self.graph = ClosedGraph(model, settings)
         self._near = near
+        self._owed = self._failures = 0
         self.begin_episode()
 
     def begin_episode(self) -> None:
         """Forget the graph, so that decisions depend on nothing before this episode."""
         self.graph.clear()
         self._revision = self.model.revision
-        self._waited = self._wait = 0
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
-        if self.model.revision != self._revision:
+        if self.model.revision != self._revision and self._owed <= 0:
             self._revision = self.model.revision
             self.graph.clear()
         found = self.graph.forecast(state)
-        if found is None and self._waited >= self._wait:
+        if found is None and self._owed <= 0:
             if not self.graph.complete:
                 self.graph.clear()
             self.graph.grow(state)
             found = self.graph.forecast(state)
-            self._waited, self._wait = 0, 0 if found is not None else _PATIENCE * self._wait + 1
-        if found is not None:
-            return found
-        self._waited += 1
-        return self._forecast_outside(state)
+            self._failures = 0 if found is not None else min(self._failures + 1, _MOST_FAILURES)
+            self._owed += self.graph.edges << self._failures
+        self._owed = max(0, self._owed - _EARNED)
+        return found if found is not None else self._forecast_outside(state)
 
     def _forecast_outside(self, state: Vector) -> Forecast:
         return self._near.forecast(state)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
+        return {"owed": self._owed, "failures": self._failures}
+
+    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned.
+
+        Raises:
+            RunError: It is damaged.
+        """
+        saved = Saved("planner", {}, meta)
+        self._owed = saved.whole("owed")
+        self._failures = saved.whole("failures", 0, _MOST_FAILURES)
+        self.begin_episode()
 
 
 class FarSightPlanner(ClosedGraphPlanner):

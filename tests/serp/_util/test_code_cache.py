@@ -73,6 +73,11 @@ def open_to_all(folder: Path) -> None:
     folder.chmod(0o777)
 
 
+def open_to_a_group(folder: Path) -> None:
+    folder.mkdir()
+    folder.chmod(0o775)
+
+
 def of_another_user(folder: Path) -> None:
     if os.getuid() != 0:
         pytest.skip("only root may give a folder away")
@@ -85,6 +90,7 @@ def of_another_user(folder: Path) -> None:
     ("make", "said"),
     [
         (open_to_all, "others can write: chmod go-w"),
+        (open_to_a_group, "others can write: chmod go-w"),
         (of_another_user, "belongs to another user"),
         (Path.touch, "cannot be kept"),
     ],

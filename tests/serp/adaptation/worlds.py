@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from serp.adaptation import outcome_kernels as c
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.outcome_counts import new_table
+from serp.adaptation.outcomes import table_kernels as c
+from serp.adaptation.outcomes.outcome_counts import new_table
+from serp.adaptation.outcomes.prediction_kernels import CHANGE
 from serp.adaptation.parameter_buffer import FILE, LINEAR, NONLINEAR, OWN, GroupParameters
 from serp.model.loading import load_domain
 from serp.model.transition_model import TransitionModel, Vector
@@ -198,6 +199,10 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
         table[c.T_KINDS] = kinds
         changes = table[int(table[c.T_CHANGES]) :][: c.KINDS * len(places)].reshape(c.KINDS, -1)
         numeric = [model.fluents[group.inputs[place]].numeric for place in places]
+        schemas = len({action.schema for action in model.actions})
+        table[int(table[c.T_SCHEMAS]) :][1:kinds] = rng.integers(CHANGE, schemas, kinds - 1)
+        ranges = table[int(table[c.T_RANGES]) :][: 2 * len(places)].reshape(-1, 2)
+        ranges[:] = -5.0, 5.0
         changes[1:kinds] = np.where(numeric, rng.integers(-2, 3, (kinds - 1, len(places))), 0.0)
         counts = rng.choice((1.0, 3.0, 50.0), kinds)
         start = int(table[c.T_COUNTS])

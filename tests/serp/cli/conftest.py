@@ -81,11 +81,18 @@ def walk(folder: Path) -> Path:
     return file
 
 
+def train(out: Path, *arguments: str) -> Path:
+    """Train into a folder, without drawing."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
+        command = ["plan-and-learn", f"--out={out}", "--quiet", *arguments]
+        result = CliRunner().invoke(serp, command)
+    assert result.exit_code == 0, result.output
+    return out
+
+
 @pytest.fixture(scope="session")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short run of cart-pole."""
     out = tmp_path_factory.mktemp("runs") / "trained"
-    arguments = ["plan-and-learn", "--domain=cartpole", "--episodes=4", f"--out={out}", *QUICK]
-    result = CliRunner().invoke(serp, [*arguments, "--quiet"])
-    assert result.exit_code == 0, result.output
-    return out
+    return train(out, "--domain=cartpole", "--episodes=4", *QUICK)

@@ -35,9 +35,3 @@ def test_the_text_has_the_same_numbers(run: Run, trained: Path) -> None:
     assert f"{shown['terminated']} of 3 episodes" in text
     assert shown["warning"] in text
     assert "--policy training" not in text  # this run's ρ is 1
-
-
-def test_what_is_no_run_is_refused(run: Run) -> None:
-    assert "no such folder" in run("evaluate", "nosuch", expect=1).stderr
-    Path("empty").mkdir()
-    assert "is not a run" in run("evaluate", "empty", expect=1).stderr

@@ -20,10 +20,15 @@ def raising(error: BaseException) -> Callable[[], Any]:
     return run
 
 
+def noted(error: Exception, note: str) -> Exception:
+    error.add_note(note)
+    return error
+
+
 @pytest.mark.parametrize(
     ("error", "status", "message"),
     [
-        (RunError("no such run"), 1, "Error: no such run\n"),
+        (noted(RunError("no such run"), "Continue with"), 1, "Error: no such run\nContinue with\n"),
         (FileNotFoundError(2, "No such file", "x.svg"), 1, "Error: x.svg: No such file\n"),
         (OSError(errno.ENOSPC, "No space left"), 1,
          "Error: No space left (free some space, then try again)\n"),
@@ -42,16 +47,6 @@ def test_what_the_user_can_mend_is_a_message(
         exit_with(raising(error))
     assert end.value.code == status
     assert capfd.readouterr() == ("", message)
-
-
-def test_what_was_noted_on_an_error_follows_its_message(capfd: pytest.CaptureFixture[str]) -> None:
-    error = RunError("the disk is full")
-    error.add_note("Continue with\n  serp plan-and-learn --resume r")
-    with pytest.raises(SystemExit):
-        exit_with(raising(error))
-    assert capfd.readouterr().err == (
-        "Error: the disk is full\nContinue with\n  serp plan-and-learn --resume r\n"
-    )
 
 
 def test_a_bug_keeps_its_traceback() -> None:

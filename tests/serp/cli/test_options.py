@@ -37,31 +37,23 @@ def test_values_are_json_where_they_can_be(text: str, value: Any) -> None:
     assert type(parsed) is type(value)
 
 
-def test_settings_of_several_sections_come_together() -> None:
-    texts = ["planner.depth=7", " learner.double = false ", "planner.discount=0.9"]
-    assert parse_settings(texts) == {
-        "planner": {"depth": 7, "discount": 0.9},
-        "learner": {"double": False},
-    }
-
-
 def test_every_setting_can_be_set_to_what_it_is() -> None:
-    for preset in ("default", "paper"):
-        settings = resolve(preset)
-        texts = [
-            f"{section}.{name}={value if value == 'inf' else json.dumps(value)}"
-            for section, values in settings.as_dict().items()
-            for name, value in values.items()
-        ]
-        assert resolve("default", None, parse_settings(texts)) == settings
+    settings = resolve("paper")
+    texts = [
+        f"{section}.{name}={value if value == 'inf' else json.dumps(value)}"
+        for section, values in settings.as_dict().items()
+        for name, value in values.items()
+    ]
+    assert resolve("default", None, parse_settings(texts)) == settings
 
 
-@pytest.mark.parametrize("text", ["planner.depth", "depth=3", ".depth=3", "planner.=3", "=", ""])
-def test_settings_of_another_form_are_usage_errors(text: str) -> None:
-    with pytest.raises(click.UsageError, match="section.name=value"):
-        parse_settings([text])
-
-
-def test_a_setting_given_twice_is_a_usage_error() -> None:
-    with pytest.raises(click.UsageError, match="twice"):
-        parse_settings(["planner.depth=3", "planner.depth=4"])
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        *(([text], "section.name=value") for text in ("planner.depth", "depth=3", ".depth=3", "")),
+        (["planner.depth=3", " planner.depth = 4"], "planner.depth is given twice"),
+    ],
+)
+def test_what_is_no_setting_is_a_usage_error(texts: list[str], said: str) -> None:
+    with pytest.raises(click.UsageError, match=said):
+        parse_settings(texts)

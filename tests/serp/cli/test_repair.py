@@ -11,12 +11,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 
-from serp.cli.root import serp
 from serp.comparison.algorithms import OWN
 from serp.runs.checkpoint import NEWEST, load, save
-from tests.serp.cli.conftest import Run
+from tests.serp.cli.conftest import Run, train
 
 EMPTY = Path(__file__).parents[3] / "domains" / "cartpole-empty.pddl"
 PLANNER_ALONE = [
@@ -29,11 +27,7 @@ ADAPTED = ["--set=adaptation.mode=residual", "--set=adaptation.min_visits=3"]
 
 def planned(domain: str | Path, out: Path, *options: str) -> np.ndarray:
     """Let the planner act alone; return the returns of its episodes."""
-    arguments = ["plan-and-learn", f"--domain={domain}", f"--out={out}", "--quiet"]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
-        result = CliRunner().invoke(serp, [*arguments, *PLANNER_ALONE, *options])
-    assert result.exit_code == 0, result.output
+    train(out, f"--domain={domain}", *PLANNER_ALONE, *options)
     with (out / "metrics.csv").open(encoding="utf-8") as table:
         return np.array([float(row["return"]) for row in csv.DictReader(table)])
 
@@ -83,15 +77,6 @@ def test_nothing_in_the_run_is_changed(run: Run, ignorant: Path) -> None:
     assert {path.name: path.read_bytes() for path in ignorant.iterdir()} == before
 
 
-def test_nothing_is_replaced_unasked(run: Run, ignorant: Path) -> None:
-    Path("known.pddl").write_text("mine", encoding="utf-8")
-    refused = run("repair", str(ignorant), "-o", "known.pddl", expect=1)
-    assert "known.pddl exists" in refused.stderr and not refused.stdout
-    assert Path("known.pddl").read_text(encoding="utf-8") == "mine"
-    run("repair", str(ignorant), "-o", "known.pddl", "--force")
-    assert Path("known.pddl").read_text(encoding="utf-8").startswith("; Cart-pole")
-
-
 @pytest.fixture
 def racing(run: Run, ignorant: Path) -> Path:
     """The same run, as if the domain had a problem file."""
@@ -117,25 +102,25 @@ def test_the_problem_goes_with_the_file(run: Run, racing: Path) -> None:
     assert "problem" not in again.stderr and Path("new.pddl").exists()
 
 
-def test_another_problem_is_not_replaced_unasked(run: Run, racing: Path) -> None:
-    Path("new-problem.pddl").write_text("mine", encoding="utf-8")
-    refused = run("repair", str(racing), "-o", "new.pddl", expect=1)
-    assert "new-problem.pddl exists" in refused.stderr and "--force" in refused.stderr
-    assert not refused.stdout and not Path("new.pddl").exists()
-    assert Path("new-problem.pddl").read_text(encoding="utf-8") == "mine"
-    run("repair", str(racing), "-o", "new.pddl", "--force")
-    assert Path("new-problem.pddl").read_text(encoding="utf-8").startswith("(define (problem race)")
-
-
-def test_a_problem_that_the_run_does_not_have_is_not_taken_for_its_own(
-    run: Run, ignorant: Path
+@pytest.mark.parametrize(
+    ("source", "name", "said"),
+    [
+        ("ignorant", "new.pddl", "new.pddl exists"),
+        ("racing", "new-problem.pddl", "new-problem.pddl exists"),
+        ("ignorant", "new-problem.pddl", "would be taken for the problem of new.pddl"),
+    ],
+)
+def test_nothing_is_replaced_unasked(
+    run: Run, ignorant: Path, racing: Path, source: str, name: str, said: str
 ) -> None:
-    Path("new-problem.pddl").write_text("mine", encoding="utf-8")
-    refused = run("repair", str(ignorant), "-o", "new.pddl", expect=1)
-    assert "new-problem.pddl would be taken for the problem of new.pddl" in refused.stderr
-    assert not Path("new.pddl").exists()
-    run("repair", str(ignorant), "-o", "new.pddl", "--force")
-    assert Path("new-problem.pddl").read_text(encoding="utf-8") == "mine"
+    folder = str(ignorant if source == "ignorant" else racing)
+    Path(name).write_text("mine", encoding="utf-8")
+    refused = run("repair", folder, "-o", "new.pddl", expect=1)
+    assert said in refused.stderr and "--force" in refused.stderr and not refused.stdout
+    assert Path(name).read_text(encoding="utf-8") == "mine"
+    run("repair", folder, "-o", "new.pddl", "--force")
+    taken = source == "racing" or name == "new.pddl"
+    assert (Path(name).read_text(encoding="utf-8") != "mine") == taken
 
 
 def test_where_one_file_cannot_be_written_neither_is(run: Run, racing: Path) -> None:

@@ -15,11 +15,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from serp.comparison.algorithms import GROUP, Algorithm, find_algorithm
+from serp.comparison import algorithms
+from serp.comparison.algorithms import GROUP, find_algorithm
 from serp.comparison.compare import Comparison, compare
 from serp.comparison.plan import ComparisonProtocol
-from serp.comparison.trial_files import trial_folder
-from serp.comparison.trial_records import Trial
 from serp.comparison.trials.trial import Measured, run_trial
 from serp.errors import RunError
 from serp.tasks.task import Task
@@ -30,17 +29,8 @@ from tests.serp.sample_tasks import Corridor, corridor
 PROTOCOL = ComparisonProtocol(
     env_steps=130, evaluate_every=50, evaluation_episodes=3, final_episodes=4, evaluation_seed=9
 )
-GUIDED = (
-    "serp",
-    "serp-paper",
-    "jump-start",
-    "argmax-q",
-    "restrict",
-    "imitate-then-learn",
-    "residual",
-    "dqfd",
-)
-OWN = (*GUIDED, "mrp", "dqn", "dqn-paper")
+OWN = tuple(algorithms.OWN)
+GUIDED = tuple(name for name in OWN if algorithms.OWN[name].kind == "guided")
 
 
 class Walk(Corridor):
@@ -99,16 +89,13 @@ def ground(seen: Any) -> dict[str, float]:
 
 def walk(folder: Path, make_env: Callable[..., gym.Env[Any, Any]] = Walk, **changes: Any) -> Task:
     """The task, with the domain file in a folder."""
-    return corridor(
-        folder,
-        make_env,
-        **{"ground": ground, "counters": ("slips",), "name": "walk", **changes},
-    )
+    given = {"ground": ground, "counters": ("slips",), "name": "walk", **changes}
+    return corridor(folder, make_env, **given)
 
 
 def measured(
     folder: Path,
-    algorithm: str | Algorithm = "serp",
+    algorithm: str = "serp",
     *,
     task: Task | None = None,
     seed: int = 0,
@@ -117,8 +104,7 @@ def measured(
     on_progress: Callable[[int], None] = lambda steps: None,
 ) -> Measured:
     """Run one trial."""
-    found = algorithm if isinstance(algorithm, Algorithm) else find_algorithm(algorithm)
-    chosen = task or walk(folder)
+    found, chosen = find_algorithm(algorithm), task or walk(folder)
     settings = found.settings(chosen, changes or {})
     return run_trial(found, chosen, settings, seed, protocol, on_progress)
 
@@ -137,14 +123,8 @@ def small(
     """
     given: dict[str, Any] = {"jobs": 1, "quiet": True}
     if not (out / "plan.json").exists():
-        given |= {
-            "algorithms": ["serp", "dqn"],
-            "seeds": 2,
-            "env_steps": 60,
-            "evaluate_every": 30,
-            "evaluation_episodes": 2,
-            "final_episodes": 2,
-        }
+        given |= {"algorithms": ["serp", "dqn"], "seeds": 2, "env_steps": 60, "evaluate_every": 30}
+        given |= {"evaluation_episodes": 2, "final_episodes": 2}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp.comparison.report.report.render", lambda figure, kind: b"<svg/>")
         if not report:
@@ -176,15 +156,14 @@ def everything(folder: Path) -> dict[str, Any]:
     return found
 
 
-def place_of(folder: Path, algorithm: str, seed: int, variant: str = "walk") -> Path:
-    return trial_folder(folder, Trial(algorithm, variant, seed))
-
-
 # External learners --------------------------------------------------------------------------------
 
 
 class Drawing:
-    """Draws its actions; what it has learned is how many steps it has made."""
+    """Draws its actions.
+
+    What it has learned is how many steps it has made.
+    """
 
     characteristics: Mapping[str, str] = {"learner": "none", "who acts": "chance"}
 
@@ -229,37 +208,19 @@ class Faulty(Drawing):
         raise ValueError("expected scalar type Float but found Double")
 
 
-def drawing(env: gym.Env[Any, Any], task: str, seed: int) -> Drawing:
-    """Draws its actions.
-
-    And nothing else.
-    """
-    return Drawing(env, task, seed)
-
-
-def lazy(env: gym.Env[Any, Any], task: str, seed: int) -> Drawing:
-    """Ends too early."""
-    return Lazy(env, task, seed)
-
-
-def greedy(env: gym.Env[Any, Any], task: str, seed: int) -> Drawing:
-    """Goes on for too long."""
-    return Greedy(env, task, seed)
-
-
-def faulty(env: gym.Env[Any, Any], task: str, seed: int) -> Drawing:
-    """Fails."""
-    return Faulty(env, task, seed)
-
-
-def absent(env: gym.Env[Any, Any], task: str, seed: int) -> Drawing:
+class Absent(Drawing):
     """Needs what is not there."""
-    raise RunError("it needs more memory than there is")
 
-
-EXTERNAL = ("drawing", "lazy", "greedy", "faulty", "absent")
+    def __init__(self, *arguments: Any) -> None:
+        raise RunError("it needs more memory than there is")
 
 
 def external_algorithms() -> dict[str, EntryPoint]:
     """Entry points, as an installed package would offer them."""
-    return {name: EntryPoint(name, f"{__name__}:{name}", GROUP) for name in EXTERNAL}
+    made = (Drawing, Lazy, Greedy, Faulty, Absent)
+    return {
+        each.__name__.lower(): EntryPoint(
+            each.__name__.lower(), f"{__name__}:{each.__name__}", GROUP
+        )
+        for each in made
+    }

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from serp.comparison import algorithms
-from serp.comparison.algorithms import GROUP, OWN, ablation, find_algorithm, merged
+from serp.comparison.algorithms import GROUP, OWN, find_algorithm, merged
 from serp.errors import MissingExtra, SerpError, SettingsError
 from serp.settings import resolve
 from tests.serp.comparison import contest
@@ -39,11 +39,11 @@ def test_an_external_algorithm_is_described_by_the_first_line_of_its_docstring(
 ) -> None:
     algorithm = find_algorithm("drawing")
     assert (algorithm.kind, algorithm.description) == ("external", "Draws its actions")
-    assert algorithm.make_external is contest.drawing
+    assert algorithm.make_external is contest.Drawing
     assert not algorithm.uses_model
     assert pickle.loads(pickle.dumps(algorithm)) == algorithm  # other processes need it
     with pytest.raises(SettingsError, match="`drawing` has no settings that serp could change"):
-        ablation(algorithm, "drawing:x", {"learner": {"members": 1}})
+        algorithm.changed("drawing:x", {"learner": {"members": 1}})
 
 
 def test_an_external_algorithm_that_cannot_be_loaded_is_named(
@@ -67,15 +67,6 @@ def test_entries_are_listed_without_being_imported() -> None:
     found = algorithms.algorithm_entries()
     assert {"ppo", "sb3-dqn"} <= set(found)
     assert not set(found) & set(OWN)
-
-
-def test_other_settings_make_another_algorithm() -> None:
-    base = find_algorithm("dqfd")
-    changed = ablation(base, "dqfd:learner.members=1", {"learner": {"members": 1}})
-    assert (changed.name, changed.kind) == ("dqfd:learner.members=1", "guided")
-    assert changed.changes["learner"] == {**base.changes["learner"], "members": 1}
-    assert changed.changes["guide"] == base.changes["guide"]
-    assert "members" not in base.changes["learner"]
 
 
 def test_the_second_of_two_changes_applies() -> None:

@@ -57,13 +57,6 @@ def test_a_plan_that_was_written_stays_and_one_process_at_a_time_writes(tmp_path
         pass
 
 
-def test_a_file_is_no_folder(tmp_path: Path) -> None:
-    (tmp_path / "c").write_text("")
-    with pytest.raises(RunError, match="cannot write"), writing(tmp_path / "c"):
-        pass
-    assert (tmp_path / "c").is_file()
-
-
 def test_a_plan_is_read_as_it_was_written(tmp_path: Path) -> None:
     plan = ComparisonPlan(
         task="walk",

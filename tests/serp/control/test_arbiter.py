@@ -22,7 +22,6 @@ from serp.planning.forecast import SAFE
 from serp.planning.lookahead import Lookahead
 from serp.settings import ArbiterSettings, PlannerSettings, Settings
 from tests.serp.control.decisions import (
-    GLIDER,
     MODELS,
     View,
     Wild,
@@ -98,37 +97,38 @@ def test_the_record_tells_what_happened(cases: list[Case]) -> None:
             assert view.applicable[decision.action]
 
 
+REFUSED = {
+    Reason.NOT_APPLICABLE: {"not applicable"},
+    Reason.UNDEFINED: {"undefined"},
+    Reason.UNSAFE: {"unsafe"},
+    Reason.TOO_RISKY: {"risky", "certain"},
+    Reason.LOW_REWARD: {"safe"},
+    Reason.UNSAFE_AHEAD: {"safe"},
+    Reason.UNMODELLED: {"unknown"},
+}
+"""Reason → kinds of proposals that are refused for it."""
+
+
 def test_the_reason_is_one_that_holds(cases: list[Case]) -> None:
     reasons: Counter[Reason] = Counter()
     for arbiter, view, _, decision, *_ in cases:
-        settings = arbiter.settings
-        reasons[decision.reason] += 1
-        proposed = "none" if decision.proposed < 0 else view.kind[decision.proposed]
-        match decision.reason:
+        settings, reason, proposed = arbiter.settings, decision.reason, decision.proposed
+        reasons[reason] += 1
+        if reason in REFUSED:
+            assert view.kind[proposed] in REFUSED[reason]
+        match reason:
             case Reason.PLANNER_TURN:
                 assert decision.proposed_by is Actor.PLANNER
-            case Reason.NOT_APPLICABLE:
-                assert proposed == "not applicable"
-            case Reason.UNSAFE:
-                assert proposed == "unsafe"
-            case Reason.TOO_RISKY:
-                assert proposed in ("risky", "certain")
-            case Reason.UNDEFINED:
-                assert proposed == "undefined"
             case Reason.LOW_REWARD:
                 assert settings.r_min is not None
-                assert proposed == "safe"
-                assert view.reward[decision.proposed] < settings.r_min
+                assert view.reward[proposed] < settings.r_min
             case Reason.UNSAFE_AHEAD:
                 assert settings.veto_horizon == "lookahead"
-                assert proposed == "safe"
-                assert view.steps[decision.proposed] < SAFE
+                assert view.steps[proposed] < SAFE
             case Reason.UNMODELLED:
                 assert settings.unmodelled == "veto"
-                assert proposed == "unknown"
             case Reason.NO_SAFE_ACTION:
-                assert "safe" not in view.kind
-                assert "unsafe" in view.kind
+                assert "safe" not in view.kind and "unsafe" in view.kind
             case Reason.LEAST_RISK:
                 assert "safe" not in view.kind
                 assert not {"risky", "certain"}.isdisjoint(view.kind)
@@ -206,29 +206,6 @@ def two(**settings: object) -> Arbiter:
     return Arbiter(planner, ActionMap(TWO, 2), chosen, Mixture(Settings(arbiter=chosen), 7))
 
 
-def test_what_cannot_be_stopped_any_more_is_refused_ahead_of_time() -> None:
-    state = GLIDER.state({"x": 1.0, "v": 1.5})
-    right = GLIDER.action_index("right")
-
-    def judged(horizon: str, depth: int) -> tuple[Decision, str]:
-        arbiter = Arbiter(
-            Lookahead(GLIDER, PlannerSettings(depth=depth)),
-            ActionMap(GLIDER, 4),
-            ArbiterSettings(veto_horizon=horizon),  # type: ignore[arg-type]
-        )
-        decision = arbiter.judge_proposal(state, Proposal(right, False, None))
-        return decision, arbiter.explain(decision, state)
-
-    decision, explanation = judged("lookahead", 3)
-    assert decision.reason is Reason.UNSAFE_AHEAD
-    assert decision.action == GLIDER.action_index("left")
-    assert explanation == (
-        "right: safe for 1 control period, then nothing is left that is predicted safe"
-    )
-    assert judged("step", 3)[0].reason is Reason.ACCEPTED
-    assert judged("lookahead", 1)[0].reason is Reason.ACCEPTED
-
-
 def test_plan_and_judge_proposal_do_not_draw() -> None:
     arbiter = two(rho=0.5)
     before = arbiter.state_dict()
@@ -255,24 +232,3 @@ def test_what_is_tried_for_the_sake_of_learning_is_no_plan() -> None:
         plain.planner, plain.actions, ArbiterSettings(rho=1.0), exploration_bonus=lambda _: 1 / 0
     )
     assert asked.decide(STATE, Known([0.0, 1.0])).executed_by is Actor.LEARNER
-
-
-def test_an_environment_action_is_as_unsafe_as_the_worst_it_may_stand_for() -> None:
-    """The planner wants `rich`; what would be executed may turn out as `risky`."""
-    model = load(
-        """
-        (define (domain shared)
-          (:predicates (unsafe))
-          (:functions (x) (reward))
-          (:action rich :parameters () :precondition (and) :effect (and (increase (reward) 5)))
-          (:action risky :parameters () :precondition (and (> (x) 0)) :effect (and (unsafe)))
-          (:action poor :parameters () :precondition (and) :effect (and (increase (reward) 1))))
-        """
-    )
-    actions = ActionMap(model, 2, {"rich": 0, "risky": 0, "poor": 1})
-    arbiter = Arbiter(Lookahead(model), actions, ArbiterSettings())
-    for x, action in ((0.0, 0), (1.0, 1)):
-        decision = arbiter.plan(np.array([x]))
-        assert (decision.action, decision.proposed) == (action, action)
-        assert decision.reason is Reason.PLANNER_TURN
-        assert not (decision.unsafe or decision.proposal_unsafe)

@@ -1,14 +1,13 @@
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from serp.model.transition_model import TransitionModel
-from tests.serp.diagnosis.made_up import robots
+from tests.serp.diagnosis.made_up import ROBOTS
+from tests.serp.sysid.rolls import from_text
 
 
 @pytest.fixture
-def model(tmp_path: Path) -> TransitionModel:
-    """The world of `robots`."""
-    return robots(tmp_path)
+def model() -> TransitionModel:
+    """The model of a small world with two robots."""
+    return from_text(ROBOTS).model.replace(dt=0.5)

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from serp import load_domain
 from serp.diagnosis.analysis import findings
 from serp.diagnosis.diagnosis import make_diagnosis
 from serp.diagnosis.findings import (
@@ -58,13 +57,6 @@ ROBOTS = """(define (domain robots)
 """
 
 
-def robots(folder: Path, dt: float = 0.5) -> TransitionModel:
-    """The model of the file as written."""
-    file = folder / "robots.pddl"
-    file.write_text(ROBOTS, encoding="utf-8")
-    return load_domain(file).model.replace(dt=dt)
-
-
 def states_of(
     model: TransitionModel, count: int, seed: int = 0
 ) -> tuple[Vector, NDArray[np.int64]]:
@@ -104,8 +96,7 @@ def recorded(
     rewards = predicted[:, -2] if rewards is None else rewards
     over = predicted[:, -1] != 0.0 if over is None else over
     after = np.column_stack((next_states, rewards, over))
-    domain = domain or load_domain(model.actions[0].place.source.name)
-    run = taken(domain, experience, model.dt)
+    run = taken(domain or from_text(ROBOTS), experience, model.dt)
     for k, action in enumerate(actions.tolist()):
         ending = OVER if over[k] else GOES_ON
         experience.add(states[k], action, next_states[k], int(ending), rewards[k])
@@ -200,11 +191,6 @@ def kept(old: str, new: str) -> bool:
     """Whether the old text is still there, in order, but for numbers and the words around them."""
     rest = iter(tokens(new))
     return all(token in rest for token in tokens(old))
-
-
-def comments(text: str) -> list[str]:
-    """The comments, one for each line that has one."""
-    return [line[line.index(";") :] for line in text.splitlines() if ";" in line]
 
 
 def logic(domain: Domain) -> list[tuple[str, str]]:

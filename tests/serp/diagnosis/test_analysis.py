@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import time
 
 import numpy as np
 import pytest
@@ -55,9 +54,6 @@ ROBOTS = """
 """
 
 
-SOURCE = cartpole().source.text
-
-
 def terms(found: Findings, schema: str, fluent: str) -> dict[tuple[str, ...], float]:
     return {
         t.fluents: t.coefficient
@@ -72,43 +68,6 @@ def of_cartpole(name: str, noise: float) -> Findings:
     """What 500 steps on the real cart-pole say of a file; a share of the actions is random."""
     seen, _ = balance(cartpole().source.text, 0, 500, noise)
     return findings(cartpole(name).model.replace(dt=DT), seen)
-
-
-shaken = pytest.mark.parametrize("noise", [0.0, 0.2], ids=["balanced", "shaken"])
-
-
-@shaken
-def test_an_empty_file_is_told_the_physics(noise: float) -> None:
-    found = of_cartpole("cartpole-empty", noise)
-    assert not found.parameters and not found.stochastic
-    assert found.samples == 500
-    assert terms(found, "", "cart-position")[("cart-velocity",)] == pytest.approx(1.0, abs=0.01)
-    assert terms(found, "", "pole-angle")[("pole-velocity",)] == pytest.approx(1.0, abs=0.01)
-    assert terms(found, "", "pole-velocity")[("pole-angle",)] == pytest.approx(15.7, abs=0.4)
-    for action, sign in (("push-left", -1.0), ("push-right", 1.0)):
-        push = terms(found, action, "cart-velocity")[()]
-        assert push == pytest.approx(sign * 0.195, abs=0.002)
-        swing = terms(found, action, "pole-velocity")[()]
-        assert swing == pytest.approx(-sign * 0.293, abs=0.004)
-    # Processes read what the push has done already; the cart of Gymnasium what was before.
-    assert terms(found, "push-left", "cart-position")[()] == pytest.approx(0.0039, abs=1e-4)
-    assert sum(len(m.terms) for m in found.missing) <= 13
-
-
-@shaken
-def test_gravity_alone_is_missed_where_all_else_is_there(noise: float) -> None:
-    found = of_cartpole("cartpole-no-gravity", noise)
-    assert terms(found, "", "pole-velocity") == pytest.approx({("pole-angle",): 15.7}, abs=0.4)
-    written = {f.written: f.estimate for f in found.parameters if f.schema == "push-left"}
-    assert written[0.195] == pytest.approx(0.195, abs=0.002)
-
-
-@shaken
-def test_what_is_assigned_and_adds_up_is_told_so(noise: float) -> None:
-    found = of_cartpole("cartpole-no-velocity", noise)
-    for action in ("push-left", "push-right"):
-        own = terms(found, action, "cart-velocity")
-        assert own[("cart-velocity",)] == pytest.approx(1.0, abs=0.01)
 
 
 def test_costs_are_what_forgetting_costs() -> None:
@@ -134,7 +93,9 @@ def test_objects_of_one_type_share_one_model() -> None:
     truth = from_text(TRUE_FLEET, ROBOTS).model.replace(dt=0.5)
     rng = np.random.default_rng(0)
     states = rng.uniform(-1.0, 1.0, size=(600, len(model.fluents)))
-    found = findings(model, imagined(truth, states, rng, noise=0.001))
+    seen = imagined(truth, states, rng, noise=0.001)
+    found = findings(model, seen)
+    assert found == findings(model, seen)
     assert terms(found, "drive", "battery ?r") == pytest.approx(
         {(): -0.2, ("load ?r",): -0.3}, abs=0.005
     )
@@ -164,27 +125,6 @@ def test_nothing_seen_says_nothing() -> None:
     broken.add(np.full(4, np.nan), 0, np.zeros(4), False)
     broken.add(np.zeros(4), -1, np.zeros(4), False)
     assert findings(model, broken) == Findings()
-
-
-def test_what_all_actions_have_in_common_is_said_once() -> None:
-    text = """(define (domain lander)
-  (:requirements :numeric-fluents)
-  (:functions (up))
-  (:action fall :parameters () :precondition (and) :effect (and))
-  (:action push :parameters () :precondition (and) :effect (and))
-  (:action brake :parameters () :precondition (and) :effect (and)))"""
-    truth = text
-    for name, change in (("fall", "(decrease (up) 0.14)"), ("push", "(decrease (up) 0.14)"),
-                         ("brake", "(increase (up) 0.16)")):  # fmt: skip
-        head, _, rest = truth.partition(f"(:action {name}")
-        truth = f"{head}(:action {name}{rest.replace('(and))', f'(and {change}))', 1)}"
-    rng = np.random.default_rng(0)
-    model = from_text(text).model.replace(dt=0.1)
-    states = rng.uniform(-1.0, 1.0, size=(300, 1))
-    found = findings(model, imagined(from_text(truth).model, states, rng, noise=0.01))
-    assert terms(found, "", "up") == pytest.approx({(): -1.4}, abs=0.02)
-    assert terms(found, "brake", "up") == pytest.approx({(): 0.3}, abs=0.01)
-    assert len(found.missing) == 2
 
 
 WALK = """(define (domain walk)
@@ -234,22 +174,6 @@ def test_values_that_only_a_fault_can_be_move_nothing() -> None:
         assert terms(found, missing.schema, missing.fluent) == pytest.approx(told, rel=0.01)
 
 
-def test_findings_are_a_function_of_what_was_seen() -> None:
-    seen, _ = balance(cartpole().source.text, 0, 500, 0.0)
-    model = cartpole("cartpole-empty").model.replace(dt=DT)
-    assert findings(model, seen) == of_cartpole("cartpole-empty", 0.0)
-
-
-def test_twenty_thousand_transitions_take_seconds() -> None:
-    model = cartpole("cartpole-empty").model.replace(dt=DT)
-    rng = np.random.default_rng(0)
-    states = rng.uniform(-0.2, 0.2, size=(20_000, 4))
-    seen = imagined(cartpole().model.replace(dt=DT), states, rng, noise=0.001)
-    start = time.process_time()
-    findings(model, seen)
-    assert time.process_time() - start < 8.0
-
-
 # Chance ----------------------------------------------------------------------------------------
 
 
@@ -259,9 +183,8 @@ def slips(seed: int, *, teleports: bool) -> Findings:
     return findings(domain.model, on_ice(domain, seed, teleports=teleports))
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_how_often_the_ice_slips_is_told(seed: int) -> None:
-    found = slips(seed, teleports=False)
+def test_how_often_the_ice_slips_is_told() -> None:
+    found = slips(0, teleports=False)
     assert not found.parameters and not found.missing
     assert {o.schema for o in found.stochastic} == {"up", "right", "down", "left"}
     aside = {"up": "column", "down": "column", "left": "row", "right": "row"}

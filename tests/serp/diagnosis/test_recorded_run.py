@@ -65,13 +65,6 @@ def test_a_damaged_checkpoint_is_told(copy: Path) -> None:
     assert "damaged" in notice
 
 
-def test_a_changed_domain_is_refused(copy: Path) -> None:
-    with (copy / "domain.pddl").open("a") as file:
-        file.write("\n; a remark\n")
-    with pytest.raises(RunError, match="was changed since it began"):
-        read_recorded(copy)
-
-
 def test_a_run_without_a_step_is_refused(copy: Path) -> None:
     arrays, meta = load(copy / NEWEST)
     saved = meta["agent"]["adaptation"]["experience"]
@@ -82,8 +75,3 @@ def test_a_run_without_a_step_is_refused(copy: Path) -> None:
     save(copy / NEWEST, arrays, meta)
     with pytest.raises(RunError, match="no env step"):
         read_recorded(copy)
-
-
-def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match="no such folder"):
-        read_recorded(tmp_path / "none")

@@ -71,16 +71,6 @@ def test_learns_the_optimal_q(recipe: str) -> None:
     assert agent.greedy_batch(INPUTS).tolist() == optimal_q().argmax(axis=1).tolist()
 
 
-def test_bootstraps_through_a_time_limit_only() -> None:
-    for truncated, value in ((True, 1 / (1 - DISCOUNT)), (False, 1.0)):
-        agent = DQN(1, 1, LearnerSettings(discount=DISCOUNT, target_period=20), seed=0)
-        x = np.ones(1, np.float32)
-        for _ in range(50):
-            agent.remember(x, 0, 1.0, x, not truncated, truncated)
-        agent.pretrain(1500)
-        assert agent.q_values(x)[0] == pytest.approx(value, rel=0.03)
-
-
 def test_clipped_targets_keep_q_inside_the_possible_returns() -> None:
     """From values of thousands, without a target network, in a circle without an end."""
     reached = {}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import product
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -37,15 +36,6 @@ GROUPS = {
     "turns and mirror": ([cycle(4), Element((3, 2, 1, 0, 4), (1.0,) * F, (0, 1, 2, 3))], 8, 8),
     "large": ([cycle(4), Element((1, 0, 2, 3, 4), (1.0,) * F, (1, 0, 2, 3))], 48, 4),
 }
-
-
-@given(elements(), elements(), st.integers(0, 2**32 - 1))
-def test_a_product_does_the_second_after_the_first(one: Element, other: Element, seed: int) -> None:
-    x = np.random.default_rng(seed).standard_normal(F)
-    q = np.random.default_rng(seed).standard_normal(A)
-    both = other.after(one)
-    np.testing.assert_array_equal(both.of_input(x), other.of_input(one.of_input(x)))
-    np.testing.assert_array_equal(both.of_actions(q), other.of_actions(one.of_actions(q)))
 
 
 @given(st.lists(elements(), max_size=3))

@@ -41,7 +41,8 @@ def test_without_a_map_the_nth_ground_action_is_the_nth_of_the_environment() -> 
 
 
 def test_a_schema_stands_for_all_its_instances_and_names_may_be_written_as_in_pddl() -> None:
-    actions = ActionMap(MODEL, 3, {"move": 2, "rest": 0, "(DRILL)": 1})
+    mapping: dict[str, Any] = {"move": np.int64(2), "rest": np.uint8(0), "(DRILL)": 1}
+    actions = ActionMap(MODEL, 3, mapping)
     by_name = dict(zip(NAMES, actions.environment_action, strict=True))
     assert by_name["move a b"] == by_name["move b a"] == 2
     assert (by_name["rest"], by_name["drill"]) == (0, 1)
@@ -56,12 +57,6 @@ def test_an_instance_may_differ_from_its_schema_in_whatever_order(order: int) ->
     by_name = dict(zip(NAMES, actions.environment_action, strict=True))
     assert by_name["move a b"] == 3
     assert by_name["move b a"] == 2
-
-
-def test_numpy_integers_are_integers() -> None:
-    mapping: dict[str, Any] = {"move": np.int64(2), "rest": np.uint8(0), "drill": 1}
-    actions = ActionMap(MODEL, 3, mapping)
-    assert actions.environment_action[NAMES.index("rest")] == 0
 
 
 @pytest.mark.parametrize(
@@ -98,24 +93,27 @@ def test_the_applicable_one_of_several_counts() -> None:
         assert forecast.reward[0] == 1.0
 
 
-def test_the_unsafe_one_of_several_applicable_counts_first() -> None:
+@pytest.mark.parametrize(("state", "counts"), [(AT_A, "rest"), (AT_B, "drill")])
+def test_the_unsafe_one_of_several_applicable_counts_first(state: Any, counts: str) -> None:
     actions = ActionMap(MODEL, 2, {"move": 0, "rest": 1, "drill": 1})
-    forecast = actions.project(Lookahead(MODEL).forecast(AT_B))
-    assert NAMES[forecast.ground[1]] == "drill"
-    assert forecast.flags[1] == APPLICABLE | UNSAFE
-    assert forecast.safe_steps[1] == 0
-    assert forecast.safe.tolist() == [True, False]
-    forecast = actions.project(Lookahead(MODEL).forecast(AT_A))
-    assert NAMES[forecast.ground[1]] == "rest"
-    assert forecast.safe.tolist() == [True, True]
+    forecast = actions.project(Lookahead(MODEL).forecast(state))
+    unsafe = counts == "drill"
+    assert NAMES[forecast.ground[1]] == counts
+    assert forecast.flags[1] == (APPLICABLE | UNSAFE if unsafe else APPLICABLE)
+    assert (forecast.safe_steps[1] == 0) == unsafe
+    assert forecast.safe.tolist() == [True, not unsafe]
+    assert forecast.choice == 0  # that of `move`, which the planner chooses
 
 
-def test_the_choice_is_the_environments_action_of_the_planners_choice() -> None:
-    forecast = Lookahead(MODEL).forecast(AT_A)
-    chosen = NAMES[forecast.choice]
-    for mapping in ({"move": 2, "rest": 0, "drill": 1}, {"move": 0, "rest": 2, "drill": 2}):
-        projected = ActionMap(MODEL, 3, mapping).project(forecast)
-        assert projected.choice == mapping[chosen.split()[0]]
+def test_of_several_applicable_ones_the_worst_prediction_counts() -> None:
+    ground = Lookahead(MODEL).forecast(AT_B)
+    shared = ActionMap(MODEL, 2, {"move": 0, "rest": 1, "drill": 1}).project(ground)
+    both = [k for k, name in enumerate(NAMES) if not name.startswith("move")]
+    assert ground.applicable[both].all()
+    assert shared.value[1] == ground.value[both].min()
+    assert shared.reward[1] == ground.reward[both].min()
+    assert shared.path_risk[1] == ground.path_risk[both].max()
+    assert shared.safe_steps[1] == ground.safe_steps[both].min()
 
 
 def test_what_the_model_does_not_know_has_neither_value_nor_flags() -> None:

@@ -1,3 +1,5 @@
+"""When a forecast is indifferent and when it is safe."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -7,27 +9,11 @@ from serp.model.flags import APPLICABLE, UNSAFE
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.limits import Bound
 
-
-def forecast(
-    values: list[float], steps: list[int], flags: list[int] | None = None, choice: int = 0
-) -> Forecast:
-    return Forecast(
-        choice=choice,
-        value=np.array(values),
-        path_risk=np.array([float(s != SAFE) for s in steps]),
-        safe_steps=np.array(steps, dtype=np.int64),
-        reward=np.zeros(len(values)),
-        flags=np.array(flags or [int(s >= 0) for s in steps], dtype=np.int64),
-        depth=1,
-        bound=Bound.DEPTH,
-    )
-
-
 BAD = APPLICABLE | UNSAFE
 
 
 @pytest.mark.parametrize(
-    ("values", "steps", "flags", "expected"),
+    ("values", "steps", "flags", "indifferent"),
     [
         ([1.0, 1.0, 1.0], [SAFE] * 3, None, True),
         ([1.0, 1.0, 1.5], [SAFE] * 3, None, False),
@@ -39,18 +25,23 @@ BAD = APPLICABLE | UNSAFE
         ([], [], None, False),
         # An unsafe action is no choice while there is another.
         ([1.0, 5.0, 1.0], [SAFE, 0, SAFE], [APPLICABLE, BAD, APPLICABLE], True),
-        ([1.0, 5.0, 2.0], [SAFE, 0, SAFE], [APPLICABLE, BAD, APPLICABLE], False),
         ([1.0, 5.0], [SAFE, 0], [APPLICABLE, BAD], False),
         ([1.0, 1.0], [0, 0], [BAD, BAD], True),
     ],
 )
 def test_indifferent_is_when_all_that_is_safe_promises_the_same(
-    values: list[float], steps: list[int], flags: list[int] | None, expected: bool
+    values: list[float], steps: list[int], flags: list[int] | None, indifferent: bool
 ) -> None:
-    assert forecast(values, steps, flags).indifferent is expected
-
-
-def test_safe_is_about_the_whole_chosen_path() -> None:
-    assert forecast([1.0, 2.0], [SAFE, 3], choice=0).safe
-    assert not forecast([1.0, 2.0], [SAFE, 3], choice=1).safe
-    assert not forecast([-np.inf], [-1], choice=-1).safe
+    for choice in range(-1, len(values)):
+        forecast = Forecast(
+            choice=choice,
+            value=np.array(values),
+            path_risk=np.array([float(s != SAFE) for s in steps]),
+            safe_steps=np.array(steps, dtype=np.int64),
+            reward=np.zeros(len(values)),
+            flags=np.array(flags or [int(s >= 0) for s in steps], dtype=np.int64),
+            depth=1,
+            bound=Bound.DEPTH,
+        )
+        assert forecast.indifferent is indifferent
+        assert forecast.safe == (choice >= 0 and steps[choice] == SAFE)  # on the whole path

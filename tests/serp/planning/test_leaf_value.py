@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -38,17 +36,16 @@ def explained(value: LeafValue, states: Vector, truth: Vector) -> float:
     return float(1.0 - ((found - truth) ** 2).mean() / truth.var())
 
 
-@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize(
     ("middle", "unit"),
     [(0.0, 1.0), (1e4, 1.0), (-2e3, np.array([1e-3, 1.0, 1e3]))],
     ids=["around zero", "far from it", "in units of their own"],
 )
 def test_a_smooth_function_is_met_in_states_that_nobody_saw(
-    seed: int, middle: float, unit: float | Vector
+    middle: float, unit: float | Vector
 ) -> None:
     seen, unseen = states_of(0, 1_000), states_of(1, 300)
-    value = fitted(middle + unit * seen, smooth(seen), seed)
+    value = fitted(middle + unit * seen, smooth(seen))
     assert explained(value, middle + unit * unseen, smooth(unseen)) > 0.98
 
 
@@ -84,26 +81,15 @@ def test_a_fluent_that_rests_has_no_part_in_it(rest: float) -> None:
 
 
 @examples(150)
-@given(
-    seed=st.integers(0, 5),
-    state=st.lists(st.floats() | st.floats(-1e6, 1e6), min_size=F, max_size=F),
-)
-def test_it_never_leaves_the_range_of_what_it_was_fitted_to(seed: int, state: list[float]) -> None:
-    states = states_of(seed, 40)
-    values = 10.0 * smooth(states)
-    found = fitted(states, values, seed).of(np.array(state))
-    assert values.min() <= found <= values.max()
-
-
-def test_what_is_no_state_is_worth_the_least() -> None:
+@given(state=st.lists(st.floats() | st.floats(-1e6, 1e6), min_size=F, max_size=F))
+def test_it_never_leaves_the_range_of_what_it_was_fitted_to(state: list[float]) -> None:
+    """And what is no state is worth the least, also in a fluent that rests."""
     states = states_of(0, 40)
-    states[:, 1] = 2.0  # rests
-    values = smooth(states)
-    value = fitted(states, values)
-    for fluent, wrong in product(range(F), (np.nan, np.inf, -np.inf)):
-        state = states[3].copy()
-        state[fluent] = wrong
-        assert value.of(state) == values.min()
+    states[:, 1] = 2.0
+    values = 10.0 * smooth(states)
+    found = fitted(states, values).of(np.array(state))
+    assert values.min() <= found <= values.max()
+    assert np.isfinite(state).all() or found == values.min()
 
 
 @pytest.mark.parametrize(
@@ -131,29 +117,23 @@ def test_a_fit_depends_on_the_seed_and_on_no_fit_before() -> None:
     assert value.packed.tobytes() == packed[0]
 
 
-def test_what_was_packed_is_restored_whatever_the_seed() -> None:
-    states = states_of(0, 100)
-    value = fitted(states, smooth(states))
-    other = LeafValue(F, np.random.SeedSequence(9))
+def test_what_was_packed_is_restored_whatever_the_seed_if_it_fits() -> None:
+    states = states_of(0, 50)
+    value, other = fitted(states, smooth(states)), LeafValue(F, np.random.SeedSequence(9))
     packed = value.packed.copy()
     other.restore(packed)
     packed[:] = np.nan  # it is the other's own
-    assert other.fitted
     assert [other.of(state) for state in states] == [value.of(state) for state in states]
-    other.restore(np.zeros(0))
-    assert not other.fitted
-
-
-def test_what_does_not_fit_is_not_restored() -> None:
-    value = fitted(states_of(0, 50), smooth(states_of(0, 50)))
     before = value.packed.tobytes()
     wider = fitted(np.zeros((5, F + 1)), np.arange(5.0)).packed
     fewer = value.packed.copy()
     fewer[0] -= 1.0
-    for packed in (wider, value.packed[:-1], value.packed[:, np.newaxis], np.zeros(1), fewer):
+    for wrong in (wider, value.packed[:-1], value.packed[:, np.newaxis], np.zeros(1), fewer):
         with pytest.raises(ValueError, match="instead of"):
-            value.restore(packed)
+            value.restore(wrong)
     assert value.packed.tobytes() == before
+    other.restore(np.zeros(0))
+    assert not other.fitted
 
 
 def test_an_estimate_stays_where_there_is_no_better_one(monkeypatch: pytest.MonkeyPatch) -> None:

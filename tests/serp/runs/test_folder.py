@@ -205,6 +205,7 @@ def test_a_run_that_could_not_be_written_is_begun_in_the_same_folder(tmp_path):
         (None, "is not a run: it has no config.json"),
         ("{", "is damaged"),
         ("[]", "not a JSON object"),
+        ('{"config": {}}', r"another version of serp \(unknown\): it has format None"),
         ('{"format": 1, "config": {}}', r"another version of serp \(unknown\): it has format 1"),
         (about(format=99, versions={"serp": "9.1.0"}), r"another version of serp \(9\.1\.0\)"),
         ('{"format": 2, "config": {}}', "was not written by serp"),

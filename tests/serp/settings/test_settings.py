@@ -84,6 +84,7 @@ def test_every_setting_has_a_description() -> None:
         ({"planer": {}}, "no section `planer`; did you mean `planner`"),
         ({"planner": {"dept": 3}}, "no setting `planner.dept`; did you mean `depth`"),
         ({"correction": {}}, "section `correction` is now called `adaptation`"),
+        ({"correction": {"tries": 3}}, "`correction.tries` is `adaptation.min_visits`"),
         (
             {"arbiter": {"surety": 1.0}},
             "`arbiter.surety` is now called `arbiter.confidence_margin`",

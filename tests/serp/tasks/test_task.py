@@ -17,15 +17,17 @@ from serp.errors import EnvironmentFailure, TaskError
 from serp.model.loading import load_domain
 from serp.pddl.source import DomainError
 from serp.tasks.bound_task import BoundTask
-from tests.serp.sample_tasks import CORRIDOR, CableCut, Corridor, corridor, corridor_file
+from tests.serp.sample_tasks import CORRIDOR, CableCut, Corridor, corridor
 
 
 class Odd(Corridor):
-    """An environment that returns what it is told to."""
+    """An environment that returns what it is told to, and counts how often it was closed."""
 
     def __init__(self, *, step: Any = None, reset: Any = None, **attributes: Any) -> None:
         super().__init__()
         self.answer, self.start = step, reset
+        self.closed: list[str] = []
+        self.stuck = False
         for name, value in attributes.items():
             setattr(self, name, value)
 
@@ -34,6 +36,11 @@ class Odd(Corridor):
 
     def reset(self, **options: Any) -> Any:
         return super().reset(**options) if self.start is None else self.start
+
+    def close(self) -> None:
+        self.closed.append("closed")
+        if self.stuck:
+            raise RuntimeError("the cable is stuck")
 
 
 def odd(folder: Path, **attributes: Any) -> BoundTask:
@@ -65,7 +72,7 @@ def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
     file.write_text(DOORS)
     (tmp_path / "doors-problem.pddl").write_text(DOORS_PROBLEM.format(stated))
     ground = {"x": 0.0, "open west": False, "open east": False}
-    for domain in (file, load_domain(file)):
+    for domain in (file, str(file), load_domain(file)):
         task = dataclasses.replace(
             corridor(tmp_path),
             domain=domain,
@@ -81,8 +88,10 @@ def test_what_the_grounding_gives_is_no_constant_though_init_states_it(
         assert [bound.model.step(state, "wait").unsafe for state in (shut, opened)] == [False, True]
 
 
-def test_everything_is_at_hand_once_bound(tmp_path: Path) -> None:
-    bound = corridor(tmp_path).bind()
+@pytest.mark.parametrize("start", [0, 10])
+def test_everything_is_at_hand_once_bound(tmp_path: Path, start: int) -> None:
+    """Actions are counted from zero, wherever the environment begins."""
+    bound = corridor(tmp_path, lambda: Corridor(start=start)).bind()
     assert bound.name == bound.domain.name == "corridor"
     assert bound.actions.size == 4
     assert bound.observation_size == 2
@@ -98,12 +107,6 @@ def test_everything_is_at_hand_once_bound(tmp_path: Path) -> None:
     bound.close()
 
 
-def test_the_domain_may_be_a_file_a_text_path_or_loaded(tmp_path: Path) -> None:
-    file = corridor_file(tmp_path)
-    for domain in (file, str(file), load_domain(file)):
-        assert corridor(tmp_path, domain=domain).bind().domain.name == "corridor"
-
-
 def test_the_control_period_reaches_the_model(tmp_path: Path) -> None:
     assert corridor(tmp_path, dt=0.25).bind().model.dt == 0.25
     assert corridor(tmp_path, dt=np.float32(0.25)).bind().model.dt == 0.25
@@ -111,24 +114,6 @@ def test_the_control_period_reaches_the_model(tmp_path: Path) -> None:
     for wrong in (0.0, -1, float("nan"), float("inf"), "a", None, True, [0.1]):
         with pytest.raises(TaskError, match=r"corridor.*control period.*a number > 0, not "):
             corridor(tmp_path, dt=wrong).bind()
-
-
-def test_actions_that_do_not_begin_at_zero_are_counted_from_zero(tmp_path: Path) -> None:
-    bound = corridor(tmp_path, lambda: Corridor(start=10)).bind()
-    raw, _ = bound.reset(seed=0)
-    moved = [bound.step(1)[0][0] for _ in range(2)]
-    assert max(moved) > raw[0]
-    assert bound.actions.size == 4
-
-
-def test_other_observations_are_flattened(tmp_path: Path) -> None:
-    space = spaces.Dict({"cell": spaces.Discrete(3), "speed": spaces.Box(-1.0, 1.0, (2, 1))})
-    bound = odd(tmp_path, observation_space=space)
-    assert bound.observation_size == 5
-    seen = {"cell": 1, "speed": np.array([[0.5], [-0.5]], dtype=np.float32)}
-    assert bound.observation(seen).tolist() == [0.0, 1.0, 0.0, 0.5, -0.5]
-    image = odd(tmp_path, observation_space=spaces.Box(0, 255, (2, 3), np.uint8))
-    assert image.observation(np.arange(6, dtype=np.uint8).reshape(2, 3)).tolist() == [*range(6)]
 
 
 def test_a_grounding_may_return_an_array_or_truth_values(tmp_path: Path) -> None:
@@ -145,15 +130,11 @@ def test_a_grounding_may_return_an_array_or_truth_values(tmp_path: Path) -> None
     ):
         bound = corridor(tmp_path, domain=file, ground=ground).bind()
         assert bound.ground(np.array([2.0, 0.0])).tolist() == [1.0, 2.0]
-
-
-def test_a_grounded_array_is_copied(tmp_path: Path) -> None:
-    """Environments reuse their arrays; what was monitored must not change afterwards."""
-    kept = np.array([1.0])
-    bound = corridor(tmp_path, ground=lambda seen: kept).bind()
+    kept = np.array([1.0, 1.0])
+    bound = corridor(tmp_path, domain=file, ground=lambda seen: kept).bind()
     state = bound.ground(SEEN)
-    kept[0] = 9.0
-    assert state.tolist() == [1.0]
+    kept[:] = 9.0  # environments reuse their arrays
+    assert state.tolist() == [1.0, 1.0]
 
 
 def test_whose_reward_counts_is_decided_by_who_says_something(tmp_path: Path) -> None:
@@ -193,7 +174,6 @@ def unplugged() -> gym.Env[Any, Any]:
         ({"actions": {"lef": 0, "right": 1, "wait": 2}}, "no action `lef`; did you mean `left`"),
         ({"actions": {"left": 0, "right": 1}}, "no environment action for `wait`"),
         ({"domain": 3}, "domain must be a file or a loaded domain, not 3"),
-        ({"domain": None}, "domain must be a file or a loaded domain, not None"),
         ({"domain": "nowhere.pddl"}, r"nowhere\.pddl"),
         ({"problem": 3}, "problem must be a file or a loaded domain, not 3"),
         ({"make_env": dict}, "make_env returned dict"),
@@ -204,14 +184,6 @@ def unplugged() -> gym.Env[Any, Any]:
         (
             {"make_env": lambda: Odd(action_space=spaces.Box(-1.0, 1.0, (1,)))},
             r"corridor.*discrete actions.*Box.*wrapper",
-        ),
-        (
-            {
-                "make_env": lambda: Odd(
-                    observation_space=spaces.Graph(spaces.Box(-1, 1, (2,)), None)
-                )
-            },
-            "cannot be flattened",
         ),
         ({"make_env": lambda: Odd(observation_space="a space")}, "cannot be flattened"),
         # What the grounding leaves out is named before the environment is reset.
@@ -245,27 +217,12 @@ def test_a_render_mode_is_passed_on_where_it_can_be(tmp_path: Path) -> None:
         corridor(tmp_path, lambda: Corridor()).bind(render_mode="rgb_array")
 
 
-class Closing(Corridor):
-    """Counts how often it was closed; closing may fail."""
-
-    def __init__(self, closed: list[str], fails: bool = False, **attributes: Any) -> None:
-        super().__init__()
-        self.closed, self.fails = closed, fails
-        for name, value in attributes.items():
-            setattr(self, name, value)
-
-    def close(self) -> None:
-        self.closed.append("closed")
-        if self.fails:
-            raise RuntimeError("the cable is stuck")
-
-
 @pytest.mark.parametrize(
     ("attributes", "changes"),
     [
         ({"action_space": None}, {}),
         ({"observation_space": None}, {}),
-        ({"fails": True, "action_space": None}, {}),
+        ({"stuck": True, "action_space": None}, {}),
         ({}, {"actions": {"left": 0}}),
         ({}, {"actions": 3}),
     ],
@@ -275,16 +232,16 @@ def test_an_environment_that_does_not_fit_is_closed_again(
 ) -> None:
     closed: list[str] = []
     with pytest.raises(TaskError):
-        corridor(tmp_path, lambda: Closing(closed, **attributes), **changes).bind()
+        corridor(tmp_path, lambda: Odd(closed=closed, **attributes), **changes).bind()
     assert closed == ["closed"]
 
 
 def test_a_bound_task_closes_its_environment_and_hides_no_error(tmp_path: Path) -> None:
     closed: list[str] = []
-    with corridor(tmp_path, lambda: Closing(closed)).bind():
+    with odd(tmp_path, closed=closed):
         assert closed == []
     assert closed == ["closed"]
-    stuck = corridor(tmp_path, lambda: Closing(closed, fails=True))
+    stuck = corridor(tmp_path, lambda: Odd(stuck=True))
     with pytest.raises(ZeroDivisionError), stuck.bind():
         raise ZeroDivisionError
     with pytest.raises(EnvironmentFailure, match="cable is stuck"), stuck.bind():
@@ -294,28 +251,20 @@ def test_a_bound_task_closes_its_environment_and_hides_no_error(tmp_path: Path) 
 # Groundings that are wrong ------------------------------------------------------------------------
 
 
-def divide(seen: Any) -> Any:
-    return {"x": seen[0] / 0 if isinstance(seen, list) else [][3]}
-
-
 @pytest.mark.parametrize(
     ("ground", "said"),
     [
         (lambda seen: {}, "no value for fluent `x`"),
         (lambda seen: {"x": 0.0, "y": 1.0}, "unknown fluent `y`"),
         (lambda seen: {"x": float("nan")}, "`x` is nan"),
-        (lambda seen: {"x": float("-inf")}, "`x` is -inf"),
-        (lambda seen: {"x": "far"}, "grounding of"),
         (lambda seen: {"x": "3.5"}, "`x` is not a number: '3.5'"),
         (lambda seen: {"x": 1j}, "`x` is not a number: 1j"),
         (lambda seen: np.array(["3.5"]), "a state must consist of numbers"),
-        (lambda seen: np.array([1j]), "a state must consist of numbers"),
         (lambda seen: {"x": None}, "grounding of"),
-        (lambda seen: {"x": [1.0, 2.0]}, "grounding of"),
         (lambda seen: [0.0, 1.0], "found 2: 1 more than the fluents `x`"),
         (lambda seen: None, "a state"),
         (lambda seen: [[1.0], [2.0, 3.0]], "a state must consist of numbers"),
-        (divide, "the grounding failed on .*IndexError"),
+        (lambda seen: [][3], "the grounding failed on .*IndexError"),
     ],
 )
 def test_a_grounding_that_is_wrong_is_a_task_error(
@@ -341,13 +290,10 @@ class Refusing:
         np.array([0.0, np.nan]),
         np.array([np.inf, 0.0]),
         np.zeros(3),
-        np.zeros((2, 2)),
         0.5,
-        "nothing",
         None,
         {"x": 1.0},
         [[1.0], [2.0, 3.0]],
-        object(),
         np.array([1j, 0.0]),
         np.array(["0.5", "1"]),
         np.array([0.5, 1.0], dtype=object),
@@ -401,11 +347,12 @@ def test_numbers_and_truth_values_may_be_arrays_of_one(tmp_path: Path, one: Any)
     assert answer == (1.0, True, False) and list(map(type, answer)) == [float, bool, bool]
 
 
-def test_a_number_that_is_not_finite_is_named_by_its_place(tmp_path: Path) -> None:
+def test_observations_are_flattened_and_what_is_wrong_is_named_by_its_place(tmp_path: Path) -> None:
     space = spaces.Dict(
         at=spaces.Box(-1, 1, (2, 2)), go=spaces.Tuple((spaces.Discrete(2), spaces.Box(0, 1, ())))
     )
     bound = odd(tmp_path, observation_space=space)
+    assert bound.observation_size == 7
     good = {"at": np.zeros((2, 2)), "go": (1, 0.5)}
     assert bound.observation(good).tolist() == [0, 0, 0, 0, 0, 1, 0.5]
     for part, said in (

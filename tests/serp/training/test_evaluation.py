@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 from pathlib import Path
 from typing import Any, get_args
 
@@ -45,22 +44,18 @@ def state(trainer: Trainer) -> tuple[dict[str, bytes], str]:
 
 
 @pytest.mark.parametrize("policy", POLICIES)
-def test_evaluating_leaves_the_agent_as_it_was(tmp_path: Path, policy: Any) -> None:
+def test_evaluating_depends_on_its_seed_and_leaves_the_agent_as_it_was(
+    tmp_path: Path, policy: Any
+) -> None:
     trainer = trained(tmp_path)
     before = state(trainer)
-    evaluate(trainer.agent, corridor(tmp_path).bind(), policy, episodes=3)
-    assert state(trainer) == before
-
-
-@pytest.mark.parametrize("policy", POLICIES)
-def test_equal_seeds_give_equal_results_and_others_give_others(tmp_path: Path, policy: Any) -> None:
-    agent = trained(tmp_path).agent
     one, same, other = (
-        evaluate(agent, corridor(tmp_path).bind(), policy, episodes=6, seed=seed)
+        evaluate(trainer.agent, corridor(tmp_path).bind(), policy, episodes=6, seed=seed)
         for seed in (1, 1, 2)
     )
     assert one == same
     assert one.returns != other.returns
+    assert state(trainer) == before
 
 
 def test_every_episode_has_a_seed_of_its_own_that_training_does_not_use(tmp_path: Path) -> None:
@@ -80,16 +75,6 @@ def test_every_episode_has_a_seed_of_its_own_that_training_does_not_use(tmp_path
     assert None not in seeds
 
 
-def test_the_planner_alone_is_the_planners_choice_in_every_step(tmp_path: Path) -> None:
-    """It walks to the goal and never into the pit; a learner of no training does not know."""
-    agent = trained(tmp_path, episodes=1).agent
-    planner = evaluate(agent, corridor(tmp_path).bind(), "planner", episodes=20)
-    assert planner.unsafe_executed == 0
-    assert planner.vetoes == 0
-    assert planner.terminated > 15
-    assert planner.mean > 3
-
-
 def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path: Path) -> None:
     trainer = trained(tmp_path, episodes=1)
     learner = trainer.agent.learner
@@ -106,26 +91,21 @@ def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path: Path) -> None
     assert mixed.vetoes > 0
 
 
-def test_the_result_counts_what_happened(tmp_path: Path) -> None:
-    result = evaluate(trained(tmp_path).agent, corridor(tmp_path).bind(), "serp", episodes=7)
-    assert len(result.returns) == len(result.lengths) == 7
-    assert all(1 <= length <= 12 for length in result.lengths)
-    assert result.terminated >= sum(length < 12 for length in result.lengths)
-    as_dict = json.loads(json.dumps(result.as_dict()))
-    assert as_dict["mean"] == pytest.approx(sum(result.returns) / 7)
-    assert as_dict["std"] == pytest.approx(np.std(result.returns, ddof=1))
-    assert (as_dict["min"], as_dict["max"]) == (min(result.returns), max(result.returns))
-    assert as_dict["episodes"] == 7
-
-
 def result_of(*returns: float) -> EvaluationResult:
     return EvaluationResult("serp", "", returns, (5,) * len(returns), 1, 0, 0)
 
 
-def test_a_single_episode_has_no_spread_and_no_interval() -> None:
-    one = result_of(3.0).as_dict()
-    assert (one["std"], one["median"], one["confidence_interval"]) == (0.0, 3.0, None)
-    assert not any(math.isnan(v) for v in one.values() if isinstance(v, float))
+@pytest.mark.parametrize(
+    ("returns", "numbers"),
+    [((3.0,), (3.0, 0.0, 3.0, 3.0, 3.0)), ((1.0, 2.0, 6.0), (3.0, 7.0**0.5, 2.0, 1.0, 6.0))],
+)
+def test_statistics_are_those_of_the_returns(
+    returns: tuple[float, ...], numbers: tuple[float, ...]
+) -> None:
+    shown = json.loads(json.dumps(result_of(*returns).as_dict()))
+    found = [shown[name] for name in ("mean", "std", "median", "min", "max")]
+    assert found == pytest.approx(numbers)
+    assert (shown["confidence_interval"] is None) == (len(returns) == 1)
 
 
 @pytest.mark.parametrize("episodes", [3, 30])
@@ -207,19 +187,21 @@ def test_every_strategy_is_evaluated_as_it_trains(tmp_path: Path, strategy: str)
         assert acting == choosing
 
 
-def test_what_cannot_be_evaluated_is_refused(tmp_path: Path) -> None:
-    agent, task = trained(tmp_path, 1).agent, corridor(tmp_path).bind()
-    with pytest.raises(SettingsError, match="no policy `plan`; did you mean `planner`"):
-        evaluate(agent, task, "plan")  # type: ignore[arg-type]
-    with pytest.raises(SettingsError, match="at least one for an evaluation, not 0"):
-        evaluate(agent, task, episodes=0)
-    with pytest.raises(SettingsError, match="seed"):
-        evaluate(agent, task, seed=-1)
-    for wrong in ({"episodes": "3"}, {"episodes": 1.5}, {"seed": 1.5}, {"seed": None}):
-        with pytest.raises(SettingsError, match="whole number"):
-            evaluate(agent, task, **wrong)  # type: ignore[arg-type]
-    with pytest.raises(SettingsError, match="no policy"):
-        evaluate(agent, task, ["serp"])  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("policy", "options", "said"),
+    [
+        ("plan", {}, "no policy `plan`; did you mean `planner`"),
+        (["serp"], {}, "no policy"),
+        ("serp", {"episodes": 0}, "at least one for an evaluation, not 0"),
+        ("serp", {"episodes": 1.5}, "whole number"),
+        ("serp", {"seed": -1}, "seed"),
+    ],
+)
+def test_what_cannot_be_evaluated_is_refused(
+    tmp_path: Path, policy: Any, options: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(SettingsError, match=said):
+        evaluate(trained(tmp_path, 1).agent, corridor(tmp_path).bind(), policy, **options)
 
 
 def test_what_goes_wrong_in_the_environment_is_named(tmp_path: Path) -> None:

@@ -1,7 +1,10 @@
-"""Algorithm 1: what a step does, and that a run continued equals one that was never interrupted."""
+"""Algorithm 1: what a step does, and what the learner is given."""
 
 from __future__ import annotations
 
+import csv
+import dataclasses
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -9,79 +12,35 @@ from typing import Any
 import numpy as np
 import pytest
 
-from serp.control.step_record import StepRecord
 from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
 from serp.planning.lookahead import Lookahead
-from serp.runs import checkpoint
 from serp.runs.rows import DECISIONS_COLUMNS, MetricsRow
-from serp.runs.tables import Position, Table
+from serp.runs.tables import Table
 from serp.settings import Settings, resolve
 from serp.tasks.task import Task
 from serp.training.agent import Agent
 from serp.training.trainer import Trainer
 from tests.serp.sample_tasks import Corridor, corridor
-
-PRESETS = ("paper", "default")
-CHANGES: dict[str, dict[str, dict[str, Any]]] = {
-    "paper": {"training": {"random_steps": 25}, "arbiter": {"rho_increment": 0.05}},
-    "default": {
-        "arbiter": {"rho_unit": "game", "rho_increment": 0.1, "r_min": -1.0},
-        "learner": {"updates_per_step": 0.7},
-    },
-}
+from tests.serp.training.test_run import CHANGES
 
 
 def settings_of(task: Task, preset: str) -> Settings:
     return resolve(preset, task.settings, CHANGES[preset])
 
 
-class Run:
-    """A training without a folder: rows, decisions and checkpoints as they would be written."""
-
-    def __init__(self, folder: Path, task: Task, preset: str, seed: int = 3) -> None:
-        self.folder = folder
-        self.rows: list[MetricsRow] = []
-        self.decisions = Table(folder / "decisions.csv", DECISIONS_COLUMNS)
-        self.trainer = Trainer(task.bind(), settings_of(task, preset), seed)
-        self.trainer.decisions = self.decisions
-
-    def train(self, episodes: int) -> None:
-        while self.trainer.episode < episodes:
-            self.rows.append(self.trainer.run_episode())
-
-    def save(self) -> None:
-        arrays, meta = self.trainer.state_dict()
-        position = self.decisions.position()
-        checkpoint.save(self.folder / "saved", arrays, {**meta, "position": position})
-
-    def restore(self) -> None:
-        arrays, meta = checkpoint.load(self.folder / "saved")
-        self.trainer.load_state_dict(arrays, meta)
-        self.decisions.truncate(Position(*meta["position"]))
-
-    def everything(self) -> tuple[list[Any], str, dict[str, bytes], str]:
-        """Whatever the run has done and is, but for the time it took."""
-        self.decisions.flush()
-        arrays, meta = self.trainer.state_dict()
-        del meta["wall_time"]
-        return (
-            [row._replace(wall_time=0.0) for row in self.rows],
-            self.decisions.path.read_text(),
-            {name: a.tobytes() + str((a.dtype, a.shape)).encode() for name, a in arrays.items()},
-            json.dumps(meta, sort_keys=True, default=lambda value: value.item()),
-        )
+def logged(task: Task, folder: Path, episodes: int) -> tuple[Trainer, list[MetricsRow], Any]:
+    """Train with the paper's preset; return its metrics and its decisions by column."""
+    trainer = Trainer(task.bind(), settings_of(task, "paper"), 3)
+    recorder = Recorder(trainer)
+    with Table(folder / "decisions.csv", DECISIONS_COLUMNS) as table:
+        trainer.decisions = table
+        rows = [trainer.run_episode() for _ in range(episodes)]
+    with open(folder / "decisions.csv", newline="") as file:
+        lines = list(csv.DictReader(file))
+    return trainer, rows, (recorder.seen, lines)
 
 
-def uninterrupted(folder: Path, preset: str, episodes: int, seed: int = 3) -> Run:
-    folder.mkdir()
-    run = Run(folder, corridor(folder), preset, seed)
-    run.train(episodes)
-    return run
-
-
-# Resuming ----------------------------------------------------------------------------------------
-
-EPISODES = 14
+# Values at the leaves -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("leaf_value", ["indifferent", "always"])
@@ -127,95 +86,50 @@ def test_resume_equals_uninterrupted_while_the_lookahead_uses_the_learners_value
     assert not any(name.startswith("leaf_values") for name in without[1])
 
 
-def test_a_run_saved_without_values_of_leaves_is_not_continued_with_them(tmp_path: Path) -> None:
-    task = corridor(tmp_path)
-    settings = settings_of(task, "default")
-    never = settings.replace({"planner": {"leaf_value": "never"}})
-    trainer = Trainer(task.bind(), never, 3)
-    trainer.run_episode()
-    with pytest.raises(RunError, match="leaf_values is missing"):
-        Trainer(task.bind(), settings, 3).load_state_dict(*trainer.state_dict())
+class Planner:
+    """Another planner than the shipped one; the forecasts are the same."""
+
+    def __init__(self, model: Any, settings: Any) -> None:
+        self._lookahead = Lookahead(model, settings)
+        self.forecast = self._lookahead.forecast
+
+
+class ValuingPlanner(Planner):
+    def __init__(self, model: Any, settings: Any) -> None:
+        super().__init__(model, settings)
+        self.model, self.leaves = model, np.zeros(0)
 
 
 @pytest.mark.parametrize(
-    ("changes", "there"),
+    ("changes", "planner", "there"),
     [
-        ({}, True),
-        ({"training": {"inputs": "state"}}, True),
-        ({"training": {"inputs": "observation"}}, False),  # no value of a state is learned
-        ({"planner": {"leaf_value": "never"}}, False),
-        ({"guide": {"strategy": "restrict"}}, False),
+        ({}, Lookahead, True),
+        ({}, ValuingPlanner, True),
+        ({}, Planner, False),
+        ({"training": {"inputs": "state"}}, Lookahead, True),
+        ({"training": {"inputs": "observation"}}, Lookahead, False),  # no state has a value
+        ({"planner": {"leaf_value": "never"}}, Lookahead, False),
+        ({"guide": {"strategy": "restrict"}}, Lookahead, False),
     ],
 )
-def test_the_lookahead_gets_the_learners_values_where_they_are_those_of_states(
-    tmp_path: Path, changes: dict[str, dict[str, Any]], there: bool
+def test_a_planner_gets_the_learners_values_where_they_are_those_of_states(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    changes: dict[str, dict[str, Any]],
+    planner: Any,
+    there: bool,
 ) -> None:
+    monkeypatch.setattr("serp.training.agent.make_planner", planner)
     task = corridor(tmp_path)
     settings = settings_of(task, "default").replace({"training": {"inputs": "both"}})
-    agent = Trainer(task.bind(), settings.replace(changes), 3).agent
-    assert (agent.leaf_values is not None) is there
-    assert Trainer(task.bind(), settings_of(task, "paper"), 3).agent.leaf_values is None
+    trainer = Trainer(task.bind(), settings.replace(changes), 3)
+    trainer.prepare()
+    assert (trainer.agent.leaf_values is not None) is there
+    told = any("does not use the learner's values" in note for note in trainer.agent.notices)
+    assert told is (planner is Planner)
 
 
-@pytest.mark.parametrize(
-    ("declared", "learned"),
-    [
-        ("domain", "task"),
-        ("environment", "task"),
-        ("domain", "environment"),
-        ("environment", "domain"),
-        ("environment", "sum"),
-    ],
-)
-def test_a_step_is_judged_by_the_rewards_of_file_and_setting(
-    tmp_path: Path, declared: str, learned: str
-) -> None:
-    task = corridor(tmp_path, reward=declared)
-    settings = settings_of(task, "default").replace({"training": {"reward": learned}})
-    reward = declared if learned == "task" else learned
-    trainer = Trainer(task.bind(), settings, 5)
-    recorder, seen = Recorder(trainer), list[StepRecord]()
-    trainer.on_step = seen.append
-    rows = [trainer.run_episode() for _ in range(8)]
-    for step, remembered in zip(seen, recorder.seen, strict=True):
-        assert (step.reward, step.terminated, step.truncated) == (remembered[2], *remembered[4:6])
-        assert (step.next_state[0], step.state[0]) == (remembered[3][0], remembered[0][0])
-        assert (step.domain_reward == step.reward) is (reward == "domain")
-    by_file = sum(step.domain_reward for step in seen)
-    assert by_file == pytest.approx(sum(row.domain_return for row in rows))
-
-
-def test_equal_seeds_give_equal_bits_and_others_give_others(tmp_path: Path) -> None:
-    runs = [
-        uninterrupted(tmp_path / str(k), "default", 6, seed).everything()
-        for k, seed in enumerate((1, 1, 2))
-    ]
-    assert runs[0] == runs[1]
-    assert runs[0][1] != runs[2][1]
-
-
-def test_a_state_of_another_learner_is_refused(tmp_path: Path) -> None:
-    run = uninterrupted(tmp_path / "run", "default", 2)
-    task = corridor(tmp_path)
-    wider = settings_of(task, "default").replace({"learner": {"hidden": [9]}})
-    with pytest.raises(RunError, match="parameters has shape"):
-        Trainer(task.bind(), wider, 3).load_state_dict(*run.trainer.state_dict())
-
-
-def test_a_saved_environment_needs_one_that_can_take_it_over(tmp_path: Path) -> None:
-    class Forgetful(Corridor):
-        state_dict = property()
-        load_state_dict = property()
-
-    run = uninterrupted(tmp_path / "run", "default", 2)
-    task = corridor(tmp_path, Forgetful)
-    with pytest.raises(RunError, match="cannot restore"):
-        Trainer(task.bind(), settings_of(task, "default"), 3).load_state_dict(
-            *run.trainer.state_dict()
-        )
-
-
-# What a step does --------------------------------------------------------------------------------
+# What a step does ---------------------------------------------------------------------------------
 
 
 class Recorder:
@@ -251,23 +165,21 @@ def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> Non
     assert sum(seen[7] for seen in ends) == sum((row.domain_return or 0) < -4 for row in rows)
 
 
-def test_what_is_remembered_is_what_was_executed(tmp_path: Path) -> None:
-    task = corridor(tmp_path)
-    folder = tmp_path / "run"
-    folder.mkdir()
-    run = Run(folder, task, "paper")
-    recorder = Recorder(run.trainer)
-    run.train(20)
-    run.decisions.flush()
-    lines = [line.split(",") for line in run.decisions.path.read_text().splitlines()[1:]]
-    executed = [line[DECISIONS_COLUMNS.index("executed")] for line in lines]
+def test_every_step_is_remembered_as_executed_logged_once_and_every_refusal_explained(
+    tmp_path: Path,
+) -> None:
+    trainer, rows, (remembered, lines) = logged(corridor(tmp_path), tmp_path, 30)
+    assert len(lines) == trainer.env_steps == sum(row.length for row in rows)
+    assert [line["step"] for line in lines] == [str(k) for k in range(len(lines))]
+    assert list(dict.fromkeys(int(line["episode"]) for line in lines)) == [r.episode for r in rows]
     names = ["left", "right", "wait", "action 3"]
-    assert [names[seen[1]] for seen in recorder.seen] == executed
-    assert any(line[DECISIONS_COLUMNS.index("proposed")] not in ("", e) for line, e in
-               zip(lines, executed, strict=True))  # fmt: skip
-    for before, after in zip(recorder.seen, recorder.seen[1:], strict=False):
+    assert [names[seen[1]] for seen in remembered] == [line["executed"] for line in lines]
+    for before, after in itertools.pairwise(remembered):
         if not (before[4] or before[5]):
             assert (before[3] == after[0]).all()
+    explained = [line for line in lines if line["explanation"] and line["proposed_by"] != "planner"]
+    assert len(explained) == trainer.tally.vetoes > 0
+    assert any(line["proposed"] not in ("", line["executed"]) for line in lines)
 
 
 def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path: Path) -> None:
@@ -286,34 +198,22 @@ def test_the_reward_is_the_domains_read_off_the_observed_state(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(("inputs", "size"), [("observation", 2), ("state", 1), ("both", 3)])
-def test_the_learner_sees_what_it_is_set_to_see(tmp_path: Path, inputs: str, size: int) -> None:
+def test_the_learner_sees_what_it_is_set_to_see_and_only_that_has_to_fit_into_float32(
+    tmp_path: Path, inputs: str, size: int
+) -> None:
     task = corridor(tmp_path)
     settings = resolve("default", task.settings, {"training": {"inputs": inputs}})
     trainer = Trainer(task.bind(), settings, 0)
     recorder = Recorder(trainer)
     trainer.run_episode()
     assert {seen[0].shape for seen in recorder.seen} == {(size,)}
-    if inputs == "both":
-        assert all(seen[0][0] == seen[0][2] for seen in recorder.seen)
-
-
-def test_every_step_is_logged_once_and_every_refusal_explained(tmp_path: Path) -> None:
-    folder = tmp_path / "run"
-    folder.mkdir()
-    run = Run(folder, corridor(folder), "paper")
-    run.train(30)
-    run.decisions.flush()
-    lines = [line.split(",") for line in run.decisions.path.read_text().splitlines()[1:]]
-    columns = {name: [line[k] for line in lines] for k, name in enumerate(DECISIONS_COLUMNS)}
-    assert len(lines) == run.trainer.env_steps == sum(row.length for row in run.rows)
-    assert columns["step"] == [str(k) for k in range(len(lines))]
-    assert [int(e) for e in dict.fromkeys(columns["episode"])] == [row.episode for row in run.rows]
-    refused = [
-        text != ""
-        for by, text in zip(columns["proposed_by"], columns["explanation"], strict=True)
-        if by != "planner"
-    ]
-    assert sum(refused) == run.trainer.tally.vetoes > 0
+    far = Agent(dataclasses.replace(task, ground=lambda seen: {"x": 1e39}).bind(), settings, 0)
+    seen = np.array([0.0, 0.3])
+    if inputs == "observation":
+        assert far.perceive(seen)[0] == [1e39]
+        return
+    with pytest.raises(TaskError, match="fluent `x` is 1e.39, too large for the learner"):
+        far.perceive(seen)
 
 
 def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path: Path) -> None:
@@ -332,37 +232,6 @@ def test_d0_is_drawn_at_random_then_learned_before_algorithm_1_begins(tmp_path: 
     assert row.planner_steps == row.length  # rho is 0
     assert arbiter.rho == 0.05
     assert learner.updates == 3 + row.length
-
-
-# The unit of rho ----------------------------------------------------------------------------------
-
-
-def test_rho_grows_with_every_game_whatever_the_episodes(tmp_path: Path) -> None:
-    task = corridor(tmp_path)
-    settings = settings_of(task, "default")
-    trainer = Trainer(task.bind(), settings, 1)
-    for _ in range(25):
-        row = trainer.run_episode()
-        games = trainer.task.env.unwrapped.clock // 30  # type: ignore[attr-defined]
-        assert row.rho == pytest.approx(min(1.0, settings.arbiter.rho + 0.1 * games))
-
-
-def test_rho_grows_with_every_step_or_episode(tmp_path: Path) -> None:
-    task = corridor(tmp_path)
-    for unit in ("step", "episode"):
-        changes = {"arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001}}
-        trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
-        for _ in range(5):
-            row = trainer.run_episode()
-        units = trainer.env_steps if unit == "step" else trainer.episode
-        assert row.rho == pytest.approx(0.001 * units)
-
-
-def test_a_unit_that_the_environment_does_not_count_is_refused(tmp_path: Path) -> None:
-    task = corridor(tmp_path)
-    settings = resolve("default", task.settings, {"arbiter": {"rho_unit": "match"}})
-    with pytest.raises(SettingsError, match=r"`match`.*step, episode, game"):
-        Trainer(task.bind(), settings, 1).run_episode()
 
 
 class Endless(Corridor):
@@ -385,7 +254,66 @@ def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path: Path) -
     assert not any(seen[4] for seen in recorder.seen)
 
 
-# Bad input ----------------------------------------------------------------------------------------
+# The unit of rho ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("unit", ["step", "episode", "game"])
+def test_rho_grows_with_every_unit(tmp_path: Path, unit: str) -> None:
+    task = corridor(tmp_path)
+    changes = {"arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001}}
+    trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
+    for _ in range(25):
+        row = trainer.run_episode()
+        games = trainer.task.env.unwrapped.clock // 30  # type: ignore[attr-defined]
+        done = {"step": trainer.env_steps, "episode": trainer.episode, "game": games}
+        assert row.rho == pytest.approx(0.001 * done[unit])
+        assert trainer.units == done[unit]
+
+
+class Odd(Corridor):
+    def info(self) -> dict[str, Any]:
+        return {"game": [self.clock // 30]}
+
+
+@pytest.mark.parametrize(
+    ("env", "unit", "said"),
+    [(Corridor, "match", r"`match`.*step, episode, game"), (Odd, "game", r"\[0\] under `game`")],
+)
+def test_a_unit_that_the_environment_does_not_count_is_refused(
+    tmp_path: Path, env: Any, unit: str, said: str
+) -> None:
+    task = corridor(tmp_path, env)
+    settings = resolve("default", task.settings, {"arbiter": {"rho_unit": unit}})
+    with pytest.raises(SettingsError, match=said):
+        Trainer(task.bind(), settings, 1).run_episode()
+
+
+# State --------------------------------------------------------------------------------------------
+
+
+class Forgetful(Corridor):
+    state_dict = property()
+    load_state_dict = property()
+
+
+@pytest.mark.parametrize(
+    ("env", "changes", "said"),
+    [
+        (Corridor, {"learner": {"hidden": [9]}}, "parameters has shape"),
+        (Corridor, {"planner": {"leaf_value": "always"}}, "leaf_values is missing"),
+        (Forgetful, {}, "cannot restore"),
+    ],
+)
+def test_a_state_of_another_learner_or_environment_is_refused(
+    tmp_path: Path, env: Any, changes: dict[str, dict[str, Any]], said: str
+) -> None:
+    task = corridor(tmp_path)
+    settings = settings_of(task, "default").replace({"planner": {"leaf_value": "never"}})
+    trainer = Trainer(task.bind(), settings, 3)
+    trainer.run_episode()
+    other = Trainer(corridor(tmp_path, env).bind(), settings.replace(changes), 3)
+    with pytest.raises(RunError, match=said):
+        other.load_state_dict(*trainer.state_dict())
 
 
 def test_an_environment_whose_state_is_no_json_is_named(tmp_path: Path) -> None:
@@ -394,29 +322,5 @@ def test_an_environment_whose_state_is_no_json_is_named(tmp_path: Path) -> None:
             return {"weather": self.weather}
 
     task = corridor(tmp_path, Opaque)
-    trainer = Trainer(task.bind(), settings_of(task, "default"), 0)
     with pytest.raises(EnvironmentFailure, match=r"state_dict\(\).*JSON"):
-        trainer.state_dict()
-
-
-def test_a_unit_that_is_no_number_is_refused(tmp_path: Path) -> None:
-    class Odd(Corridor):
-        def info(self) -> dict[str, Any]:
-            return {"game": [self.clock // 30]}
-
-    task = corridor(tmp_path, Odd)
-    with pytest.raises(SettingsError, match=r"\[0\] under `game`"):
-        Trainer(task.bind(), settings_of(task, "default"), 0).run_episode()
-
-
-def test_only_what_the_learner_sees_has_to_fit_into_float32(tmp_path: Path) -> None:
-    far = corridor(tmp_path, ground=lambda seen: {"x": 1e39}).bind()
-    seen = np.array([0.0, 0.3])
-    for inputs in ("both", "state", "observation"):
-        changes = {"training": {"inputs": inputs}}
-        agent = Agent(far, resolve("default", far.task.settings, changes), 0)
-        if inputs == "observation":
-            assert agent.perceive(seen)[0] == [1e39]
-            continue
-        with pytest.raises(TaskError, match="fluent `x` is 1e.39, too large for the learner"):
-            agent.perceive(seen)
+        Trainer(task.bind(), settings_of(task, "default"), 0).state_dict()

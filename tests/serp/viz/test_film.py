@@ -162,7 +162,7 @@ def test_senseless_settings_are_refused(agent: Agent, tmp_path: Path) -> None:
         with pytest.raises(SettingsError, match="must be"):
             FilmSettings(**wrong)
     with pytest.raises(SettingsError, match="at least one"):
-        film(agent, bound(tmp_path), FilmSettings(episodes=0))
+        next(film(agent, bound(tmp_path), FilmSettings(episodes=0)))
 
 
 # Captions ----------------------------------------------------------------------------------------

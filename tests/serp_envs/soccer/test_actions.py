@@ -89,20 +89,6 @@ def test_a_robot_that_fell_is_down_for_forty_ticks_and_nobody_hits_it_again() ->
     assert charge(world)
 
 
-def test_a_second_passes_between_two_hits() -> None:
-    world = facing(0.35, 0.0)
-    robot, opponent = world.robots
-    assert charge(world)
-    seen = []
-    for _ in range(10):
-        robot.down_until = opponent.down_until = 0
-        robot.stop()
-        opponent.stop()
-        world.advance()
-        seen.append(charge(world, 1))
-    assert seen == [False] * 9 + [True]
-
-
 @pytest.mark.parametrize(("kind", "action"), [(SoccerDefender, 4), (CornerKickDefender, 5)])
 def test_the_info_counts_charges_and_hits_apart(kind: Callable[[], SoccerEnv], action: int) -> None:
     env = kind()
@@ -155,10 +141,3 @@ def test_a_charge_kicks_no_ball_elsewhere(ball: tuple[float, float], why: str) -
     assert not charge(world)
     assert (world.ball_vx, world.ball_vy) == (0.0, 0.0), why
     assert world.robots[0].kick_ready == 0
-
-
-def test_a_charge_at_an_opponent_that_is_down_kicks_nothing() -> None:
-    world = facing(1.0, 0.0, ball=(0.21, 0.0))
-    world.robots[1].down_until = 40
-    assert not charge(world)
-    assert (world.ball_vx, world.ball_vy) == (0.0, 0.0)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import trim_mean
 
 from serp.comparison.analysis.statistics import (
     difference,
@@ -17,39 +16,24 @@ from serp.comparison.analysis.statistics import (
     times,
 )
 
-numbers = st.floats(-1e6, 1e6, allow_subnormal=False)
-samples = st.lists(numbers, min_size=1, max_size=12)
-strata = st.lists(samples, min_size=1, max_size=3)
+samples = st.lists(st.floats(-1e6, 1e6, allow_subnormal=False), min_size=1, max_size=12)
 
 
 @settings(max_examples=60, deadline=None)
-@given(strata, st.sampled_from([mean, interquartile_mean]), st.randoms())
+@given(samples, st.sampled_from([mean, interquartile_mean]), st.randoms())
 def test_an_interval_holds_its_estimate_and_ignores_the_order_of_seeds(values, statistic, random):
     found = estimate(values, statistic)
-    if max(map(len, values)) > 1:
-        assert found.low <= found.value <= found.high
-        assert min(map(min, values)) - 1e-6 <= found.low
-        assert found.high <= max(map(max, values)) + 1e-6
+    if len(values) > 1:
+        assert min(values) - 1e-6 <= found.low <= found.value <= found.high <= max(values) + 1e-6
     else:
         assert (found.low, found.high) == (None, None)
-    shuffled = [random.sample(stratum, len(stratum)) for stratum in values]
-    assert estimate(shuffled, statistic) == found
-
-
-@settings(max_examples=40, deadline=None)
-@given(samples)
-def test_the_interquartile_mean_is_the_mean_of_the_middle_half(values):
-    assert interquartile_mean(np.array(values)) == pytest.approx(trim_mean(values, 0.25))
-    if len(values) % 4 == 0:
-        quarter = len(values) // 4
-        middle = sorted(values)[quarter : 3 * quarter]
-        assert interquartile_mean(np.array(values)) == pytest.approx(np.mean(middle))
+    assert estimate(random.sample(values, len(values)), statistic) == found
 
 
 @settings(max_examples=40, deadline=None)
 @given(samples, samples)
 def test_a_difference_turns_its_sign_with_its_sides(first, second):
-    one, other = difference([first], [second]), difference([second], [first])
+    one, other = difference(first, second), difference(second, first)
     assert one.value == -other.value
     assert (one.low is None) == (min(len(first), len(second)) < 2)
     if one.low is not None:
@@ -59,29 +43,20 @@ def test_a_difference_turns_its_sign_with_its_sides(first, second):
 def test_coverage_of_the_interval_of_the_mean():
     """Of many samples about 95 % have an interval that holds the truth (a bit less for ten)."""
     rng = np.random.default_rng(0)
-    found = [estimate([rng.normal(3, 1, 20)], mean) for _ in range(150)]
+    found = [estimate(rng.normal(3, 1, 20), mean) for _ in range(150)]
     held = np.mean([one.low <= 3 <= one.high for one in found])
     assert 0.87 < held < 0.99
 
 
-def test_strata_are_resampled_by_themselves():
-    """Two constant strata far apart leave nothing to chance; pooled, they would."""
-    apart = estimate([[0.0, 0.0, 0.0], [10.0, 10.0, 10.0]], mean)
-    assert apart == (5.0, 5.0, 5.0)
-    pooled = estimate([[0.0, 0.0, 0.0, 10.0, 10.0, 10.0]], mean)
-    assert pooled.low < 3 and pooled.high > 7
-
-
 def test_degenerate_samples_have_a_defined_answer():
-    assert np.isnan(estimate([]).value) and estimate([[]])[1:] == (None, None)
-    assert estimate([[7.0]]) == (7.0, None, None)
-    assert estimate([[7.0] * 5]) == (7.0, 7.0, 7.0)
-    assert estimate([[np.nan, 2.0, 2.0]]) == (2.0, 2.0, 2.0)
-    assert estimate([[np.inf, 1.0, 2.0]]) == (np.inf, None, None)
-    assert np.isnan(estimate([[np.inf, -np.inf]], mean).value)
-    assert difference([[1.0, 2.0]], [[5.0]]) == (-3.5, None, None)
-    assert np.isnan(difference([[1.0, 2.0]], [[]]).value)
-    assert difference([[], [1.0, 3.0]], [[2.0, 2.0]], mean).value == 0
+    assert np.isnan(estimate([]).value) and estimate([])[1:] == (None, None)
+    assert estimate([7.0]) == (7.0, None, None)
+    assert estimate([7.0] * 5) == (7.0, 7.0, 7.0)
+    assert estimate([np.nan, 2.0, 2.0]) == (2.0, 2.0, 2.0)
+    assert estimate([np.inf, 1.0, 2.0]) == (np.inf, None, None)
+    assert np.isnan(estimate([np.inf, -np.inf], mean).value)
+    assert difference([1.0, 2.0], [5.0]) == (-3.5, None, None)
+    assert np.isnan(difference([1.0, 2.0], []).value)
     assert standard_deviation(np.array([3.0])) == 0
     assert np.isnan(standard_deviation(np.zeros(0)))
 
@@ -105,7 +80,7 @@ def test_bands_lie_around_their_centre_and_agree_with_estimates():
     band = interquartile_band(curves)
     assert (band.low <= band.centre).all() and (band.centre <= band.high).all()
     assert band.centre == pytest.approx(interquartile_mean(curves.T))
-    one = estimate([curves[:, 2]])
+    one = estimate(curves[:, 2])
     assert (band.low[2], band.high[2]) == pytest.approx((one.low, one.high), abs=0.15)
     assert interquartile_band(curves[::-1]).low == pytest.approx(band.low)
     paper = mean_band(curves)

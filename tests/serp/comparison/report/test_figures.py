@@ -60,15 +60,9 @@ def test_the_learners_picture_shows_the_planner_alone():
     assert lines["planner alone"].get_ydata()[0] == pytest.approx(50, abs=2)
 
 
-def with_seeds(count, level):
-    levels = {"serp": level, "dqn": level - 1, "mrp": level}
-    found = records(seeds=range(count), levels=levels)
-    return [*found, *(trial("serp", s, level, variant="wrong") for s in range(count))]
-
-
 @pytest.mark.parametrize("seeds", [2, 5])
 def test_a_figure_of_few_seeds_says_so(seeds):
-    for picture in pictures(made(with_seeds(seeds, 90.0))):
+    for picture in pictures(made(records(range(seeds)))):
         assert ("Few seeds (2)" in picture.figure.get_supxlabel()) == (seeds < 5)
 
 

@@ -66,7 +66,7 @@ def test_what_an_external_one_chooses_is_one_of_the_actions(
         monkeypatch.setattr(Drawing, "act", lambda self, inputs, given=wrong: given)
         with pytest.raises(RunError, match="`drawing` failed: .*1 whole numbers 0 ... 3 are want"):
             contestant.vetoed(state, x)
-    env = ExternalEnv(bound, contestant.agent, 0, lambda step: None)
+    env = ExternalEnv(bound, contestant.agent, 0)
     env.reset()
     for action in (-1, 4, 1.5):
         with pytest.raises(gym.error.InvalidAction, match="is no action of Discrete"):

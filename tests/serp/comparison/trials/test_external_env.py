@@ -93,7 +93,7 @@ def test_it_is_an_environment_as_gymnasium_has_it(tmp_path: Path) -> None:
     bound = task.bind()
     agent = Agent(bound, settings_of(task), 0)
     drawn = str(agent.state_dict()[1])
-    env = ExternalEnv(bound, agent, 0, lambda step: None)
+    env = ExternalEnv(bound, agent, 0)
     assert env.action_space.n == 4  # type: ignore[attr-defined]
     assert env.observation_space.shape == (3,)
     assert env.observation_space.dtype == np.float32

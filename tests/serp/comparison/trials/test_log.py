@@ -16,27 +16,14 @@ from serp.control.step_record import EpisodeTotals, StepRecord
 from serp.errors import TaskError
 from serp.learning.dqn import Proposal
 from serp.settings import resolve
-from serp.training.evaluation import outcome_of
-from serp.training.trainer import Trainer
+from serp.training.agent import Agent
 from tests.serp.comparison.contest import walk
 from tests.serp.control.records import step_record
 
-UNKNOWN = 3  # the action that the domain does not mention
 
-
-class Clock:
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
-def arbiter(folder: Path, **settings: Any) -> Arbiter:
+def arbiter(folder: Path) -> Arbiter:
     task = walk(folder).bind()
-    return Trainer(
-        task, resolve("default", task.task.settings, {"arbiter": settings}), 0
-    ).agent.arbiter
+    return Agent(task, resolve("default", task.task.settings), 0).arbiter
 
 
 def tell(log: Log, steps: Iterable[StepRecord]) -> None:
@@ -75,11 +62,11 @@ def decisions(folder: Path) -> dict[str, Decision]:
 
 
 @pytest.mark.parametrize("slips", [2, np.float32(2), np.array([2]), True, 2.0])
-def test_counters_may_be_any_numbers(tmp_path: Path, slips: Any) -> None:
+def test_counters_and_units_may_be_any_numbers(tmp_path: Path, slips: Any) -> None:
     log, done = Log(np.zeros(4, bool), "game", ("slips",)), decisions(tmp_path)["planner"]
-    for game in (3, float("nan"), "third"):
+    for game in (3, np.array([3]), float("nan"), "third"):
         tell(log, [stepped(done, last=True, slips=slips, game=game)])
-    assert [row.unit for row, _ in log.rows] == [3, 0, 0]
+    assert [row.unit for row, _ in log.rows] == [3, 3, 0, 0]
     assert {counted for _, counted in log.rows} == {(float(np.sum(slips)),)}
 
 
@@ -91,16 +78,17 @@ def test_a_counter_that_is_no_number_is_named(tmp_path: Path, slips: Any) -> Non
 
 
 def test_an_episode_is_the_sum_of_its_steps(tmp_path: Path) -> None:
-    clock, seen = Clock(), decisions(tmp_path)
-    log = Log(arbiter(tmp_path).vetoes.available, "game", ["slips"], clock)
+    now, seen = 100.0, decisions(tmp_path)
+    log = Log(arbiter(tmp_path).vetoes.available, "game", ["slips"], lambda: now)
 
     def steps() -> Iterator[StepRecord]:
+        nonlocal now
         for k, name in enumerate(("planner", "learner", "vetoed", "unsafe")):
-            clock.now += 2.0
+            now += 2.0
             yield stepped(seen[name], k + 1.0, last=k == 3, game=4, slips=7 + k, outcome="pit")
         with log.paused():
-            clock.now += 50.0
-        clock.now += 1.0
+            now += 50.0
+        now += 1.0
         yield stepped(seen["learner"], last=True)
 
     tell(log, steps())
@@ -139,26 +127,3 @@ def test_an_episode_that_is_cut_short_ends_too_and_one_that_runs_is_not_written(
     ((row, _),) = log.rows
     assert not row.terminated
     assert log.env_steps == 2
-
-
-@pytest.mark.parametrize(
-    ("value", "unit"), [(3, 3), (3.0, 3), (np.int32(3), 3), (np.array([3]), 3), ("third", 0)]
-)
-def test_the_unit_is_a_whole_number_or_nothing(tmp_path: Path, value: Any, unit: int) -> None:
-    log = Log(arbiter(tmp_path).vetoes.available, "game", ())
-    tell(log, [stepped(decisions(tmp_path)["learner"], last=True, game=value)])
-    assert log.rows[0][0].unit == unit
-
-
-def test_the_outcome_is_a_text_or_nothing() -> None:
-    assert outcome_of({"outcome": "goal"}) == "goal"
-    assert outcome_of({"outcome": 3}) == outcome_of({}) == ""
-
-
-def test_time_of_what_failed_is_left_out_too(tmp_path: Path) -> None:
-    clock = Clock()
-    log = Log(arbiter(tmp_path).vetoes.available, "step", (), clock)
-    with pytest.raises(ValueError, match="no"), log.paused():
-        clock.now += 5.0
-        raise ValueError("no")
-    assert log.seconds == 0.0

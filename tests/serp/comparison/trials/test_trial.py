@@ -100,8 +100,11 @@ def test_the_budget_is_met_exactly(tmp_path: Path, algorithm: str, external: Non
             environments.append(self)
 
     environments: list[Any] = []  # the first is trained in, the others are evaluated in
-    result = measured(tmp_path, algorithm, task=walk(tmp_path, Counting), changes=SWIFT)
+    told: list[int] = []
+    task = walk(tmp_path, Counting)
+    result = measured(tmp_path, algorithm, task=task, changes=SWIFT, on_progress=told.append)
     rows = [row for row, _ in result.log.rows]
+    assert told[0] == 1 and told == sorted(told)
     assert result.log.env_steps == PROTOCOL.env_steps
     assert made == PROTOCOL.env_steps + (algorithm == "greedy")  # its last is not counted
     assert rows[-1].env_steps == sum(row.length for row in rows) <= PROTOCOL.env_steps
@@ -127,6 +130,9 @@ def test_what_is_evaluated_when(algorithm: str, external: None, once: Once) -> N
         }
     vetoed = [row for row in rows if row.policy in ("vetoed", "planner")]
     assert sum(row.unsafe for row in vetoed) == 0
+    if algorithm == "drawing":  # before it has learned it waits, and walks to the goal after that
+        assert {row.outcome for row in rows if row.env_steps < 130} == {""}
+        assert {row.outcome for row in rows if row.env_steps == 130} == {"goal"}
 
 
 @pytest.mark.parametrize("algorithm", [*GUIDED, "mrp"])
@@ -169,7 +175,7 @@ def test_counters_units_and_returns_are_the_environments(tmp_path: Path) -> None
     task = walk(tmp_path, Corridor, settings={
         **walk(tmp_path).settings, "paper": {"arbiter": {"rho_unit": "game"}},
     })  # fmt: skip
-    assert unit_of(task) == "game"
+    assert unit_of(task) == unit_of(load_task("soccer")) == "game"
     for algorithm in ("serp", "serp-paper", "dqn", "mrp"):
         rows = [row for row, _ in measured(tmp_path, algorithm, task=task).log.rows]
         # 30 ticks of the clock; a step takes one, and so does a reset.
@@ -177,17 +183,6 @@ def test_counters_units_and_returns_are_the_environments(tmp_path: Path) -> None
     slips = [counts for _, counts in measured(tmp_path).log.rows]
     assert all(len(counts) == 1 for counts in slips)
     assert sum(counts[0] for counts in slips) > 0
-
-
-def test_an_external_one_is_evaluated_at_the_end_when_it_has_learned(
-    tmp_path: Path, external: None
-) -> None:
-    rows = measured(tmp_path, "drawing").evaluations
-    # Before it has learned it waits, and walks to the goal after that.
-    assert {row.outcome for row in rows if row.env_steps < PROTOCOL.env_steps} == {""}
-    last = [row for row in rows if row.env_steps == PROTOCOL.env_steps]
-    assert {row.outcome for row in last} == {"goal"}
-    assert {row.policy for row in last} == {"learner", "vetoed"}
 
 
 @pytest.mark.parametrize(
@@ -208,35 +203,21 @@ def test_what_goes_wrong_in_an_external_one_is_told(
 def test_what_goes_wrong_in_the_environment_is_told_and_environments_are_closed(
     tmp_path: Path,
 ) -> None:
-    opened, closed = [], []
+    made, closed = [], []
 
     class Closing(CableCut):
-        def __init__(self, at: int) -> None:
-            super().__init__(Walk(), at)
-            opened.append(self)
-
         def close(self) -> None:
             closed.append(self)
             super().close()
 
+    def make() -> Closing:
+        made.append(Closing(Walk(), 20))
+        return made[-1]
+
     with pytest.raises(EnvironmentFailure, match="cable cut"):
-        measured(tmp_path, task=walk(tmp_path, lambda: Closing(20)))
-    assert len(opened) > 1
-    assert set(map(id, opened)) == set(map(id, closed))
-
-
-def test_progress_is_told(tmp_path: Path) -> None:
-    steps: list[int] = []
-    measured(tmp_path, on_progress=steps.append)
-    assert steps[0] == 1
-    assert steps == sorted(steps)
-
-
-def test_time_of_training_and_of_evaluation_are_told_apart(tmp_path: Path) -> None:
-    begin = time.perf_counter()
-    seconds = measured(tmp_path, "dqn").seconds
-    assert min(seconds.values()) > 0
-    assert sum(seconds.values()) <= time.perf_counter() - begin
+        measured(tmp_path, task=walk(tmp_path, make))
+    assert len(made) > 1
+    assert set(map(id, made)) == set(map(id, closed))
 
 
 def test_a_training_begins_when_what_it_calls_is_loaded(
@@ -254,9 +235,5 @@ def test_a_training_begins_when_what_it_calls_is_loaded(
     begin = time.perf_counter()
     found = measured(tmp_path, "dqn").seconds
     (took,) = seconds
+    assert min(found.values()) > 0
     assert took + sum(found.values()) <= time.perf_counter() - begin
-
-
-def test_games_are_counted_in_soccer_under_every_preset() -> None:
-    assert unit_of(load_task("soccer")) == "game"
-    assert unit_of(load_task("cartpole")) == "episode"

@@ -8,20 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from serp.diagnosis.findings import (
-    EffectTerm,
-    MissingEffect,
-    ObservedOutcome,
-    ParameterFinding,
-    StochasticEffect,
-)
+from serp.diagnosis.findings import EffectTerm, MissingEffect, ParameterFinding
 from serp.diagnosis.repair.repair import Repaired, repair
 from serp.lint.portability import outside_portable_subset
 from serp.lint.unified_planning import refused_by_unified_planning
-from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.regression_data import predictions
 from tests.serp.diagnosis.made_up import (
-    comments,
     found,
     kept,
     logic,
@@ -30,11 +22,10 @@ from tests.serp.diagnosis.made_up import (
     written,
 )
 from tests.serp.diagnosis.test_analysis import FLEET, ROBOTS
-from tests.serp.sysid.rolls import DOMAINS, DT, balance, cartpole, from_text, imagined
+from tests.serp.sysid.rolls import DT, balance, cartpole, from_text
 from tests.serp.sysid.test_parameter_fit import CARTS
 
-NAMES = ("cartpole", "cartpole-empty", "cartpole-no-velocity", "cartpole-no-gravity",
-         "cartpole-cart-only", "cartpole-reversed")  # fmt: skip
+NAMES = ("cartpole", "cartpole-empty", "cartpole-no-velocity", "cartpole-reversed")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -42,13 +33,12 @@ def test_a_real_run_repairs_its_file(name: str) -> None:
     experience, _ = balance(cartpole().source.text, 3, 400, noise=0.1)
     domain = cartpole(name)
     repaired = repaired_by(domain, experience, DT)
-    assert repaired.repairs
+    assert repaired.changes
     new = written(domain, repaired)
     assert not outside_portable_subset(new.source)
     assert refused_by_unified_planning(new.source, None) is None
     assert logic(new) == logic(domain)
-    rest = iter(comments(repaired.text))
-    assert all(any(line == c for c in rest) for line in comments(domain.source.text))
+    assert kept(domain.source.text, repaired.text)
     predicted = predictions(new.model.replace(dt=DT), experience.states, experience.actions)
     off, change = (
         np.sqrt(((experience.next_states - p) ** 2).mean(0)) for p in (predicted, experience.states)
@@ -64,26 +54,23 @@ def test_a_repaired_file_is_repaired() -> None:
     again = from_text(once.text)
     other, _ = balance(cartpole().source.text, 4, 400, noise=0.1)
     twice = repaired_by(again, other, DT)
-    assert len(twice.repairs) <= 3
+    assert len(twice.changes) <= 3
 
 
 def test_numbers_change_where_they_stand_and_nowhere_else() -> None:
     domain = from_text(CARTS)
     repaired = repair(domain, found(parameter(domain.model, 0, 0.7312, error=0.02)))
-    (change,) = repaired.repairs
     new = CARTS.replace("(increase (v ?c) 0.5)", "(increase (v ?c) 0.73)")
     lines = [line for line in repaired.text.splitlines(True) if "as written" not in line]
     assert "".join(lines) == new
     assert "; 0.5 as written; observed 0.73 +/- 0.02 in 412 steps\n" in repaired.text
-    assert change.before == "(increase (v ?c) 0.5)"
-    assert change.after == "(increase (v ?c) 0.73)"
-    assert change.schema == "push" and change.line == CARTS[: CARTS.index("0.5)")].count("\n") + 1
+    assert repaired.changes == (CARTS[: CARTS.index("0.5)")].count("\n") + 1,)
 
 
 def test_what_may_be_nothing_is_written_as_nothing() -> None:
     domain = from_text(CARTS)
     nothing = repair(domain, found(parameter(domain.model, 0, -0.02, error=0.01)))
-    assert "(increase (v ?c) 0)" in nothing.text and "observed -0.02 +/- 0.01" in nothing.text
+    assert "(increase (v ?c) 0)" in nothing.text and "observed -0.020 +/- 0.010" in nothing.text
 
 
 def test_an_assignment_takes_in_what_was_missing() -> None:
@@ -117,42 +104,6 @@ def test_processes_have_new_names_and_typed_parameters() -> None:
     assert "(:process way-changes\n    :parameters (?r - robot)" in repaired.text
     assert "(:process wind-changes-2" in repaired.text
     assert "(:process wind-changes-3" in repaired.text
-
-
-def test_chance_is_told_in_comments() -> None:
-    domain = from_text((DOMAINS / "cliff.pddl").read_text(encoding="utf-8"))
-    outcomes = (
-        ObservedOutcome((("row", -1.0),), 0.34, 0.02, True),
-        ObservedOutcome((("column", 1.0),), 0.33, 0.02, False),
-        ObservedOutcome((), 0.33, 0.02, False),
-    )
-    place = domain.model.actions[0].place
-    repaired = repair(domain, found(StochasticEffect("up", place, outcomes, 500, 0.1)))
-    lines = repaired.text.splitlines(True)
-    added = [line for line in lines if line not in domain.source.text.splitlines(True)]
-    assert all(line.strip().startswith(";") for line in added)
-    assert "".join(line for line in lines if line not in added) == domain.source.text
-    assert "  ;   34 +/- 2 %: (row) -1, as written\n" in added
-
-
-def test_soccer_keeps_its_rules() -> None:
-    domain = from_text((DOMAINS / "soccer.pddl").read_text(encoding="utf-8"))
-    model = domain.model.replace(dt=0.4)
-    theta = model.theta.copy()
-    changed = [i.parameter.index for i in parameter_dependencies(model.ground)]
-    theta[changed] *= 2.0
-    rng = np.random.default_rng(0)
-    states = rng.uniform(0.0, 3.0, size=(800, len(model.fluents)))
-    numeric = np.array([fluent.numeric for fluent in model.fluents])
-    states = np.where(numeric, states, states > 1.5)
-    seen = imagined(model.replace(theta=theta), states, rng, noise=0.005)
-    repaired = repaired_by(domain, seen, 0.4)
-    assert logic(written(domain, repaired)) == logic(domain)
-    assert kept(domain.source.text, repaired.text)
-    right = {p.place.line: p.value for p in domain.model.parameters if p.index in changed}
-    values = [p.value for p in written(domain, repaired).model.parameters if p.index in changed]
-    assert values == pytest.approx([2.0 * value for value in right.values()], rel=0.03)
-    assert len(repaired.repairs) == len(changed)
 
 
 def test_a_problem_file_is_not_touched(tmp_path: Path) -> None:

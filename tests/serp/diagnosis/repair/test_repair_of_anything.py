@@ -112,7 +112,7 @@ def test_the_file_stays_and_says_what_was_found(name: str, data: st.DataObject) 
     assert kept(domain.source.text, repaired.text)
     assert logic(new) == logic(domain)
     assert not outside_portable_subset(new.source) or outside_portable_subset(domain.source)
-    assert bool(repaired.repairs) == bool(findings.parameters or findings.missing)
+    assert bool(repaired.changes) == bool(findings.parameters or findings.missing)
     model, again = domain.model.replace(dt=0.1), new.model.replace(dt=0.1)
     rng = np.random.default_rng(0)
     states = rng.uniform(-2.0, 2.0, size=(30, len(model.fluents)))
@@ -139,7 +139,7 @@ def test_chance_changes_comments_alone(data: st.DataObject) -> None:
         if kinds:
             outcomes.append(StochasticEffect(action.schema, action.place, tuple(kinds), 77, 0.1))
     repaired = repair(domain, found(*outcomes))
-    assert len(repaired.repairs) == len(outcomes)
+    assert len(repaired.changes) == len(outcomes)
     rest = iter(domain.source.text.splitlines(keepends=True))
     expected = next(rest, None)
     for line in repaired.text.splitlines(keepends=True):
@@ -148,3 +148,4 @@ def test_chance_changes_comments_alone(data: st.DataObject) -> None:
         else:
             assert line.lstrip().startswith(";")
     assert expected is None
+    assert repaired.text.count("; Observed: ") == len(outcomes)

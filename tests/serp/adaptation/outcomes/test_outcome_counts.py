@@ -5,13 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from serp._util.compilation import cached_njit
 from serp.adaptation.adaptation import ModelAdaptation
+from serp.adaptation.outcome_branches import MOST
 from serp.errors import RunError
 from serp.model.explanation import why_unsafe
 from serp.model.flags import UNSAFE, risk_of
-from serp.model.native import STACK
+from serp.model.native import STACK, address_of, call_step, pointer_to
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
+from serp.sysid.transitions import GOES_ON, OVER
 from tests.serp.adaptation.worlds import GRID, adapted
 from tests.serp.sysid.rolls import from_text
 
@@ -140,6 +143,134 @@ def test_counting_waits_until_it_is_better_than_the_file() -> None:
     assert not shared(adaptation), "one slip in forty is no reason to give up what is right"
 
 
+LAKE = """
+(define (domain lake)
+  (:requirements :conditional-effects :numeric-fluents)
+  (:predicates (frosty) (terminal))
+  (:functions (row) (column) (reward))
+  (:action left :parameters () :precondition (and)
+    :effect (when (> (column) 0) (decrease (column) 1)))
+  (:action right :parameters () :precondition (and)
+    :effect (when (< (column) 4) (increase (column) 1)))
+  (:action up :parameters () :precondition (and) :effect (when (> (row) 0) (decrease (row) 1)))
+  (:action down :parameters () :precondition (and) :effect (when (< (row) 4) (increase (row) 1)))
+  (:event fall :parameters () :precondition (and (= (row) 2) (= (column) 2))
+    :effect (terminal)))
+"""
+"""A lake of five by five cells with a hole; state: frosty, row, column."""
+SIZE, HOLE = 5, [2.0, 2.0]
+LEFT, RIGHT, UP, DOWN = range(4)
+
+
+def moved(state: Vector, direction: int) -> Vector:
+    by = [(0, -1), (0, 1), (-1, 0), (1, 0)][direction]
+    return np.array([state[0], *np.clip(state[1:] + by, 0, SIZE - 1)])
+
+
+def somewhere(random: np.random.Generator) -> Vector:
+    while True:
+        state = random.integers((2, SIZE, SIZE)).astype(float)
+        if state[1:].tolist() != HOLE:
+            return state
+
+
+def chances(
+    adaptation: ModelAdaptation, state: Vector, action: int
+) -> dict[tuple[float, ...], float]:
+    """Return the probability of each next state."""
+    model = adapted(adaptation)
+    width = len(state)
+    rows = np.zeros((MOST, width + 3))
+    room = rows.reshape(-1)
+    count = all_outcomes(
+        address_of(model.native_outcomes()), state, action, model.data, model.dt, room
+    )
+    found: dict[tuple[float, ...], float] = {}
+    for row in rows[:count]:
+        after = tuple(row[:width].tolist())
+        found[after] = found.get(after, 0.0) + row[-1]
+    assert sum(found.values()) == pytest.approx(1.0)
+    return found
+
+
+@cached_njit(nogil=True)
+def all_outcomes(address, state, action, data, dt, room):  # type: ignore[no-untyped-def]
+    return call_step(
+        address, pointer_to(state, 0), action, pointer_to(data, 0), dt, pointer_to(room, 0)
+    )
+
+
+def test_who_slips_does_what_the_file_says_of_another_action() -> None:
+    """Walls and holes of the file hold for slips, too, also where nobody has ever been."""
+    adaptation = adaptation_of(from_text(LAKE).model)
+    random = np.random.default_rng(5)
+    for _ in range(900):
+        state = somewhere(random)
+        if state[1] > 2:
+            continue
+        after = moved(state, int(random.choice([LEFT, UP, DOWN])))
+        over = after[1:].tolist() == HOLE
+        # What is seen after the end is the next start.
+        seen = np.zeros(3) if over else after
+        adaptation.observe(state, LEFT, seen, OVER if over else GOES_ON)
+    for row, column in ((0, 0), (4, 0), (4, 3), (1, 2), (2, 3), (4, 4), (0, 4)):
+        state = np.array([0.0, row, column])
+        expected: dict[tuple[float, ...], float] = {}
+        for direction in (LEFT, UP, DOWN):
+            there = tuple(moved(state, direction).tolist())
+            expected[there] = expected.get(there, 0.0) + 1 / 3
+        assert chances(adaptation, state, LEFT) == pytest.approx(expected, abs=0.08)
+
+
+def test_a_wall_that_the_file_does_not_mention_is_learned_by_bumping_into_it_twice() -> None:
+    adaptation = adaptation_of(from_text(LAKE).model)
+    random = np.random.default_rng(6)
+    wall = [(row, 1.0) for row in (0.0, 1.0, 3.0)]
+    for step in range(300):
+        state = somewhere(random)
+        blocked = (state[1], state[2]) in wall
+        if blocked and step < 200:
+            continue
+        adaptation.observe(state, RIGHT, state if blocked else moved(state, RIGHT), GOES_ON)
+    visits: dict[tuple[float, float], int] = {}
+    states, actions = adaptation.experience.states, adaptation.experience.actions
+    for state in states[actions == RIGHT]:
+        visits[state[1], state[2]] = visits.get((state[1], state[2]), 0) + 1
+    for (row, column), count in visits.items():
+        for frosty in (0.0, 1.0):
+            state = np.array([frosty, row, column])
+            after, _, _ = prediction(adaptation, *state, action=RIGHT)
+            blocked = (row, column) in wall
+            if count > 1:
+                assert after.tolist() == (state if blocked else moved(state, RIGHT)).tolist()
+
+
+def test_what_explains_an_observation_shares_it() -> None:
+    """In a corridor most slips are seen at walls alone, where several outcomes explain them."""
+    adaptation = adaptation_of(from_text(LAKE).model)
+    random = np.random.default_rng(7)
+    for _ in range(4_000):
+        state = np.array([0.0, 0.0, float(random.integers(2))])
+        after = moved(state, int(random.choice([UP, LEFT, RIGHT], p=[0.5, 0.3, 0.2])))
+        adaptation.observe(state, UP, after, GOES_ON)
+    found = chances(adaptation, np.array([0.0, 4.0, 2.0]), UP)
+    expected = {(0.0, 3.0, 2.0): 0.5, (0.0, 4.0, 1.0): 0.3, (0.0, 4.0, 3.0): 0.2}
+    assert found == pytest.approx(expected, abs=0.08)
+
+
+def test_the_order_of_ambiguous_observations_does_not_matter() -> None:
+    """In a corner, a slip may be one of two; what is seen elsewhere later tells which it was."""
+    adaptation = adaptation_of(from_text(LAKE).model)
+    corner, inside = np.zeros(3), np.array([0.0, 3.0, 3.0])
+    for _ in range(20):
+        adaptation.observe(corner, DOWN, corner, GOES_ON)  # left or up
+    for _ in range(20):
+        adaptation.observe(inside, DOWN, moved(inside, LEFT), GOES_ON)
+        adaptation.observe(inside, DOWN, moved(inside, DOWN), GOES_ON)
+    found = chances(adaptation, np.array([0.0, 1.0, 2.0]), DOWN)
+    assert found == pytest.approx({(0.0, 1.0, 1.0): 2 / 3, (0.0, 2.0, 2.0): 1 / 3}, abs=0.05)
+
+
 BALLS = """
 (define (domain balls)
   (:requirements :strips :typing :numeric-fluents)
@@ -205,7 +336,14 @@ def test_damaged_counts_are_refused() -> None:
         ("codes", np.full_like(codes, codes[0])),
         ("totals", np.zeros_like(totals)),
         ("totals", -totals),
+        ("schemas", np.zeros(13)),
+        ("schemas", np.full(2, 2.0)),
+        ("schemas", np.full(2, 0.5)),
         ("changes", np.zeros((13, 1))),
+        ("sets", np.full((3, 2), 2.0**20)),
+        ("sets", np.ones((65, 2))),
+        ("evidence", np.zeros((len(codes), 4))),
+        ("trust", np.zeros((3, 4))),
         ("places", np.array([10**9])),
         ("others", np.array([-1])),
     ):

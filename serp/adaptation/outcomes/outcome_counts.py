@@ -1,9 +1,9 @@
 """Counts of the outcomes of an action, for predicates and whole numbers.
 
-An outcome is a change of the state, or "as the file predicts". Outcomes are counted by action
-schema and at three levels of context: in all states, in those with the same predicates, and in
-those with the same whole numbers too. While a context has few samples, the broader one dominates
-(hierarchical Dirichlet smoothing: MacKay & Peto, Natural Language Engineering 1, 1995).
+An outcome is what the file predicts for the action or for another action with the same arguments,
+or a change of the state, see `prediction_kernels`. Outcomes are counted by action schema
+over all states and in contexts: states with the same predicates, with the same whole numbers, and
+with both, see `table_kernels`.
 """
 
 from __future__ import annotations
@@ -14,10 +14,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.saved_state import MOST, Saved
-from serp.adaptation import outcome_kernels as c
+from serp._util.saved_state import LARGEST, MOST, Saved
 from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.moving_average import rate_of
+from serp.adaptation.outcomes import table_kernels as c
+from serp.adaptation.outcomes.counting_kernels import count
+from serp.adaptation.outcomes.prediction_kernels import CHANGE
 from serp.model.transition_model import Vector
 
 _MEMORY: Final = 0.995  # weight of the past in the scores, per step
@@ -25,10 +27,12 @@ _MIN_SAMPLES: Final = 5
 _BETTER: Final = 0.95
 """Counts are used after so many samples where their Brier score (Monthly Weather Review 78, 1950)
 is smaller than the file's by this factor."""
-_MAX_COUNT: Final = 2_000.0  # counts of a context are halved beyond this
 _MAX_STRAY, _STRAY_FROM = 0.2, 50
 """Fraction of outcomes that are not distinguished at which counting ends, and the samples needed to
 determine it."""
+
+Place = tuple[Vector, int, int, float]
+"""Buffer of the model, ground action, position of the group among its own, and control period."""
 
 
 class OutcomeCounts:
@@ -36,12 +40,15 @@ class OutcomeCounts:
 
     Args:
         group: Any feature group of the key.
+        schemas: Number of action schemas.
 
     Attributes:
-        table: The counts, see `serp.adaptation.outcome_kernels`; None before the first error.
+        table: The counts, see `serp.adaptation.outcomes.table_kernels`; None before the first
+            error.
     """
 
-    def __init__(self, group: FeatureGroup) -> None:
+    def __init__(self, group: FeatureGroup, schemas: int) -> None:
+        self._schemas = schemas
         self._depth = len(group.inputs)
         where = {column: place for place, column in enumerate(group.inputs)}
         self._predicates = np.array([where[column] for column in group.predicates], dtype=np.int64)
@@ -65,6 +72,7 @@ class OutcomeCounts:
 
     def learn(
         self,
+        place: Place,
         inputs: NDArray[np.int64],
         state: Vector,
         written: Vector,
@@ -92,12 +100,11 @@ class OutcomeCounts:
             self._others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._context)
             self.table = new_table(self._places, self._context, self._others)
             _parts(self.table)["ranges"][:] = state[columns, None]
-            totals = int(self.table[c.T_TOTALS])
+            # All samples so far were as in the file.
+            sets, totals = int(self.table[c.T_ALTERNATIVES]), int(self.table[c.T_TOTALS])
+            self.table[c.T_SETS], self.table[sets : sets + 2] = 1, (1, self._samples - 1)
             self.table[int(self.table[c.T_COUNTS])] = self.table[totals] = self._samples - 1
-        rate = rate_of(self._samples - 1, _MEMORY)
-        if not c.count(
-            self.table, inputs, state, written, observed, self._scores, rate, _MAX_COUNT
-        ):  # fmt: skip
+        if not self._count(place, state, observed, False):
             self._strays += 1
             if self._samples >= _STRAY_FROM and self._strays > _MAX_STRAY * self._samples:
                 # Without the numbers, the predicates may have few outcomes.
@@ -105,6 +112,19 @@ class OutcomeCounts:
                 self._begin(self._predicates)
                 return False
         return True
+
+    def learn_end(self, place: Place, state: Vector, observed: Vector) -> None:
+        """Count the end of an episode as one of the outcomes that end it, if there are any."""
+        if self.table is not None:
+            self._samples += 1
+            self._count(place, state, observed, True)
+
+    def _count(self, place: Place, state: Vector, observed: Vector, over: bool) -> bool:
+        buffer, action, position, dt = place
+        assert self.table is not None
+        rate = rate_of(self._samples - 1, _MEMORY)
+        sample = action, state, observed, over
+        return bool(count(buffer, position, self.table, sample, dt, self._scores, rate))
 
     def _begin(self, places: NDArray[np.int64]) -> None:
         self._places = places
@@ -155,17 +175,24 @@ class OutcomeCounts:
         rows = len(codes)
         if not 1 <= rows <= c.ROWS or len(np.unique(codes[1:])) < rows - 1 or (codes % 1.0).any():
             raise saved.wrong("codes are not distinct whole numbers, or too many")
-        kinds = len(saved.array("changes", np.float64, (-1, len(places)), low=None))
-        if not 1 <= kinds <= c.KINDS:
-            raise saved.wrong(f"changes are of {kinds} outcomes")
-        table[c.T_KINDS], table[c.T_ROWS] = kinds, rows
-        for name, part in _parts(table).items():
-            low = None if name in ("changes", "ranges", "evidence") else 0.0
-            part[:] = saved.array(name, np.float64, part.shape, low)
-        if not table[int(table[c.T_TOTALS])] > 0.0:  # probabilities are counts divided by it
-            raise saved.wrong("totals are of no sample")
+        schemas = saved.array("schemas", np.float64, (-1,), CHANGE, self._schemas - 1)
+        if not 1 <= len(schemas) <= c.KINDS or (schemas % 1.0).any():
+            raise saved.wrong(f"schemas are of {len(schemas)} outcomes, or no whole numbers")
+        sets = saved.array("sets", np.float64, (-1, 2), 0, MOST)
+        members = sets[:, 0]
+        if not 1 <= len(sets) <= c.SETS or not np.isin(members, range(1, 2 ** len(schemas))).all():
+            raise saved.wrong("sets are too many, or of unknown outcomes")
+        table[c.T_KINDS], table[c.T_ROWS], table[c.T_SETS] = len(schemas), rows, len(sets)
         for row in range(1, rows):
             c.enter(table, codes[row], row)
+        for name, part in _parts(table).items():
+            # Probabilities are counts divided by totals, and shares of evidence and trust.
+            low = {"changes": -LARGEST, "ranges": -LARGEST, "schemas": CHANGE}.get(name, 0.0)
+            low = c.LEAST if name in ("evidence", "trust", "paths") else low
+            high = MOST if name in ("counts", "totals", "codes", "trust") else LARGEST
+            part[:] = saved.array(name, np.float64, part.shape, low, high)
+        if not table[int(table[c.T_TOTALS])] > 0.0:
+            raise saved.wrong("totals are of no sample")
         return table
 
 
@@ -173,12 +200,16 @@ def _parts(table: Vector) -> dict[str, Vector]:
     """Return views of what is saved of R rows: the layout and the hash table follow from it."""
     kinds, rows, columns = (int(table[k]) for k in (c.T_KINDS, c.T_ROWS, c.T_COLUMNS))
     shapes = {
+        "schemas": (c.T_SCHEMAS, (kinds,)),
         "changes": (c.T_CHANGES, (kinds, columns)),
         "ranges": (c.T_RANGES, (columns, 2)),
-        "evidence": (c.T_SCORES, (len(c.WEIGHTS),)),
+        "trust": (c.T_TRUST, (c.LEVELS, c.EXPERTS)),
+        "paths": (c.T_PATHS, (2,)),
+        "sets": (c.T_ALTERNATIVES, (int(table[c.T_SETS]), 2)),
         "codes": (c.T_CODES, (rows,)),
         "counts": (c.T_COUNTS, (rows, c.KINDS)),
         "totals": (c.T_TOTALS, (rows,)),
+        "evidence": (c.T_EVIDENCE, (rows, c.EXPERTS)),
     }
     return {
         name: table[int(table[start]) :][: int(np.prod(shape))].reshape(shape)
@@ -197,13 +228,17 @@ def new_table(
     parts = {
         c.T_PLACES: len(places),
         c.T_CONTEXT: len(predicates) + len(others),
+        c.T_SCHEMAS: c.KINDS,
         c.T_CHANGES: c.KINDS * len(places),
         c.T_RANGES: 2 * len(places),
-        c.T_SCORES: len(c.WEIGHTS),
+        c.T_TRUST: c.LEVELS * c.EXPERTS,
+        c.T_PATHS: 2,
+        c.T_ALTERNATIVES: 2 * c.SETS,
         c.T_CODES: c.ROWS,
         c.T_SLOTS: c.SLOTS,
         c.T_COUNTS: c.ROWS * c.KINDS,
         c.T_TOTALS: c.ROWS,
+        c.T_EVIDENCE: c.ROWS * c.EXPERTS,
     }
     table = np.zeros(c.TABLE + sum(parts.values()))
     at = c.TABLE
@@ -214,4 +249,11 @@ def new_table(
     table[c.T_PREDICATES], table[c.T_COUNT] = len(predicates), len(predicates) + len(others)
     for start, positions in ((c.T_PLACES, places), (c.T_CONTEXT, [*predicates, *others])):
         table[int(table[start]) :][: len(positions)] = positions
+    for start, size in (
+        (c.T_TRUST, c.LEVELS * c.EXPERTS),
+        (c.T_PATHS, 2),
+        (c.T_EVIDENCE, c.EXPERTS),
+    ):
+        table[int(table[start]) :][:size] = 1.0
+    table[int(table[c.T_SCHEMAS]) :][: c.KINDS] = CHANGE
     return table

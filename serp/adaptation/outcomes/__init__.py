@@ -1,0 +1,1 @@
+"""Counted outcomes: what chance does to predicates and whole numbers."""
