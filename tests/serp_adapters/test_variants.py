@@ -21,7 +21,11 @@ from serp.training.evaluation import evaluate
 from serp.training.trainer import Trainer
 
 FOLDER = Path(__file__).resolve().parents[2] / "domains"
-VARIANTS = sorted(path.stem for path in FOLDER.glob("*.pddl") if path.stem not in task_entries())
+VARIANTS = sorted(
+    path.stem
+    for path in FOLDER.glob("*.pddl")
+    if path.stem not in task_entries() and not path.stem.endswith("-problem")
+)
 
 # What the planner alone is worth with the preset `default`: episodes to measure, lowest and highest
 # mean return. docs/results/ has the exact figures.
