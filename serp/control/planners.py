@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from serp.control.protocols import Planner
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight.planner import ClosedGraphPlanner, LeafValueClosedGraphPlanner
+from serp.planning.far_sight.planner import ClosedGraphPlanner, FarSightPlanner
 from serp.planning.forecast import Forecast
 from serp.planning.graph import PlanningGraph
 from serp.planning.lookahead import Lookahead
@@ -36,5 +36,5 @@ def closed_graph(model: TransitionModel, settings: PlannerSettings) -> Planner:
     """Return the planner that sees to the end of a finite task."""
     near = lookahead(model, settings)
     if isinstance(near, Lookahead):
-        return LeafValueClosedGraphPlanner(model, settings, near)
+        return FarSightPlanner(model, settings, near)
     return ClosedGraphPlanner(model, settings, near)

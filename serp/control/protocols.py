@@ -16,6 +16,7 @@ from serp.learning.dqn import Proposal
 from serp.learning.guidance import Guidance, GuidedLearning
 from serp.learning.symmetry_group import SymmetryGroup
 from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.far_sight.cell_graph import Visited
 from serp.planning.forecast import Forecast
 from serp.settings import LearnerSettings, PlannerSettings
 
@@ -60,6 +61,17 @@ class EpisodicPlanner(Planner, Protocol):
 
     def load_state_dict(self, meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned."""
+
+
+@runtime_checkable
+class ExperiencedPlanner(Planner, Protocol):
+    """A planner that tells what was visited from what was not.
+
+    Attributes:
+        visited: The visited states; None if they are not known.
+    """
+
+    visited: Visited | None
 
 
 MakePlanner = Callable[[TransitionModel, PlannerSettings], Planner]

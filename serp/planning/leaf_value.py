@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
 from serp.model.transition_model import Vector
+from serp.planning.far_sight.cell_values import CELLS, KIND, cell_value_at
 
 FEATURES: Final = 64
 _BANDWIDTH: Final = 0.7
@@ -27,6 +28,8 @@ _WAVES, _LOW, _HIGH, _CONSTANT, _HEADER = 0, 1, 2, 3, 4
 @cached_njit(nogil=True)
 def value_at(packed, states, at, width):  # type: ignore[no-untyped-def]
     """Return the value of the state of `width` numbers that begins in flat `states` at `at`."""
+    if packed[KIND] == CELLS:
+        return cell_value_at(packed, states, at, width)
     waves = int(packed[_WAVES])
     centre = _HEADER
     scale = centre + width

@@ -16,7 +16,13 @@ from serp.control.arbiter import Arbiter
 from serp.control.decision import Decision
 from serp.control.leaf_value_bootstrap import LeafValueBootstrap
 from serp.control.proposers import LearnerProposer
-from serp.control.protocols import EpisodicPlanner, LeafValuePlanner, Mask, Proposer
+from serp.control.protocols import (
+    EpisodicPlanner,
+    ExperiencedPlanner,
+    LeafValuePlanner,
+    Mask,
+    Proposer,
+)
 from serp.control.registry import find_learner, find_strategy, make_planner
 from serp.control.step_record import StepRecord
 from serp.control.strategies.strategy import Strategy
@@ -85,6 +91,8 @@ class Agent:
         adapts = model is not task.model
         actions = task.actions.over(model)
         planner = make_planner(model, settings.planner)
+        if isinstance(planner, ExperiencedPlanner):
+            planner.visited = self.adaptation.experience
         strategy = make_strategy(settings, strategy_seed, adapts=adapts)
         horizon = settings.planner.depth * settings.planner.repeat
         self.guarded = Arbiter(

@@ -109,7 +109,9 @@ class ClosedGraph:
 
     def _solve(self) -> None:
         allowed = np.empty(self._arrays.action.shape[0], dtype=np.uint8)
-        solution.solve(self._arrays_tuple, self._settings.discount, solution.EXACT, allowed)
+        solution.solve(
+            self._arrays_tuple, self._settings.discount, solution.EXACT, solution.SWEEPS, allowed
+        )
         self._unit = solution.ALIKE * solution.largest_value(self._arrays_tuple)
 
     def forecast(self, state: Vector) -> Forecast | None:

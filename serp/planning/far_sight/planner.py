@@ -1,4 +1,4 @@
-"""The planner of finite tasks: the closed planning graph, and a lookahead outside of it."""
+"""The planner that sees far: a closed graph where there is one, else values of cells at leaves."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any, Final, Protocol
 
 from serp._util.saved_state import Saved
 from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.far_sight.cell_graph import CellGraph, Visited
 from serp.planning.far_sight.closed_graph import ClosedGraph
 from serp.planning.forecast import Forecast
 from serp.planning.lookahead import Lookahead
@@ -15,6 +16,11 @@ from serp.settings import PlannerSettings
 _EARNED: Final = 1_000
 """Edges that every decision earns; their expansion and solution take one to three milliseconds."""
 _MOST_FAILURES: Final = 10
+
+_DECISIONS: Final = 20
+"""Decisions between two builds of the graph of cells, at least."""
+_GROWN: Final = 1.05
+"""It is built again when so many times as many states were visited."""
 
 
 class NearPlanner(Protocol):
@@ -70,7 +76,10 @@ class ClosedGraphPlanner:
             self._failures = 0 if found is not None else min(self._failures + 1, _MOST_FAILURES)
             self._owed += self.graph.edges << self._failures
         self._owed = max(0, self._owed - _EARNED)
-        return found if found is not None else self._near.forecast(state)
+        return found if found is not None else self._forecast_outside(state)
+
+    def _forecast_outside(self, state: Vector) -> Forecast:
+        return self._near.forecast(state)
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""
@@ -88,18 +97,44 @@ class ClosedGraphPlanner:
         self.begin_episode()
 
 
-class LeafValueClosedGraphPlanner(ClosedGraphPlanner):
-    """The same with a `Lookahead`, which can add learned values at its leaves."""
+class FarSightPlanner(ClosedGraphPlanner):
+    """The same with a `Lookahead`, which takes the values of cells at its leaves.
+
+    Attributes:
+        visited: The visited states; None if they are not known. Without them there are no cells.
+        cells: The graph of cells.
+    """
 
     def __init__(self, model: TransitionModel, settings: PlannerSettings, near: Lookahead) -> None:
+        self.visited: Visited | None = None
+        self.cells = CellGraph(model, settings)
+        self._far = Lookahead(model, settings.replace(leaf_value="always"))
         super().__init__(model, settings, near)
         self._lookahead = near
 
+    def begin_episode(self) -> None:
+        """Forget both graphs, so that decisions depend on nothing before this episode."""
+        super().begin_episode()
+        self.cells.clear()
+        self._built = self._since = 0
+
     @property
     def leaves(self) -> Vector:
-        """The value function at the leaves, see `Lookahead.leaves`."""
+        """The value function at the leaves where there are no cells, see `Lookahead.leaves`."""
         return self._lookahead.leaves
 
     @leaves.setter
     def leaves(self, packed: Vector) -> None:
         self._lookahead.leaves = packed
+
+    def _forecast_outside(self, state: Vector) -> Forecast:
+        self._since += 1
+        seen = 0 if self.visited is None else self.visited.seen
+        waited = self._built == 0 or self._since > _DECISIONS
+        if self.visited is not None and waited and seen > _GROWN * self._built:
+            self._built, self._since = seen, 0
+            self.cells.build(state, self.visited.next_states)
+        if not self.cells.values.size:
+            return self._lookahead.forecast(state)
+        self._far.leaves = self.cells.values
+        return self._far.forecast(state)

@@ -20,7 +20,8 @@ EXACT = 1e-9
 fraction of the largest."""
 ALIKE = 1e-7
 """Values that differ by less than this fraction of the largest are equal."""
-_MAX_SWEEPS = 3_000
+SWEEPS = 3_000
+"""Most sweeps of value iteration, and of each of its parts."""
 _TINY = 1e-9
 _NODES, _EXPANDED, _EDGES, _ = Counters()
 
@@ -80,7 +81,7 @@ def _best_rank(graph, node):
 
 
 @cached_njit(nogil=True)
-def solve(arrays, discount, precision, allowed):
+def solve(arrays, discount, precision, sweeps, allowed):
     """Find the best policy of every node, by value iteration.
 
     The order of preferences is that of `serp.planning.preference`; the risks of later steps are
@@ -91,6 +92,7 @@ def solve(arrays, discount, precision, allowed):
         arrays: Values of `GraphArrays`; values and risks are continued from.
         discount: Weight of a reward one control period later.
         precision: Where the iteration ends, see `EXACT`.
+        sweeps: Most sweeps, see `SWEEPS`.
         allowed: `[E]` uint8, scratch memory.
     """
     graph = GraphArrays(*arrays)
@@ -111,13 +113,13 @@ def solve(arrays, discount, precision, allowed):
             graph.value[node] = 0.0
             graph.risk[node] = 1.0 if graph.undefined[node] else 0.0
             graph.steps[node] = 0 if graph.undefined[node] else SAFE
-    _solve_risks(graph, expanded, discount, precision, allowed)
-    _solve_values(graph, expanded, discount, precision, allowed)
+    _solve_risks(graph, expanded, discount, precision, sweeps, allowed)
+    _solve_values(graph, expanded, discount, precision, sweeps, allowed)
     _mark_inside(graph, expanded)
 
 
 @cached_njit(nogil=True)
-def _solve_risks(graph, expanded, discount, precision, allowed):
+def _solve_risks(graph, expanded, discount, precision, sweeps, allowed):
     """Find the least risks, and leave only the edges that have them."""
     risky = False
     for edge in range(graph.counters[_EDGES]):
@@ -126,7 +128,7 @@ def _solve_risks(graph, expanded, discount, precision, allowed):
         risky = risky or graph.risk[node] > 0.0
     if not risky:
         return
-    for sweep in range(_MAX_SWEEPS):
+    for sweep in range(sweeps):
         change = 0.0
         for k in range(expanded):
             node = k if sweep % 2 else expanded - 1 - k
@@ -148,7 +150,7 @@ def _solve_risks(graph, expanded, discount, precision, allowed):
                 allowed[edge] = danger <= graph.risk[node] + ALIKE
         if graph.risk[node] <= ALIKE:
             graph.risk[node] = 0.0
-    for sweep in range(_MAX_SWEEPS):
+    for sweep in range(sweeps):
         changed = False
         for k in range(expanded):
             node = k if sweep % 2 else expanded - 1 - k
@@ -167,8 +169,8 @@ def _solve_risks(graph, expanded, discount, precision, allowed):
 
 
 @cached_njit(nogil=True)
-def _solve_values(graph, expanded, discount, precision, allowed):
-    for sweep in range(_MAX_SWEEPS):
+def _solve_values(graph, expanded, discount, precision, sweeps, allowed):
+    for sweep in range(sweeps):
         change, largest = 0.0, 0.0
         for k in range(expanded):
             node = k if sweep % 2 else expanded - 1 - k

@@ -1,0 +1,248 @@
+"""The compiled loop that expands a planning graph over cells of the state space.
+
+The first real state that falls into a cell goes on from where it is (hybrid A*: Dolgov, Thrun,
+Montemerlo & Diebel, International Journal of Robotics Research 29, 2010). An edge holds its action
+until the cell changes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.compilation import cached_njit
+from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, joined
+from serp.model.native import call_step, pointer_to
+from serp.planning.far_sight.cell_values import Cells, cell_of, nearness
+from serp.planning.far_sight.closed_kernels import (
+    DONE,
+    ENDED,
+    FULL,
+    OUTCOMES,
+    Counters,
+    GraphArrays,
+)
+from serp.planning.preference import hazard, marked
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+
+MOVED = 1.0
+"""Widths of a cell that an edge leads away from where it began, unless it ends by `HOLD`."""
+HOLD = 16
+"""Most control periods for which an edge holds its action."""
+_NODES, _EXPANDED, _EDGES, _OUTCOMES = Counters()
+
+_hazard = cached_njit(nogil=True, forceinline=True)(hazard)
+_marked = cached_njit(nogil=True, forceinline=True)(marked)
+_joined = cached_njit(nogil=True, forceinline=True)(joined)
+
+
+class HeldEdges(NamedTuple):
+    """Edges that hold their action for several control periods.
+
+    Attributes:
+        reward: `[E]` discounted sums of rewards.
+        periods: `[E]` discounted numbers of control periods.
+        weight: `[E]` discount, but that of one period, of what follows.
+        beyond: `[E]` discount of what follows an edge that leads to what is not known; else 0.
+        target: Flat `[E * F]`, states that edges lead to.
+        node: `[E]` the nodes of their cells, or `ENDED`.
+    """
+
+    reward: NDArray[np.float64]
+    periods: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    beyond: NDArray[np.float64]
+    target: NDArray[np.float64]
+    node: NDArray[np.int64]
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _is_known(cells, row, width):
+    count = cells.visited.shape[0] // width
+    for k in range(count):
+        near = True
+        for i in range(width):
+            if not abs(row[i] - cells.visited[k * width + i]) * cells.unit[i] <= cells.reach:
+                near = False
+                break
+        if near:
+            return True
+    return False
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _node_in(graph, digest):
+    """Return the slot of the node of a cell, or the empty slot for it."""
+    mask = graph.table.shape[0] - 1
+    slot = np.int64(digest & np.uint64(mask))
+    while graph.table[slot] >= 0 and graph.digest[graph.table[slot]] != digest:
+        slot = (slot + 1) & mask
+    return slot
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _add_node(graph, slot, digest, row, width):
+    node = graph.counters[_NODES]
+    graph.counters[_NODES] = node + 1
+    graph.table[slot] = node
+    graph.digest[node] = digest
+    for i in range(width):
+        graph.states[node * width + i] = row[i]
+    return node
+
+
+@cached_njit(nogil=True)
+def add_roots(arrays, division, states):
+    """Add the cells of states, flat `[N * F]`, as far as there is room."""
+    graph, cells = GraphArrays(*arrays), Cells(*division)
+    width = cells.low.shape[0]
+    for k in range(states.shape[0] // width):
+        row = pointer_to(states, k * width)
+        digest = cell_of(row, cells.low, cells.scale, -1, 0)
+        slot = _node_in(graph, digest)
+        if graph.table[slot] < 0 and graph.counters[_NODES] < graph.digest.shape[0]:
+            _add_node(graph, slot, digest, row, width)
+
+
+@cached_njit(nogil=True)
+def expand_cells(model, rules, arrays, division, found, room):
+    """Expand nodes until all are expanded or the arrays are full.
+
+    Args:
+        model: Values of `serp.planning.kernel_records.CompiledModel`.
+        rules: Number of actions, discount, accepted risk.
+        arrays: Values of `GraphArrays`.
+        division: Values of `Cells`.
+        found: Values of `HeldEdges`, written.
+        room: `[2 (F + 1)]`, scratch memory.
+
+    Returns:
+        `DONE` or `FULL`.
+    """
+    graph, cells = GraphArrays(*arrays), Cells(*division)
+    held_edges = HeldEdges(*found)
+    seen, beyond, periods = held_edges.reward, held_edges.beyond, held_edges.periods
+    address, data, dt = model
+    actions, discount, accepted = rules
+    theta = pointer_to(data, 0)
+    width = cells.low.shape[0]
+    count = graph.counters
+    now, out = pointer_to(room, 0), pointer_to(room, width + 1)
+    while count[_EXPANDED] < count[_NODES]:
+        node = count[_EXPANDED]
+        if (
+            count[_NODES] + actions > graph.digest.shape[0]
+            or count[_EDGES] + actions > graph.action.shape[0]
+        ):
+            return FULL
+        graph.undefined[node] = 0
+        source = pointer_to(graph.states, node * width)
+        for action in range(actions):
+            for i in range(width):
+                now[i] = source[i]
+            total, weight, length, danger, held = 0.0, 1.0, 0.0, 0.0, 0
+            flags, ended = np.int64(0), False
+            while held < HOLD:
+                for i in range(width):
+                    out[i] = now[i]
+                out[width] = 0.0
+                step = np.int64(call_step(address, now, action, theta, dt, out))
+                if not step & APPLICABLE:
+                    if held == 0 and step & UNDEFINED:
+                        graph.undefined[node] = 1
+                    break
+                further = _hazard(step, accepted)
+                step = _marked(step, further)
+                flags = step if held == 0 else np.int64(_joined(flags, step))
+                danger += (1.0 - danger) * further
+                total += weight * out[width]
+                length += weight
+                weight *= discount
+                held += 1
+                for i in range(width):
+                    now[i] = out[i]
+                if step & TERMINAL:
+                    ended = True
+                    break
+                far = False
+                for i in range(width):
+                    moved = abs(now[i] - source[i])
+                    if moved * cells.scale[i] >= MOVED or (moved > 0.0 and cells.scale[i] == 0.0):
+                        far = True
+                        break
+                if far:
+                    break
+            if held == 0:
+                continue
+            digest = cell_of(now, cells.low, cells.scale, -1, 0)
+            edge = count[_EDGES]
+            count[_EDGES] = edge + 1
+            graph.action[edge], graph.flags[edge], graph.hazard[edge] = action, flags, danger
+            seen[edge], periods[edge], beyond[edge] = total, length, 0.0
+            held_edges.weight[edge] = weight / discount
+            held_edges.node[edge] = ENDED
+            for i in range(width):
+                held_edges.target[edge * width + i] = now[i]
+            if ended:
+                continue
+            slot = _node_in(graph, digest)
+            if graph.table[slot] >= 0:
+                held_edges.node[edge] = graph.table[slot]
+            elif _is_known(cells, now, width):
+                held_edges.node[edge] = _add_node(graph, slot, digest, now, width)
+            else:
+                beyond[edge] = weight
+        count[_EXPANDED] = node + 1
+        graph.first_edge[node + 1] = count[_EDGES]
+    return DONE
+
+
+@cached_njit(nogil=True)
+def interpolate(arrays, division, found):
+    """Let every edge lead to the cells around the state that it reaches, weighted by nearness.
+
+    A plan would otherwise gain up to a cell's width with every edge. Weights that are positive and
+    sum to 1 keep value iteration a contraction (Gordon, ICML 1995).
+
+    Args:
+        arrays: Values of `GraphArrays`, expanded.
+        division: Values of `Cells`.
+        found: Values of `HeldEdges`.
+    """
+    graph, cells, edges = GraphArrays(*arrays), Cells(*division), HeldEdges(*found)
+    width = cells.low.shape[0]
+    outcome = 0
+    graph.first_outcome[0] = 0
+    for edge in range(graph.counters[_EDGES]):
+        first = outcome
+        graph.target[outcome] = edges.node[edge]
+        graph.chance[outcome] = 1.0
+        outcome += 1
+        if edges.node[edge] >= 0:
+            at = edge * width
+            row = edges.target[at : at + width]
+            graph.chance[first] = nearness(
+                row, 0, graph.states, edges.node[edge] * width, cells.scale
+            )
+            for k in range(2 * width):
+                if cells.scale[k // 2] == 0.0 or outcome - first == OUTCOMES:
+                    continue
+                digest = cell_of(row, cells.low, cells.scale, k // 2, 1 - 2 * (k % 2))
+                node = graph.table[_node_in(graph, digest)]
+                if node >= 0:
+                    graph.target[outcome] = node
+                    graph.chance[outcome] = nearness(
+                        row, 0, graph.states, node * width, cells.scale
+                    )
+                    outcome += 1
+        total = 0.0
+        for k in range(first, outcome):
+            total += graph.chance[k]
+        for k in range(first, outcome):
+            graph.chance[k] *= edges.weight[edge] / total
+        graph.first_outcome[edge + 1] = outcome
+    graph.counters[_OUTCOMES] = outcome
