@@ -108,17 +108,13 @@ class GroupLearners:
         self._share_wholeness()
         # Where an event changes a fluent, the result of effects and processes is not observed.
         observed = flow == settled
-        counted = self._buffer.stochastic
         for position, (key, inputs, targets) in enumerate(self._columns[action]):
             counts = self._counts[key]
             place = (self._model.data, action, position, self._model.dt)
             if not counts.learn(place, inputs, state, settled, next_state, self._whole):
                 self._whole[targets] = False
                 self._share_wholeness()
-            shared = self._buffer.shared[key]
-            if counts.used or shared.outcomes is not None:
-                shared.outcomes = counts.table if counts.used else None
-                counted = True
+            self._publish_counts(key)
             if key in self._residuals:
                 self._used[key] = self._residuals[key].learn(
                     state[inputs],
@@ -127,13 +123,14 @@ class GroupLearners:
                     next_state[targets] - state[targets],
                     ~self._whole[targets],
                 )
-        if counted:
-            self._update_stochastic()
 
     def _learn_end(self, state: Vector, action: int, next_state: Vector) -> None:
+        if not np.isfinite(state).all():
+            return
         for position, (key, _, _) in enumerate(self._columns[action]):
             place = (self._model.data, action, position, self._model.dt)
             self._counts[key].learn_end(place, state, next_state)
+            self._publish_counts(key)
 
     def _share_wholeness(self) -> None:
         """Treat a function as whole-numbered only if it is so for all objects."""
@@ -142,6 +139,13 @@ class GroupLearners:
             for columns in self._alike:
                 self._whole[columns] = self._whole[columns].all()
             self._wholes = int(np.count_nonzero(self._whole))
+
+    def _publish_counts(self, key: Key) -> None:
+        counts, shared = self._counts[key], self._buffer.shared[key]
+        table = counts.table if counts.used else None
+        if table is not shared.outcomes:
+            shared.outcomes = table
+            self._update_stochastic()
 
     def _update_stochastic(self) -> None:
         counted = any(shared.outcomes is not None for shared in self._buffer.shared.values())
