@@ -66,7 +66,9 @@ def _stamp_of(function: Callable[..., Any], options: Mapping[str, Any]) -> str:
     code: CodeType = function.__code__
     digest = hashlib.sha256(_source(code.co_filename))
     digest.update(repr(sorted(options.items())).encode())
-    for part in _parts(set(_names(code)), function.__globals__):
+    # Everything that the module imports counts: a loop may call one that is defined after it.
+    names = {name for name in function.__globals__ if not name.startswith("__")}
+    for part in _parts(names | set(_names(code)), function.__globals__):
         digest.update(part.encode() + b"\0")
     return digest.hexdigest()
 

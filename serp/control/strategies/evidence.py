@@ -48,20 +48,28 @@ class Returns:
         self.mean += off / self.count
         self.squares += off * (value - self.mean)
 
-    def with_prior(self, worst: float) -> tuple[float, float]:
-        """Return count and mean, with one more episode that went as badly as the worst one."""
-        count = self.count + 1.0
-        return count, (self.count * self.mean + worst) / count
+    def belief(self, noise: float, low: float, high: float) -> tuple[float, float]:
+        """Return mean and variance of what the expected return is believed to be.
+
+        Without evidence it is the lowest return seen so far, within the range of all returns.
+
+        Args:
+            noise: Variance of a return.
+            low: Lowest return so far.
+            high: Highest return so far; above `low`.
+        """
+        prior, data = 1.0 / (high - low) ** 2, self.count / noise
+        return (prior * low + data * self.mean) / (prior + data), 1.0 / (prior + data)
 
 
 class Evidence(Strategy):
     """Planner or learner leads a whole episode: the learner with the probability that it is better.
 
-    That probability is ρ. It follows from the returns of the episodes that each has led, of which
-    old ones count less (discounted Thompson sampling: Raj & Kalyani 2017, arXiv 1707.09727). Before
-    the learner has led an episode it is taken to be as bad as the worst episode so far. While the
-    planner leads, the learner acts where all plans have the same value. The trained policy is
-    the lead that is more probably the better one.
+    That probability is ρ. It follows from the returns of the episodes that each has led; old ones
+    count less, so that both are tried again from time to time (discounted Thompson sampling: Raj &
+    Kalyani 2017, arXiv 1707.09727). Without evidence a lead is expected to be as bad as the worst
+    episode so far, so the planner begins. While the planner leads, the learner acts where all plans
+    have the same value. The trained policy is the lead that is more probably the better one.
     """
 
     reads = ("arbiter.imitation_weight",)
@@ -72,7 +80,7 @@ class Evidence(Strategy):
         if adapts and weight > 0.0:
             self.guided = GuidedLearning(margin_weight=weight, q_filter=False)
         self.planner, self.learner = Returns(), Returns()
-        self._worst = math.inf
+        self._worst, self._best = math.inf, -math.inf
         self._leads = False
         self._model_reliable = False
         self._random = np.random.default_rng(seed)
@@ -80,16 +88,17 @@ class Evidence(Strategy):
     @property
     def rho(self) -> float:
         """ρ, the probability that the learner's lead is worth more than the planner's."""
-        if self.planner.count == 0.0:
-            return 0.0
+        span = self._best - self._worst
+        if not span > 1e-9 * max(abs(self._best), abs(self._worst)):
+            return 0.0  # there is no evidence, or all returns are equal
         planner, learner = self.planner, self.learner
-        (n, mean), (m, other) = planner.with_prior(self._worst), learner.with_prior(self._worst)
-        freedom = max(1.0, planner.count + learner.count - 2.0)
-        variance = (planner.squares + learner.squares) / max(1.0, planner.count + learner.count)
-        spread = math.sqrt(variance * (1.0 / n + 1.0 / m))
-        if spread <= 1e-9 * max(abs(mean), abs(other)):
-            return float(other > mean)
-        return float(special.stdtr(freedom, (other - mean) / spread))
+        # The range counts as one return's evidence on how much returns vary.
+        noise = (planner.squares + learner.squares + span**2 / 12.0) / (
+            planner.count + learner.count + 1.0
+        )
+        mean, variance = planner.belief(noise, self._worst, self._best)
+        other, more = learner.belief(noise, self._worst, self._best)
+        return float(special.ndtr((other - mean) / math.sqrt(variance + more)))
 
     @property
     def choice(self) -> str:
@@ -132,7 +141,7 @@ class Evidence(Strategy):
 
     def end_episode(self, return_: float, length: int) -> None:
         """Add the return to the evidence, and draw who leads the next episode."""
-        self._worst = min(self._worst, return_)
+        self._worst, self._best = min(self._worst, return_), max(self._best, return_)
         self.planner.fade()
         self.learner.fade()
         (self.learner if self._leads else self.planner).add(return_)
@@ -143,7 +152,7 @@ class Evidence(Strategy):
         return {
             "planner": vars(self.planner).copy(),
             "learner": vars(self.learner).copy(),
-            "worst": None if self._worst == math.inf else self._worst,
+            "range": [self._worst, self._best] if self._worst <= self._best else None,
             "leads": self._leads,
             "random": self._random.bit_generator.state,
         }
@@ -160,7 +169,8 @@ class Evidence(Strategy):
             returns.count = part.real("count", 0.0, math.inf)
             returns.mean = part.real("mean", -math.inf, math.inf)
             returns.squares = part.real("squares", 0.0, math.inf)
-        known = meta.get("worst") is not None
-        self._worst = saved.real("worst", -math.inf, math.inf) if known else math.inf
+        self._worst, self._best = math.inf, -math.inf
+        if meta.get("range") is not None:
+            self._worst, self._best = saved.reals("range", 2, -math.inf, math.inf)
         self._leads = saved.truth("leads")
         self._random.bit_generator.state = saved.generator_state("random", self._random)
