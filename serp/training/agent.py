@@ -273,7 +273,7 @@ class Agent:
         self._random.bit_generator.state = saved.generator_state("random", self._random)
 
     def begin_episode(self) -> None:
-        """Prepare for an episode of training."""
+        """Prepare for an episode."""
         planner = self.arbiter.planner
         if isinstance(planner, EpisodicPlanner):
             planner.begin_episode()

@@ -134,6 +134,7 @@ def play(
         )
     limit = agent.settings.training.episode_steps
     for episode in range(count):
+        agent.begin_episode()
         rollout = Rollout(task, agent.perceive, seed=evaluation_seed(seed, episode), limit=limit)
         draws = np.random.SeedSequence(seed, spawn_key=(_DRAWS, episode))
         decide = _decisions(agent, policy, draws)

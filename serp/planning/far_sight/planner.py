@@ -71,10 +71,11 @@ class ClosedGraphPlanner:
         if found is None and self._owed <= 0:
             if not self.graph.complete:
                 self.graph.clear()
+            before = self.graph.edges
             self.graph.grow(state)
             found = self.graph.forecast(state)
             self._failures = 0 if found is not None else min(self._failures + 1, _MOST_FAILURES)
-            self._owed += self.graph.edges << self._failures
+            self._owed += (self.graph.edges - before) << self._failures
         self._owed = max(0, self._owed - _EARNED)
         return found if found is not None else self._forecast_outside(state)
 
