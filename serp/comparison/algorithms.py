@@ -137,6 +137,7 @@ _OWN: Final = (
         changes=_BASELINE,
     ),
     _guided("jump-start", "the planner begins each episode, the learner ends it (JSRL)"),
+    _guided("evidence", "planner or learner leads an episode, by the returns of both"),
     _guided("argmax-q", "whichever of both proposals the learner values more (IBRL)"),
     _guided(
         "restrict",
