@@ -14,12 +14,9 @@ from serp.adaptation.outcomes import table_kernels as o
 from serp.adaptation.outcomes.prediction_kernels import RARE, likeliest, put, room_for, table_of
 from serp.adaptation.residual.prediction import add_residual
 from serp.model.flags import APPLICABLE, TERMINAL
-from serp.model.native import STEP_SIGNATURE, advanced, call_step, pointer_to
+from serp.model.native import OUTCOMES, STEP_SIGNATURE, advanced, call_step, pointer_to
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
-MOST = 16
-"""Most outcomes of a step; `serp.planning.far_sight.closed_kernels.OUTCOMES` rows hold them."""
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -46,7 +43,7 @@ def _branch(buffer, action, group, state, flowed, dt, out, count, room):
         left = old[width + 2]
         for kind in range(1, int(counts[o.T_KINDS])):
             chance = left * room[kind]
-            if chance < RARE or count == MOST:
+            if chance < RARE or count == OUTCOMES:
                 continue
             new = advanced(out, count * row)
             for i in range(row):

@@ -24,6 +24,9 @@ STEP_SIGNATURE = types.int64(_POINTER, types.int64, _POINTER, types.float64, _PO
 """The signature of every compiled transition function: state, action, data, Δt, out → flags."""
 
 _intrinsic: Any = intrinsic
+OUTCOMES: Final = 16
+"""Most outcomes of one step, see `TransitionModel.native_outcomes`; callers make room for them."""
+
 STACK: Final = 256
 """Most numbers that compiled code keeps on the stack, see `stack_room`: 2 KB."""
 

@@ -11,13 +11,10 @@ import numpy as np
 from scipy import special
 
 from serp._util.saved_state import Saved
-from serp.control.model_confidence import ModelConfidence
 from serp.control.protocols import Proposer
-from serp.control.strategies.advice import advice
-from serp.control.strategies.strategy import Seed, Situation, Strategy
+from serp.control.strategies.imitating import ImitatingStrategy
+from serp.control.strategies.strategy import Seed, Situation
 from serp.learning.dqn import Proposal
-from serp.learning.guidance import Guidance, GuidedLearning
-from serp.planning.action_map import ActionForecast
 from serp.settings import Settings
 
 _MEMORY: Final = 0.95
@@ -62,7 +59,7 @@ class Returns:
         return (prior * low + data * self.mean) / (prior + data), 1.0 / (prior + data)
 
 
-class Evidence(Strategy):
+class Evidence(ImitatingStrategy):
     """Planner or learner leads a whole episode: the learner with the probability that it is better.
 
     That probability is ρ. It follows from the returns of the episodes that each has led; old ones
@@ -76,13 +73,9 @@ class Evidence(Strategy):
 
     def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
         super().__init__(settings, seed, adapts=adapts)
-        weight = settings.arbiter.imitation_weight
-        if adapts and weight > 0.0:
-            self.guided = GuidedLearning(margin_weight=weight, q_filter=False)
         self.planner, self.learner = Returns(), Returns()
         self._worst, self._best = math.inf, -math.inf
         self._leads = False
-        self._model_reliable = False
         self._random = np.random.default_rng(seed)
 
     @property
@@ -119,7 +112,7 @@ class Evidence(Strategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's proposal if it leads, or all plans are alike; else None."""
-        self._model_reliable = situation.confidence is ModelConfidence.RELIABLE
+        self._notice(situation)
         if self._leads or situation.forecast.indifferent:
             return learner.propose(situation.explorable)
         return None
@@ -129,15 +122,6 @@ class Evidence(Strategy):
         if self.rho > 0.5 or situation.forecast.indifferent:
             return learner.propose_greedily()
         return None
-
-    def guidance(
-        self, forecast: ActionForecast, action: int, following: ActionForecast | None
-    ) -> Guidance | None:
-        """Return the planner's choice, to be imitated if the model is reliable."""
-        if self.guided is None:
-            return None
-        imitate = self._model_reliable and not forecast.indifferent
-        return advice(forecast, action, following, scale=1.0, imitate=imitate)
 
     def end_episode(self, return_: float, length: int) -> None:
         """Add the return to the evidence, and draw who leads the next episode."""

@@ -12,15 +12,13 @@ from serp._util.numbers import best_of
 from serp._util.saved_state import Saved
 from serp.control.model_confidence import ModelConfidence
 from serp.control.protocols import Proposer
-from serp.control.strategies.advice import advice
-from serp.control.strategies.strategy import Seed, Situation, Strategy
+from serp.control.strategies.imitating import ImitatingStrategy
+from serp.control.strategies.strategy import Seed, Situation
 from serp.learning.dqn import Proposal
-from serp.learning.guidance import Guidance, GuidedLearning
-from serp.planning.action_map import ActionForecast
 from serp.settings import Settings
 
 
-class Mixture(Strategy):
+class Mixture(ImitatingStrategy):
     """The planner acts with probability 1 - ρ, else the learner (paper, Algorithm 1).
 
     In the planner's turn the learner acts if all plans have the same value, or if its networks
@@ -41,11 +39,7 @@ class Mixture(Strategy):
 
     def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
         super().__init__(settings, seed, adapts=adapts)
-        weight = settings.arbiter.imitation_weight
-        if adapts and weight > 0.0:
-            self.guided = GuidedLearning(margin_weight=weight, q_filter=False)
         self._rho = settings.arbiter.rho
-        self._model_reliable = False
         self._random = np.random.default_rng(seed)
 
     @property
@@ -76,7 +70,7 @@ class Mixture(Strategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw whose turn it is; return the learner's proposal, or None."""
-        self._model_reliable = situation.confidence is ModelConfidence.RELIABLE
+        self._notice(situation)
         planners_turn = self._random.random() > self._rho
         if planners_turn and not (self._learner_if_indifferent and situation.forecast.indifferent):
             return self._confident(situation, learner)
@@ -102,15 +96,6 @@ class Mixture(Strategy):
         if not gain.mean() > margin * gain.std():  # also for NaN
             return None
         return learner.propose_greedily(among=situation.admissible)
-
-    def guidance(
-        self, forecast: ActionForecast, action: int, following: ActionForecast | None
-    ) -> Guidance | None:
-        """Return the planner's choice, to be imitated if the model is reliable."""
-        if self.guided is None:
-            return None
-        imitate = self._model_reliable and not forecast.indifferent
-        return advice(forecast, action, following, scale=1.0, imitate=imitate)
 
     def end_unit(self, unit: str) -> None:
         """Increase ρ if this is the unit by which it grows."""

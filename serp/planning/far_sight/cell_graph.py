@@ -12,13 +12,13 @@ from typing import Final, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model.native import address_of
+from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import cell_kernels as kernels
 from serp.planning.far_sight import solution_kernels as solution
 from serp.planning.far_sight.cell_kernels import HeldEdges
 from serp.planning.far_sight.cell_values import Cells, pack
-from serp.planning.far_sight.closed_kernels import DONE, OUTCOMES, Counters, GraphArrays
+from serp.planning.far_sight.closed_kernels import DONE, Counters, GraphArrays
 from serp.settings import PlannerSettings
 
 MAX_EDGES: Final = 60_000

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, joined
-from serp.model.native import call_step, pointer_to
+from serp.model.native import OUTCOMES, call_step, pointer_to
 from serp.planning.far_sight.cell_values import Cells, cell_of, nearness
 from serp.planning.far_sight.closed_kernels import (
     DONE,
     ENDED,
     FULL,
-    OUTCOMES,
     Counters,
     GraphArrays,
 )

@@ -12,11 +12,11 @@ from typing import Final
 import numpy as np
 
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
-from serp.model.native import address_of
+from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import closed_kernels as kernels
 from serp.planning.far_sight import solution_kernels as solution
-from serp.planning.far_sight.closed_kernels import OUTCOMES, Counters, GraphArrays
+from serp.planning.far_sight.closed_kernels import Counters, GraphArrays
 from serp.planning.forecast import Forecast
 from serp.planning.kernel_records import FirstActions
 from serp.planning.limits import Bound

@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
-from serp.model.native import call_step, pointer_to
+from serp.model.native import OUTCOMES, call_step, pointer_to
 from serp.planning.preference import hazard, marked
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
-OUTCOMES = 16
-"""Most outcomes of one edge."""
 ENDED = -1
 """In place of the node that an outcome leads to: the task ends."""
 DONE, FULL = 0, 1

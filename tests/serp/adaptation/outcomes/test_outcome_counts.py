@@ -7,11 +7,10 @@ import pytest
 
 from serp._util.compilation import cached_njit
 from serp.adaptation.adaptation import ModelAdaptation
-from serp.adaptation.outcome_branches import MOST
 from serp.errors import RunError
 from serp.model.explanation import why_unsafe
 from serp.model.flags import UNSAFE, risk_of
-from serp.model.native import STACK, address_of, call_step, pointer_to
+from serp.model.native import OUTCOMES, STACK, address_of, call_step, pointer_to
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from serp.sysid.transitions import GOES_ON, OVER
@@ -180,7 +179,7 @@ def chances(
     """Return the probability of each next state."""
     model = adapted(adaptation)
     width = len(state)
-    rows = np.zeros((MOST, width + 3))
+    rows = np.zeros((OUTCOMES, width + 3))
     room = rows.reshape(-1)
     count = all_outcomes(
         address_of(model.native_outcomes()), state, action, model.data, model.dt, room
