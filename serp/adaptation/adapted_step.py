@@ -15,7 +15,8 @@ from serp._util.compilation import cached_cfunc, cached_njit
 from serp.adaptation import parameter_buffer as b
 from serp.adaptation.outcomes import table_kernels as o
 from serp.adaptation.outcomes.prediction_kernels import likeliest, put, room_for, table_of
-from serp.adaptation.residual.prediction import add_residual, mode_of
+from serp.adaptation.residual import parameters as r
+from serp.adaptation.residual.prediction import add_residual, row_of
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, with_risk
 from serp.model.native import (
     STACK,
@@ -51,11 +52,15 @@ def _differs(buffer, action, state):
                 return True
     for v in range(groups):
         group = first + v * b.GROUP
-        count, shared = int(buffer[group + b.G_COUNT]), int(buffer[group + b.G_SHARED])
-        mode = mode_of(buffer, shared, int(buffer[group + b.G_INPUTS]), state)
-        kinds = int(buffer[shared + b.S_KINDS]) + mode * count
+        shared = int(buffer[group + b.G_SHARED])
+        part = int(buffer[shared + b.S_REGRESSION])
+        if part == 0:
+            continue
+        count, head = int(buffer[group + b.G_COUNT]), int(buffer[shared + b.S_HEAD])
+        row = row_of(buffer, part, head, int(buffer[group + b.G_INPUTS]), state)
+        kinds = int(buffer[part + r.R_KINDS]) + row * count
         for t in range(count):
-            if buffer[kinds + t] != b.FILE:
+            if buffer[kinds + t] != r.FILE:
                 return True
     return False
 

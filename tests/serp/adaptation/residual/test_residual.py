@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.adaptation.adaptation import ModelAdaptation
+from serp.adaptation.residual.prediction import uncertainty
 from serp.model.transition_model import Vector
 from tests.generated.profile import examples
 from tests.serp.adaptation.worlds import (
@@ -182,6 +183,18 @@ def test_how_far_from_0_a_fluent_is_makes_no_difference(world: World, offset: fl
         errors.append(typical(of, seen, draw))
     assert (errors[1] <= 2 * errors[0] + 4 * np.spacing(abs(offset))).all()
     assert errors[1][1] < 1e-2
+
+
+def test_uncertainty_is_small_where_much_was_seen_and_large_where_nothing_was() -> None:
+    of, out = adaptation(PLANE), np.zeros(2)
+    model = adapted(of)
+    assert uncertainty(model.data, PUSH, np.zeros(2), out) == 1.0 and (out == 1.0).all()
+    rng = np.random.default_rng(0)
+    teach(of, pendulum, rng, 600, draw=lambda rng: rng.uniform(-1.0, 1.0, size=2))
+    near = [uncertainty(model.data, PUSH, rng.uniform(-1.0, 1.0, size=2), out) for _ in range(50)]
+    far = [uncertainty(model.data, PUSH, 6.0 * sign, out) for sign in (np.ones(2), -np.ones(2))]
+    assert np.mean(near) < 0.2 and max(near) < 0.4 < min(far)
+    assert out[0] < 1e-6  # the file is right there
 
 
 # No regret -------------------------------------------------------------------------------------

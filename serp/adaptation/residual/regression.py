@@ -1,0 +1,346 @@
+"""Online learning of the one-step error of the file: one Bayesian linear regression.
+
+The design matrix has a constant and the inputs, the same for every row (action schema, or schema
+and values of predicates) and of each row, and random Fourier features that all rows share (Rahimi &
+Recht, NeurIPS 2007). The prior of all weights is normal about 0, so that a row differs from the
+others only as its samples say. Errors have Student's t distribution, so that outliers have little
+weight. Features are in order of smoothness: one Cholesky factor solves all sizes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+from serp._util.saved_state import MOST, Saved, nested, part_of
+from serp.adaptation.feature_groups import FeatureGroup
+from serp.adaptation.residual import evidence as e
+from serp.adaptation.residual.design import design_matrix
+from serp.adaptation.residual.first_samples import FIRST, outliers
+from serp.adaptation.residual.kept_samples import KeptSamples, Mask
+from serp.adaptation.residual.parameters import (
+    CODES,
+    LINEAR,
+    SMOOTH,
+    RegressionParameters,
+)
+from serp.model.transition_model import Vector
+
+_HALVED: Final = 8192.0  # samples at which those learned before lose half of their weight
+_PENDING: Final = 32  # samples that are added to the sums at once
+_GROWN: Final = 1.3  # growth of a range at which inputs are normalised anew
+_REMEMBERED, _FADED = 12, 0.001
+"""Newest samples of a row that are believed after a lasting change, and the weight that the others
+keep: where nothing contradicts them they are still the best that is known."""
+_EARLY, _LATER, _COST = 4, 30, 1e6
+"""Weights are solved after every 30th part of the samples, or later where it takes long: after as
+many samples as this cost goes into the cube of the columns, but after a quarter of the samples."""
+_FEATURES_FROM, _UNEXPLAINED = 60, 1e-4
+"""Random features are used after this many samples if the linear model leaves this fraction of the
+squared change."""
+_RIDGE, _ROW_RIDGE, _CONSTANT_RIDGE, _FEATURE_RIDGE = 1e-3, 3e-2, 1e-5, 1e-2
+"""Of slopes that all rows share, of those of a row, of constants, and of random features."""
+
+
+class ResidualRegression:
+    """Learns the one-step error of the targets of alike groups; `parameters` receive the result."""
+
+    def __init__(
+        self,
+        group: FeatureGroup,
+        parameters: RegressionParameters,
+        seed: np.random.SeedSequence,
+        nonlinear: bool,
+    ) -> None:
+        p = self._parameters = parameters
+        depth, count, rows = p.depth, p.count, p.rows
+        self._nonlinear, self._bits, self._seed = nonlinear, group.bits, seed
+        self._places = np.array([group.inputs.index(t) for t in group.targets], dtype=np.int64)
+        self._published = (
+            p.centre, p.shrink, p.frequency, p.phase, p.linear, p.amplitude, p.kinds, p.inverse,
+            p.typical, p.scale,
+        )  # fmt: skip
+        self._loss = np.zeros((rows + 1, 4, count))
+        self._seen = np.zeros((rows + 1, count))
+        self._spread, self._surprises = np.zeros((rows + 1, count)), np.zeros(rows)
+        self._low, self._high = np.full(depth, np.inf), np.full(depth, -np.inf)
+        self._block_of = np.zeros(count, dtype=np.int64)
+        self._kept = KeptSamples(depth, count, rows)
+        self._firsts = np.zeros(p.heads, dtype=np.int64)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything but the number of first samples."""
+        self._parameters.clear()
+        for array in (self._loss, self._seen, self._spread, self._surprises, self._block_of):
+            array[:] = 0
+        self._low[:], self._high[:] = np.inf, -np.inf
+        self._kept.seen = self._recent = self._pending = self._since_solved = self._far = 0
+        self._total = 0.0
+        self._clear_sums()
+
+    def _clear_sums(self) -> None:
+        size = self._size
+        blocks = 1 + int(self._block_of.max(initial=0))
+        self._gram = np.zeros((blocks, size, size))
+        self._moment = np.zeros((size, self._parameters.count))
+
+    @property
+    def _size(self) -> int:
+        return self._parameters.columns + self._parameters.features
+
+    def learn(
+        self, head: int, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask
+    ) -> bool:
+        """Learn from a sample; return whether any target is predicted by a residual now.
+
+        Args:
+            head: The head of the action's schema.
+            x: `[d]` inputs.
+            y: `[T]` observed next values less those of effects and processes.
+            valid: `[T]` whether that is observed.
+            change: `[T]` observed change.
+            enabled: `[T]` whether a residual may predict the target.
+        """
+        valid = valid & (np.abs(y) < e.HUGE)
+        used = self._learn(head, x, y, valid, change, enabled)
+        self._firsts[head] += 1
+        if self._firsts[head] == FIRST:
+            used = self._drop_outliers(head, enabled, used)
+        return used
+
+    def _drop_outliers(self, head: int, enabled: Mask, used: bool) -> bool:
+        """Learn again without the outliers among the first samples of a head."""
+        kept = self._kept
+        known, heads = kept.newest(len(kept)), self._parameters.head_of_rows
+        own = known[heads[kept.row[known]] == head]
+        if not len(own):
+            return used
+        dropped, usable = outliers(
+            kept.x[own], kept.x[known], kept.y[own], kept.valid[own], self._places
+        )
+        if not dropped.any() and (usable == kept.valid[own]).all():
+            return used
+        kept.valid[own] = usable
+        again = known[~np.isin(known, own[dropped])]
+        of = heads[kept.row[again]].tolist()
+        samples = [part[again] for part in (kept.x, kept.y, kept.valid, kept.change)]
+        self.reset()
+        for head, x, y, valid, change in zip(of, *samples, strict=True):
+            used = self._learn(head, x, y, valid, change, enabled)
+        return used
+
+    def _learn(
+        self, head: int, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask
+    ) -> bool:
+        p = self._parameters
+        if self._is_far(x) or not valid.any():
+            return bool(p.kinds.any())
+        np.minimum(self._low, x, out=self._low)
+        np.maximum(self._high, x, out=self._high)
+        row = self._row(head, x)
+        statistics = self._loss, self._seen, self._spread, self._surprises
+        weight, changed = e.account(
+            (x, y, valid, change), row, head, self._published,
+            (p.features, p.known, p.columns, p.heads), statistics,
+        )  # fmt: skip
+        self._kept.add(x, y, valid, change, (row, weight))
+        self._recent += 1
+        self._pending += 1
+        self._since_solved += 1
+        if changed:
+            self._forget(row)
+        elif not valid[self._block_of == 0].all():
+            self._block_of[~valid] = 1
+            self._refit()
+        if self._pending == _PENDING:
+            self._add_pending()
+        cost = len(self._gram) * self._size**3 / _COST
+        if self._since_solved >= max(self._recent / _LATER, min(self._recent / _EARLY, cost)):
+            self._solve()
+        used: bool = e.choose(
+            self._loss, self._seen, self._spread, p.features > 0, p.kinds, enabled
+        )
+        return used
+
+    def _is_far(self, x: Vector) -> bool:
+        """Return whether inputs are far outside their ranges; False after several such in a row."""
+        far = False
+        if self._kept.seen >= e.FEW:
+            limit = e.FAR if self._kept.seen >= e.SETTLED else e.EXTREME
+            far = e.far_off(x, self._low, self._high, limit)
+        self._far = self._far + 1 if far else 0
+        return 0 < self._far <= e.PATIENCE
+
+    def _row(self, head: int, x: Vector) -> int:
+        """Return the row of an input, adding a mode while there is room."""
+        if not self._bits:
+            return head
+        p = self._parameters
+        bits = sum(2**k for k, bit in enumerate(self._bits) if x[bit] != 0.0)
+        code = float(CODES * head + bits)
+        known: list[float] = p.codes[p.heads : p.heads + p.modes].tolist()
+        if code in known:
+            return p.heads + known.index(code)
+        if p.heads + p.modes == p.rows:
+            return head
+        row = p.heads + p.modes
+        p.modes += 1
+        p.codes[row] = code
+        p.kinds[row], p.linear[row] = p.kinds[head], p.linear[head]
+        return row
+
+    def _forget(self, row: int) -> None:
+        """Forget all but the newest samples of a row, because the environment has changed."""
+        known = self._kept.newest(len(self._kept))
+        self._kept.weight[known[self._kept.row[known] == row][:-_REMEMBERED]] *= _FADED
+        self._loss[row], self._seen[row], self._surprises[row] = 0.0, 0.0, 0.0
+        self._parameters.typical[row] = 0.0
+        self._recent = _REMEMBERED
+        self._refit()
+
+    def _add_pending(self) -> None:
+        if self._pending:
+            self._add(self._kept.newest(self._pending))
+            self._pending = 0
+
+    def _add(self, rows: NDArray[np.int64]) -> None:
+        """Add kept samples to the sums: of targets always observed, and of the others."""
+        p, kept = self._parameters, self._kept
+        valid = kept.valid[rows]
+        weight = np.sqrt(kept.weight[rows])
+        design = np.zeros((len(rows), self._size))
+        design_matrix(
+            kept.x[rows], kept.row[rows], self._parameters.head_of_rows, weight,
+            (p.centre, p.shrink, p.frequency, p.phase), p.features, design,
+        )  # fmt: skip
+        targets = kept.y[rows] * weight[:, None]
+        for block in range(len(self._gram)):
+            owned = self._block_of == block
+            if not owned.any():
+                continue
+            usable = valid[:, owned].all(axis=1)
+            some = design if usable.all() else design[usable]
+            self._gram[block] += some.T @ some
+            self._moment[:, owned] += some.T @ targets[usable][:, owned]
+        self._total += len(rows)
+        if self._total > _HALVED:
+            self._total *= 0.5
+            self._gram *= 0.5
+            self._moment *= 0.5
+
+    def _refit(self) -> None:
+        """Add all kept samples to new sums, with inputs normalised by their ranges."""
+        p = self._parameters
+        p.centre[:], half = _centre_and_half(self._low, self._high)
+        p.shrink[:] = 1.0 / half
+        self._pending, self._total = 0, 0.0
+        self._clear_sums()
+        known = self._kept.newest(len(self._kept))
+        for start in range(0, len(known), 512):
+            self._add(known[start : start + 512])
+
+    def _solve(self) -> None:
+        """Publish the weights; without a finite solution they are unchanged."""
+        p = self._parameters
+        self._since_solved = 0
+        if self._nonlinear and not p.features and self._unexplained():
+            p.draw(self._seed)
+            self._loss[:, LINEAR + 1 :] = self._loss[:, LINEAR : LINEAR + 1]
+            self._refit()
+        elif self._has_grown():
+            self._refit()
+        self._add_pending()
+        linear, smooth = p.columns, p.columns + SMOOTH
+        sizes = (linear, smooth, self._size) if p.features else (linear,)
+        ridge = np.full(self._size, _ROW_RIDGE)
+        ridge[: 1 + p.depth] = _RIDGE
+        ridge[: linear : 1 + p.depth] = _CONSTANT_RIDGE
+        ridge[linear:] = _FEATURE_RIDGE
+        for block, gram in enumerate(self._gram):
+            owned = np.flatnonzero(self._block_of == block)
+            if not len(owned):
+                continue
+            matrix = gram.copy()
+            matrix[np.diag_indices_from(matrix)] += ridge
+            factor, failed = lapack.dpotrf(matrix, lower=1)
+            if failed:
+                continue
+            half, _ = lapack.dtrtrs(factor, self._moment[:, owned], lower=1)
+            weights = [lapack.dtrtrs(factor[:n, :n], half[:n], lower=1, trans=1)[0] for n in sizes]
+            if not all(np.isfinite(each).all() for each in weights):
+                continue
+            for kind, each in enumerate(weights):
+                self._publish(kind, owned, each)
+            if block == self._block_of[0]:
+                known = sizes[:2][-1]
+                inverse, _ = lapack.dtrtri(factor[:known, :known], lower=1)
+                p.inverse[:known, :known] = inverse
+                p.known = known
+
+    def _publish(self, kind: int, owned: NDArray[np.int64], weights: Vector) -> None:
+        """Publish a solution: weights of each row are the sum of those that it shares."""
+        p = self._parameters
+        blocks = weights[: p.columns].reshape(1 + p.rows, 1 + p.depth, len(owned))
+        heads = p.head_of_rows
+        by_row = blocks[0] + blocks[1 + heads]
+        by_row[p.heads :] += blocks[1 + p.heads :]
+        p.linear[:, kind, owned] = by_row.transpose(0, 2, 1)
+        features = weights[p.columns :].T
+        if kind:
+            p.amplitude[kind - 1, owned, : features.shape[1]] = features
+
+    def _has_grown(self) -> bool:
+        """Return whether a range of the inputs is wider than the one they are normalised by."""
+        p = self._parameters
+        ends = np.maximum(self._high - p.centre, p.centre - self._low) * p.shrink
+        return not p.shrink.all() or bool((ends > _GROWN).any())
+
+    def _unexplained(self) -> bool:
+        """Return whether linear models leave a large error, and there are enough samples."""
+        left = self._loss[-1, LINEAR] > _UNEXPLAINED * self._spread[-1] + 1e-18
+        return self._kept.seen >= _FEATURES_FROM and bool(left.any())
+
+    _COUNTS: Final = ("recent", "pending", "since_solved", "far")
+    _RANGES: Final = {
+        "seen": (0, MOST), "surprises": (0.0, 1.0), "low": (-np.inf, np.inf),
+        "high": (-np.inf, np.inf), "firsts": (0, MOST), "block_of": (0, 1),
+        "loss": (0.0, np.inf), "spread": (0.0, np.inf),
+    }  # fmt: skip
+    """Valid ranges of the arrays that are saved; ranges of inputs are infinite at first."""
+
+    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        arrays = {name: getattr(self, f"_{name}").copy() for name in self._RANGES}
+        arrays |= {"gram": self._gram.copy(), "moment": self._moment.copy()}
+        counts = {name: getattr(self, f"_{name}") for name in self._COUNTS}
+        meta = {**counts, "samples": self._kept.seen, "total": self._total}
+        return arrays | nested("kept", self._kept.state_dict()), meta
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
+        """Restore what `state_dict` returned, after the buffer; `RunError` if it does not fit."""
+        saved = Saved("residual", arrays, meta)
+        seen = saved.whole("samples")
+        self._kept.load_state_dict(Saved("residual", part_of(arrays, "kept"), {}), seen)
+        for name in self._COUNTS:
+            setattr(self, f"_{name}", saved.whole(name))
+        if self._pending > min(len(self._kept), _PENDING):
+            raise saved.wrong("more samples are pending than there are")
+        for name, (low, high) in self._RANGES.items():
+            own = getattr(self, f"_{name}")
+            own[:] = saved.array(name, own.dtype, own.shape, low, high)
+        self._total = saved.real("total", 0.0)
+        self._clear_sums()
+        self._gram[:] = saved.array("gram", np.float64, self._gram.shape)
+        self._moment[:] = saved.array("moment", np.float64, self._moment.shape)
+
+
+def _centre_and_half(low: Vector, high: Vector) -> tuple[Vector, Vector]:
+    """Return the centres of ranges and half their widths, 1 for what never changed."""
+    centre, half = (high + low) / 2, (high - low) / 2
+    half[half <= 1e-9 * np.maximum(1.0, np.abs(centre))] = 1.0
+    return centre, half
