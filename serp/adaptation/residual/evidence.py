@@ -4,7 +4,8 @@ Predictors are the file alone and three residuals, see `serp.adaptation.residual
 is evaluated on a sample before it learns from it, and the best one is used (prequential choice:
 Dawid, Journal of the Royal Statistical Society A 147, 1984).
 
-Shapes: d inputs, T targets, R rows of the regression; row R of the losses is over all rows.
+Shapes: d inputs, T targets, R rows of the regression; losses are over all rows, so that an action
+with few samples is predicted as well as the others.
 """
 
 from __future__ import annotations
@@ -34,16 +35,16 @@ _MEMORY = 0.995  # weight of the past in the losses, per step
 _ROBUST = 5.0
 """Errors of more standard deviations weigh less, as under Student's t: by their square (Lange,
 Little & Taylor, Journal of the American Statistical Association 84, 1989)."""
-_NOTICED, _RECENT, _LASTING = 0.01, 0.9, 0.7
+_NOTICED, _RECENT, _LASTING = 0.01, 0.85, 0.7
 """A surprise is such an error of more than this fraction of the squared change. A lasting change is
 assumed if this fraction of recent steps are surprises."""
 _BETTER = 0.9  # fraction of the loss to which another predictor must reduce it to replace one
 _GAIN, _KEPT = 0.9, 1.0
 """Features cost more, so they must reduce the loss of a cheaper predictor to these fractions to be
 chosen, and to be kept."""
+_FINE = 1e-4  # the least that features have to explain, as a fraction of the squared change
 _PREDICTED, _CERTAIN = 0.5, 0.02
 """Largest fraction of the squared change, or of the file's squared error, left by a predictor."""
-_OWN = 10.0  # samples of a row before which it follows the choice over all rows
 
 
 @cached_njit(nogil=True)
@@ -80,8 +81,8 @@ def account(sample, row, head, published, sizes, statistics):
     A sample is the inputs `[d]`, `[T]` observed next values less those of effects and processes,
     `[T]` whether that is observed, and `[T]` the change. `published` are views of
     `RegressionParameters`; `sizes` are its features, known columns, columns and heads.
-    `statistics` are `[R + 1, 4, T]` moving averages of squared errors by predictor, `[R + 1, T]`
-    samples in them, `[R + 1, T]` the mean squared change, and `[R]` the fraction of surprises.
+    `statistics` are `[4, T]` moving averages of squared errors by predictor, `[T]` samples in them,
+    `[T]` the mean squared change, `[R, T]` samples of each row, and `[1]` the fraction of surprises.
 
     Returns:
         The weight of the sample in the regression, and whether a lasting change is assumed.
@@ -89,8 +90,8 @@ def account(sample, row, head, published, sizes, statistics):
     x, y, valid, change = sample
     centre, shrink, frequency, phase, linear, amplitude, kinds, inverse, typical, scale = published
     features, known, columns, heads = sizes
-    loss, seen, spread, surprises = statistics
-    depth, count, rows = x.shape[0], y.shape[0], seen.shape[0] - 1
+    loss, seen, spread, samples, surprises = statistics
+    depth, count = x.shape[0], y.shape[0]
     room = np.empty(depth + 2 * r.SMOOTH + 4 * count)
     u, z = pointer_to(room, 0), pointer_to(room, depth)
     scratch = pointer_to(room, depth + r.SMOOTH)
@@ -102,6 +103,8 @@ def account(sample, row, head, published, sizes, statistics):
         for kind in range(3):
             errors[1 + kind, t] = y[t] - linear_of(pointer_to(linear[row, kind, t], 0), u, depth)
     share = 1.0
+    if kinds.max() <= r.LINEAR:  # what the linear model knows is known
+        known = min(known, columns)
     for chunk in range(max(1, features // r.SMOOTH)):
         if features > 0:
             first = chunk * r.SMOOTH
@@ -117,73 +120,68 @@ def account(sample, row, head, published, sizes, statistics):
             )  # fmt: skip
     worst, surprise = 0.0, False
     for t in range(count):
-        if valid[t] and seen[row, t] >= FEW:
-            error = errors[int(kinds[row, t]), t]
-            written = max(loss[rows, r.FILE, t], loss[row, r.FILE, t])
+        if valid[t] and samples[row, t] >= FEW:
+            error = errors[int(kinds[t]), t]
             least = 1e-9 * (1.0 + abs(y[t] - error))
-            variance = typical[row, t] ** 2 + share * written + least * least
+            variance = typical[row, t] ** 2 + share * scale[0, t] ** 2 + least * least
             ratio = error * error / variance
             worst = max(worst, ratio)
-            if ratio > _ROBUST * _ROBUST and error * error > _NOTICED * spread[row, t]:
-                surprise = surprise or seen[row, t] >= SETTLED
+            if ratio > _ROBUST * _ROBUST and error * error > _NOTICED * spread[t]:
+                surprise = surprise or samples[row, t] >= SETTLED
     weight = 1.0 if worst <= _ROBUST * _ROBUST else _ROBUST * _ROBUST / worst
-    surprises[row] = _RECENT * surprises[row] + (1.0 - _RECENT if surprise else 0.0)
+    surprises[0] = _RECENT * surprises[0] + (1.0 - _RECENT if surprise else 0.0)
     for t in range(count):
         if not valid[t]:
             continue
-        size = abs(errors[int(kinds[row, t]), t])
-        if seen[row, t] >= SETTLED:
+        error = errors[int(kinds[t]), t]
+        size = abs(error)
+        samples[row, t] += 1.0
+        if samples[row, t] > SETTLED:
             limited = min(size, 4.0 * typical[row, t] + 1e-12)
             typical[row, t] += 0.02 * (limited - typical[row, t])
         else:
-            typical[row, t] += (min(size, size * weight) - typical[row, t]) / (1.0 + seen[row, t])
-        for s in (rows, row):
-            rate = rate_of(seen[s, t], _MEMORY) * weight * weight  # none for far outliers
-            spread[s, t] += rate * (change[t] * change[t] - spread[s, t])
-            seen[s, t] += 1.0
-            for kind in range(4):
-                squared = errors[kind, t] * errors[kind, t]
-                if kind != r.FILE and seen[s, t] <= FEW:
-                    squared = min(squared, errors[r.FILE, t] * errors[r.FILE, t])
-                    if seen[s, t] == 2.0:
-                        loss[s, kind, t] = squared
-                        continue
-                loss[s, kind, t] += rate * (squared - loss[s, kind, t])
-        scale[0, t], scale[1, t] = math.sqrt(loss[rows, r.FILE, t]), math.sqrt(spread[rows, t])
-    return weight, surprises[row] > _LASTING
+            typical[row, t] += (size * weight - typical[row, t]) / samples[row, t]
+        rate = rate_of(seen[t], _MEMORY) * weight * weight  # none for far outliers
+        spread[t] += rate * (change[t] * change[t] - spread[t])
+        seen[t] += 1.0
+        for kind in range(4):
+            squared = errors[kind, t] * errors[kind, t]
+            if kind != r.FILE and seen[t] <= FEW:
+                squared = min(squared, errors[r.FILE, t] * errors[r.FILE, t])
+                if seen[t] == 2.0:
+                    loss[kind, t] = squared
+                    continue
+            loss[kind, t] += rate * (squared - loss[kind, t])
+        # The error where nothing is known, as far as it was seen: at first that of the file.
+        scale[2, t] = _MEMORY * scale[2, t] + weight * share
+        limit = 4.0 * scale[0, t] ** 2 if seen[t] > SETTLED else np.inf
+        scale[3, t] = _MEMORY * scale[3, t] + weight * share * min(error * error, limit)
+        scale[0, t] = math.sqrt((scale[3, t] + loss[r.FILE, t]) / (scale[2, t] + 1.0))
+        scale[1, t] = math.sqrt(spread[t])
+    return weight, surprises[0] > _LASTING
 
 
 @cached_njit(nogil=True)
 def choose(loss, seen, spread, features, kinds, enabled):
-    """Choose the predictor of each target in each row; return whether any is a residual.
+    """Choose the predictor of each target; return whether any is a residual.
 
     The file is used until another predicts clearly better, and at least half of the change: the
     mean of widely scattered values is not one of them, and no basis for a plan. Among the other
     predictors the cheapest one is chosen that none beats clearly, with some hysteresis.
 
     `features`: whether there are random features; `enabled` `[T]`: whether a residual may predict
-    the target; `kinds` `[R, T]` receives the choice.
+    the target; `kinds` `[T]` receives the choice.
     """
-    residual, rows = False, kinds.shape[0]
-    for row in range(rows):
-        for t in range(kinds.shape[1]):
-            if not enabled[t]:
-                kinds[row, t] = r.FILE
-                continue
-            s = row if seen[row, t] >= _OWN else rows
-            now = int(kinds[row, t])
-            written = loss[s, r.FILE, t]
-            least = min(_BETTER * written, max(_PREDICTED * spread[s, t], _CERTAIN * written))
-            # What cannot be predicted in most states is left to the file in all.
-            overall = loss[rows, 1:, t].min()
-            if overall > max(_PREDICTED * spread[rows, t], _CERTAIN * loss[rows, r.FILE, t]):
-                kinds[row, t] = r.FILE
-                continue
-            best = r.FILE
+    residual = False
+    for t in range(kinds.shape[0]):
+        best = r.FILE
+        if enabled[t] and seen[t] >= 2.0:
+            now, written = int(kinds[t]), loss[r.FILE, t]
+            least = min(_BETTER * written, max(_PREDICTED * spread[t], _CERTAIN * written))
             for kind in range(1, 4 if features else 2):
                 factor = 1.0 if best == r.FILE else (_KEPT if kind == now else _GAIN)
-                if loss[s, kind, t] < factor * least and seen[s, t] >= 2.0:
-                    best, least = kind, loss[s, kind, t]
-            kinds[row, t] = best
-            residual = residual or best != r.FILE
+                if loss[kind, t] < factor * least - (0.0 if best == r.FILE else _FINE * spread[t]):
+                    best, least = kind, loss[kind, t]
+        kinds[t] = best
+        residual = residual or best != r.FILE
     return residual

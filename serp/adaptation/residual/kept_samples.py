@@ -48,6 +48,10 @@ class KeptSamples:
         """Return the positions of the newest samples, in order of time."""
         return np.arange(self.seen - count, self.seen) % _KEPT
 
+    def age(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return how many samples are newer than each of some positions."""
+        return (self.seen - 1 - rows) % _KEPT
+
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Return arrays that `load_state_dict` restores exactly."""
         return {name: getattr(self, name)[: len(self)].copy() for name in self._SAVED}

@@ -48,7 +48,7 @@ class RegressionParameters:
         heads, rows, depth, count: H, R, d and T.
         columns: Number of columns of the linear part of the design matrix.
         codes: `[R]` codes of modes.
-        kinds: `[R, T]` the predictor in use.
+        kinds: `[T]` the predictor in use.
         linear: `[R, 3, T, 1 + d]` weights of a constant and the normalised inputs, by kind.
         amplitude: `[2, T, FEATURES]` weights of the random features, by kind.
         centre, shrink: `[d]` normalised inputs are (x - centre) · shrink.
@@ -56,7 +56,8 @@ class RegressionParameters:
         phase: `[FEATURES]`.
         inverse: `[columns + SMOOTH, same]` inverse of the Cholesky factor of the smooth model.
         typical: `[R, T]` typical error of the predictor in use.
-        scale: `[2, T]` root mean squares of the error of the file and of the change.
+        scale: `[4, T]` typical error where nothing is known, typical change, and two sums that the
+            first is computed from.
     """
 
     def __init__(self, buffer: Vector, start: int, group: FeatureGroup, heads: int) -> None:
@@ -181,7 +182,7 @@ def _shapes(group: FeatureGroup, heads: int) -> dict[int, tuple[int, ...]]:
     return {
         R_POSITIONS: (len(group.bits),),
         R_CODES: (rows,),
-        R_KINDS: (rows, count),
+        R_KINDS: (count,),
         R_LINEAR: (rows, 3, count, 1 + depth),
         R_AMPLITUDE: (2, count, FEATURES),
         R_CENTRE: (depth,),
@@ -190,5 +191,5 @@ def _shapes(group: FeatureGroup, heads: int) -> dict[int, tuple[int, ...]]:
         R_PHASE: (FEATURES,),
         R_INVERSE: (size, size),
         R_TYPICAL: (rows, count),
-        R_SCALE: (2, count),
+        R_SCALE: (4, count),
     }

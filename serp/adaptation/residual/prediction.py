@@ -102,7 +102,7 @@ def add_residual(buffer, action, state, out):
             depth, count = int(buffer[group + b.G_DEPTH]), int(buffer[group + b.G_COUNT])
             head = int(buffer[int(buffer[group + b.G_SHARED]) + b.S_HEAD])
             row = row_of(buffer, part, head, inputs, state)
-            kinds = int(buffer[part + r.R_KINDS]) + row * count
+            kinds = int(buffer[part + r.R_KINDS])
             linear = int(buffer[part + r.R_LINEAR]) + 3 * row * count * (1 + depth)
             amplitude = int(buffer[part + r.R_AMPLITUDE])
             most = 0

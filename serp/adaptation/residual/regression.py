@@ -24,6 +24,8 @@ from serp.adaptation.residual.first_samples import FIRST, outliers
 from serp.adaptation.residual.kept_samples import KeptSamples, Mask
 from serp.adaptation.residual.parameters import (
     CODES,
+    CURVED,
+    FILE,
     LINEAR,
     SMOOTH,
     RegressionParameters,
@@ -33,9 +35,11 @@ from serp.model.transition_model import Vector
 _HALVED: Final = 8192.0  # samples at which those learned before lose half of their weight
 _PENDING: Final = 32  # samples that are added to the sums at once
 _GROWN: Final = 1.3  # growth of a range at which inputs are normalised anew
-_REMEMBERED, _FADED = 12, 0.001
+_REMEMBERED, _FADED = 8, 0.1
 """Newest samples of a row that are believed after a lasting change, and the weight that the others
 keep: where nothing contradicts them they are still the best that is known."""
+_RECONSIDERED: Final = (32, 64, 128, 256, 512)
+"""Samples after a lasting change at which it is asked whether there was one."""
 _EARLY, _LATER, _COST = 4, 30, 1e6
 """Weights are solved after every 30th part of the samples, or later where it takes long: after as
 many samples as this cost goes into the cube of the columns, but after a quarter of the samples."""
@@ -64,22 +68,23 @@ class ResidualRegression:
             p.centre, p.shrink, p.frequency, p.phase, p.linear, p.amplitude, p.kinds, p.inverse,
             p.typical, p.scale,
         )  # fmt: skip
-        self._loss = np.zeros((rows + 1, 4, count))
-        self._seen = np.zeros((rows + 1, count))
-        self._spread, self._surprises = np.zeros((rows + 1, count)), np.zeros(rows)
+        self._loss, self._samples = np.zeros((4, count)), np.zeros((rows, count))
+        self._seen, self._spread, self._surprises = np.zeros(count), np.zeros(count), np.zeros(1)
+        self._statistics = self._loss, self._seen, self._spread, self._samples, self._surprises
         self._low, self._high = np.full(depth, np.inf), np.full(depth, -np.inf)
         self._block_of = np.zeros(count, dtype=np.int64)
         self._kept = KeptSamples(depth, count, rows)
+        self._before = RegressionParameters(np.zeros(p.all.size), 0, group, p.heads)
         self._firsts = np.zeros(p.heads, dtype=np.int64)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything but the number of first samples."""
         self._parameters.clear()
-        for array in (self._loss, self._seen, self._spread, self._surprises, self._block_of):
+        for array in (*self._statistics, self._block_of):
             array[:] = 0
         self._low[:], self._high[:] = np.inf, -np.inf
-        self._kept.seen = self._recent = self._pending = self._since_solved = self._far = 0
+        self._kept.seen = self._start = self._pending = self._since_solved = self._far = 0
         self._total = 0.0
         self._clear_sums()
 
@@ -143,24 +148,25 @@ class ResidualRegression:
         np.minimum(self._low, x, out=self._low)
         np.maximum(self._high, x, out=self._high)
         row = self._row(head, x)
-        statistics = self._loss, self._seen, self._spread, self._surprises
         weight, changed = e.account(
             (x, y, valid, change), row, head, self._published,
-            (p.features, p.known, p.columns, p.heads), statistics,
+            (p.features, p.known, p.columns, p.heads), self._statistics,
         )  # fmt: skip
         self._kept.add(x, y, valid, change, (row, weight))
-        self._recent += 1
         self._pending += 1
         self._since_solved += 1
+        recent = self._kept.seen - self._start
         if changed:
-            self._forget(row)
+            self._forget()
         elif not valid[self._block_of == 0].all():
             self._block_of[~valid] = 1
             self._refit()
+        if self._start and recent in _RECONSIDERED:
+            self._reconsider()
         if self._pending == _PENDING:
             self._add_pending()
         cost = len(self._gram) * self._size**3 / _COST
-        if self._since_solved >= max(self._recent / _LATER, min(self._recent / _EARLY, cost)):
+        if self._since_solved >= max(recent / _LATER, min(recent / _EARLY, cost)):
             self._solve()
         used: bool = e.choose(
             self._loss, self._seen, self._spread, p.features > 0, p.kinds, enabled
@@ -191,17 +197,52 @@ class ResidualRegression:
         row = p.heads + p.modes
         p.modes += 1
         p.codes[row] = code
-        p.kinds[row], p.linear[row] = p.kinds[head], p.linear[head]
+        p.linear[row] = p.linear[head]
         return row
 
-    def _forget(self, row: int) -> None:
-        """Forget all but the newest samples of a row, because the environment has changed."""
-        known = self._kept.newest(len(self._kept))
-        self._kept.weight[known[self._kept.row[known] == row][:-_REMEMBERED]] *= _FADED
-        self._loss[row], self._seen[row], self._surprises[row] = 0.0, 0.0, 0.0
-        self._parameters.typical[row] = 0.0
-        self._recent = _REMEMBERED
+    def _forget(self) -> None:
+        """Forget all but the newest samples, because the environment has changed."""
+        self._before.restore(self._parameters.contents())
+        self._parameters.features = 0
+        self._parameters.kinds[:] = np.minimum(self._parameters.kinds, LINEAR)
+        self._begin(self._kept.seen - _REMEMBERED)
+
+    def _begin(self, start: int) -> None:
+        """Believe the samples since the start of the present world, a position."""
+        self._start = start
+        for array in self._statistics:
+            array[:] = 0.0
+        self._parameters.typical[:] = 0.0
         self._refit()
+        self._solve()
+
+    def _reconsider(self) -> None:
+        """Believe older samples again if what was learned from them predicts the new ones better.
+
+        The new errors are those of the samples when they were new, so both are predictions.
+        """
+        p, kept = self._parameters, self._kept
+        new = kept.newest(kept.seen - self._start)
+        before = np.median(np.abs(kept.y[new] - self._predicted(self._before, new)), axis=0)
+        now = p.typical[kept.row[new]].mean(axis=0)
+        judged = (self._before.kinds > 0) & (p.scale[1] > 0)
+        if (before[judged] / p.scale[1, judged]).sum() < (now[judged] / p.scale[1, judged]).sum():
+            self._begin(0)
+
+    def _predicted(self, p: RegressionParameters, rows: NDArray[np.int64]) -> Vector:
+        """Return what the predictors in use say of kept samples, `[n, T]`."""
+        row, out = self._kept.row[rows], np.zeros((len(rows), p.count))
+        design = np.zeros((len(rows), p.columns + p.features))
+        design_matrix(
+            self._kept.x[rows], row, p.head_of_rows, np.ones(len(rows)),
+            (p.centre, p.shrink, p.frequency, p.phase), p.features, design,
+        )  # fmt: skip
+        for t, kind in enumerate(p.kinds.astype(int)):
+            if kind != FILE:
+                out[:, t] = (p.linear[row, kind - 1, t] * design[:, : 1 + p.depth]).sum(axis=1)
+            if kind > LINEAR:
+                out[:, t] += design[:, p.columns :] @ p.amplitude[kind - CURVED, t]
+        return out
 
     def _add_pending(self) -> None:
         if self._pending:
@@ -212,7 +253,12 @@ class ResidualRegression:
         """Add kept samples to the sums: of targets always observed, and of the others."""
         p, kept = self._parameters, self._kept
         valid = kept.valid[rows]
-        weight = np.sqrt(kept.weight[rows])
+        weight = kept.weight[rows]
+        if self._start:
+            age = kept.age(rows) - (kept.seen - self._start)
+            weight = np.where(age >= 0, weight * (_FADED / len(kept)), weight)
+            weight[(age < 0) & (age >= -_REMEMBERED)] = 1.0
+        weight = np.sqrt(weight)
         design = np.zeros((len(rows), self._size))
         design_matrix(
             kept.x[rows], kept.row[rows], self._parameters.head_of_rows, weight,
@@ -250,7 +296,7 @@ class ResidualRegression:
         self._since_solved = 0
         if self._nonlinear and not p.features and self._unexplained():
             p.draw(self._seed)
-            self._loss[:, LINEAR + 1 :] = self._loss[:, LINEAR : LINEAR + 1]
+            self._loss[LINEAR + 1 :] = self._loss[LINEAR]
             self._refit()
         elif self._has_grown():
             self._refit()
@@ -302,14 +348,14 @@ class ResidualRegression:
 
     def _unexplained(self) -> bool:
         """Return whether linear models leave a large error, and there are enough samples."""
-        left = self._loss[-1, LINEAR] > _UNEXPLAINED * self._spread[-1] + 1e-18
-        return self._kept.seen >= _FEATURES_FROM and bool(left.any())
+        left = self._loss[LINEAR] > _UNEXPLAINED * self._spread + 1e-18
+        return self._kept.seen - self._start >= _FEATURES_FROM and bool(left.any())
 
-    _COUNTS: Final = ("recent", "pending", "since_solved", "far")
+    _COUNTS: Final = ("start", "pending", "since_solved", "far")
     _RANGES: Final = {
         "seen": (0, MOST), "surprises": (0.0, 1.0), "low": (-np.inf, np.inf),
         "high": (-np.inf, np.inf), "firsts": (0, MOST), "block_of": (0, 1),
-        "loss": (0.0, np.inf), "spread": (0.0, np.inf),
+        "loss": (0.0, np.inf), "spread": (0.0, np.inf), "samples": (0, MOST),
     }  # fmt: skip
     """Valid ranges of the arrays that are saved; ranges of inputs are infinite at first."""
 
@@ -317,6 +363,7 @@ class ResidualRegression:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays = {name: getattr(self, f"_{name}").copy() for name in self._RANGES}
         arrays |= {"gram": self._gram.copy(), "moment": self._moment.copy()}
+        arrays |= nested("before", self._before.contents())
         counts = {name: getattr(self, f"_{name}") for name in self._COUNTS}
         meta = {**counts, "samples": self._kept.seen, "total": self._total}
         return arrays | nested("kept", self._kept.state_dict()), meta
@@ -328,6 +375,9 @@ class ResidualRegression:
         self._kept.load_state_dict(Saved("residual", part_of(arrays, "kept"), {}), seen)
         for name in self._COUNTS:
             setattr(self, f"_{name}", saved.whole(name))
+        self._before.restore(part_of(arrays, "before"))
+        if self._start > seen:
+            raise saved.wrong("the last change is later than the last sample")
         if self._pending > min(len(self._kept), _PENDING):
             raise saved.wrong("more samples are pending than there are")
         for name, (low, high) in self._RANGES.items():
