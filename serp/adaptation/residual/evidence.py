@@ -17,7 +17,8 @@ import numpy as np
 from serp._util.compilation import cached_njit
 from serp.adaptation.moving_average import rate_of
 from serp.adaptation.residual import parameters as r
-from serp.adaptation.residual.prediction import dot_chunk, features_of, leverage, linear_of
+from serp.adaptation.residual.prediction import dot_chunk, features_of, linear_of
+from serp.adaptation.residual.uncertainty import leverage
 from serp.model.native import advanced, pointer_to
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -82,7 +83,7 @@ def account(sample, row, head, published, sizes, statistics):
     `[T]` whether that is observed, and `[T]` the change. `published` are views of
     `RegressionParameters`; `sizes` are its features, known columns, columns and heads.
     `statistics` are `[4, T]` moving averages of squared errors by predictor, `[T]` samples in them,
-    `[T]` the mean squared change, `[R, T]` samples of each row, and `[1]` the fraction of surprises.
+    `[T]` the mean squared change, `[R, T]` samples of each row, `[1]` the fraction of surprises.
 
     Returns:
         The weight of the sample in the regression, and whether a lasting change is assumed.

@@ -1,4 +1,4 @@
-"""Evaluation of the residual in a predicted step, and of how certain it is.
+"""Evaluation of the residual in a predicted step; the same loops for every domain.
 
 `buffer` is the memory of `serp.adaptation.parameter_buffer` as a pointer, `part` the position of a
 regression in it, see `serp.adaptation.residual.parameters`.
@@ -6,14 +6,12 @@ regression in it, see `serp.adaptation.residual.parameters`.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from serp._util.compilation import cached_njit
 from serp.adaptation import parameter_buffer as b
 from serp.adaptation.residual import parameters as r
-from serp.model.native import advanced, pointer_to, stack_room
+from serp.model.native import advanced, stack_room
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -130,86 +128,3 @@ def add_residual(buffer, action, state, out):
                         product = dot_chunk(advanced(buffer, weights), z, scratch)
                         out[int(buffer[targets + t])] += product
         group += b.GROUP
-
-
-@cached_njit(nogil=True, forceinline=True)
-def leverage(inverse, stride, known, columns, heads, row, head, u, depth, z):
-    """Return the leverage of an input: 0 where much is known, 1 where nothing is.
-
-    It is q / (1 + q), where q is the posterior variance of the smooth model in units of that of an
-    observation. `inverse` is that of the Cholesky factor, of `known` columns; `z` are the features.
-    """
-    if known == 0:
-        return 1.0
-    q = 0.0
-    block = 1 + depth
-    for i in range(known):
-        total, at = 0.0, i * stride
-        for place in range(3):
-            start = 0
-            if place == 1:
-                start = (1 + head) * block
-            elif place == 2:
-                if row < heads:
-                    break
-                start = (1 + row) * block
-            if start > i:
-                break
-            total += inverse[at + start]
-            for k in range(min(depth, i - start)):
-                total += inverse[at + start + 1 + k] * u[k]
-        for k in range(i + 1 - columns):
-            total += inverse[at + columns + k] * z[k]
-        q += total * total
-    return q / (1.0 + q)
-
-
-@cached_njit(nogil=True)
-def _uncertainty(buffer, action, state, out):
-    table = int(buffer[b.TABLE]) + 2 * action
-    group, worst = int(buffer[table + 1]), 0.0
-    u = stack_room()
-    z = advanced(u, r.MAX_INPUTS)
-    for _ in range(int(buffer[table])):
-        shared = int(buffer[group + b.G_SHARED])
-        part = int(buffer[shared + b.S_REGRESSION])
-        if part != 0:
-            inputs, targets = int(buffer[group + b.G_INPUTS]), int(buffer[group + b.G_TARGETS])
-            depth, count = int(buffer[group + b.G_DEPTH]), int(buffer[group + b.G_COUNT])
-            head, heads = int(buffer[shared + b.S_HEAD]), int(buffer[part + r.R_HEADS])
-            row = row_of(buffer, part, head, inputs, state)
-            columns = (1 + int(buffer[part + r.R_ROWS])) * (1 + depth)
-            known, scale = int(buffer[part + r.R_KNOWN]), int(buffer[part + r.R_SCALE])
-            normalise(buffer, part, inputs, depth, state, u)
-            if known > columns:
-                features_of(
-                    advanced(buffer, int(buffer[part + r.R_FREQUENCY])),
-                    advanced(buffer, int(buffer[part + r.R_PHASE])), u, depth, 0, z,
-                )  # fmt: skip
-            inverse = advanced(buffer, int(buffer[part + r.R_INVERSE]))
-            share = leverage(
-                inverse, columns + r.SMOOTH, known, columns, heads, row, head, u, depth, z
-            )
-            for t in range(count):
-                error = buffer[int(buffer[part + r.R_TYPICAL]) + row * count + t]
-                written, change = buffer[scale + t], buffer[scale + count + t]
-                relative = 1.0
-                if known > 0:
-                    variance = error * error + share * written * written
-                    relative = math.sqrt(variance) / change if change > 0.0 else 0.0
-                out[int(buffer[targets + t])] = relative
-                worst = max(worst, relative)
-        group += b.GROUP
-    return worst
-
-
-@cached_njit(nogil=True)
-def uncertainty(buffer, action, state, out):
-    """Write the predictive standard deviation of each fluent; return the largest.
-
-    It is relative to the fluent's typical change: the typical error of the predictor in use where
-    such transitions were seen, the error of the file as well where they were not; 1 before anything
-    is known, 0 for what no residual predicts. All are arrays, `out` `[F]`.
-    """
-    out[:] = 0.0
-    return _uncertainty(pointer_to(buffer, 0), action, pointer_to(state, 0), pointer_to(out, 0))

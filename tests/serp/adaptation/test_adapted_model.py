@@ -134,7 +134,7 @@ def test_the_residual_of_each_predictor_is_added_to_what_the_file_says(
             row = part.heads + known.index(code) if group.bits and code in known else head
             away = (inputs - part.centre) * part.shrink
             features = np.cos(part.phase + away @ part.frequency)
-            for t, (target, kind) in enumerate(zip(group.targets, part.kinds[row], strict=True)):
+            for t, (target, kind) in enumerate(zip(group.targets, part.kinds, strict=True)):
                 if kind != FILE:
                     expected[target] += part.linear[row, int(kind) - 1, t] @ [1.0, *away]
                 used = {CURVED: SMOOTH, FULL: FEATURES}.get(int(kind), 0)
@@ -168,7 +168,7 @@ def shift(model: AdaptedModel, action: str, fluent: str, by: float) -> None:
         if column in group.targets:
             shared, target = model.buffer.shared[group.key], group.targets.index(column)
             assert shared.regression is not None
-            shared.regression.kinds[shared.head, target] = LINEAR
+            shared.regression.kinds[target] = LINEAR
             shared.regression.linear[shared.head, 0, target, 0] = by
     model.buffer.active = True
 

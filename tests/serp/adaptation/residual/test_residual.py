@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.adaptation.adaptation import ModelAdaptation
-from serp.adaptation.residual.prediction import uncertainty
+from serp.adaptation.residual.uncertainty import uncertainty
 from serp.model.transition_model import Vector
 from tests.generated.profile import examples
 from tests.serp.adaptation.worlds import (
