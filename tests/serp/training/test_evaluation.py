@@ -131,9 +131,8 @@ def with_rho(folder: Path, rho: float, preset: str = "default") -> Agent:
             "arbiter": {
                 "rho": rho,
                 "rho_increment": 0.0,
-                "confidence_margin": None,
-                "indifferent": "first",
-            }
+            },
+            "guide": {"strategy": "mixture"},
         }
     )
     return Trainer(task.bind(), settings, 4).agent
