@@ -169,7 +169,10 @@ def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path: Path) -
 @pytest.mark.parametrize("unit", ["step", "episode", "game"])
 def test_rho_grows_with_every_unit(tmp_path: Path, unit: str) -> None:
     task = corridor(tmp_path)
-    changes = {"arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001}}
+    changes = {
+        "arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001},
+        "guide": {"strategy": "mixture"},
+    }
     trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
     for _ in range(25):
         row = trainer.run_episode()
