@@ -6,7 +6,7 @@ adaptation at once. Whole numbers (addresses, offsets) are floats too; they are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,12 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import Arrays, Saved, nested, part_of
 from serp.adaptation.feature_groups import FeatureGroup, Key
-from serp.adaptation.residual.parameters import RegressionParameters, learnable, size_of
+from serp.adaptation.residual.parameters import (
+    RegressionParameters,
+    entry,
+    learnable,
+    size_of,
+)
 from serp.errors import RunError
 from serp.model.transition_model import Vector
 
@@ -28,15 +33,6 @@ G_INPUTS, G_TARGETS, G_DEPTH, G_COUNT, G_SHARED, GROUP = range(6)
 # The part shared by groups of one key: the position of its regression (0: none), the head of its
 # schema in it, and the offset of its outcome counts.
 S_REGRESSION, S_HEAD, S_OUTCOMES, SHARED = range(4)
-
-
-def _entry(index: int, kind: Callable[[float], int]) -> Any:
-    """Return a property that is stored as one float64 of the owner's `_header`."""
-
-    def write(owner: Any, value: int) -> None:
-        owner._header[index] = value
-
-    return property(lambda owner: kind(owner._header[index]), write)
 
 
 class GroupParameters:
@@ -88,9 +84,9 @@ class ParameterBuffer:
         revised: Whether parameters in use differ from those written.
     """
 
-    active = _entry(ACTIVE, bool)
-    stochastic = _entry(STOCHASTIC, bool)
-    revised = _entry(REVISED, bool)
+    active = entry(ACTIVE, bool)
+    stochastic = entry(STOCHASTIC, bool)
+    revised = entry(REVISED, bool)
 
     def __init__(
         self,

@@ -1,21 +1,25 @@
-"""Rows of the design matrix of a regression, in one compiled call."""
+"""Rows of the design matrix of a regression, and what its weights predict from them."""
 
 from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
 from serp.adaptation.residual import parameters as r
 from serp.adaptation.residual.prediction import features_of
 from serp.model.native import advanced, pointer_to
+from serp.model.transition_model import Vector
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator"
 
 
 @cached_njit(nogil=True)
-def design_matrix(x, rows, heads, weight, published, features, out):
+def _fill(x, rows, heads, weight, published, features, out):
     """Fill rows of the design matrix, each times its weight; `out` `[n, D]` begins with zeros.
 
-    `x` `[n, d]` are inputs, `rows` `[n]` their rows, `heads` `[R]` the head of each row;
-    `published` are centre, shrink, frequency and phase.
+    `x` `[n, d]` are inputs, changed to normalised ones, `rows` `[n]` their rows, `heads` `[R]` the
+    head of each row; `published` are centre, shrink, frequency and phase.
     """
     centre, shrink, frequency, phase = published
     depth = x.shape[1]
@@ -38,3 +42,25 @@ def design_matrix(x, rows, heads, weight, published, features, out):
             )
             for i in range(r.SMOOTH):
                 z[i] *= w
+
+
+def design_matrix(
+    p: r.RegressionParameters, x: Vector, rows: NDArray[np.int64], weight: Vector
+) -> Vector:
+    """Return rows of the design matrix, each times its weight; `x` `[n, d]` is normalised."""
+    out = np.zeros((len(x), p.columns + p.features))
+    published = p.centre, p.shrink, p.frequency, p.phase
+    _fill(x, rows, p.head_of_rows, weight, published, p.features, out)
+    return out
+
+
+def predicted(p: r.RegressionParameters, x: Vector, rows: NDArray[np.int64]) -> Vector:
+    """Return what the predictors in use say of inputs, `[n, T]`; `x` is normalised."""
+    out = np.zeros((len(x), p.count))
+    design = design_matrix(p, x, rows, np.ones(len(x)))
+    for t, kind in enumerate(p.kinds.astype(int)):
+        if kind != r.FILE:
+            out[:, t] = (p.linear[rows, kind - 1, t] * design[:, : 1 + p.depth]).sum(axis=1)
+        if kind > r.LINEAR and p.features:
+            out[:, t] += design[:, p.columns :] @ p.amplitude[kind - r.CURVED, t]
+    return out

@@ -26,11 +26,7 @@ from serp.model.native import advanced, pointer_to
 HUGE = 1e60
 """Numbers of at least this size are not used; sums of their squares would overflow."""
 FEW, SETTLED = 5, 30
-"""Samples before which nothing counts as an outlier, and before which only extreme inputs do."""
-FAR, EXTREME = 8.0, 100.0
-"""An input is not used so many half ranges from the middle of its range."""
-PATIENCE = 3
-"""After more successive inputs of this kind the environment is assumed to have changed."""
+"""Samples before which nothing counts as an outlier, and before which nothing is a surprise."""
 
 _MEMORY = 0.995  # weight of the past in the losses, per step
 _ROBUST = 5.0
@@ -58,21 +54,6 @@ def update_whole(state, next_state, numeric, whole):
         if numeric[i] and next_state[i] != np.floor(next_state[i]):
             whole[i] = False
     return True
-
-
-@cached_njit(nogil=True)
-def far_off(x, low, high, limit):
-    """Return whether an input `[d]` is more than `limit` half ranges from the middle of its range.
-
-    An input that never changed has a half range of 1.
-    """
-    for i in range(x.shape[0]):
-        centre, half = (high[i] + low[i]) / 2, (high[i] - low[i]) / 2
-        if half <= 1e-9 * max(1.0, abs(centre)):
-            half = 1.0
-        if abs(x[i] - centre) > limit * half:
-            return True
-    return False
 
 
 @cached_njit(nogil=True)

@@ -6,7 +6,7 @@ Shapes: d inputs, T targets, H heads (action schemas), R rows (heads, then modes
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -41,11 +41,23 @@ smoothest random features, or one with all of them."""
 ) = range(19)  # fmt: skip
 
 
+def entry(index: int, kind: Callable[[float], int]) -> Any:
+    """Return a property that is stored as one float64 of the owner's `_header`."""
+
+    def write(owner: Any, value: int) -> None:
+        owner._header[index] = value
+
+    return property(lambda owner: kind(owner._header[index]), write)
+
+
 class RegressionParameters:
     """Views of the part of the buffer that belongs to one regression.
 
     Attributes:
         heads, rows, depth, count: H, R, d and T.
+        modes: Number of modes with a separate linear part.
+        features: Number of random features in use: 0 or `FEATURES`.
+        known: Columns of `inverse` in use; 0 before the first solution.
         columns: Number of columns of the linear part of the design matrix.
         codes: `[R]` codes of modes.
         kinds: `[T]` the predictor in use.
@@ -59,6 +71,8 @@ class RegressionParameters:
         scale: `[4, T]` typical error where nothing is known, typical change, and two sums that the
             first is computed from.
     """
+
+    modes, features, known = (entry(index, int) for index in (R_MODES, R_FEATURES, R_KNOWN))
 
     def __init__(self, buffer: Vector, start: int, group: FeatureGroup, heads: int) -> None:
         self._header = buffer[start : start + HEADER]
@@ -81,33 +95,6 @@ class RegressionParameters:
         self.typical, self.scale = parts[R_TYPICAL], parts[R_SCALE]
         self.all = buffer[start:at]
         self._weights = buffer[int(self._header[R_CODES]) : at]
-
-    @property
-    def modes(self) -> int:
-        """Number of modes with a separate linear part."""
-        return int(self._header[R_MODES])
-
-    @modes.setter
-    def modes(self, value: int) -> None:
-        self._header[R_MODES] = value
-
-    @property
-    def features(self) -> int:
-        """Number of random features in use: 0 or `FEATURES`."""
-        return int(self._header[R_FEATURES])
-
-    @features.setter
-    def features(self, value: int) -> None:
-        self._header[R_FEATURES] = value
-
-    @property
-    def known(self) -> int:
-        """Columns of `inverse` in use; 0 before the first solution."""
-        return int(self._header[R_KNOWN])
-
-    @known.setter
-    def known(self, value: int) -> None:
-        self._header[R_KNOWN] = value
 
     @property
     def head_of_rows(self) -> NDArray[np.int64]:

@@ -19,24 +19,22 @@ from scipy.linalg import lapack
 from serp._util.saved_state import MOST, Saved, nested, part_of
 from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.residual import evidence as e
-from serp.adaptation.residual.design import design_matrix
+from serp.adaptation.residual.design import design_matrix, predicted
 from serp.adaptation.residual.first_samples import FIRST, outliers
 from serp.adaptation.residual.kept_samples import KeptSamples, Mask
 from serp.adaptation.residual.parameters import (
     CODES,
-    CURVED,
-    FILE,
     LINEAR,
     SMOOTH,
     RegressionParameters,
 )
+from serp.adaptation.residual.ranges import Ranges
 from serp.model.transition_model import Vector
 
 _HALVED: Final = 8192.0  # samples at which those learned before lose half of their weight
 _PENDING: Final = 32  # samples that are added to the sums at once
-_GROWN: Final = 1.3  # growth of a range at which inputs are normalised anew
 _REMEMBERED, _FADED = 8, 0.1
-"""Newest samples of a row that are believed after a lasting change, and the weight that the others
+"""Newest samples that are believed after a lasting change, and the weight that all others together
 keep: where nothing contradicts them they are still the best that is known."""
 _RECONSIDERED: Final = (32, 64, 128, 256, 512)
 """Samples after a lasting change at which it is asked whether there was one."""
@@ -71,7 +69,7 @@ class ResidualRegression:
         self._loss, self._samples = np.zeros((4, count)), np.zeros((rows, count))
         self._seen, self._spread, self._surprises = np.zeros(count), np.zeros(count), np.zeros(1)
         self._statistics = self._loss, self._seen, self._spread, self._samples, self._surprises
-        self._low, self._high = np.full(depth, np.inf), np.full(depth, -np.inf)
+        self._ranges = Ranges(depth)
         self._block_of = np.zeros(count, dtype=np.int64)
         self._kept = KeptSamples(depth, count, rows)
         self._before = RegressionParameters(np.zeros(p.all.size), 0, group, p.heads)
@@ -83,8 +81,8 @@ class ResidualRegression:
         self._parameters.clear()
         for array in (*self._statistics, self._block_of):
             array[:] = 0
-        self._low[:], self._high[:] = np.inf, -np.inf
-        self._kept.seen = self._start = self._pending = self._since_solved = self._far = 0
+        self._ranges.clear()
+        self._kept.seen = self._start = self._pending = self._since_solved = 0
         self._total = 0.0
         self._clear_sums()
 
@@ -96,7 +94,8 @@ class ResidualRegression:
 
     @property
     def _size(self) -> int:
-        return self._parameters.columns + self._parameters.features
+        size: int = self._parameters.columns + self._parameters.features
+        return size
 
     def learn(
         self, head: int, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask
@@ -143,10 +142,8 @@ class ResidualRegression:
         self, head: int, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask
     ) -> bool:
         p = self._parameters
-        if self._is_far(x) or not valid.any():
+        if not valid.any() or not self._ranges.accept(x, self._kept.seen):
             return bool(p.kinds.any())
-        np.minimum(self._low, x, out=self._low)
-        np.maximum(self._high, x, out=self._high)
         row = self._row(head, x)
         weight, changed = e.account(
             (x, y, valid, change), row, head, self._published,
@@ -158,11 +155,11 @@ class ResidualRegression:
         recent = self._kept.seen - self._start
         if changed:
             self._forget()
-        elif not valid[self._block_of == 0].all():
+        elif self._start and recent in _RECONSIDERED:
+            self._reconsider()
+        if not valid[self._block_of == 0].all():
             self._block_of[~valid] = 1
             self._refit()
-        if self._start and recent in _RECONSIDERED:
-            self._reconsider()
         if self._pending == _PENDING:
             self._add_pending()
         cost = len(self._gram) * self._size**3 / _COST
@@ -172,15 +169,6 @@ class ResidualRegression:
             self._loss, self._seen, self._spread, p.features > 0, p.kinds, enabled
         )
         return used
-
-    def _is_far(self, x: Vector) -> bool:
-        """Return whether inputs are far outside their ranges; False after several such in a row."""
-        far = False
-        if self._kept.seen >= e.FEW:
-            limit = e.FAR if self._kept.seen >= e.SETTLED else e.EXTREME
-            far = e.far_off(x, self._low, self._high, limit)
-        self._far = self._far + 1 if far else 0
-        return 0 < self._far <= e.PATIENCE
 
     def _row(self, head: int, x: Vector) -> int:
         """Return the row of an input, adding a mode while there is room."""
@@ -194,7 +182,7 @@ class ResidualRegression:
             return p.heads + known.index(code)
         if p.heads + p.modes == p.rows:
             return head
-        row = p.heads + p.modes
+        row: int = p.heads + p.modes
         p.modes += 1
         p.codes[row] = code
         p.linear[row] = p.linear[head]
@@ -203,7 +191,7 @@ class ResidualRegression:
     def _forget(self) -> None:
         """Forget all but the newest samples, because the environment has changed."""
         self._before.restore(self._parameters.contents())
-        self._parameters.features = 0
+        self._parameters.features = self._parameters.known = 0
         self._parameters.kinds[:] = np.minimum(self._parameters.kinds, LINEAR)
         self._begin(self._kept.seen - _REMEMBERED)
 
@@ -223,26 +211,13 @@ class ResidualRegression:
         """
         p, kept = self._parameters, self._kept
         new = kept.newest(kept.seen - self._start)
-        before = np.median(np.abs(kept.y[new] - self._predicted(self._before, new)), axis=0)
-        now = p.typical[kept.row[new]].mean(axis=0)
-        judged = (self._before.kinds > 0) & (p.scale[1] > 0)
-        if (before[judged] / p.scale[1, judged]).sum() < (now[judged] / p.scale[1, judged]).sum():
+        off = np.abs(kept.y[new] - predicted(self._before, kept.x[new], kept.row[new]))
+        now, balance = p.typical[kept.row[new]].mean(axis=0), 0.0
+        for t in np.flatnonzero((self._before.kinds > 0) & (p.scale[1] > 0)):
+            usual = off[kept.valid[new, t], t]
+            balance += (np.median(usual) - now[t]) / p.scale[1, t] if len(usual) else 0.0
+        if balance < 0.0:
             self._begin(0)
-
-    def _predicted(self, p: RegressionParameters, rows: NDArray[np.int64]) -> Vector:
-        """Return what the predictors in use say of kept samples, `[n, T]`."""
-        row, out = self._kept.row[rows], np.zeros((len(rows), p.count))
-        design = np.zeros((len(rows), p.columns + p.features))
-        design_matrix(
-            self._kept.x[rows], row, p.head_of_rows, np.ones(len(rows)),
-            (p.centre, p.shrink, p.frequency, p.phase), p.features, design,
-        )  # fmt: skip
-        for t, kind in enumerate(p.kinds.astype(int)):
-            if kind != FILE:
-                out[:, t] = (p.linear[row, kind - 1, t] * design[:, : 1 + p.depth]).sum(axis=1)
-            if kind > LINEAR:
-                out[:, t] += design[:, p.columns :] @ p.amplitude[kind - CURVED, t]
-        return out
 
     def _add_pending(self) -> None:
         if self._pending:
@@ -259,11 +234,7 @@ class ResidualRegression:
             weight = np.where(age >= 0, weight * (_FADED / len(kept)), weight)
             weight[(age < 0) & (age >= -_REMEMBERED)] = 1.0
         weight = np.sqrt(weight)
-        design = np.zeros((len(rows), self._size))
-        design_matrix(
-            kept.x[rows], kept.row[rows], self._parameters.head_of_rows, weight,
-            (p.centre, p.shrink, p.frequency, p.phase), p.features, design,
-        )  # fmt: skip
+        design = design_matrix(p, kept.x[rows], kept.row[rows], weight)
         targets = kept.y[rows] * weight[:, None]
         for block in range(len(self._gram)):
             owned = self._block_of == block
@@ -282,7 +253,7 @@ class ResidualRegression:
     def _refit(self) -> None:
         """Add all kept samples to new sums, with inputs normalised by their ranges."""
         p = self._parameters
-        p.centre[:], half = _centre_and_half(self._low, self._high)
+        p.centre[:], half = self._ranges.centre_and_half()
         p.shrink[:] = 1.0 / half
         self._pending, self._total = 0, 0.0
         self._clear_sums()
@@ -298,7 +269,7 @@ class ResidualRegression:
             p.draw(self._seed)
             self._loss[LINEAR + 1 :] = self._loss[LINEAR]
             self._refit()
-        elif self._has_grown():
+        elif self._ranges.beyond(p.centre, p.shrink):
             self._refit()
         self._add_pending()
         linear, smooth = p.columns, p.columns + SMOOTH
@@ -340,32 +311,26 @@ class ResidualRegression:
         if kind:
             p.amplitude[kind - 1, owned, : features.shape[1]] = features
 
-    def _has_grown(self) -> bool:
-        """Return whether a range of the inputs is wider than the one they are normalised by."""
-        p = self._parameters
-        ends = np.maximum(self._high - p.centre, p.centre - self._low) * p.shrink
-        return not p.shrink.all() or bool((ends > _GROWN).any())
-
     def _unexplained(self) -> bool:
         """Return whether linear models leave a large error, and there are enough samples."""
         left = self._loss[LINEAR] > _UNEXPLAINED * self._spread + 1e-18
         return self._kept.seen - self._start >= _FEATURES_FROM and bool(left.any())
 
-    _COUNTS: Final = ("start", "pending", "since_solved", "far")
+    _COUNTS: Final = ("start", "pending", "since_solved")
     _RANGES: Final = {
-        "seen": (0, MOST), "surprises": (0.0, 1.0), "low": (-np.inf, np.inf),
-        "high": (-np.inf, np.inf), "firsts": (0, MOST), "block_of": (0, 1),
+        "seen": (0, MOST), "surprises": (0.0, 1.0), "firsts": (0, MOST), "block_of": (0, 1),
         "loss": (0.0, np.inf), "spread": (0.0, np.inf), "samples": (0, MOST),
     }  # fmt: skip
-    """Valid ranges of the arrays that are saved; ranges of inputs are infinite at first."""
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays = {name: getattr(self, f"_{name}").copy() for name in self._RANGES}
         arrays |= {"gram": self._gram.copy(), "moment": self._moment.copy()}
+        arrays |= {"low": self._ranges.low.copy(), "high": self._ranges.high.copy()}
         arrays |= nested("before", self._before.contents())
-        counts = {name: getattr(self, f"_{name}") for name in self._COUNTS}
-        meta = {**counts, "samples": self._kept.seen, "total": self._total}
+        meta = {name: getattr(self, f"_{name}") for name in self._COUNTS}
+        meta |= {"samples": self._kept.seen, "outliers": self._ranges.outliers}
+        meta["total"] = self._total
         return arrays | nested("kept", self._kept.state_dict()), meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -383,14 +348,9 @@ class ResidualRegression:
         for name, (low, high) in self._RANGES.items():
             own = getattr(self, f"_{name}")
             own[:] = saved.array(name, own.dtype, own.shape, low, high)
-        self._total = saved.real("total", 0.0)
+        self._total, self._ranges.outliers = saved.real("total", 0.0), saved.whole("outliers")
+        for name, own in (("low", self._ranges.low), ("high", self._ranges.high)):
+            own[:] = saved.array(name, np.float64, own.shape, -np.inf, np.inf)  # infinite at first
         self._clear_sums()
         self._gram[:] = saved.array("gram", np.float64, self._gram.shape)
         self._moment[:] = saved.array("moment", np.float64, self._moment.shape)
-
-
-def _centre_and_half(low: Vector, high: Vector) -> tuple[Vector, Vector]:
-    """Return the centres of ranges and half their widths, 1 for what never changed."""
-    centre, half = (high + low) / 2, (high - low) / 2
-    half[half <= 1e-9 * np.maximum(1.0, np.abs(centre))] = 1.0
-    return centre, half

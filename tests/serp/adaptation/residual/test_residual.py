@@ -192,9 +192,44 @@ def test_uncertainty_is_small_where_much_was_seen_and_large_where_nothing_was() 
     rng = np.random.default_rng(0)
     teach(of, pendulum, rng, 600, draw=lambda rng: rng.uniform(-1.0, 1.0, size=2))
     near = [uncertainty(model.data, PUSH, rng.uniform(-1.0, 1.0, size=2), out) for _ in range(50)]
+    known = out.copy()
     far = [uncertainty(model.data, PUSH, 6.0 * sign, out) for sign in (np.ones(2), -np.ones(2))]
-    assert np.mean(near) < 0.2 and max(near) < 0.4 < min(far)
+    assert 0.0 <= np.mean(near) < 0.2 and max(near) < 0.4 < 0.9 < min(far) <= 1.0
+    assert known[1] < 0.5 * out[1]
     assert out[0] < 1e-6  # the file is right there
+
+
+def test_a_change_that_was_none_is_taken_back() -> None:
+    """For twenty steps the world is another one; afterwards it is as before."""
+    of, rng = adaptation(PLANE), np.random.default_rng(0)
+    teach(of, pendulum, rng, 600)
+    before = typical(of, pendulum)[1]
+    teach(of, lambda s, a: plus(pendulum(s, a), 0.0, 0.5), rng, 20)
+    assert typical(of, pendulum)[1] > 0.2  # believed for a while
+    teach(of, pendulum, rng, 100)
+    assert typical(of, pendulum)[1] < 3.0 * before + 1e-2
+
+
+@pytest.mark.parametrize("samples", [5, 70, 620])
+def test_what_is_saved_goes_on_as_if_it_had_not_been(samples: int) -> None:
+    """Before and after random features, and after a change of the world."""
+
+    def world(count: int) -> World:
+        return (lambda s, a: plus(pendulum(s, a), 0.0, 0.5)) if count > 600 else pendulum
+
+    one, other = adaptation(PLANE), adaptation(PLANE)
+    rngs = [np.random.default_rng(1), np.random.default_rng(1)]
+    for of, rng in zip((one, other), rngs, strict=True):
+        teach(of, pendulum, rng, min(samples, 600))
+        teach(of, world(samples), rng, max(0, samples - 600))
+    fresh = adaptation(PLANE)
+    fresh.load_state_dict(*other.state_dict())
+    for of, rng in zip((one, fresh), rngs, strict=True):
+        teach(of, world(samples), rng, 150)
+    states = np.random.default_rng(4).normal(size=(50, 2))
+    for action in (PUSH, REST):
+        expected = one.model.step(states, action).state
+        assert fresh.model.step(states, action).state.tobytes() == expected.tobytes()
 
 
 # No regret -------------------------------------------------------------------------------------
