@@ -2,8 +2,8 @@
 
 The text of a generated function (see `serp.model.codegen`) is translated statement by statement, so
 that the table means what the text means. A compiled loop executes it, see
-`serp.model.bytecode.virtual_machine`. Ground actions of one shape, which differ only in the positions
-that they read and write, are parsed once.
+`serp.model.bytecode.virtual_machine`. Ground actions of one shape, which differ only in the
+positions that they read and write, are parsed once.
 """
 
 from __future__ import annotations
