@@ -58,7 +58,7 @@ class ModelAdaptation:
         self._learners: GroupLearners | None = None
         self._estimation: ParameterEstimation | None = None
         self._step = np.zeros((3, width + 2))
-        if settings.mode != "off" and not written.compiles:
+        if settings.mode != "off" and not written.has_own_code:
             self.notice = (
                 "the domain has too many ground actions to adapt its model; it is used as written"
             )

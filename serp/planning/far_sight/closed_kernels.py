@@ -280,11 +280,14 @@ def expand(model, branches, actions, accepted, arrays, room):
         layer = graph.layer[node] + 1
         graph.undefined[node] = 0
         source, out = pointer_to(graph.states, node * width), pointer_to(room, 0)
+        changed = True
         for action in range(actions):
-            for i in range(width):
-                out[i] = source[i]
-            out[width] = 0.0
+            if changed:  # an action whose precondition fails changes nothing
+                for i in range(width):
+                    out[i] = source[i]
+                out[width] = 0.0
             flags = call_step(address, source, action, theta, dt, out)
+            changed = flags != 0
             if not flags & APPLICABLE:
                 if flags & UNDEFINED:
                     graph.undefined[node] = 1
