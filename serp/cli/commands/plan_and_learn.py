@@ -190,6 +190,13 @@ def _print_results(run: Run, domain: str | None) -> None:
             ("unsafe", f"{unsafe} executed that the domain file flags unsafe"),
         ],
     )  # fmt: skip
+    console.print("")
+    print_table(console, ("", ""), [("trained", f"{summary['trained_policy']}{_why(summary)}"),
+                                    ("model", summary["model"]["sentence"]),
+                                    ("planner", _sight(summary))])  # fmt: skip
+    for fluent in summary["model"]["fluents"]:
+        if not fluent["adapted"]:
+            console.print(f"  {fluent['fluent']} as written: {fluent['why']}")
     console.print("\nNext:")
     print_table(
         console,
@@ -200,3 +207,14 @@ def _print_results(run: Run, domain: str | None) -> None:
             (f"  {run.path / 'report.md'}", "the whole run on one page, with its learning curve"),
         ],
     )
+
+
+def _why(summary: dict[str, Any]) -> str:
+    evidence = summary["evidence"]
+    return "" if evidence is None else f": {evidence['sentence']}"
+
+
+def _sight(summary: dict[str, Any]) -> str:
+    from serp.runs.report import sight_rows
+
+    return "; ".join(f"{what} {value}" for what, value in sight_rows(summary))

@@ -19,7 +19,7 @@ from serp.planning.far_sight.cell_values import Cells, cell_of, cell_value_at, p
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.limits import Bound
 from serp.planning.lookahead import Lookahead
-from serp.planning.preference import of_best_rank
+from serp.planning.preference import rank_of
 from serp.planning.replanner import MonitorReplanner, Plan
 from serp.settings import PlannerSettings
 from tests.generated import PLANNABLE, generate, random_states
@@ -276,8 +276,9 @@ def test_leaves_decide_among_equals_and_are_never_worth_a_risk() -> None:
             assert (after.choice >= 0) == (before.choice >= 0)
             chosen = after.choice
             if chosen >= 0:
-                best = of_best_rank(after.flags)
-                assert best[chosen]
+                ranks = [rank_of(int(flags)) for flags in after.flags]
+                best = after.applicable & (np.array(ranks) == ranks[chosen])
+                assert ranks[chosen] == np.array(ranks)[after.applicable].min()
                 assert after.path_risk[chosen] == after.path_risk[best].min()
                 met["something worse is worth more"] += after.value.max() > after.value[chosen]
             met["leaves turn the choice"] += after.choice != before.choice

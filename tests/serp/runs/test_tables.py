@@ -21,8 +21,9 @@ from serp.runs.tables import Position, Table
 
 COLUMNS = ("a", "b", "c")
 ROW = MetricsRow(
-    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, None, 0.25
-)
+    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, 5, 2, 54, 3, None,
+    0.25,
+)  # fmt: skip
 
 
 def cells(path):
