@@ -112,7 +112,6 @@ class Evidence(ImitatingStrategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's proposal if it leads, or all plans are alike; else None."""
-        self._notice(situation)
         if self._leads or situation.forecast.indifferent:
             return learner.propose(situation.explorable)
         return None

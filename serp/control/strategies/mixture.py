@@ -12,19 +12,17 @@ from serp._util.numbers import best_of
 from serp._util.saved_state import Saved
 from serp.control.model_confidence import ModelConfidence
 from serp.control.protocols import Proposer
-from serp.control.strategies.imitating import ImitatingStrategy
-from serp.control.strategies.strategy import Seed, Situation
+from serp.control.strategies.strategy import Seed, Situation, Strategy
 from serp.learning.dqn import Proposal
 from serp.settings import Settings
 
 
-class Mixture(ImitatingStrategy):
+class Mixture(Strategy):
     """The planner acts with probability 1 - ρ, else the learner (paper, Algorithm 1).
 
     In the planner's turn the learner acts if all plans have the same value, or if its networks
     agree that its choice is better (`arbiter.confidence_margin`) and the model has not proven
-    reliable. While the model is reliable, the learner imitates the planner's choice
-    (`arbiter.imitation_weight`; Hester et al. 2018, arXiv 1704.03732).
+    reliable.
     """
 
     reads = (
@@ -33,7 +31,6 @@ class Mixture(ImitatingStrategy):
         "arbiter.rho_unit",
         "arbiter.rho_max",
         "arbiter.confidence_margin",
-        "arbiter.imitation_weight",
         "arbiter.indifferent",
     )
 
@@ -70,7 +67,6 @@ class Mixture(ImitatingStrategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw whose turn it is; return the learner's proposal, or None."""
-        self._notice(situation)
         planners_turn = self._random.random() > self._rho
         if planners_turn and not (self._learner_if_indifferent and situation.forecast.indifferent):
             return self._confident(situation, learner)

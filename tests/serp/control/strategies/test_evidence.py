@@ -7,7 +7,7 @@ import pytest
 
 from serp.control.strategies.evidence import Evidence
 from serp.settings import Settings
-from tests.serp.control.scene import learner_acts
+from tests.serp.control.scene import learner_acts, told
 
 
 def played(planner: float, learner: float, noise: float, seed: int, episodes: int) -> Evidence:
@@ -55,3 +55,23 @@ def test_a_learner_that_becomes_better_takes_over() -> None:
             strategy.end_episode(mean + rng.normal(), 10)
         late += strategy.rho > 0.9
     assert late >= 18
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_learner_imitates_the_planner_as_long_as_that_is_better(seed: int) -> None:
+    settings = Settings().replace({"arbiter": {"imitation_weight": 0.5}})
+    strategy, rng = Evidence(settings, seed), np.random.default_rng(seed)
+    assert strategy.margin_weight == 0.5  # nothing is known of the learner
+    for episode in range(200):
+        learner = 0.0 if episode < 60 else 20.0
+        strategy.end_episode((learner if learner_acts(strategy) else 10.0) + rng.normal(), 10)
+        assert strategy.margin_weight == 0.5 * max(0.0, 1.0 - 2.0 * strategy.rho)
+    assert strategy.margin_weight == 0.0
+
+
+def test_a_planner_without_a_reason_is_not_imitated() -> None:
+    """Its choice is the first in the file, and means nothing."""
+    strategy = Evidence(Settings().replace({"arbiter": {"imitation_weight": 1.0}}))
+    for values, imitated in (([1.0, 0.0], 0), ([1.0, 1.0], -1), ([0.0, 1.0], 1)):
+        assert told(strategy, 0, values).action == imitated
+        assert told(strategy, 0, values, [1.0, 1.0]).action == imitated

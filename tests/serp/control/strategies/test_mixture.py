@@ -10,7 +10,7 @@ import pytest
 from serp.control.model_confidence import ModelConfidence
 from serp.control.strategies.mixture import Mixture
 from serp.settings import Settings
-from tests.serp.control.scene import Known, learner_acts, situation, told
+from tests.serp.control.scene import Known, learner_acts, situation
 
 SURE = Known([0.2, 1.2, 0.0], members=[[0.1, 1.0, 0.0], [0.3, 1.4, 0.0]])
 """Its networks agree that action 1 is the best."""
@@ -70,21 +70,9 @@ def test_a_learner_that_is_sure_acts_in_the_planners_turn() -> None:
 
 
 @pytest.mark.parametrize("confidence", ModelConfidence)
-def test_confidence_in_the_model_decides_who_is_sure_and_who_is_imitated(
+def test_a_learner_that_is_sure_acts_only_where_nothing_is_known_of_the_model(
     confidence: ModelConfidence,
 ) -> None:
-    strategy = mixture(0.0, confidence_margin=3.0, imitation_weight=1.0)
+    strategy = mixture(0.0, confidence_margin=3.0)
     proposal = strategy.propose(situation([1.0, 0.0, 0.0], confidence=confidence), SURE)
     assert (proposal is not None) == (confidence is ModelConfidence.OPEN)
-    imitated = confidence is ModelConfidence.RELIABLE
-    assert told(strategy, 0, [1.0, 0.0]).action == (0 if imitated else -1)
-
-
-@pytest.mark.parametrize("indifferent", ["first", "learner"])
-def test_a_planner_without_a_reason_is_not_imitated(indifferent: str) -> None:
-    """However reliable its model is: its choice is the first in the file, and means nothing."""
-    strategy = mixture(0.0, imitation_weight=1.0, indifferent=indifferent)
-    for values, imitated in (([1.0, 0.0], 0), ([1.0, 1.0], -1), ([0.0, 1.0], 1)):
-        strategy.propose(situation(values, confidence=ModelConfidence.RELIABLE), SURE)
-        assert told(strategy, 0, values).action == imitated
-        assert told(strategy, 0, values, [1.0, 1.0]).action == imitated
