@@ -95,11 +95,6 @@ class ModelAdaptation:
             self._estimate_parameters()
 
     @property
-    def reliable(self) -> bool:
-        """Whether the model is adapted, and has predicted the newest steps well."""
-        return self._adapted is not None and self.forecast_skill.reliable
-
-    @property
     def adoption(self) -> ModelAdoption:
         """Which parts of the model are in use, and why others are not."""
         adapted = self._adapted

@@ -90,7 +90,7 @@ class Agent:
         planner = make_planner(model, settings.planner)
         if isinstance(planner, ExperiencedPlanner):
             planner.visited = self.adaptation.experience
-        strategy = make_strategy(settings, strategy_seed, adapts=adapts)
+        strategy = make_strategy(settings, strategy_seed)
         horizon = settings.planner.depth * settings.planner.repeat
         self.guarded = Arbiter(
             planner,
@@ -101,7 +101,6 @@ class Agent:
             exploration_bonus=ExplorationBonus(
                 self.adaptation.visits, settings.adaptation.min_visits if adapts else 0
             ),
-            reliable=lambda: self.adaptation.reliable,
         )
         self.arbiter = self.guarded
         if baseline:
