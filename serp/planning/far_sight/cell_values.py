@@ -109,18 +109,17 @@ def _found(packed, table, mask, digest):
 
 
 @cached_njit(nogil=True)
-def pack(division, digests, states, values, elsewhere):
+def pack(division, states, values, elsewhere):
     """Return the array of the values of cells.
 
     Args:
-        division: Values of `Cells`; the visited states are in the cells.
-        digests: `[N]`, see `cell_of`.
-        states: Flat `[N * F]`.
+        division: Values of `Cells`.
+        states: Flat `[N * F]`, a state in every cell.
         values: `[N]`.
-        elsewhere: Value of states that are not known.
+        elsewhere: Value of states that are not known, also of visited ones that are in no cell.
     """
     cells = Cells(*division)
-    nodes, size = digests.shape[0], 2
+    nodes, size = values.shape[0], 2
     while size < 2 * nodes:
         size *= 2
     width = cells.low.shape[0]
@@ -136,20 +135,51 @@ def pack(division, digests, states, values, elsewhere):
         packed[_HEADER + 2 * width + i] = cells.unit[i]
     for node in range(nodes):
         at = rows + node * (width + 1)
-        packed[at : at + width] = states[node * width : (node + 1) * width]
+        row = states[node * width : (node + 1) * width]
+        packed[at : at + width] = row
         packed[at + width] = values[node]
-        slot = np.int64(digests[node] & np.uint64(size - 1))
+        digest = cell_of(row, cells.low, cells.scale, -1, 0)
+        slot = np.int64(digest & np.uint64(size - 1))
         while packed[table + 2 * slot] > 0.0:
             slot = (slot + 1) & (size - 1)
-        packed[table + 2 * slot] = np.float64(digests[node] >> _SHORT) + 1.0
+        packed[table + 2 * slot] = np.float64(digest >> _SHORT) + 1.0
         packed[table + 2 * slot + 1] = node
     for k in range(count):
         at = samples + k * (width + 1)
         row = cells.visited[k * width : (k + 1) * width]
         packed[at : at + width] = row
         node = _found(packed, table, size - 1, cell_of(row, cells.low, cells.scale, -1, 0))
-        packed[at + width] = values[node]
+        packed[at + width] = values[node] if node >= 0 else elsewhere
     return packed
+
+
+def repacked(packed: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Return an array that was saved, made anew from what it says.
+
+    Compiled code follows the positions in it. So none of these is taken over.
+
+    Raises:
+        ValueError: It is not an array that `pack` returned, for states of `width` numbers.
+    """
+    row, least = width + 1, _HEADER + 3 * width
+    if packed.ndim != 1 or len(packed) < least or packed[KIND] != CELLS:
+        raise ValueError("no values of cells")
+    count, nodes = packed[_SAMPLES], packed[_NODES]
+    if not (0 <= count <= len(packed) and 1 <= nodes <= len(packed)):
+        raise ValueError(f"{count} visited states, {nodes} cells")
+    rows = least + int(count) * row
+    table = rows + int(nodes) * row
+    if table > len(packed):
+        raise ValueError(f"{len(packed)} numbers, at least {table} expected")
+    low, scale, unit = packed[_HEADER:least].reshape(3, width).copy()
+    visited, cells = packed[least:rows].reshape(-1, row), packed[rows:table].reshape(-1, row)
+    division = Cells(low, scale, unit, visited[:, :-1].ravel(), float(packed[_REACH]))
+    values = np.ascontiguousarray(cells[:, -1])
+    made = pack(tuple(division), cells[:, :-1].ravel(), values, float(packed[_ELSEWHERE]))
+    if not np.array_equal(made, packed):
+        raise ValueError("a table that does not belong to the cells")
+    found: NDArray[np.float64] = made
+    return found
 
 
 @cached_njit(nogil=True)
