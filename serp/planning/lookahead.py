@@ -30,6 +30,7 @@ class Lookahead:
         leaves: The value function of the states that the last layer leads to (`LeafValue.packed`),
             used as the setting `leaf_value` says; empty: their values are 0, and all decisions are
             those of the planning graph.
+        followed: Edges that the newest forecast followed; before the first one, the most.
     """
 
     def __init__(self, model: TransitionModel, settings: PlannerSettings | None = None) -> None:
@@ -54,6 +55,7 @@ class Lookahead:
                 always=self.settings.leaf_value == "always",
             )
         )
+        self.followed = nodes * self._actions
         self._scratch = tuple(Scratch.allocate(nodes, self._actions, self._width))
 
     def forecast(self, state: NDArray[np.float64]) -> Forecast:
@@ -68,7 +70,7 @@ class Lookahead:
         if state.shape != (self._width,):
             raise StateError(f"a state has {self._width} numbers, found shape {state.shape}")
         found = FirstActions.allocate(self._actions)
-        choice, depth, bound = search(
+        choice, depth, bound, self.followed = search(
             (self._address, self.model.data, self.model.dt), self._rules,
             self.leaves[:0] if self._never else self.leaves, state, self._scratch, tuple(found),
         )  # fmt: skip

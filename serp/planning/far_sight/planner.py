@@ -23,8 +23,6 @@ _SHARE: Final = 0.25
 Their values have to be found, too, which takes about as long."""
 _SAVED: Final = 200_000
 """Most steps that are saved."""
-_DISCOUNT: Final = 8
-"""An edge of a graph that answers costs as much as one step in so many edges of another."""
 _SMALL_GRAPH: Final = 20_000
 """Most edges of a closed graph at the first attempt. After a failure it is twice as many, and the
 next attempt comes when `_PATIENCE` times as many decisions were made."""
@@ -71,8 +69,8 @@ class FarSightPlanner:
         self.cells = CellGraph(model, settings) if isinstance(near, Lookahead) else None
         self._near = near
         actions = len(model.actions)
-        ahead = lookahead_nodes(settings, actions, len(model.fluents)) * actions * settings.repeat
-        self._earned = 1 + int(_SHARE * ahead)
+        self._ahead = lookahead_nodes(settings, actions, len(model.fluents)) * actions
+        self._share = _SHARE * settings.repeat
         self._revision = model.revision
         self._saved = self._decisions = self._attempt_at = self._cells_at = 0
         self._limit = _SMALL_GRAPH
@@ -80,7 +78,7 @@ class FarSightPlanner:
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
         self._decisions += 1
-        self._saved = min(self._saved + self._earned, _SAVED)
+        self._saved = min(self._saved + 1 + int(self._share * self._ahead), _SAVED)
         if self.model.revision != self._revision and self._saved >= 0:
             self._revision = self.model.revision
             self.graph.clear()
@@ -102,10 +100,8 @@ class FarSightPlanner:
             if found is not None or before == 0:
                 break
             graph.clear()
-        if found is not None:
-            self._saved -= edges // _DISCOUNT
-        else:
-            self._saved -= edges
+        self._saved -= edges
+        if found is None:
             if graph.edges >= self._limit:
                 self._limit = min(2 * self._limit, MAX_EDGES)
             self._attempt_at = _PATIENCE * self._decisions
@@ -121,6 +117,7 @@ class FarSightPlanner:
             self._cells_at = 1 + int((_GROWN if there_are else _HOPELESS) * visited.seen)
         near.leaves = cells.values
         found = near.forecast(state)
+        self._ahead = near.followed
         return found._replace(bound=Bound.CELLS) if cells.values.size else found
 
     def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
@@ -134,6 +131,7 @@ class FarSightPlanner:
             "attempt_at": self._attempt_at,
             "cells_at": self._cells_at,
             "limit": self._limit,
+            "ahead": self._ahead,
             "revision": self._revision,
             "bins": 0.0 if cells is None else cells.bins,
             "explores": cells is not None and cells.explores,
@@ -150,7 +148,7 @@ class FarSightPlanner:
         self._saved = saved.whole("saved", -MOST, _SAVED)
         self._decisions, self._revision = saved.whole("decisions"), saved.whole("revision")
         self._attempt_at, self._cells_at = saved.whole("attempt_at"), saved.whole("cells_at")
-        self._limit = saved.whole("limit", 1, MAX_EDGES)
+        self._limit, self._ahead = saved.whole("limit", 1, MAX_EDGES), saved.whole("ahead")
         cells = self.cells
         if cells is None:
             return
