@@ -16,17 +16,17 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import cell_kernels as kernels
 from serp.planning.far_sight.cell_kernels import HeldEdges
 from serp.planning.far_sight.cell_solution import solve_cells
-from serp.planning.far_sight.cell_values import Cells, pack
+from serp.planning.far_sight.cell_values import Cells, areas_of, pack
 from serp.planning.far_sight.closed_kernels import DONE, ENDED, Counters, GraphArrays
 from serp.settings import PlannerSettings
 
 MAX_EDGES: Final = 60_000
 """Most edges of a graph of cells."""
 _SAMPLE: Final = 500
-"""Visited states that the graph begins with, and that tell what is known."""
-REACH: Final = 0.25
-"""A state is known if no fluent differs from that of a visited state by more than this fraction of
-its range."""
+"""Visited states that the graph begins with."""
+AREAS: Final = 8.0
+"""Areas in the range of a fluent, see `Cells`: a state is known that differs from a visited one by
+no more than an eighth to a quarter of the range of a fluent."""
 _LEAST: Final = 32
 """Fewer visited states say too little about the ranges of fluents."""
 FINEST: Final = 100.0
@@ -85,7 +85,8 @@ class CellGraph:
     def _precompile(self) -> None:
         """Call every compiled loop once, so that no decision waits for a compilation."""
         zeros = np.zeros(self._width)
-        cells = Cells(zeros, zeros, zeros, zeros, REACH)
+        known = areas_of(zeros[None], zeros, zeros)
+        cells = Cells(zeros, zeros, zeros, known)
         self._expand(zeros, cells, 1)
         self._solve(cells)
         self.values = np.zeros(0)
@@ -112,20 +113,24 @@ class CellGraph:
         if len(self._arrays.action) < self._edges:
             self._allocate(self._edges)
 
+        area = unit * AREAS
+        known = areas_of(states, low, area)
+        roots = np.concatenate((state, sample.ravel()))
+
         def divided_into(bins: float) -> Cells:
-            return Cells(low, unit * bins, unit, sample.ravel(), REACH)
+            return Cells(low, unit * bins, area, known)
 
         bins, first = self.bins or COARSEST, not self.bins
-        while (used := self._expand(state, divided_into(bins), limit)) < 0:
+        while (used := self._expand(roots, divided_into(bins), limit)) < 0:
             if bins <= COARSEST:
                 self.bins = 0.0
                 return False
             bins, first = max(COARSEST, bins / _FINER), False
         room = min(limit, self._edges) / (2.0 * _FINER**2)
         while first and used < room and bins * _FINER <= FINEST:
-            used = self._expand(state, divided_into(bins * _FINER), limit)
+            used = self._expand(roots, divided_into(bins * _FINER), limit)
             if used < 0:
-                self._expand(state, divided_into(bins), limit)
+                self._expand(roots, divided_into(bins), limit)
                 break
             bins *= _FINER
         self._solve(divided_into(bins))
@@ -142,13 +147,13 @@ class CellGraph:
         """Number of its cells."""
         return int(self._arrays.counters[_AT.nodes])
 
-    def _expand(self, state: Vector, cells: Cells, limit: int) -> int:
+    def _expand(self, roots: Vector, cells: Cells, limit: int) -> int:
         """Expand the graph; return the steps that were predicted, -1 if these were too many."""
         arrays, division = self._arrays, tuple(cells)
         arrays.counters[:] = 0
         arrays.table[:] = -1
         model = self._model
-        kernels.add_roots(self._arrays_tuple, division, np.concatenate((state, cells.visited)))
+        kernels.add_roots(self._arrays_tuple, division, roots)
         ended, steps = kernels.expand_cells(
             (address_of(model.native_step()), model.data, model.dt),
             (self._actions, self._settings.discount, self._settings.accepted_risk, limit),
@@ -184,7 +189,7 @@ class CellGraph:
             solve_cells(self._arrays_tuple, self._held, discount, worst, hoped)
         elsewhere = hoped if self.explores else worst
         states = arrays.states[: nodes * self._width]
-        self.values = pack(tuple(cells), states, arrays.value[:nodes], elsewhere)
+        self.values = pack(tuple(cells[:3]), states, arrays.value[:nodes], elsewhere)
 
     def _allocate(self, edges: int) -> None:
         nodes = edges // max(1, self._actions) + self._actions

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, joined
 from serp.model.native import OUTCOMES, call_step, pointer_to
-from serp.planning.far_sight.cell_values import Cells, cell_of, nearness
+from serp.planning.far_sight.cell_values import Cells, cell_of, is_known, nearness
 from serp.planning.far_sight.closed_kernels import (
     DONE,
     ENDED,
@@ -66,20 +66,6 @@ class HeldEdges(NamedTuple):
         reward, periods, weight, beyond = (np.zeros(edges) for _ in range(4))
         target, node = np.zeros(edges * width), np.zeros(edges, dtype=np.int64)
         return cls(reward, periods, weight, beyond, target, node)
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _is_known(cells, row, width):
-    count = cells.visited.shape[0] // width
-    for k in range(count):
-        near = True
-        for i in range(width):
-            if not abs(row[i] - cells.visited[k * width + i]) * cells.unit[i] <= cells.reach:
-                near = False
-                break
-        if near:
-            return True
-    return False
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -203,7 +189,7 @@ def expand_cells(model, rules, arrays, division, found, room):
             slot = _node_in(graph, digest)
             if graph.table[slot] >= 0:
                 held_edges.node[edge] = graph.table[slot]
-            elif _is_known(cells, now, width):
+            elif is_known(cells, now, width):
                 held_edges.node[edge] = _add_node(graph, slot, digest, now, width)
             else:
                 beyond[edge] = weight
