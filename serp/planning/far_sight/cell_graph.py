@@ -15,7 +15,7 @@ from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import cell_kernels as kernels
 from serp.planning.far_sight.cell_kernels import HeldEdges
-from serp.planning.far_sight.cell_solution import solve_cells
+from serp.planning.far_sight.cell_solution import begin_values, solve_cells
 from serp.planning.far_sight.cell_values import Cells, areas_of, pack
 from serp.planning.far_sight.closed_kernels import DONE, ENDED, Counters, GraphArrays
 from serp.settings import PlannerSettings
@@ -88,7 +88,7 @@ class CellGraph:
         known = areas_of(zeros[None], zeros, zeros)
         cells = Cells(zeros, zeros, zeros, known)
         self._expand(zeros, cells, 1)
-        self._solve(cells)
+        self._solve(cells, self.values)
         self.values = np.zeros(0)
 
     def build(self, state: Vector, states: Vector, limit: int) -> bool:
@@ -100,7 +100,7 @@ class CellGraph:
         Returns:
             Whether there is one: some fluent is continuous, and cells fit into the limit.
         """
-        self.values, self.steps = np.zeros(0), 0
+        former, self.values, self.steps = self.values, np.zeros(0), 0
         if len(states) < _LEAST:
             return False
         chosen = np.linspace(0, len(states) - 1, min(len(states), _SAMPLE)).astype(np.intp)
@@ -133,7 +133,7 @@ class CellGraph:
                 self._expand(roots, divided_into(bins), limit)
                 break
             bins *= _FINER
-        self._solve(divided_into(bins))
+        self._solve(divided_into(bins), former)
         self.bins = bins * _FINER if used < room and bins * _FINER <= FINEST else bins
         return True
 
@@ -162,7 +162,7 @@ class CellGraph:
         self.steps += steps
         return int(steps) if ended == DONE else -1
 
-    def _solve(self, cells: Cells) -> None:
+    def _solve(self, cells: Cells, former: Vector) -> None:
         """Solve the graph for what is known, and if that has nothing to offer, for the frontier."""
         kernels.interpolate(self._arrays_tuple, tuple(cells), self._held)
         arrays, held, discount = self._arrays, self._edges_held, self._settings.discount
@@ -181,7 +181,8 @@ class CellGraph:
         alike = most - middle <= 1e-6 * max(abs(most), abs(middle))
         if most == least == 0.0:
             hoped = 1.0
-        arrays.value[:nodes] = worst
+        known = former[:0] if self.explores else former
+        begin_values(self._arrays_tuple, self._width, known, middle * ages)
         solve_cells(self._arrays_tuple, self._held, discount, worst, worst)
         margin = 1e-3 * (hoped - worst)
         self.explores = bool(alike and hoped > going_on and arrays.value[0] <= going_on + margin)
