@@ -63,6 +63,7 @@ class CellGraph:
         explores: Whether the plan leads to what is not known.
         bins: Number of bins in the range of a fluent at the next attempt; 0 before the first.
         steps: Steps of the model that the newest build predicted.
+        needed: Those of its last attempt.
     """
 
     def __init__(
@@ -78,7 +79,7 @@ class CellGraph:
         self.values: Vector = np.zeros(0)
         self.explores = False
         self.bins = 0.0
-        self.steps = 0
+        self.steps = self.needed = 0
         if self._width and self._actions:
             self._precompile()
 
@@ -88,7 +89,7 @@ class CellGraph:
         known = areas_of(zeros[None], zeros, zeros)
         cells = Cells(zeros, zeros, zeros, known)
         self._expand(zeros, cells, 1)
-        self._solve(cells, self.values)
+        self._solve(cells)
         self.values = np.zeros(0)
 
     def build(self, state: Vector, states: Vector, limit: int) -> bool:
@@ -98,9 +99,10 @@ class CellGraph:
         approached from build to build, so that most builds expand the graph once.
 
         Returns:
-            Whether there is one: some fluent is continuous, and cells fit into the limit.
+            Whether there is one: some fluent is continuous, and cells fit into the limit. If not,
+            the former values are kept.
         """
-        former, self.values, self.steps = self.values, np.zeros(0), 0
+        self.steps = 0
         if len(states) < _LEAST:
             return False
         chosen = np.linspace(0, len(states) - 1, min(len(states), _SAMPLE)).astype(np.intp)
@@ -130,10 +132,11 @@ class CellGraph:
         while first and used < room and bins * _FINER <= FINEST:
             used = self._expand(roots, divided_into(bins * _FINER), limit)
             if used < 0:
-                self._expand(roots, divided_into(bins), limit)
+                used = self._expand(roots, divided_into(bins), limit)
                 break
             bins *= _FINER
-        self._solve(divided_into(bins), former)
+        self._solve(divided_into(bins))
+        self.needed = used
         self.bins = bins * _FINER if used < room and bins * _FINER <= FINEST else bins
         return True
 
@@ -162,7 +165,7 @@ class CellGraph:
         self.steps += steps
         return int(steps) if ended == DONE else -1
 
-    def _solve(self, cells: Cells, former: Vector) -> None:
+    def _solve(self, cells: Cells) -> None:
         """Solve the graph for what is known, and if that has nothing to offer, for the frontier."""
         kernels.interpolate(self._arrays_tuple, tuple(cells), self._held)
         arrays, held, discount = self._arrays, self._edges_held, self._settings.discount
@@ -181,7 +184,7 @@ class CellGraph:
         alike = most - middle <= 1e-6 * max(abs(most), abs(middle))
         if most == least == 0.0:
             hoped = 1.0
-        known = former[:0] if self.explores else former
+        known = self.values[:0] if self.explores else self.values
         begin_values(self._arrays_tuple, self._width, known, middle * ages)
         solve_cells(self._arrays_tuple, self._held, discount, worst, worst)
         margin = 1e-3 * (hoped - worst)
