@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 import math
 from collections.abc import Callable
@@ -55,7 +56,7 @@ def test_the_planner_leads_first_and_the_learner_is_tried_seldom_where_it_is_wor
 def test_where_all_returns_are_equal_the_learner_is_tried_ever_more_seldom(value: float) -> None:
     after = [played(lambda leads, _: value, 1, n)[0].rho for n in range(30)]
     assert after[0] == 0.0 and after[1] <= 1 / 6
-    assert all(later < earlier for earlier, later in zip(after[1:], after[2:], strict=False))
+    assert all(later < earlier for earlier, later in itertools.pairwise(after[1:]))
     led = [sum(played(lambda leads, _: value, seed, 100)[1]) for seed in range(20)]
     assert 0 < np.mean(led) < 5
 
