@@ -25,7 +25,7 @@ class PlannerFirst(serp.Strategy):
 
     def propose(self, situation: Any, learner: Any) -> Any:
         """Return the learner's proposal, or None where it is the planner's turn."""
-        return None if self._left else learner.propose(situation.explorable)
+        return None if self._left else learner.propose(situation.admissible)
 
     def end_unit(self, unit: str) -> None:
         """Count the env steps."""

@@ -49,7 +49,7 @@ class Demonstrations(Strategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return None during the demonstration, then the learner's proposal."""
-        return None if self._demonstrating else learner.propose(situation.explorable)
+        return None if self._demonstrating else learner.propose(situation.admissible)
 
     def guidance(
         self, forecast: ActionForecast, action: int, following: ActionForecast | None

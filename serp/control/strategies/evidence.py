@@ -163,7 +163,7 @@ class Evidence(ImitatingStrategy):
         """Return the learner's proposal if it leads, or all plans are alike; else None."""
         self._notice(situation)
         if self._leads or situation.forecast.indifferent:
-            return learner.propose(situation.explorable)
+            return learner.propose(situation.admissible)
         return None
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:

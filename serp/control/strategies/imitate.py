@@ -68,7 +68,7 @@ class ImitateThenLearn(Strategy):
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw who acts during imitation; then return the learner's proposal."""
         if not self._imitating:
-            return learner.propose(situation.explorable)
+            return learner.propose(situation.admissible)
         return None if self._random.random() > self.rho else learner.propose_greedily()
 
     def guidance(

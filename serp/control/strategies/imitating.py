@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from serp.control.model_confidence import ModelConfidence
 from serp.control.strategies.advice import advice
 from serp.control.strategies.strategy import Seed, Situation, Strategy
 from serp.learning.guidance import Guidance, GuidedLearning
@@ -25,7 +24,7 @@ class ImitatingStrategy(Strategy):
 
     def _notice(self, situation: Situation) -> None:
         """Remember whether the model is reliable."""
-        self._model_reliable = situation.confidence is ModelConfidence.RELIABLE
+        self._model_reliable = situation.model_reliable
 
     def guidance(
         self, forecast: ActionForecast, action: int, following: ActionForecast | None

@@ -65,7 +65,7 @@ class JumpStart(Strategy):
         """Return None in the first h steps, then the learner's proposal."""
         planners_turn = self._step < self.planned_steps
         self._step += 1
-        return None if planners_turn else learner.propose(situation.explorable)
+        return None if planners_turn else learner.propose(situation.admissible)
 
     def end_episode(self, return_: float, length: int) -> None:
         """Shrink h if the mean return has not dropped."""

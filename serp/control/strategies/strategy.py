@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from serp.control.lead_evidence import LeadEvidence
-from serp.control.model_confidence import ModelConfidence
 from serp.control.protocols import Mask, Proposer, Values
 from serp.learning.dqn import Proposal
 from serp.planning.action_map import ActionForecast
@@ -28,14 +27,12 @@ class Situation(NamedTuple):
     Attributes:
         forecast: The planner's forecast.
         admissible: `[E]` actions that no veto refuses.
-        explorable: `[E]` actions to explore among; None for all.
-        confidence: Confidence in the model.
+        model_reliable: Whether the model has predicted the newest steps well.
     """
 
     forecast: ActionForecast
     admissible: Mask
-    explorable: Mask | None
-    confidence: ModelConfidence = ModelConfidence.OPEN
+    model_reliable: bool = False
 
 
 class Strategy:
@@ -92,7 +89,7 @@ class Strategy:
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's proposal, or None if it is the planner's turn."""
-        return learner.propose(situation.explorable)
+        return learner.propose(situation.admissible)
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the trained policy's proposal, without exploration or random draws."""

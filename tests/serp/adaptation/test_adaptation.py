@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from serp.adaptation.adaptation import ModelAdaptation
-from serp.control.model_confidence import ModelConfidence
 from serp.model.transition_model import TransitionModel
 from serp.runs import checkpoint
 from serp.settings import resolve
@@ -195,21 +194,19 @@ def test_where_an_action_is_not_applicable_nothing_is_learned() -> None:
     assert of.visits.tolist() == [60, 0]
 
 
-def test_confidence_grows_until_ten_episodes_have_ended() -> None:
+def test_a_model_is_reliable_where_it_predicts_well() -> None:
     lucky, unlucky, off = adaptation(PLANE), adaptation(PLANE), adaptation(PLANE, "off")
     rng = np.random.default_rng(0)
-    for step in range(1, 400):
+    for step in range(1, 200):
         state = rng.normal(size=2)
-        lucky.observe(state, 0, plus(state, 0.3 * state[1], 0.2), step % 20 == 0)
-        for of in (unlucky, off):
-            of.observe(state, 0, rng.normal(size=2), step % 20 == 0)
-        assert off.confidence is ModelConfidence.OPEN
-        growing = ModelConfidence.GROWING if step < 200 else ModelConfidence.OPEN
-        assert unlucky.confidence is growing
-        assert step < 100 or lucky.confidence is ModelConfidence.RELIABLE
+        for of in (lucky, off):
+            of.observe(state, 0, plus(state, 0.3 * state[1], 0.2), step % 20 == 0)
+        unlucky.observe(state, 0, rng.normal(size=2), step % 20 == 0)
+        assert not off.reliable and not unlucky.reliable
+        assert step < 100 or lucky.reliable
     again = adaptation(PLANE)
-    again.load_state_dict(*unlucky.state_dict())
-    assert again.confidence is ModelConfidence.OPEN
+    again.load_state_dict(*lucky.state_dict())
+    assert again.reliable
 
 
 @pytest.mark.parametrize("compiled", [False, True])
