@@ -61,6 +61,11 @@ class FluentAdoption(NamedTuple):
         """Whether anything learned is in use."""
         return bool(self.residual or self.outcomes)
 
+    def as_dict(self) -> dict[str, Any]:
+        """Return JSON values."""
+        after = {"residual": list(self.residual), "outcomes": list(self.outcomes)}
+        return {**self._asdict(), **after, "adapted": self.adapted}
+
 
 class AdoptedParameter(NamedTuple):
     """A number of the file that is replaced by an estimate."""
@@ -99,7 +104,7 @@ class ModelAdoption(NamedTuple):
             "reliable": self.reliable,
             "sentence": str(self),
             "parameters": [parameter._asdict() for parameter in self.parameters],
-            "fluents": [fluent._asdict() | {"adapted": fluent.adapted} for fluent in self.fluents],
+            "fluents": [fluent.as_dict() for fluent in self.fluents],
         }
 
     def __str__(self) -> str:

@@ -48,10 +48,9 @@ def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bo
     sections += [
         "## Result",
         _results(summary),
-        "## Who leads",
         *_lead_sections(summary),
         "## What the planner saw",
-        table(("", "value"), sight_rows(summary)),
+        table(("", "value"), _sight_rows(summary)),
         *_model_sections(summary),
         "## Safety",
         table(("", "steps"), safety),
@@ -65,7 +64,7 @@ def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bo
     return "\n\n".join(sections) + "\n"
 
 
-def sight_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+def _sight_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Return rows on how far the planner saw: what, and how often or how far."""
     sight = summary["sight"]
     rows = [
@@ -77,10 +76,12 @@ def sight_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 def _lead_sections(summary: Mapping[str, Any]) -> list[str]:
     if "trained_policy" not in summary:
-        return ["It is not known: the agent was not asked."]
+        return []
     said = f"The trained policy is {summary['trained_policy']}."
     evidence = summary["evidence"]
-    return [said if evidence is None else f"{said} The evidence: {evidence['sentence']}."]
+    if evidence is not None:
+        said += f" The evidence: {evidence['sentence']}."
+    return ["## Who leads", said]
 
 
 def _model_sections(summary: Mapping[str, Any]) -> list[str]:
@@ -92,13 +93,13 @@ def _model_sections(summary: Mapping[str, Any]) -> list[str]:
         rows = [
             (f"{p['line']}", plain(p["text"]), readable(p["in_use"])) for p in model["parameters"]
         ]
-        sections.append(table(("line", "in the file", "in use"), rows))
+        sections.append(table(("line", "in the file", "in use"), rows, left=2))
     if model["fluents"]:
         rows = [
             (plain(f["fluent"]), "yes" if f["adapted"] else "no", plain(f["why"]))
             for f in model["fluents"]
         ]
-        sections.append(table(("fluent", "adapted", "why"), rows))
+        sections.append(table(("fluent", "adapted", "why"), rows, left=3))
     return sections
 
 

@@ -73,6 +73,11 @@ def test_every_number_of_a_run_is_a_sum_over_its_decisions(
         if column.endswith("_steps"):
             share = summary["shares"][column.removesuffix("_steps")]
             assert share == pytest.approx(count / len(decisions))
+        elif column in ("saw_all", "cut_short", "indifferent"):
+            assert summary["sight"][column] == pytest.approx(count / len(decisions))
+        elif column == "layers_seen":
+            partial = sum(d["bound"] != "exhausted" for d in decisions)
+            assert summary["sight"]["mean_depth"] == pytest.approx(count / partial)
         else:
             assert summary[column] == count
     vetoed = [d for d in decisions if d["vetoed"] == "1"]

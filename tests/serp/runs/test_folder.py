@@ -179,7 +179,7 @@ import resource, sys
 from serp.errors import RunError
 from serp.runs.folder import RunFolder
 soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-resource.setrlimit(resource.RLIMIT_FSIZE, (250, hard))  # config.json, the last file, is larger
+resource.setrlimit(resource.RLIMIT_FSIZE, (300, hard))  # config.json, the last file, is larger
 try:
     RunFolder.create(sys.argv[1], {}, [("d.pddl", "(define)")])
 except RunError as error:
