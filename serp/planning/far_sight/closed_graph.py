@@ -17,6 +17,8 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import closed_kernels as kernels
 from serp.planning.far_sight import solution_kernels as solution
 from serp.planning.far_sight.closed_kernels import Counters, GraphArrays
+from serp.planning.far_sight.goal_search import GoalSearch
+from serp.planning.far_sight.inert import inert_fluents
 from serp.planning.forecast import Forecast
 from serp.planning.kernel_records import FirstActions
 from serp.planning.limits import Bound
@@ -26,11 +28,14 @@ MAX_EDGES: Final = 400_000
 """Most edges of a graph; with this many, expansion and solution take about a second."""
 MAX_NUMBERS: Final = 20_000_000
 """Most numbers in the states of a graph: 160 MB."""
+_FIRST: Final = 20_000
+"""Edges that a graph has before a way to the goal is searched for."""
 _JUDGED_FROM, _NEVER_MET = 512, 0.98
 """Expansion ends if, after so many edges, this fraction of them leads to new states."""
 _SMALLEST: Final = 256
 """Nodes that the arrays have room for at first."""
 _AT = Counters()
+_NO_FLUENTS: Final = np.zeros(0, dtype=np.int64)
 
 
 class ClosedGraph:
@@ -40,6 +45,9 @@ class ClosedGraph:
         model: The transition model.
         settings: Discount and accepted risk.
         max_edges: Most edges.
+
+    Attributes:
+        steps: Edges that were followed when the graph grew last.
     """
 
     def __init__(
@@ -51,6 +59,10 @@ class ClosedGraph:
         self._actions = len(model.actions)
         self._max_edges = max_edges
         self._max_nodes = max(1, MAX_NUMBERS // max(1, self._width))
+        self._search = GoalSearch(model, settings)
+        ground = model.ground
+        self._goal_alone = ground.goal_rewarded and ground.metric is None
+        self.steps = 0
         self._room = np.empty(OUTCOMES * (self._width + 3))
         self.clear()
         if model.compiles and self._actions:
@@ -69,6 +81,8 @@ class ClosedGraph:
 
     def clear(self) -> None:
         """Forget all nodes."""
+        written = self._model.as_written
+        self._inert = inert_fluents(self._model.ground) if written else _NO_FLUENTS
         self._allocate(_SMALLEST, _SMALLEST, _SMALLEST)
         self._unit = 0.0
 
@@ -92,20 +106,54 @@ class ClosedGraph:
         """Whether everything that can be reached is in the graph."""
         return self.nodes == self.expanded
 
-    def grow(self, state: Vector) -> None:
+    def grow(self, state: Vector, limit: int = MAX_EDGES) -> None:
         """Add a state `[F]` and what can be reached from it, and solve the graph.
 
-        Where the graph becomes too large, some nodes are left unexpanded, those with the most
-        actions on the way to them.
+        Where the graph would become too large, some nodes are left unexpanded, those with the most
+        actions on the way to them. If the best policy leads there, and there is a goal, a way to
+        the goal is searched for, and the graph grows around it instead: values of its nodes are
+        then those of the best policy in the neighbourhood of the way (Nakhost & Müller, "Action
+        elimination and plan neighborhood graph search", ICAPS 2010).
+
+        Args:
+            state: The state.
+            limit: Most edges of the graph, and most that are followed in the search.
         """
+        self.steps = -self.edges
+        root = self._add(state)
+        self._expand(min(limit, _FIRST))
+        if not self.complete and self._search.goal and not self._spreads:
+            self._solve()
+            if self._arrays.inside[root] and self._goal_alone:
+                limit = 0  # any other way to the goal is longer
+            elif not self._arrays.inside[root]:
+                way = self._search.way(state, limit)
+                self.steps += self._search.steps
+                if way is not None:
+                    self.steps += self.edges
+                    self.clear()
+                    for row in way:
+                        self._add(row)
+                    limit = _FIRST
+        self._expand(limit)
+        self._solve()
+        self.steps += self.edges
+
+    def _add(self, state: Vector) -> int:
         if self.nodes == self._arrays.digest.shape[0]:
             self._enlarge()
-        kernels.add_root(self._arrays_tuple, state)
+        return int(kernels.add_root(self._arrays_tuple, state.copy()))
+
+    @property
+    def _spreads(self) -> bool:
+        """Whether edges hardly ever lead to a known state, so that the graph will not close."""
+        return self.edges >= _JUDGED_FROM and self.nodes > _NEVER_MET * self.edges
+
+    def _expand(self, limit: int) -> None:
+        """Expand nodes until there are about as many edges as the limit."""
         expand = self._expand_native if self._model.compiles else self._expand_interpreted
-        while not expand() and self._enlarge():
-            if self.edges >= _JUDGED_FROM and self.nodes > _NEVER_MET * self.edges:
-                break  # edges that hardly ever lead to a known state will not close the graph
-        self._solve()
+        while self.edges < limit and not expand() and not self._spreads and self._enlarge():
+            pass
 
     def _solve(self) -> None:
         allowed = np.empty(self._arrays.action.shape[0], dtype=np.uint8)
@@ -121,7 +169,7 @@ class ClosedGraph:
             None where the state is not in the graph, or its best policy leaves the graph.
         """
         arrays = self._arrays
-        node = kernels.find(self._arrays_tuple, state)
+        node = kernels.find(self._arrays_tuple, self._without_inert(state))
         if node < 0 or not arrays.inside[node]:
             return None
         choice, found = self._look_up(node)
@@ -132,6 +180,13 @@ class ClosedGraph:
         depth = int(arrays.layer[node])
         bound = Bound.EXHAUSTED if self.complete else Bound.NODES
         return Forecast(choice, *found, depth, bound)
+
+    def _without_inert(self, state: Vector) -> Vector:
+        if not self._inert.size:
+            return state
+        state = state.copy()
+        state[self._inert] = 0.0
+        return state
 
     def _look_up(self, node: int) -> tuple[int, FirstActions]:
         """Return the chosen action of a node, and what is predicted for every action."""
@@ -182,7 +237,7 @@ class ClosedGraph:
     def _allocate(self, nodes: int, edges: int, outcomes: int) -> None:
         most = self._actions * OUTCOMES
         self._arrays = GraphArrays.allocate(
-            nodes + most, edges + self._actions, outcomes + most, self._width
+            nodes + most, edges + self._actions, outcomes + most, self._width, self._inert
         )
         self._arrays_tuple = tuple(self._arrays)
 
@@ -195,7 +250,7 @@ class ClosedGraph:
         self._allocate(*sizes)
         new = self._arrays
         for name, column in old._asdict().items():
-            if name != "table":
+            if name not in ("table", "inert"):
                 getattr(new, name)[: len(column)] = column
         kernels.rehash(self._arrays_tuple)
         return True
