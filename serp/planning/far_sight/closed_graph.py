@@ -7,18 +7,21 @@ look-up.
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from serp._util.saved_state import Arrays
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import closed_kernels as kernels
 from serp.planning.far_sight import solution_kernels as solution
-from serp.planning.far_sight.closed_kernels import Counters, GraphArrays
-from serp.planning.far_sight.goal_search import GoalSearch
+from serp.planning.far_sight.closed_kernels import ENDED, NO_FLUENTS, Counters, GraphArrays
 from serp.planning.far_sight.inert import inert_fluents
+from serp.planning.far_sight.saved_graph import contents, restored
 from serp.planning.forecast import Forecast
 from serp.planning.kernel_records import FirstActions
 from serp.planning.limits import Bound
@@ -28,14 +31,11 @@ MAX_EDGES: Final = 400_000
 """Most edges of a graph; with this many, expansion and solution take about a second."""
 MAX_NUMBERS: Final = 20_000_000
 """Most numbers in the states of a graph: 160 MB."""
-_FIRST: Final = 20_000
-"""Edges that a graph has before a way to the goal is searched for."""
 _JUDGED_FROM, _NEVER_MET = 512, 0.98
 """Expansion ends if, after so many edges, this fraction of them leads to new states."""
 _SMALLEST: Final = 256
 """Nodes that the arrays have room for at first."""
 _AT = Counters()
-_NO_FLUENTS: Final = np.zeros(0, dtype=np.int64)
 
 
 class ClosedGraph:
@@ -45,9 +45,6 @@ class ClosedGraph:
         model: The transition model.
         settings: Discount and accepted risk.
         max_edges: Most edges.
-
-    Attributes:
-        steps: Edges that were followed when the graph grew last.
     """
 
     def __init__(
@@ -59,10 +56,6 @@ class ClosedGraph:
         self._actions = len(model.actions)
         self._max_edges = max_edges
         self._max_nodes = max(1, MAX_NUMBERS // max(1, self._width))
-        self._search = GoalSearch(model, settings)
-        ground = model.ground
-        self._goal_alone = ground.goal_rewarded and ground.metric is None
-        self.steps = 0
         self._room = np.empty(OUTCOMES * (self._width + 3))
         self.clear()
         if model.compiles and self._actions:
@@ -72,19 +65,19 @@ class ClosedGraph:
         """Call every compiled loop once, so that no decision waits for a compilation."""
         state = np.zeros(self._width)
         kernels.add_root(self._arrays_tuple, state)
-        self._expand_native()
+        self._expand_native(1)
         self._solve()
         self._look_up(0)
-        kernels.rehash(self._arrays_tuple)
+        kernels.hash_states(self._arrays_tuple)
         kernels.find(self._arrays_tuple, state)
         self.clear()
 
     def clear(self) -> None:
         """Forget all nodes."""
         written = self._model.as_written
-        self._inert = inert_fluents(self._model.ground) if written else _NO_FLUENTS
+        self._inert = inert_fluents(self._model.ground) if written else NO_FLUENTS
         self._allocate(_SMALLEST, _SMALLEST, _SMALLEST)
-        self._unit = 0.0
+        self._unit, self._depth = 0.0, 0
 
     @property
     def nodes(self) -> int:
@@ -106,61 +99,49 @@ class ClosedGraph:
         """Whether everything that can be reached is in the graph."""
         return self.nodes == self.expanded
 
-    def grow(self, state: Vector, limit: int = MAX_EDGES) -> None:
-        """Add a state `[F]` and what can be reached from it, and solve the graph.
-
-        Where the graph would become too large, some nodes are left unexpanded, those with the most
-        actions on the way to them. If the best policy leads there, and there is a goal, a way to
-        the goal is searched for, and the graph grows around it instead: values of its nodes are
-        then those of the best policy in the neighbourhood of the way (Nakhost & Müller, "Action
-        elimination and plan neighborhood graph search", ICAPS 2010).
-
-        Args:
-            state: The state.
-            limit: Most edges of the graph, and most that are followed in the search.
-        """
-        self.steps = -self.edges
-        root = self._add(state)
-        self._expand(min(limit, _FIRST))
-        if not self.complete and self._search.goal and not self._spreads:
-            self._solve()
-            if self._arrays.inside[root] and self._goal_alone:
-                limit = 0  # any other way to the goal is longer
-            elif not self._arrays.inside[root]:
-                way = self._search.way(state, limit)
-                self.steps += self._search.steps
-                if way is not None:
-                    self.steps += self.edges
-                    self.clear()
-                    for row in way:
-                        self._add(row)
-                    limit = _FIRST
-        self._expand(limit)
-        self._solve()
-        self.steps += self.edges
-
-    def _add(self, state: Vector) -> int:
-        if self.nodes == self._arrays.digest.shape[0]:
-            self._enlarge()
-        return int(kernels.add_root(self._arrays_tuple, state.copy()))
-
     @property
-    def _spreads(self) -> bool:
+    def spreads(self) -> bool:
         """Whether edges hardly ever lead to a known state, so that the graph will not close."""
         return self.edges >= _JUDGED_FROM and self.nodes > _NEVER_MET * self.edges
 
-    def _expand(self, limit: int) -> None:
-        """Expand nodes until there are about as many edges as the limit."""
+    def grow(self, states: Vector, limit: int = MAX_EDGES) -> None:
+        """Add a state `[F]` or several, and what can be reached from them, and solve the graph.
+
+        Where the graph would become too large, some nodes are left unexpanded, those with the most
+        actions on the way to them.
+
+        Args:
+            states: The states.
+            limit: Most edges of the graph.
+        """
+        for state in np.array(states, ndmin=2):
+            if self.nodes == self._arrays.digest.shape[0]:
+                self._enlarge()
+            kernels.add_root(self._arrays_tuple, state)
+        limit = min(limit, self._max_edges)
         expand = self._expand_native if self._model.compiles else self._expand_interpreted
-        while self.edges < limit and not expand() and not self._spreads and self._enlarge():
-            pass
+        ended, most = kernels.MANY, _JUDGED_FROM
+        while ended != kernels.DONE and self.edges < limit and self.nodes < self._max_nodes:
+            while most <= self.edges:
+                most *= 2
+            ended = expand(min(most, limit))
+            if ended == kernels.FULL:
+                self._enlarge()
+            elif self.edges >= most and self.spreads:
+                break
+        self._solve()
 
     def _solve(self) -> None:
         allowed = np.empty(self._arrays.action.shape[0], dtype=np.uint8)
         solution.solve(
             self._arrays_tuple, self._settings.discount, solution.EXACT, solution.SWEEPS, allowed
         )
+        self._measure()
+
+    def _measure(self) -> None:
+        """Find what follows from the solved graph: unit of the values, and depth."""
         self._unit = solution.ALIKE * solution.largest_value(self._arrays_tuple)
+        self._depth = int(self._arrays.layer[: self.nodes].max(initial=0))
 
     def forecast(self, state: Vector) -> Forecast | None:
         """Return the forecast for a state `[F]`.
@@ -169,7 +150,7 @@ class ClosedGraph:
             None where the state is not in the graph, or its best policy leaves the graph.
         """
         arrays = self._arrays
-        node = kernels.find(self._arrays_tuple, self._without_inert(state))
+        node = self._find(state)
         if node < 0 or not arrays.inside[node]:
             return None
         choice, found = self._look_up(node)
@@ -177,16 +158,25 @@ class ClosedGraph:
             flags, values = found.flags, state.tolist()
             for action in np.flatnonzero(flags == 0).tolist():
                 flags[action] = self._model.transition(values, action)[1]
-        depth = int(arrays.layer[node])
         bound = Bound.EXHAUSTED if self.complete else Bound.NODES
-        return Forecast(choice, *found, depth, bound)
+        return Forecast(choice, *found, self._depth, bound)
 
-    def _without_inert(self, state: Vector) -> Vector:
-        if not self._inert.size:
-            return state
-        state = state.copy()
-        state[self._inert] = 0.0
-        return state
+    def ends(self, state: Vector) -> bool:
+        """Return whether the best policy leads from a state `[F]` to the end of the task.
+
+        The first outcome of every step is followed.
+        """
+        arrays, node, met = self._arrays, self._find(state), set[int]()
+        while node >= 0 and node not in met and arrays.inside[node] and arrays.best[node] >= 0:
+            met.add(node)
+            node = int(arrays.target[arrays.first_outcome[arrays.best[node]]])
+        return node == ENDED and bool(met)
+
+    def _find(self, state: Vector) -> int:
+        if self._inert.size:
+            state = state.copy()
+            state[self._inert] = 0.0
+        return int(kernels.find(self._arrays_tuple, state))
 
     def _look_up(self, node: int) -> tuple[int, FirstActions]:
         """Return the chosen action of a node, and what is predicted for every action."""
@@ -197,25 +187,27 @@ class ClosedGraph:
 
     # Expansion ---------------------------------------------------------------------------------
 
-    def _expand_native(self) -> bool:
-        """Expand nodes; return whether all are expanded."""
+    def _expand_native(self, most: int) -> int:
+        """Expand nodes until there are `most` edges; return what ended it."""
         model = self._model
         outcomes = model.native_outcomes()
         ended = kernels.expand(
             (address_of(model.native_step()), model.data, model.dt),
             np.intp(0) if outcomes is None else address_of(outcomes),
-            self._actions, self._settings.accepted_risk, self._arrays_tuple, self._room,
+            (self._actions, self._settings.accepted_risk), self._arrays_tuple, self._room, most,
         )  # fmt: skip
-        return bool(ended == kernels.DONE)
+        return int(ended)
 
-    def _expand_interpreted(self) -> bool:
+    def _expand_interpreted(self, most: int) -> int:
         """Do the same in CPython, for models too large to be compiled."""
         arrays, accepted = self._arrays, self._settings.accepted_risk
         counters, width = arrays.counters, self._width
         while counters[_AT.expanded] < counters[_AT.nodes]:
             node = int(counters[_AT.expanded])
+            if counters[_AT.edges] >= most:
+                return kernels.MANY
             if not kernels.has_room(self._arrays_tuple, self._actions):
-                return False
+                return kernels.FULL
             state = arrays.states[node * width : (node + 1) * width].tolist()
             layer = int(arrays.layer[node]) + 1
             arrays.undefined[node] = 0
@@ -230,7 +222,7 @@ class ClosedGraph:
                     self._arrays_tuple, np.array(target), reward, flags & TERMINAL, 1.0, layer
                 )
             kernels.close_node(self._arrays_tuple)
-        return True
+        return kernels.DONE
 
     # Memory ------------------------------------------------------------------------------------
 
@@ -241,10 +233,8 @@ class ClosedGraph:
         )
         self._arrays_tuple = tuple(self._arrays)
 
-    def _enlarge(self) -> bool:
-        """Double the arrays that are nearly full; return False where the graph is too large."""
-        if self.edges >= self._max_edges or self.nodes >= self._max_nodes:
-            return False
+    def _enlarge(self) -> None:
+        """Double the arrays."""
         old = self._arrays
         sizes = [2 * len(column) for column in (old.digest, old.action, old.target)]
         self._allocate(*sizes)
@@ -252,5 +242,17 @@ class ClosedGraph:
         for name, column in old._asdict().items():
             if name not in ("table", "inert"):
                 getattr(new, name)[: len(column)] = column
-        kernels.rehash(self._arrays_tuple)
-        return True
+        kernels.hash_states(self._arrays_tuple)
+
+    def state_dict(self) -> Arrays:
+        """Return arrays that `load_state_dict` restores exactly."""
+        return contents(self._arrays, self._width)
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
+        self.clear()
+        most = self._actions * OUTCOMES
+        spare = (most + _SMALLEST, self._actions + _SMALLEST, most + _SMALLEST)
+        self._arrays = restored(arrays, self._width, self._actions, spare, self._inert)
+        self._arrays_tuple = tuple(self._arrays)
+        self._measure()

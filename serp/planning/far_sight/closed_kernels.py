@@ -21,8 +21,10 @@ from serp.planning.preference import hazard, marked
 
 ENDED = -1
 """In place of the node that an outcome leads to: the task ends."""
-DONE, FULL = 0, 1
-"""What ended an expansion: every node is expanded, or the arrays are full."""
+DONE, FULL, MANY = 0, 1, 2
+"""What ended an expansion: every node is expanded, the arrays are full, or so many edges as were
+allowed are there."""
+NO_FLUENTS = np.zeros(0, dtype=np.int64)
 
 _hazard = cached_njit(nogil=True, forceinline=True)(hazard)
 _marked = cached_njit(nogil=True, forceinline=True)(marked)
@@ -85,7 +87,12 @@ class GraphArrays(NamedTuple):
 
     @classmethod
     def allocate(
-        cls, nodes: int, edges: int, outcomes: int, width: int, inert: NDArray[np.int64]
+        cls,
+        nodes: int,
+        edges: int,
+        outcomes: int,
+        width: int,
+        inert: NDArray[np.int64] = NO_FLUENTS,
     ) -> GraphArrays:
         """Allocate an empty graph."""
         size = 2
@@ -181,12 +188,16 @@ def add_root(arrays, state):
 
 
 @cached_njit(nogil=True)
-def rehash(arrays):
-    """Fill an empty table with all nodes."""
+def hash_states(arrays):
+    """Find the digests of all nodes, and fill an empty table with them."""
     graph = GraphArrays(*arrays)
+    width = graph.states.shape[0] // graph.digest.shape[0]
     mask = graph.table.shape[0] - 1
     for node in range(graph.counters[_NODES]):
-        slot = np.int64(graph.digest[node] & np.uint64(mask))
+        row = pointer_to(graph.states, node * width)
+        digest = _digest_of(row, width)
+        graph.digest[node] = digest
+        slot = np.int64(digest & np.uint64(mask))
         while graph.table[slot] >= 0:
             slot = (slot + 1) & mask
         graph.table[slot] = node
@@ -262,26 +273,29 @@ def has_room(arrays, actions):
 
 
 @cached_njit(nogil=True)
-def expand(model, branches, actions, accepted, arrays, room):
-    """Expand nodes until all are expanded or the arrays are full.
+def expand(model, branches, rules, arrays, room, most):
+    """Expand nodes until all are expanded, the arrays are full, or there are enough edges.
 
     Args:
         model: Values of `serp.planning.kernel_records.CompiledModel`.
         branches: Address of the compiled function that gives all outcomes of a step, see
             `TransitionModel.native_outcomes`; 0 where the model has one outcome a step.
-        actions: Number of actions A.
-        accepted: Accepted risk.
+        rules: Number of actions A, accepted risk.
         arrays: Values of `GraphArrays`.
         room: Flat, `OUTCOMES` rows of F + 3 numbers: states, then reward, flags and probability.
+        most: No node is expanded when there are so many edges.
 
     Returns:
-        `DONE` or `FULL`.
+        `DONE`, `FULL` or `MANY`.
     """
     graph = GraphArrays(*arrays)
+    actions, accepted = rules
     address, data, dt = model
     theta = pointer_to(data, 0)
     width = graph.states.shape[0] // graph.digest.shape[0]
     while graph.counters[_EXPANDED] < graph.counters[_NODES]:
+        if graph.counters[_EDGES] >= most:
+            return MANY
         if not _has_room(graph, actions):
             return FULL
         node = graph.counters[_EXPANDED]

@@ -201,7 +201,7 @@ def search(model, counter, rules, tree_arrays, root, out, limit):
     hashed_node(tree, root, width, 0)
     tree.parent[0] = -1
     call_step(count, pointer_to(root, 0), 0, number, dt, target)
-    tree.left[0] = min(np.int64(target[width]), MOST_LEFT)
+    tree.left[0] = np.int64(min(target[width], MOST_LEFT))
     _enqueue(tree, np.int64(0), width)
     while tree.counters[_TRIED] < limit:
         node = _dequeue(tree, tree.counters[_EXPANDED] % 2)
@@ -233,6 +233,6 @@ def search(model, counter, rules, tree_arrays, root, out, limit):
             tree.parent[reached] = node
             row = pointer_to(tree.states, reached * width)
             call_step(count, row, 0, number, dt, target)
-            tree.left[reached] = min(np.int64(target[width]), MOST_LEFT)
+            tree.left[reached] = np.int64(min(target[width], MOST_LEFT))
             _enqueue(tree, reached, width)
     return np.int64(-1)
