@@ -164,7 +164,7 @@ class Program:
         from serp.model.bytecode.virtual_machine import Machine
 
         try:
-            return Machine(self.ground)
+            return Machine.of_step(self.ground)
         except TooManyVariables:
             return None
 

@@ -115,6 +115,11 @@ class TransitionModel(StateSpace):
         return other
 
     @property
+    def as_written(self) -> bool:
+        """Whether predictions are those of the file, with these parameters."""
+        return True
+
+    @property
     def rewarding(self) -> bool:
         """Whether the domain defines a reward: by effects on `(reward)`, a metric, or a goal."""
         ground = self.ground
