@@ -37,8 +37,6 @@ def precompile(agent: Agent) -> None:
     states[: _WHOLE + 1] = np.round(states[: _WHOLE + 1])
     if agent.task.model.compiles:
         _precompile_learning(agent, states[0])
-    if agent.leaf_values is not None:
-        agent.leaf_values.precompile()
     if agent.task.model.compiled and agent.task.model.actions:
         _precompile_adaptation(agent, states)
 

@@ -71,8 +71,8 @@ class Evidence(ImitatingStrategy):
 
     reads = ("arbiter.imitation_weight",)
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
         self.planner, self.learner = Returns(), Returns()
         self._worst, self._best = math.inf, -math.inf
         self._leads = False
@@ -113,7 +113,7 @@ class Evidence(ImitatingStrategy):
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's proposal if it leads, or all plans are alike; else None."""
         if self._leads or situation.forecast.indifferent:
-            return learner.propose(situation.explorable)
+            return learner.propose(situation.admissible)
         return None
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:

@@ -20,8 +20,8 @@ class ImitatingStrategy(Strategy):
     standard deviation of Q. Where all plans have the same value there is nothing to imitate.
     """
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
         weight = settings.arbiter.imitation_weight
         if weight > 0.0:
             self.guided = GuidedLearning(

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from serp.control.model_confidence import ModelConfidence
 from serp.control.protocols import Mask, Proposer, Values
 from serp.learning.dqn import Proposal
 from serp.planning.action_map import ActionForecast
@@ -27,14 +26,10 @@ class Situation(NamedTuple):
     Attributes:
         forecast: The planner's forecast.
         admissible: `[E]` actions that no veto refuses.
-        explorable: `[E]` actions to explore among; None for all.
-        confidence: Confidence in the model.
     """
 
     forecast: ActionForecast
     admissible: Mask
-    explorable: Mask | None
-    confidence: ModelConfidence = ModelConfidence.OPEN
 
 
 class Strategy:
@@ -46,7 +41,6 @@ class Strategy:
     Args:
         settings: All settings.
         seed: Seed of random draws.
-        adapts: Whether the model adapts; a model that does not is never judged reliable.
 
     Attributes:
         reads: Settings that only this strategy reads, such as `guide.margin`.
@@ -56,7 +50,7 @@ class Strategy:
     reads: ClassVar[tuple[str, ...]] = ()
     guided: GuidedLearning | None = None
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
 
     @property
@@ -86,7 +80,7 @@ class Strategy:
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's proposal, or None if it is the planner's turn."""
-        return learner.propose(situation.explorable)
+        return learner.propose(situation.admissible)
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the trained policy's proposal, without exploration or random draws."""

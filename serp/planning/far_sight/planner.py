@@ -109,7 +109,6 @@ class FarSightPlanner(ClosedGraphPlanner):
     def __init__(self, model: TransitionModel, settings: PlannerSettings, near: Lookahead) -> None:
         self.visited: Visited | None = None
         self.cells = CellGraph(model, settings)
-        self._far = Lookahead(model, settings.replace(leaf_value="always"))
         super().__init__(model, settings, near)
         self._lookahead = near
 
@@ -119,15 +118,6 @@ class FarSightPlanner(ClosedGraphPlanner):
         self.cells.clear()
         self._built = self._since = 0
 
-    @property
-    def leaves(self) -> Vector:
-        """The value function at the leaves where there are no cells, see `Lookahead.leaves`."""
-        return self._lookahead.leaves
-
-    @leaves.setter
-    def leaves(self, packed: Vector) -> None:
-        self._lookahead.leaves = packed
-
     def _forecast_outside(self, state: Vector) -> Forecast:
         self._since += 1
         seen = 0 if self.visited is None else self.visited.seen
@@ -135,7 +125,5 @@ class FarSightPlanner(ClosedGraphPlanner):
         if self.visited is not None and waited and seen > _GROWN * self._built:
             self._built, self._since = seen, 0
             self.cells.build(state, self.visited.next_states)
-        if not self.cells.values.size:
-            return self._lookahead.forecast(state)
-        self._far.leaves = self.cells.values
-        return self._far.forecast(state)
+        self._lookahead.leaves = self.cells.values
+        return self._lookahead.forecast(state)

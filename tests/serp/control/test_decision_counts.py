@@ -18,12 +18,15 @@ QUICK = {"planner": {"depth": 2}, "training": {"checkpoint_seconds": 9e9, "rando
 SETTINGS: dict[str, dict[str, dict[str, Any]]] = {
     "default": {},
     "paper": {"arbiter": {"rho": 0.5}},
-    "planner after a veto": {"arbiter": {"after_veto": "planner", "rho": 0.7}},
-    "learner after a veto": {
-        "arbiter": {"after_veto": "learner", "rho": 1.0, "r_min": 0.0},
+    "vetoes": {
+        "arbiter": {"rho": 1.0, "r_min": 0.0},
+        "guide": {"strategy": "mixture"},
         "learner": {"epsilon_start": 0.0, "epsilon_end": 0.0},
     },
-    "unmodelled refused": {"arbiter": {"unmodelled": "veto", "rho": 1.0, "r_min": -1}},
+    "unmodelled refused": {
+        "arbiter": {"unmodelled": "veto", "rho": 1.0, "r_min": -1},
+        "guide": {"strategy": "mixture"},
+    },
 }
 
 
