@@ -86,7 +86,6 @@ class Agent:
         strategy_seed, learner_seed, random_seed, adaptation_seed = seeds
         self.adaptation = ModelAdaptation(task.model, settings.adaptation, adaptation_seed)
         model = self.adaptation.model
-        adapts = model is not task.model
         actions = task.actions.over(model)
         planner = make_planner(model, settings.planner)
         if isinstance(planner, ExperiencedPlanner):
@@ -100,7 +99,8 @@ class Agent:
             strategy,
             vetoes=VetoPolicy(actions, settings.arbiter, horizon),
             exploration_bonus=ExplorationBonus(
-                self.adaptation.visits, settings.adaptation.min_visits if adapts else 0
+                self.adaptation.visits,
+                settings.adaptation.min_visits if model is not task.model else 0,
             ),
         )
         self.arbiter = self.guarded
