@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import Arrays, Saved, nested
 from serp.adaptation.adapted_model import AdaptedModel
+from serp.adaptation.adoption import FluentAdoption, TrackRecord, adoption_of
 from serp.adaptation.feature_groups import Key
 from serp.adaptation.outcomes.outcome_counts import OutcomeCounts
 from serp.adaptation.residual.evidence import update_whole
 from serp.adaptation.residual.regression import ResidualRegression
 from serp.model.transition_model import Vector
+
+_TOO_WIDE: Final = "it can depend on more fluents than the adaptation can learn from"
 
 Meta = dict[str, Any]
 
@@ -81,6 +84,36 @@ class GroupLearners:
     def active(self) -> bool:
         """Whether anything learned is used."""
         return self._buffer.stochastic or any(self._used.values())
+
+    def adoption(self, skills: Mapping[str, float | None]) -> tuple[FluentAdoption, ...]:
+        """Return what predicts each function and predicate that can change.
+
+        `skills` are the forecast skills by their names.
+        """
+        residuals: dict[str, list[TrackRecord]] = {symbol: [] for symbol in skills}
+        outcomes: dict[str, list[TrackRecord]] = {symbol: [] for symbol in skills}
+        fluents, changing = self._model.fluents, set[str]()
+        for key, group in self._groups.items():
+            schema, counts = key[0], self._counts[key].track_record(key[0])
+            numbers = [fluents[column].symbol for column in group.targets]
+            predicates = [fluents[column].symbol for column in group.predicates]
+            changing.update(numbers, predicates)
+            whole = [self._whole[column] for column in group.targets]
+            judged = [TrackRecord(schema, False, 0, 0.0, 0.0, 0.0, _TOO_WIDE)] * len(numbers)
+            if key[1:] in self._residuals:
+                head = self._buffer.shared[key].head
+                judged = self._residuals[key[1:]].track_records(schema, head)
+            for symbol, counted, track_record in zip(numbers, whole, judged, strict=True):
+                (outcomes if counted else residuals)[symbol].append(
+                    counts if counted else track_record
+                )
+            for symbol in predicates:
+                outcomes[symbol].append(counts)
+        return tuple(
+            adoption_of(symbol, residuals[symbol], outcomes[symbol], skill)
+            for symbol, skill in skills.items()
+            if symbol in changing
+        )
 
     def learn(
         self,

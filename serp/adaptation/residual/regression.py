@@ -17,13 +17,16 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from serp._util.saved_state import MOST, Saved, nested, part_of
+from serp.adaptation.adoption import TrackRecord
 from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.residual import evidence as e
 from serp.adaptation.residual.design import design_matrix, predicted
 from serp.adaptation.residual.first_samples import FIRST, outliers
 from serp.adaptation.residual.kept_samples import KeptSamples, Mask
+from serp.adaptation.residual.normal_equations import NormalEquations
 from serp.adaptation.residual.parameters import (
     CODES,
+    FILE,
     LINEAR,
     SMOOTH,
     RegressionParameters,
@@ -31,7 +34,6 @@ from serp.adaptation.residual.parameters import (
 from serp.adaptation.residual.ranges import Ranges
 from serp.model.transition_model import Vector
 
-_HALVED: Final = 8192.0  # samples at which those learned before lose half of their weight
 _PENDING: Final = 32  # samples that are added to the sums at once
 _REMEMBERED, _FADED = 8, 0.1
 """Newest samples that are believed after a lasting change, and the weight that all others together
@@ -70,7 +72,7 @@ class ResidualRegression:
         self._seen, self._spread, self._surprises = np.zeros(count), np.zeros(count), np.zeros(1)
         self._statistics = self._loss, self._seen, self._spread, self._samples, self._surprises
         self._ranges = Ranges(depth)
-        self._block_of = np.zeros(count, dtype=np.int64)
+        self._sums = NormalEquations(count)
         self._kept = KeptSamples(depth, count, rows)
         self._before = RegressionParameters(np.zeros(p.all.size), 0, group, p.heads)
         self._firsts = np.zeros(p.heads, dtype=np.int64)
@@ -79,18 +81,11 @@ class ResidualRegression:
     def reset(self) -> None:
         """Forget everything but the number of first samples."""
         self._parameters.clear()
-        for array in (*self._statistics, self._block_of):
+        for array in (*self._statistics, self._sums.block_of):
             array[:] = 0
         self._ranges.clear()
         self._kept.seen = self._start = self._pending = self._since_solved = 0
-        self._total = 0.0
-        self._clear_sums()
-
-    def _clear_sums(self) -> None:
-        size = self._size
-        blocks = 1 + int(self._block_of.max(initial=0))
-        self._gram = np.zeros((blocks, size, size))
-        self._moment = np.zeros((size, self._parameters.count))
+        self._sums.clear(self._size)
 
     @property
     def _size(self) -> int:
@@ -116,6 +111,19 @@ class ResidualRegression:
         if self._firsts[head] == FIRST:
             used = self._drop_outliers(head, enabled, used)
         return used
+
+    def track_records(self, schema: str, head: int) -> list[TrackRecord]:
+        """Return what is known of the residual of each target, after actions of a schema."""
+        p, loss = self._parameters, self._loss
+        steps = self._samples[p.head_of_rows == head].sum(axis=0)
+        learned = loss[LINEAR:].min(axis=0) if p.features else loss[LINEAR]
+        return [
+            TrackRecord(schema, used, int(seen), *errors)
+            for used, seen, *errors in zip(
+                (p.kinds != FILE).tolist(), steps.tolist(), loss[FILE].tolist(), learned.tolist(),
+                self._spread.tolist(), strict=True,
+            )
+        ]  # fmt: skip
 
     def _drop_outliers(self, head: int, enabled: Mask, used: bool) -> bool:
         """Learn again without the outliers among the first samples of a head."""
@@ -157,12 +165,12 @@ class ResidualRegression:
             self._forget()
         elif self._start and recent in _RECONSIDERED:
             self._reconsider()
-        if not valid[self._block_of == 0].all():
-            self._block_of[~valid] = 1
+        if not valid[self._sums.block_of == 0].all():
+            self._sums.block_of[~valid] = 1
             self._refit()
         if self._pending == _PENDING:
             self._add_pending()
-        cost = len(self._gram) * self._size**3 / _COST
+        cost = len(self._sums.gram) * self._size**3 / _COST
         if self._since_solved >= max(recent / _LATER, min(recent / _EARLY, cost)):
             self._solve()
         used: bool = e.choose(
@@ -227,7 +235,6 @@ class ResidualRegression:
     def _add(self, rows: NDArray[np.int64]) -> None:
         """Add kept samples to the sums: of targets always observed, and of the others."""
         p, kept = self._parameters, self._kept
-        valid = kept.valid[rows]
         weight = kept.weight[rows]
         if self._start:
             age = kept.age(rows) - (kept.seen - self._start)
@@ -235,28 +242,15 @@ class ResidualRegression:
             weight[(age < 0) & (age >= -_REMEMBERED)] = 1.0
         weight = np.sqrt(weight)
         design = design_matrix(p, kept.x[rows], kept.row[rows], weight)
-        targets = kept.y[rows] * weight[:, None]
-        for block in range(len(self._gram)):
-            owned = self._block_of == block
-            if not owned.any():
-                continue
-            usable = valid[:, owned].all(axis=1)
-            some = design if usable.all() else design[usable]
-            self._gram[block] += some.T @ some
-            self._moment[:, owned] += some.T @ targets[usable][:, owned]
-        self._total += len(rows)
-        if self._total > _HALVED:
-            self._total *= 0.5
-            self._gram *= 0.5
-            self._moment *= 0.5
+        self._sums.add(design, kept.y[rows] * weight[:, None], kept.valid[rows])
 
     def _refit(self) -> None:
         """Add all kept samples to new sums, with inputs normalised by their ranges."""
         p = self._parameters
         p.centre[:], half = self._ranges.centre_and_half()
         p.shrink[:] = 1.0 / half
-        self._pending, self._total = 0, 0.0
-        self._clear_sums()
+        self._pending = 0
+        self._sums.clear(self._size)
         known = self._kept.newest(len(self._kept))
         for start in range(0, len(known), 512):
             self._add(known[start : start + 512])
@@ -278,26 +272,13 @@ class ResidualRegression:
         ridge[: 1 + p.depth] = _RIDGE
         ridge[: linear : 1 + p.depth] = _CONSTANT_RIDGE
         ridge[linear:] = _FEATURE_RIDGE
-        for block, gram in enumerate(self._gram):
-            owned = np.flatnonzero(self._block_of == block)
-            if not len(owned):
-                continue
-            matrix = gram.copy()
-            matrix[np.diag_indices_from(matrix)] += ridge
-            factor, failed = lapack.dpotrf(matrix, lower=1)
-            if failed:
-                continue
-            half, _ = lapack.dtrtrs(factor, self._moment[:, owned], lower=1)
-            weights = [lapack.dtrtrs(factor[:n, :n], half[:n], lower=1, trans=1)[0] for n in sizes]
-            if not all(np.isfinite(each).all() for each in weights):
-                continue
+        for owned, weights, factor in self._sums.solutions(ridge, sizes):
             for kind, each in enumerate(weights):
                 self._publish(kind, owned, each)
-            if block == self._block_of[0]:
-                known = sizes[:2][-1]
+            if 0 in owned:
+                p.known = known = sizes[:2][-1]
                 inverse, _ = lapack.dtrtri(factor[:known, :known], lower=1)
                 p.inverse[:known, :known] = inverse
-                p.known = known
 
     def _publish(self, kind: int, owned: NDArray[np.int64], weights: Vector) -> None:
         """Publish a solution: weights of each row are the sum of those that it shares."""
@@ -317,20 +298,21 @@ class ResidualRegression:
         return self._kept.seen - self._start >= _FEATURES_FROM and bool(left.any())
 
     _COUNTS: Final = ("start", "pending", "since_solved")
+    _SUMS: Final = ("block_of", "gram", "moment")
     _RANGES: Final = {
-        "seen": (0, MOST), "surprises": (0.0, 1.0), "firsts": (0, MOST), "block_of": (0, 1),
+        "seen": (0, MOST), "surprises": (0.0, 1.0), "firsts": (0, MOST),
         "loss": (0.0, np.inf), "spread": (0.0, np.inf), "samples": (0, MOST),
     }  # fmt: skip
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays = {name: getattr(self, f"_{name}").copy() for name in self._RANGES}
-        arrays |= {"gram": self._gram.copy(), "moment": self._moment.copy()}
+        arrays |= {name: getattr(self._sums, name).copy() for name in self._SUMS}
         arrays |= {"low": self._ranges.low.copy(), "high": self._ranges.high.copy()}
         arrays |= nested("before", self._before.contents())
         meta = {name: getattr(self, f"_{name}") for name in self._COUNTS}
         meta |= {"samples": self._kept.seen, "outliers": self._ranges.outliers}
-        meta["total"] = self._total
+        meta["total"] = self._sums.total
         return arrays | nested("kept", self._kept.state_dict()), meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -348,9 +330,13 @@ class ResidualRegression:
         for name, (low, high) in self._RANGES.items():
             own = getattr(self, f"_{name}")
             own[:] = saved.array(name, own.dtype, own.shape, low, high)
-        self._total, self._ranges.outliers = saved.real("total", 0.0), saved.whole("outliers")
+        self._ranges.outliers = saved.whole("outliers")
         for name, own in (("low", self._ranges.low), ("high", self._ranges.high)):
             own[:] = saved.array(name, np.float64, own.shape, -np.inf, np.inf)  # infinite at first
-        self._clear_sums()
-        self._gram[:] = saved.array("gram", np.float64, self._gram.shape)
-        self._moment[:] = saved.array("moment", np.float64, self._moment.shape)
+        count = len(self._sums.block_of)
+        self._sums.block_of[:] = saved.array("block_of", np.int64, (count,), 0, 1)
+        self._sums.clear(self._size)
+        for name in ("gram", "moment"):
+            own = getattr(self._sums, name)
+            own[:] = saved.array(name, np.float64, own.shape)
+        self._sums.total = saved.real("total", 0.0)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from serp.control.lead_evidence import LeadEvidence
 from serp.control.protocols import Mask, Proposer, Values
 from serp.learning.dqn import Proposal
 from serp.planning.action_map import ActionForecast
@@ -26,12 +27,10 @@ class Situation(NamedTuple):
     Attributes:
         forecast: The planner's forecast.
         admissible: `[E]` actions that no veto refuses.
-        model_reliable: Whether the model has predicted the newest steps well.
     """
 
     forecast: ActionForecast
     admissible: Mask
-    model_reliable: bool = False
 
 
 class Strategy:
@@ -43,7 +42,6 @@ class Strategy:
     Args:
         settings: All settings.
         seed: Seed of random draws.
-        adapts: Whether the model adapts; a model that does not is never judged reliable.
 
     Attributes:
         reads: Settings that only this strategy reads, such as `guide.margin`.
@@ -53,7 +51,7 @@ class Strategy:
     reads: ClassVar[tuple[str, ...]] = ()
     guided: GuidedLearning | None = None
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
 
     @property
@@ -75,6 +73,11 @@ class Strategy:
     def turns(self) -> str:
         """In words: what `propose` returns now, without exploration."""
         return self.choice
+
+    @property
+    def evidence(self) -> LeadEvidence | None:
+        """The evidence that the choice goes by; None for strategies without any."""
+        return None
 
     @property
     def margin_weight(self) -> float:

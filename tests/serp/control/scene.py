@@ -13,6 +13,7 @@ from serp.learning.guidance import Guidance
 from serp.model.flags import APPLICABLE
 from serp.planning.action_map import ActionForecast
 from serp.planning.forecast import SAFE
+from serp.planning.limits import Bound
 from serp.settings import Settings
 
 
@@ -28,18 +29,18 @@ def forecast(values: Sequence[float]) -> ActionForecast:
         safe_steps=np.full(count, SAFE),
         reward=np.zeros(count),
         flags=np.full(count, APPLICABLE),
+        depth=1,
+        bound=Bound.DEPTH,
     )
 
 
 def situation(
     values: Sequence[float],
     admissible: Sequence[bool] | None = None,
-    *,
-    reliable: bool = False,
 ) -> Situation:
     """A state in which the plans from each action on are worth so much."""
     allowed = np.ones(len(values), bool) if admissible is None else np.array(admissible)
-    return Situation(forecast(values), allowed, reliable)
+    return Situation(forecast(values), allowed)
 
 
 class Known:
