@@ -2,7 +2,8 @@
 
 Predictors are the file alone and three residuals, see `serp.adaptation.residual.parameters`. Each
 is evaluated on a sample before it learns from it, and the best one is used (prequential choice:
-Dawid, Journal of the Royal Statistical Society A 147, 1984).
+Dawid, Journal of the Royal Statistical Society A 147, 1984). The loss is the mean absolute error,
+that of Laplace's distribution: a few impacts do not hide what is predicted in all other steps.
 
 Shapes: d inputs, T targets, R rows of the regression; losses are over all rows, so that an action
 with few samples is predicted as well as the others.
@@ -32,16 +33,16 @@ _MEMORY = 0.995  # weight of the past in the losses, per step
 _ROBUST = 5.0
 """Errors of more standard deviations weigh less, as under Student's t: by their square (Lange,
 Little & Taylor, Journal of the American Statistical Association 84, 1989)."""
-_NOTICED, _RECENT, _LASTING = 0.01, 0.85, 0.7
-"""A surprise is such an error of more than this fraction of the squared change. A lasting change is
+_NOTICED, _RECENT, _LASTING = 0.1, 0.85, 0.7
+"""A surprise is such an error of more than this fraction of the change. A lasting change is
 assumed if this fraction of recent steps are surprises."""
-_BETTER = 0.9  # fraction of the loss to which another predictor must reduce it to replace one
-_GAIN, _KEPT = 0.9, 1.0
+_BETTER = 0.95  # fraction of the loss to which another predictor must reduce it to replace one
+_GAIN, _KEPT = 0.95, 1.0
 """Features cost more, so they must reduce the loss of a cheaper predictor to these fractions to be
 chosen, and to be kept."""
-_FINE = 1e-4  # the least that features have to explain, as a fraction of the squared change
-_PREDICTED, _CERTAIN = 0.5, 0.02
-"""Largest fraction of the squared change, or of the file's squared error, left by a predictor."""
+_FINE = 1e-2  # the least that features have to explain, as a fraction of the change
+_PREDICTED, _CERTAIN = 0.7, 0.14
+"""Largest fraction of the change, or of the file's error, that a predictor may leave."""
 
 
 @cached_njit(nogil=True)
@@ -63,8 +64,8 @@ def account(sample, row, head, published, sizes, statistics):
     A sample is the inputs `[d]`, `[T]` observed next values less those of effects and processes,
     `[T]` whether that is observed, and `[T]` the change. `published` are views of
     `RegressionParameters`; `sizes` are its features, known columns, columns and heads.
-    `statistics` are `[4, T]` moving averages of squared errors by predictor, `[T]` samples in them,
-    `[T]` the mean squared change, `[R, T]` samples of each row, `[1]` the fraction of surprises.
+    `statistics` are `[4, T]` moving averages of errors by predictor, `[T]` samples in them,
+    `[T]` the mean change, `[R, T]` samples of each row, `[1]` the fraction of surprises.
 
     Returns:
         The weight of the sample in the regression, and whether a lasting change is assumed.
@@ -108,7 +109,7 @@ def account(sample, row, head, published, sizes, statistics):
             variance = typical[row, t] ** 2 + share * scale[0, t] ** 2 + least * least
             ratio = error * error / variance
             worst = max(worst, ratio)
-            if ratio > _ROBUST * _ROBUST and error * error > _NOTICED * spread[t]:
+            if ratio > _ROBUST * _ROBUST and abs(error) > _NOTICED * spread[t]:
                 surprise = surprise or samples[row, t] >= SETTLED
     weight = 1.0 if worst <= _ROBUST * _ROBUST else _ROBUST * _ROBUST / worst
     surprises[0] = _RECENT * surprises[0] + (1.0 - _RECENT if surprise else 0.0)
@@ -123,23 +124,24 @@ def account(sample, row, head, published, sizes, statistics):
             typical[row, t] += 0.02 * (limited - typical[row, t])
         else:
             typical[row, t] += (size * weight - typical[row, t]) / samples[row, t]
-        rate = rate_of(seen[t], _MEMORY) * weight * weight  # none for far outliers
-        spread[t] += rate * (change[t] * change[t] - spread[t])
+        rate = rate_of(seen[t], _MEMORY) * weight  # hardly any for far outliers
+        # Over all samples: where a robot keeps still, little changes, and noise is most of it.
+        spread[t] += weight / (1.0 + seen[t]) * (abs(change[t]) - spread[t])
         seen[t] += 1.0
         for kind in range(4):
-            squared = errors[kind, t] * errors[kind, t]
+            off = abs(errors[kind, t])
             if kind != r.FILE and seen[t] <= FEW:
-                squared = min(squared, errors[r.FILE, t] * errors[r.FILE, t])
+                off = min(off, abs(errors[r.FILE, t]))
                 if seen[t] == 2.0:
-                    loss[kind, t] = squared
+                    loss[kind, t] = off
                     continue
-            loss[kind, t] += rate * (squared - loss[kind, t])
+            loss[kind, t] += rate * (off - loss[kind, t])
         # The error where nothing is known, as far as it was seen: at first that of the file.
         scale[2, t] = _MEMORY * scale[2, t] + weight * share
         limit = 4.0 * scale[0, t] ** 2 if seen[t] > SETTLED else np.inf
         scale[3, t] = _MEMORY * scale[3, t] + weight * share * min(error * error, limit)
-        scale[0, t] = math.sqrt((scale[3, t] + loss[r.FILE, t]) / (scale[2, t] + 1.0))
-        scale[1, t] = math.sqrt(spread[t])
+        scale[0, t] = math.sqrt((scale[3, t] + loss[r.FILE, t] ** 2) / (scale[2, t] + 1.0))
+        scale[1, t] = spread[t]
     return weight, surprises[0] > _LASTING
 
 

@@ -43,9 +43,9 @@ _RECONSIDERED: Final = (32, 64, 128, 256, 512)
 _EARLY, _LATER, _COST = 4, 30, 1e6
 """Weights are solved after every 30th part of the samples, or later where it takes long: after as
 many samples as this cost goes into the cube of the columns, but after a quarter of the samples."""
-_FEATURES_FROM, _UNEXPLAINED = 60, 1e-4
+_FEATURES_FROM, _UNEXPLAINED = 60, 1e-2
 """Random features are used after this many samples if the linear model leaves this fraction of the
-squared change."""
+change."""
 _RIDGE, _ROW_RIDGE, _CONSTANT_RIDGE, _FEATURE_RIDGE = 1e-3, 3e-2, 1e-5, 1e-2
 """Of slopes that all rows share, of those of a row, of constants, and of random features."""
 
@@ -117,11 +117,12 @@ class ResidualRegression:
         p, loss = self._parameters, self._loss
         steps = self._samples[p.head_of_rows == head].sum(axis=0)
         learned = loss[LINEAR:].min(axis=0) if p.features else loss[LINEAR]
+        errors = (loss[FILE] ** 2, learned**2, self._spread**2)
         return [
-            TrackRecord(schema, used, int(seen), *errors)
-            for used, seen, *errors in zip(
-                (p.kinds != FILE).tolist(), steps.tolist(), loss[FILE].tolist(), learned.tolist(),
-                self._spread.tolist(), strict=True,
+            TrackRecord(schema, used, int(seen), *squares)
+            for used, seen, *squares in zip(
+                (p.kinds != FILE).tolist(), steps.tolist(), *map(np.ndarray.tolist, errors),
+                strict=True,
             )
         ]  # fmt: skip
 
