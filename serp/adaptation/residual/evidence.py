@@ -43,6 +43,9 @@ chosen, and to be kept."""
 _FINE = 1e-2  # the least that features have to explain, as a fraction of the change
 _PREDICTED, _CERTAIN = 0.7, 0.14
 """Largest fraction of the change, or of the file's error, that a predictor may leave."""
+_NEEDED, _OWN_RATE = 0.5, 0.01
+"""A residual is needed after an action if it leaves less than this fraction of the change and of
+the file's error there; rate of these averages."""
 
 
 @cached_njit(nogil=True)
@@ -65,7 +68,8 @@ def account(sample, row, head, published, sizes, statistics):
     `[T]` whether that is observed, and `[T]` the change. `published` are views of
     `RegressionParameters`; `sizes` are its features, known columns, columns and heads.
     `statistics` are `[4, T]` moving averages of errors by predictor, `[T]` samples in them,
-    `[T]` the mean change, `[R, T]` samples of each row, `[1]` the fraction of surprises.
+    `[T]` the mean change, `[R, 3, T]` errors of the file and of the linear residual and changes by
+    row, `[R, T]` samples of each row, `[1]` the fraction of surprises.
 
     Returns:
         The weight of the sample in the regression, and whether a lasting change is assumed.
@@ -73,7 +77,7 @@ def account(sample, row, head, published, sizes, statistics):
     x, y, valid, change = sample
     centre, shrink, frequency, phase, linear, amplitude, kinds, inverse, typical, scale = published
     features, known, columns, heads = sizes
-    loss, seen, spread, samples, surprises = statistics
+    loss, seen, spread, own, samples, surprises = statistics
     depth, count = x.shape[0], y.shape[0]
     room = np.empty(depth + 2 * r.SMOOTH + 4 * count)
     u, z = pointer_to(room, 0), pointer_to(room, depth)
@@ -119,6 +123,10 @@ def account(sample, row, head, published, sizes, statistics):
         error = errors[int(kinds[t]), t]
         size = abs(error)
         samples[row, t] += 1.0
+        rate = weight * max(_OWN_RATE, 1.0 / samples[row, t])
+        own[row, 0, t] += rate * (abs(y[t]) - own[row, 0, t])
+        own[row, 1, t] += rate * (abs(errors[r.LINEAR, t]) - own[row, 1, t])
+        own[row, 2, t] += rate * (abs(change[t]) - own[row, 2, t])
         if samples[row, t] > SETTLED:
             limited = min(size, 4.0 * typical[row, t] + 1e-12)
             typical[row, t] += 0.02 * (limited - typical[row, t])
@@ -146,22 +154,30 @@ def account(sample, row, head, published, sizes, statistics):
 
 
 @cached_njit(nogil=True)
-def choose(loss, seen, spread, features, kinds, enabled):
+def choose(statistics, features, kinds, enabled):
     """Choose the predictor of each target; return whether any is a residual.
 
     The file is used until another predicts clearly better, and at least half of the change: the
     mean of widely scattered values is not one of them, and no basis for a plan. Among the other
     predictors the cheapest one is chosen that none beats clearly, with some hysteresis.
+    It is enough if the residual is needed after one of the actions: where there is nothing to
+    predict, it predicts no more than the mean.
 
-    `features`: whether there are random features; `enabled` `[T]`: whether a residual may predict
-    the target; `kinds` `[T]` receives the choice.
+    `statistics` are those of `account`; `features`: whether there are random features; `enabled`
+    `[T]`: whether a residual may predict the target; `kinds` `[T]` receives the choice.
     """
+    loss, seen, spread, own, samples, _ = statistics
     residual = False
     for t in range(kinds.shape[0]):
         best = r.FILE
         if enabled[t] and seen[t] >= 2.0:
             now, written = int(kinds[t]), loss[r.FILE, t]
             least = min(_BETTER * written, max(_PREDICTED * spread[t], _CERTAIN * written))
+            for row in range(own.shape[0]):
+                if samples[row, t] >= SETTLED and own[row, 1, t] < _NEEDED * min(
+                    own[row, 0, t], own[row, 2, t]
+                ):
+                    least = np.inf
             for kind in range(1, 4 if features else 2):
                 factor = 1.0 if best == r.FILE else (_KEPT if kind == now else _GAIN)
                 if loss[kind, t] < factor * least - (0.0 if best == r.FILE else _FINE * spread[t]):

@@ -20,17 +20,12 @@ from serp._util.saved_state import MOST, Saved, nested, part_of
 from serp.adaptation.adoption import TrackRecord
 from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.residual import evidence as e
+from serp.adaptation.residual import parameters as r
 from serp.adaptation.residual.design import design_matrix, predicted
 from serp.adaptation.residual.first_samples import FIRST, outliers
 from serp.adaptation.residual.kept_samples import KeptSamples, Mask
 from serp.adaptation.residual.normal_equations import NormalEquations
-from serp.adaptation.residual.parameters import (
-    CODES,
-    FILE,
-    LINEAR,
-    SMOOTH,
-    RegressionParameters,
-)
+from serp.adaptation.residual.parameters import RegressionParameters
 from serp.adaptation.residual.ranges import Ranges
 from serp.model.transition_model import Vector
 
@@ -70,7 +65,11 @@ class ResidualRegression:
         )  # fmt: skip
         self._loss, self._samples = np.zeros((4, count)), np.zeros((rows, count))
         self._seen, self._spread, self._surprises = np.zeros(count), np.zeros(count), np.zeros(1)
-        self._statistics = self._loss, self._seen, self._spread, self._samples, self._surprises
+        self._own = np.zeros((rows, 3, count))
+        self._statistics = (
+            self._loss, self._seen, self._spread, self._own, self._samples, self._surprises,
+        )  # fmt: skip
+        self._shelved = [np.zeros_like(array) for array in self._statistics]
         self._ranges = Ranges(depth)
         self._sums = NormalEquations(count)
         self._kept = KeptSamples(depth, count, rows)
@@ -116,12 +115,12 @@ class ResidualRegression:
         """Return what is known of the residual of each target, after actions of a schema."""
         p, loss = self._parameters, self._loss
         steps = self._samples[p.head_of_rows == head].sum(axis=0)
-        learned = loss[LINEAR:].min(axis=0) if p.features else loss[LINEAR]
-        errors = (loss[FILE] ** 2, learned**2, self._spread**2)
+        learned = loss[r.LINEAR :].min(axis=0) if p.features else loss[r.LINEAR]
+        errors = (loss[r.FILE] ** 2, learned**2, self._spread**2)
         return [
             TrackRecord(schema, used, int(seen), *squares)
             for used, seen, *squares in zip(
-                (p.kinds != FILE).tolist(), steps.tolist(), *map(np.ndarray.tolist, errors),
+                (p.kinds != r.FILE).tolist(), steps.tolist(), *map(np.ndarray.tolist, errors),
                 strict=True,
             )
         ]  # fmt: skip
@@ -174,9 +173,7 @@ class ResidualRegression:
         cost = len(self._sums.gram) * self._size**3 / _COST
         if self._since_solved >= max(recent / _LATER, min(recent / _EARLY, cost)):
             self._solve()
-        used: bool = e.choose(
-            self._loss, self._seen, self._spread, p.features > 0, p.kinds, enabled
-        )
+        used: bool = e.choose(self._statistics, p.features > 0, p.kinds, enabled)
         return used
 
     def _row(self, head: int, x: Vector) -> int:
@@ -185,7 +182,7 @@ class ResidualRegression:
             return head
         p = self._parameters
         bits = sum(2**k for k, bit in enumerate(self._bits) if x[bit] != 0.0)
-        code = float(CODES * head + bits)
+        code = float(r.CODES * head + bits)
         known: list[float] = p.codes[p.heads : p.heads + p.modes].tolist()
         if code in known:
             return p.heads + known.index(code)
@@ -199,17 +196,19 @@ class ResidualRegression:
 
     def _forget(self) -> None:
         """Forget all but the newest samples, because the environment has changed."""
-        self._before.restore(self._parameters.contents())
-        self._parameters.features = self._parameters.known = 0
-        self._parameters.kinds[:] = np.minimum(self._parameters.kinds, LINEAR)
+        p = self._parameters
+        self._before.restore(p.contents())
+        p.features = p.known = 0
+        p.kinds[:] = np.minimum(p.kinds, r.LINEAR)
+        p.typical[:] = 0.0
+        for array, shelved in zip(self._statistics, self._shelved, strict=True):
+            shelved[:] = array
+            array[:] = 0.0
         self._begin(self._kept.seen - _REMEMBERED)
 
     def _begin(self, start: int) -> None:
         """Believe the samples since the start of the present world, a position."""
         self._start = start
-        for array in self._statistics:
-            array[:] = 0.0
-        self._parameters.typical[:] = 0.0
         self._refit()
         self._solve()
 
@@ -226,6 +225,10 @@ class ResidualRegression:
             usual = off[kept.valid[new, t], t]
             balance += (np.median(usual) - now[t]) / p.scale[1, t] if len(usual) else 0.0
         if balance < 0.0:
+            p.restore(self._before.contents())
+            for array, shelved in zip(self._statistics, self._shelved, strict=True):
+                array[:] = shelved
+            self._surprises[:] = 0.0
             self._begin(0)
 
     def _add_pending(self) -> None:
@@ -262,12 +265,12 @@ class ResidualRegression:
         self._since_solved = 0
         if self._nonlinear and not p.features and self._unexplained():
             p.draw(self._seed)
-            self._loss[LINEAR + 1 :] = self._loss[LINEAR]
+            self._loss[r.LINEAR + 1 :] = self._loss[r.LINEAR]
             self._refit()
         elif self._ranges.beyond(p.centre, p.shrink):
             self._refit()
         self._add_pending()
-        linear, smooth = p.columns, p.columns + SMOOTH
+        linear, smooth = p.columns, p.columns + r.SMOOTH
         sizes = (linear, smooth, self._size) if p.features else (linear,)
         ridge = np.full(self._size, _ROW_RIDGE)
         ridge[: 1 + p.depth] = _RIDGE
@@ -295,7 +298,7 @@ class ResidualRegression:
 
     def _unexplained(self) -> bool:
         """Return whether linear models leave a large error, and there are enough samples."""
-        left = self._loss[LINEAR] > _UNEXPLAINED * self._spread + 1e-18
+        left = self._loss[r.LINEAR] > _UNEXPLAINED * self._spread + 1e-18
         return self._kept.seen - self._start >= _FEATURES_FROM and bool(left.any())
 
     _COUNTS: Final = ("start", "pending", "since_solved")
@@ -303,6 +306,7 @@ class ResidualRegression:
     _RANGES: Final = {
         "seen": (0, MOST), "surprises": (0.0, 1.0), "firsts": (0, MOST),
         "loss": (0.0, np.inf), "spread": (0.0, np.inf), "samples": (0, MOST),
+        "own": (0.0, np.inf),
     }  # fmt: skip
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
@@ -311,6 +315,7 @@ class ResidualRegression:
         arrays |= {name: getattr(self._sums, name).copy() for name in self._SUMS}
         arrays |= {"low": self._ranges.low.copy(), "high": self._ranges.high.copy()}
         arrays |= nested("before", self._before.contents())
+        arrays |= {f"shelved{k}": array.copy() for k, array in enumerate(self._shelved)}
         meta = {name: getattr(self, f"_{name}") for name in self._COUNTS}
         meta |= {"samples": self._kept.seen, "outliers": self._ranges.outliers}
         meta["total"] = self._sums.total
@@ -324,6 +329,8 @@ class ResidualRegression:
         for name in self._COUNTS:
             setattr(self, f"_{name}", saved.whole(name))
         self._before.restore(part_of(arrays, "before"))
+        for k, array in enumerate(self._shelved):
+            array[:] = saved.array(f"shelved{k}", np.float64, array.shape, 0.0)
         if self._start > seen:
             raise saved.wrong("the last change is later than the last sample")
         if self._pending > min(len(self._kept), _PENDING):
