@@ -19,7 +19,8 @@ from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import closed_kernels as kernels
 from serp.planning.far_sight import solution_kernels as solution
-from serp.planning.far_sight.closed_kernels import Counters, GraphArrays
+from serp.planning.far_sight.closed_kernels import ENDED, NO_FLUENTS, Counters, GraphArrays
+from serp.planning.far_sight.inert import inert_fluents
 from serp.planning.far_sight.saved_graph import contents, restored
 from serp.planning.forecast import Forecast
 from serp.planning.kernel_records import FirstActions
@@ -73,6 +74,8 @@ class ClosedGraph:
 
     def clear(self) -> None:
         """Forget all nodes."""
+        written = self._model.as_written
+        self._inert = inert_fluents(self._model.ground) if written else NO_FLUENTS
         self._allocate(_SMALLEST, _SMALLEST, _SMALLEST)
         self._unit, self._depth = 0.0, 0
 
@@ -96,19 +99,25 @@ class ClosedGraph:
         """Whether everything that can be reached is in the graph."""
         return self.nodes == self.expanded
 
-    def grow(self, state: Vector, limit: int = MAX_EDGES) -> None:
-        """Add a state `[F]` and what can be reached from it, and solve the graph.
+    @property
+    def spreads(self) -> bool:
+        """Whether edges hardly ever lead to a known state, so that the graph will not close."""
+        return self.edges >= _JUDGED_FROM and self.nodes > _NEVER_MET * self.edges
+
+    def grow(self, states: Vector, limit: int = MAX_EDGES) -> None:
+        """Add a state `[F]` or several, and what can be reached from them, and solve the graph.
 
         Where the graph would become too large, some nodes are left unexpanded, those with the most
         actions on the way to them.
 
         Args:
-            state: The state.
+            states: The states.
             limit: Most edges of the graph.
         """
-        if self.nodes == self._arrays.digest.shape[0]:
-            self._enlarge()
-        kernels.add_root(self._arrays_tuple, state)
+        for state in np.array(states, ndmin=2):
+            if self.nodes == self._arrays.digest.shape[0]:
+                self._enlarge()
+            kernels.add_root(self._arrays_tuple, state)
         limit = min(limit, self._max_edges)
         expand = self._expand_native if self._model.compiles else self._expand_interpreted
         ended, most = kernels.MANY, _JUDGED_FROM
@@ -118,8 +127,8 @@ class ClosedGraph:
             ended = expand(min(most, limit))
             if ended == kernels.FULL:
                 self._enlarge()
-            elif self.edges >= most and self.nodes > _NEVER_MET * self.edges:
-                break  # edges that hardly ever lead to a known state will not close the graph
+            elif self.edges >= most and self.spreads:
+                break
         self._solve()
 
     def _solve(self) -> None:
@@ -141,7 +150,7 @@ class ClosedGraph:
             None where the state is not in the graph, or its best policy leaves the graph.
         """
         arrays = self._arrays
-        node = kernels.find(self._arrays_tuple, state)
+        node = self._find(state)
         if node < 0 or not arrays.inside[node]:
             return None
         choice, found = self._look_up(node)
@@ -151,6 +160,23 @@ class ClosedGraph:
                 flags[action] = self._model.transition(values, action)[1]
         bound = Bound.EXHAUSTED if self.complete else Bound.NODES
         return Forecast(choice, *found, self._depth, bound)
+
+    def ends(self, state: Vector) -> bool:
+        """Return whether the best policy leads from a state `[F]` to the end of the task.
+
+        The first outcome of every step is followed.
+        """
+        arrays, node, met = self._arrays, self._find(state), set[int]()
+        while node >= 0 and node not in met and arrays.inside[node] and arrays.best[node] >= 0:
+            met.add(node)
+            node = int(arrays.target[arrays.first_outcome[arrays.best[node]]])
+        return node == ENDED and bool(met)
+
+    def _find(self, state: Vector) -> int:
+        if self._inert.size:
+            state = state.copy()
+            state[self._inert] = 0.0
+        return int(kernels.find(self._arrays_tuple, state))
 
     def _look_up(self, node: int) -> tuple[int, FirstActions]:
         """Return the chosen action of a node, and what is predicted for every action."""
@@ -203,7 +229,7 @@ class ClosedGraph:
     def _allocate(self, nodes: int, edges: int, outcomes: int) -> None:
         most = self._actions * OUTCOMES
         self._arrays = GraphArrays.allocate(
-            nodes + most, edges + self._actions, outcomes + most, self._width
+            nodes + most, edges + self._actions, outcomes + most, self._width, self._inert
         )
         self._arrays_tuple = tuple(self._arrays)
 
@@ -214,7 +240,7 @@ class ClosedGraph:
         self._allocate(*sizes)
         new = self._arrays
         for name, column in old._asdict().items():
-            if name != "table":
+            if name not in ("table", "inert"):
                 getattr(new, name)[: len(column)] = column
         kernels.hash_states(self._arrays_tuple)
 
@@ -224,8 +250,9 @@ class ClosedGraph:
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
+        self.clear()
         most = self._actions * OUTCOMES
         spare = (most + _SMALLEST, self._actions + _SMALLEST, most + _SMALLEST)
-        self._arrays = restored(arrays, self._width, self._actions, spare)
+        self._arrays = restored(arrays, self._width, self._actions, spare, self._inert)
         self._arrays_tuple = tuple(self._arrays)
         self._measure()

@@ -13,6 +13,7 @@ from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.cell_graph import COARSEST, FINEST, CellGraph, Visited
 from serp.planning.far_sight.cell_values import repacked
 from serp.planning.far_sight.closed_graph import MAX_EDGES, ClosedGraph
+from serp.planning.far_sight.goal_search import GoalSearch
 from serp.planning.forecast import Forecast
 from serp.planning.limits import Bound, lookahead_nodes
 from serp.planning.lookahead import Lookahead
@@ -55,6 +56,8 @@ class FarSightPlanner:
         model: As above.
         visited: The visited states; None if they are not known. Without them there are no cells.
         graph: The closed graph.
+        search: The search for a way to the goal, where not everything that can be reached fits into
+            the graph.
         cells: The graph of cells; None where the model is not compiled.
     """
 
@@ -64,6 +67,7 @@ class FarSightPlanner:
         self.model = model
         self.visited: Visited | None = None
         self.graph = ClosedGraph(model, settings)
+        self.search = GoalSearch(model, settings)
         self.cells = CellGraph(model, settings) if isinstance(near, Lookahead) else None
         self._near = near
         actions = len(model.actions)
@@ -98,12 +102,27 @@ class FarSightPlanner:
             if found is not None or before == 0:
                 break
             graph.clear()
+        if self.search.goal and not (graph.complete or graph.spreads or graph.ends(state)):
+            found, edges = self._search(state) or found, edges + self.search.steps
         self._saved -= edges
         if found is None:
             if graph.edges >= self._limit:
                 self._limit = min(2 * self._limit, MAX_EDGES)
             self._attempt_at = _PATIENCE * self._decisions
         return found
+
+    def _search(self, state: Vector) -> Forecast | None:
+        """Grow the graph around a way to the goal; return its forecast if there is such a way.
+
+        Its values are then those of the best policy in the neighbourhood of the way (Nakhost &
+        Müller, "Action elimination and plan neighborhood graph search", ICAPS 2010).
+        """
+        way = self.search.way(state, MAX_EDGES)
+        if way is None:
+            return None
+        self.graph.clear()
+        self.graph.grow(way, _SMALL_GRAPH)
+        return self.graph.forecast(state)
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:
         near, visited, cells = self._near, self.visited, self.cells

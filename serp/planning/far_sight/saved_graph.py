@@ -30,7 +30,11 @@ def contents(graph: GraphArrays, width: int) -> Arrays:
 
 
 def restored(
-    arrays: Mapping[str, NDArray[Any]], width: int, actions: int, spare: tuple[int, int, int]
+    arrays: Mapping[str, NDArray[Any]],
+    width: int,
+    actions: int,
+    spare: tuple[int, int, int],
+    inert: NDArray[np.int64],
 ) -> GraphArrays:
     """Return the graph that `contents` was taken from.
 
@@ -39,6 +43,7 @@ def restored(
         width: Fluents of a state, F.
         actions: Number of actions.
         spare: Room for further nodes, edges and outcomes.
+        inert: See `GraphArrays`.
 
     Raises:
         RunError: It is damaged.
@@ -74,7 +79,8 @@ def restored(
         "target": (outcomes, ENDED, nodes - 1),
         "chance": (outcomes, 0.0, 1.0),
     }
-    graph = GraphArrays.allocate(nodes + spare[0], edges + spare[1], outcomes + spare[2], width)
+    room = (nodes + spare[0], edges + spare[1], outcomes + spare[2])
+    graph = GraphArrays.allocate(*room, width, inert)
     for name, (length, low, high) in bounds.items():
         column = getattr(graph, name)
         part = saved.array(name, column.dtype, (length,), low, high)
