@@ -71,8 +71,9 @@ class Evidence(ImitatingStrategy):
     experience, so old returns lose weight as experience grows, and both are tried again from time
     to time (discounted Thompson sampling: Raj & Kalyani 2017, arXiv 1707.09727). Without evidence a
     lead is expected to be as bad as the worst episode so far, so the planner begins. While the
-    planner leads, the learner acts where all plans have the same value. The trained policy is the
-    lead that is more probably the better one.
+    planner leads, the learner acts, and explores, where all plans have the same value. It does not
+    explore where it leads: its returns would say nothing of its trained policy. The trained policy
+    is the lead that is more probably the better one.
     """
 
     reads = ("arbiter.imitation_weight",)
@@ -160,11 +161,11 @@ class Evidence(ImitatingStrategy):
         return forked
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Return the learner's proposal if it leads, or all plans are alike; else None."""
+        """Return the learner's choice if it leads; if not, its proposal where plans are alike."""
         self._notice(situation)
-        if self._leads or situation.forecast.indifferent:
-            return learner.propose(situation.admissible)
-        return None
+        if self._leads:
+            return learner.propose_greedily()
+        return learner.propose(situation.admissible) if situation.forecast.indifferent else None
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the proposal of the better lead, without exploration or random draws."""
