@@ -12,7 +12,7 @@ FEW: Final = 20
 """Steps below which a part that is not in use is said to have seen too few."""
 
 
-class Judgement(NamedTuple):
+class PartRecord(NamedTuple):
     """What was learned beside the file of one function or predicate, after one action.
 
     Errors are prequential: those of predictions of steps that were not learned from yet.
@@ -139,8 +139,8 @@ def parameters_in_use(
 
 def adoption_of(
     fluent: str,
-    residuals: Sequence[Judgement],
-    outcomes: Sequence[Judgement],
+    residuals: Sequence[PartRecord],
+    outcomes: Sequence[PartRecord],
     skill: float | None,
 ) -> FluentAdoption:
     """Return what predicts a function or predicate, given the judgements after each action."""
@@ -157,7 +157,7 @@ def adoption_of(
     return FluentAdoption(fluent, residual, counted, steps, None if counted else skill, why)
 
 
-def _reason(what: str, judgements: Sequence[Judgement]) -> str:
+def _reason(what: str, judgements: Sequence[PartRecord]) -> str:
     """Return why one kind of learned part is in use or is not; empty if there is none."""
     hindrances = dict.fromkeys(j.hindrance for j in judgements if j.hindrance)
     judged = [j for j in judgements if j.steps and not j.hindrance]

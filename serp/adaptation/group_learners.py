@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import Arrays, Saved, nested
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.adoption import FluentAdoption, Judgement, adoption_of
+from serp.adaptation.adoption import FluentAdoption, PartRecord, adoption_of
 from serp.adaptation.feature_groups import FeatureGroup, Key
 from serp.adaptation.outcomes.outcome_counts import OutcomeCounts
 from serp.adaptation.parameter_buffer import MODES
@@ -93,8 +93,8 @@ class GroupLearners:
 
         `skills` are the forecast skills by their names.
         """
-        residuals: dict[str, list[Judgement]] = {symbol: [] for symbol in skills}
-        outcomes: dict[str, list[Judgement]] = {symbol: [] for symbol in skills}
+        residuals: dict[str, list[PartRecord]] = {symbol: [] for symbol in skills}
+        outcomes: dict[str, list[PartRecord]] = {symbol: [] for symbol in skills}
         fluents, changing = self._model.fluents, set[str]()
         for key, group in self._groups.items():
             schema, counts = key[0], self._counts[key].judgement(key[0])
@@ -102,7 +102,7 @@ class GroupLearners:
             predicates = [fluents[column].symbol for column in group.predicates]
             changing.update(numbers, predicates)
             whole = [self._whole[column] for column in group.targets]
-            judged = [Judgement(schema, False, 0, 0.0, 0.0, 0.0, _TOO_WIDE)] * len(numbers)
+            judged = [PartRecord(schema, False, 0, 0.0, 0.0, 0.0, _TOO_WIDE)] * len(numbers)
             if key in self._residuals:
                 judged = self._residuals[key].judgements(schema)
             for symbol, counted, judgement in zip(numbers, whole, judged, strict=True):

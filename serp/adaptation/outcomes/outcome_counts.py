@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import LARGEST, MOST, Saved
-from serp.adaptation.adoption import Judgement
+from serp.adaptation.adoption import PartRecord
 from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.moving_average import rate_of
 from serp.adaptation.outcomes import table_kernels as c
@@ -71,11 +71,11 @@ class OutcomeCounts:
             and bool(self._scores[1] < _BETTER * self._scores[0])
         )
 
-    def judgement(self, schema: str) -> Judgement:
+    def judgement(self, schema: str) -> PartRecord:
         """Return what is known of the counts, after actions of a schema."""
         written, learned = self._scores.tolist()
         hindrance = "too many different outcomes to count" if self._given_up else ""
-        return Judgement(schema, self.used, self._samples, written, learned, 0.0, hindrance)
+        return PartRecord(schema, self.used, self._samples, written, learned, 0.0, hindrance)
 
     def learn(
         self,
