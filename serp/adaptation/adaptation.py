@@ -59,7 +59,7 @@ class ModelAdaptation:
         self._learners: GroupLearners | None = None
         self._estimation: ParameterEstimation | None = None
         self._step = np.zeros((3, width + 2))
-        if settings.mode != "off" and not written.compiles:
+        if settings.mode != "off" and not written.has_own_code:
             self.notice = (
                 "the domain has too many ground actions to adapt its model; it is used as written"
             )
@@ -93,11 +93,6 @@ class ModelAdaptation:
             self._record_and_learn(self._adapted, (state, action, next_state, ending, reward))
         if self._estimation is not None and self._estimation.due(self.experience.seen):
             self._estimate_parameters()
-
-    @property
-    def reliable(self) -> bool:
-        """Whether the model is adapted, and has predicted the newest steps well."""
-        return self._adapted is not None and self.forecast_skill.reliable
 
     @property
     def adoption(self) -> ModelAdoption:

@@ -12,7 +12,7 @@ FEW: Final = 20
 """Steps below which a part that is not in use is said to have seen too few."""
 
 
-class PartRecord(NamedTuple):
+class TrackRecord(NamedTuple):
     """What was learned beside the file of one function or predicate, after one action.
 
     Errors are prequential: those of predictions of steps that were not learned from yet.
@@ -139,11 +139,11 @@ def parameters_in_use(
 
 def adoption_of(
     fluent: str,
-    residuals: Sequence[PartRecord],
-    outcomes: Sequence[PartRecord],
+    residuals: Sequence[TrackRecord],
+    outcomes: Sequence[TrackRecord],
     skill: float | None,
 ) -> FluentAdoption:
-    """Return what predicts a function or predicate, given the judgements after each action."""
+    """Return what predicts a function or predicate, given the track_records after each action."""
     residual, counted = (
         tuple(dict.fromkeys(j.schema for j in kind if j.used)) for kind in (residuals, outcomes)
     )
@@ -157,10 +157,10 @@ def adoption_of(
     return FluentAdoption(fluent, residual, counted, steps, None if counted else skill, why)
 
 
-def _reason(what: str, judgements: Sequence[PartRecord]) -> str:
+def _reason(what: str, track_records: Sequence[TrackRecord]) -> str:
     """Return why one kind of learned part is in use or is not; empty if there is none."""
-    hindrances = dict.fromkeys(j.hindrance for j in judgements if j.hindrance)
-    judged = [j for j in judgements if j.steps and not j.hindrance]
+    hindrances = dict.fromkeys(j.hindrance for j in track_records if j.hindrance)
+    judged = [j for j in track_records if j.steps and not j.hindrance]
     if not judged:
         return f"{what}: {'; '.join(hindrances)}" if hindrances else ""
     used = [j for j in judged if j.used]

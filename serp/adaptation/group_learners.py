@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import Arrays, Saved, nested
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.adoption import FluentAdoption, PartRecord, adoption_of
+from serp.adaptation.adoption import FluentAdoption, TrackRecord, adoption_of
 from serp.adaptation.feature_groups import FeatureGroup, Key
 from serp.adaptation.outcomes.outcome_counts import OutcomeCounts
 from serp.adaptation.parameter_buffer import MODES
@@ -93,21 +93,21 @@ class GroupLearners:
 
         `skills` are the forecast skills by their names.
         """
-        residuals: dict[str, list[PartRecord]] = {symbol: [] for symbol in skills}
-        outcomes: dict[str, list[PartRecord]] = {symbol: [] for symbol in skills}
+        residuals: dict[str, list[TrackRecord]] = {symbol: [] for symbol in skills}
+        outcomes: dict[str, list[TrackRecord]] = {symbol: [] for symbol in skills}
         fluents, changing = self._model.fluents, set[str]()
         for key, group in self._groups.items():
-            schema, counts = key[0], self._counts[key].judgement(key[0])
+            schema, counts = key[0], self._counts[key].track_record(key[0])
             numbers = [fluents[column].symbol for column in group.targets]
             predicates = [fluents[column].symbol for column in group.predicates]
             changing.update(numbers, predicates)
             whole = [self._whole[column] for column in group.targets]
-            judged = [PartRecord(schema, False, 0, 0.0, 0.0, 0.0, _TOO_WIDE)] * len(numbers)
+            judged = [TrackRecord(schema, False, 0, 0.0, 0.0, 0.0, _TOO_WIDE)] * len(numbers)
             if key in self._residuals:
-                judged = self._residuals[key].judgements(schema)
-            for symbol, counted, judgement in zip(numbers, whole, judged, strict=True):
+                judged = self._residuals[key].track_records(schema)
+            for symbol, counted, track_record in zip(numbers, whole, judged, strict=True):
                 (outcomes if counted else residuals)[symbol].append(
-                    counts if counted else judgement
+                    counts if counted else track_record
                 )
             for symbol in predicates:
                 outcomes[symbol].append(counts)

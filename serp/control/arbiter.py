@@ -41,7 +41,6 @@ class Arbiter:
         vetoes: Refuses actions; by default a `VetoPolicy` with these settings.
         exploration_bonus: Returns a forecast whose choice has been tried less often, to be used in
             training; by default the same forecast.
-        reliable: Returns whether the model has predicted the newest steps well; by default False.
     """
 
     def __init__(
@@ -53,7 +52,6 @@ class Arbiter:
         *,
         vetoes: VetoPolicy | NoVeto | None = None,
         exploration_bonus: Callable[[Forecast], Forecast] = lambda forecast: forecast,
-        reliable: Callable[[], bool] = lambda: False,
     ) -> None:
         self.planner = planner
         self.actions = actions
@@ -61,7 +59,6 @@ class Arbiter:
         self.strategy = strategy or Mixture(Settings(arbiter=self.settings))
         self.vetoes = vetoes or VetoPolicy(actions, self.settings)
         self._exploration_bonus = exploration_bonus
-        self._reliable = reliable
 
     @property
     def model(self) -> TransitionModel:
@@ -122,7 +119,7 @@ class Arbiter:
 
     def _situation(self, forecast: ActionForecast) -> Situation:
         admissible = self.vetoes.admissible(forecast)
-        return Situation(forecast, admissible, self._reliable())
+        return Situation(forecast, admissible)
 
     def _follow(self, situation: Situation, proposal: Proposal | None) -> Decision:
         forecast, admissible = situation.forecast, situation.admissible

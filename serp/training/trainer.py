@@ -122,7 +122,6 @@ class Trainer:
         agent = self.agent
         losses: list[float] = []
         self.under_way = self.env_steps + 1
-        agent.begin_episode()
         rollout = Rollout(
             self.task,
             self._perceive,

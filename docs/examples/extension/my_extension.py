@@ -14,13 +14,12 @@ class PlannerFirst(serp.Strategy):
     Args:
         settings: All settings.
         seed: Seed of its draws; it draws nothing.
-        adapts: Whether the model adapts.
     """
 
     reads = ("guide.imitation_steps",)  # the settings of its own
 
-    def __init__(self, settings: serp.Settings, seed: Any, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: serp.Settings, seed: Any) -> None:
+        super().__init__(settings, seed)
         self._left = settings.guide.imitation_steps
 
     def propose(self, situation: Any, learner: Any) -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import LARGEST, MOST, Saved, nested, part_of
-from serp.adaptation.adoption import PartRecord
+from serp.adaptation.adoption import TrackRecord
 from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.parameter_buffer import FILE, LINEAR, MODES, NONLINEAR, GroupParameters
 from serp.adaptation.residual import candidates
@@ -95,7 +95,7 @@ class OnlineResidual:
                 used = used if again is None else again
         return used
 
-    def judgements(self, schema: str) -> list[PartRecord]:
+    def track_records(self, schema: str) -> list[TrackRecord]:
         """Return what is known of the residual of each target, after actions of a schema."""
         statistics, parameters = self._statistics, self._parameters
         candidates = [LINEAR, NONLINEAR] if parameters.fourier else [LINEAR]
@@ -105,7 +105,7 @@ class OnlineResidual:
         columns = zip(
             used, seen, loss[FILE].tolist(), learned, statistics.spread.tolist(), strict=True
         )
-        return [PartRecord(schema, use, int(steps), *errors) for use, steps, *errors in columns]
+        return [TrackRecord(schema, use, int(steps), *errors) for use, steps, *errors in columns]
 
     def _learn_warm_up(self, enabled: Mask) -> bool | None:
         """Learn the first samples again without outliers; None if there are no outliers."""

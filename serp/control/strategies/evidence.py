@@ -80,8 +80,8 @@ class Evidence(ImitatingStrategy):
 
     reads = ("arbiter.imitation_weight",)
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
         self.planner, self.learner = Returns(), Returns()
         self._worst, self._best = math.inf, -math.inf
         self._steps = 0
@@ -167,7 +167,6 @@ class Evidence(ImitatingStrategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's choice if it leads; if not, its proposal where plans are alike."""
-        self._notice(situation)
         if self._start is None:
             admissible = situation.admissible if situation.admissible.any() else slice(None)
             self._start = float(learner.member_q().mean(axis=0)[admissible].max())

@@ -30,8 +30,8 @@ class ImitateThenLearn(Strategy):
 
     reads = ("guide.imitation_steps", "guide.margin")
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
         margin, steps = settings.guide.margin, settings.guide.imitation_steps
         self.guided = GuidedLearning(margin=margin, margin_weight=1.0, q_filter=False)
         self._random = np.random.default_rng(seed)

@@ -30,8 +30,8 @@ class JumpStart(Strategy):
 
     reads = ("guide.jump_stages", "guide.jump_tolerance")
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
         self._longest = 0
         self._stage = -1
         """-1 while only the planner acts."""

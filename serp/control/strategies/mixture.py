@@ -23,8 +23,8 @@ class Mixture(Strategy):
 
     reads = ("arbiter.rho", "arbiter.rho_increment", "arbiter.rho_unit", "arbiter.rho_max")
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
         self._rho = settings.arbiter.rho
         self._random = np.random.default_rng(seed)
 

@@ -27,12 +27,10 @@ class Situation(NamedTuple):
     Attributes:
         forecast: The planner's forecast.
         admissible: `[E]` actions that no veto refuses.
-        model_reliable: Whether the model has predicted the newest steps well.
     """
 
     forecast: ActionForecast
     admissible: Mask
-    model_reliable: bool = False
 
 
 class Strategy:
@@ -44,7 +42,6 @@ class Strategy:
     Args:
         settings: All settings.
         seed: Seed of random draws.
-        adapts: Whether the model adapts; a model that does not is never judged reliable.
 
     Attributes:
         reads: Settings that only this strategy reads, such as `guide.margin`.
@@ -54,7 +51,7 @@ class Strategy:
     reads: ClassVar[tuple[str, ...]] = ()
     guided: GuidedLearning | None = None
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
 
     @property

@@ -26,7 +26,6 @@ from tests.serp.adaptation.worlds import (
     adaptation,
     adapted,
     any_state,
-    plus,
 )
 from tests.serp.sample_tasks import SMALL
 from tests.serp.sysid.rolls import DOMAINS, from_text
@@ -192,21 +191,6 @@ def test_where_an_action_is_not_applicable_nothing_is_learned() -> None:
     expected = adapted(of).written.step(state, 0).state
     assert of.model.step(state, 0).state.tobytes() == expected.tobytes()
     assert of.visits.tolist() == [60, 0]
-
-
-def test_a_model_is_reliable_where_it_predicts_well() -> None:
-    lucky, unlucky, off = adaptation(PLANE), adaptation(PLANE), adaptation(PLANE, "off")
-    rng = np.random.default_rng(0)
-    for step in range(1, 200):
-        state = rng.normal(size=2)
-        for of in (lucky, off):
-            of.observe(state, 0, plus(state, 0.3 * state[1], 0.2), step % 20 == 0)
-        unlucky.observe(state, 0, rng.normal(size=2), step % 20 == 0)
-        assert not off.reliable and not unlucky.reliable
-        assert step < 100 or lucky.reliable
-    again = adaptation(PLANE)
-    again.load_state_dict(*lucky.state_dict())
-    assert again.reliable
 
 
 @pytest.mark.parametrize("compiled", [False, True])

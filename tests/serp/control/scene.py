@@ -37,12 +37,10 @@ def forecast(values: Sequence[float]) -> ActionForecast:
 def situation(
     values: Sequence[float],
     admissible: Sequence[bool] | None = None,
-    *,
-    reliable: bool = False,
 ) -> Situation:
     """A state in which the plans from each action on are worth so much."""
     allowed = np.ones(len(values), bool) if admissible is None else np.array(admissible)
-    return Situation(forecast(values), allowed, reliable)
+    return Situation(forecast(values), allowed)
 
 
 class Known:

@@ -67,10 +67,12 @@ def assert_all_forms_agree(
         assert bits(forecast) == bits(planned.forecast)
         assert type(forecast.choice) is int and type(forecast.bound) is Bound
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
+        for limit in ("MAX_NATIVE_SIZE", "MAX_BYTECODE_SIZE"):
+            assert model.compiles
+            patch.setattr(f"serp.model.program.{limit}", -1)
+            for state, planned in zip(states, plans, strict=True):
+                assert bits(plan(model, settings, state).forecast) == bits(planned.forecast)
         assert not model.compiles
-        for state, planned in zip(states, plans, strict=True):
-            assert bits(plan(model, settings, state).forecast) == bits(planned.forecast)
     return plans
 
 

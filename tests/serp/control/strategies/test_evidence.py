@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import copy
-import itertools
 import json
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from serp.control.strategies.evidence import Evidence
 from serp.errors import RunError
 from serp.settings import Settings
-from tests.serp.control.scene import learner_acts
+from tests.serp.control.scene import learner_acts, told
 
 RETURNS = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -200.0, 1e300, -1e200, 1e-300])
 EPISODES = st.lists(st.tuples(RETURNS, st.integers(1, 500)), max_size=30)
@@ -56,7 +56,7 @@ def test_the_planner_leads_first_and_the_learner_is_tried_seldom_where_it_is_wor
 def test_where_all_returns_are_equal_the_learner_is_tried_ever_more_seldom(value: float) -> None:
     after = [played(lambda leads, _: value, 1, n)[0].rho for n in range(30)]
     assert after[0] == 0.0 and after[1] <= 1 / 6
-    assert all(later < earlier for earlier, later in itertools.pairwise(after[1:]))
+    assert all(later < earlier for earlier, later in pairwise(after[1:]))
     led = [sum(played(lambda leads, _: value, seed, 100)[1]) for seed in range(20)]
     assert 0 < np.mean(led) < 5
 
@@ -137,3 +137,23 @@ def test_a_forged_state_is_refused_or_gone_on_with(data: st.DataObject) -> None:
         assert 0.0 <= other.rho <= 1.0
         json.dumps(other.evidence.as_dict(), allow_nan=False)
         other.end_episode(1.0, 10)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_learner_imitates_the_planner_as_long_as_that_is_better(seed: int) -> None:
+    settings = Settings().replace({"arbiter": {"imitation_weight": 0.5}})
+    strategy, rng = Evidence(settings, seed), np.random.default_rng(seed)
+    assert strategy.margin_weight == 0.5  # nothing is known of the learner
+    for episode in range(200):
+        learner = 0.0 if episode < 60 else 20.0
+        strategy.end_episode((learner if learner_acts(strategy) else 10.0) + rng.normal(), 10)
+        assert strategy.margin_weight == 0.5 * max(0.0, 1.0 - 2.0 * strategy.rho)
+    assert strategy.margin_weight == 0.0
+
+
+def test_a_planner_without_a_reason_is_not_imitated() -> None:
+    """Its choice is the first in the file, and means nothing."""
+    strategy = Evidence(Settings().replace({"arbiter": {"imitation_weight": 1.0}}))
+    for values, imitated in (([1.0, 0.0], 0), ([1.0, 1.0], -1), ([0.0, 1.0], 1)):
+        assert told(strategy, 0, values).action == imitated
+        assert told(strategy, 0, values, [1.0, 1.0]).action == imitated
