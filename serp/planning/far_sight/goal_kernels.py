@@ -123,7 +123,7 @@ def _novelty(tree, node, width):
     count = 0
     for i in range(width):  # the values that changed come first
         value = tree.states[node * width + i]
-        if everything or value != tree.states[parent * width + i]:
+        if value != 0.0 if everything else value != tree.states[parent * width + i]:
             tree.atoms[count] = _atom(group, i, value)
             count += 1
     changed = count
