@@ -146,7 +146,6 @@ class Learner(Protocol):
         terminated: bool,
         truncated: bool,
         next_allowed: Mask | None = None,
-        failing: bool = False,
         guidance: Guidance | None = None,
     ) -> None:
         """Store an env step in the replay memory.
@@ -160,7 +159,6 @@ class Learner(Protocol):
             truncated: Whether the episode was cut off.
             next_allowed: `[E]` actions that the value of the next state is maximised over; None
                 for all.
-            failing: Whether something unsafe was observed.
             guidance: The planner's guidance for the step, if `guided` uses it.
         """
 

@@ -190,7 +190,6 @@ class DQN:
         terminated: bool,
         truncated: bool,
         next_allowed: npt.NDArray[np.bool_] | None = None,
-        failing: bool = False,
         guidance: Guidance | None = None,
     ) -> None:
         """Store one env step with the *executed* action; see `ReplayBuffer.add`.
@@ -209,7 +208,7 @@ class DQN:
         allowed = next_allowed if self.settings.mask_targets else None
         self.replay.add(
             observation, action, scaled, next_observation, terminated, truncated,
-            allowed, failing, guidance,
+            allowed, guidance,
         )  # fmt: skip
         self._bounds.observe(scaled, terminated)
         self.env_steps += 1
