@@ -50,6 +50,7 @@ PRESETS: Final[Mapping[str, Changes]] = {
             "symmetry": True,
             "members": 5,
             "layer_norm": True,
+            "batch_size": 32,
             "discount": 0.95,
             "target_period": None,
             "target_polyak": 0.005,
