@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.adapted_step import predict_all
+from serp.adaptation.adoption import ModelAdoption, parameters_in_use
 from serp.adaptation.forecast_skill import ForecastSkill
 from serp.adaptation.group_learners import GroupLearners, Meta
 from serp.adaptation.recording_kernels import record, record_adapted, record_by_file
@@ -58,7 +59,7 @@ class ModelAdaptation:
         self._learners: GroupLearners | None = None
         self._estimation: ParameterEstimation | None = None
         self._step = np.zeros((3, width + 2))
-        if settings.mode != "off" and not written.compiles:
+        if settings.mode != "off" and not written.has_own_code:
             self.notice = (
                 "the domain has too many ground actions to adapt its model; it is used as written"
             )
@@ -92,6 +93,24 @@ class ModelAdaptation:
             self._record_and_learn(self._adapted, (state, action, next_state, ending, reward))
         if self._estimation is not None and self._estimation.due(self.experience.seen):
             self._estimate_parameters()
+
+    @property
+    def adoption(self) -> ModelAdoption:
+        """Which parts of the model are in use, and why others are not."""
+        adapted = self._adapted
+        if adapted is None:
+            return ModelAdoption(adapts=False, reliable=self.forecast_skill.reliable)
+        skills = self.forecast_skill.by_symbol([fluent.symbol for fluent in adapted.fluents])
+        return ModelAdoption(
+            adapts=True,
+            reliable=self.forecast_skill.reliable,
+            parameters=parameters_in_use(
+                adapted.ground.parameters,
+                self._written.theta.tolist(),
+                adapted.buffer.parameters.tolist(),
+            ),
+            fluents=() if self._learners is None else self._learners.adoption(skills),
+        )
 
     def reset_visits(self) -> None:
         """Treat all actions as unknown."""

@@ -54,6 +54,11 @@ class AdaptedModel(TransitionModel):
         )
 
     @property
+    def as_written(self) -> bool:
+        """Whether nothing learned is in use."""
+        return not self.buffer.active
+
+    @property
     def data(self) -> Vector:
         """The data that `native_step` reads beside the state: the buffer."""
         return self.buffer.array

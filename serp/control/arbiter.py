@@ -192,6 +192,7 @@ class Arbiter:
             unsafe=bool(flags & UNSAFE),
             risk=risk_of(flags) if flags & (APPLICABLE | UNSAFE) else np.nan,
             proposal_unsafe=proposed >= 0 and bool(forecast.flags[proposed] & (UNSAFE | RISKY)),
+            indifferent=forecast.indifferent,
             admissible=situation.admissible,
             forecast=forecast,
         )

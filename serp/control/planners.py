@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from serp.control.protocols import Planner
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight.planner import ClosedGraphPlanner, FarSightPlanner
+from serp.planning.far_sight.planner import FarSightPlanner
 from serp.planning.forecast import Forecast
 from serp.planning.graph import PlanningGraph
 from serp.planning.lookahead import Lookahead
@@ -33,8 +33,6 @@ def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:
 
 
 def closed_graph(model: TransitionModel, settings: PlannerSettings) -> Planner:
-    """Return the planner that sees to the end of a finite task."""
-    near = lookahead(model, settings)
-    if isinstance(near, Lookahead):
-        return FarSightPlanner(model, settings, near)
-    return ClosedGraphPlanner(model, settings, near)
+    """Return the planner that sees to the end of a finite task, and far in a continuous one."""
+    # Its leaves have the values of cells wherever there are any.
+    return FarSightPlanner(model, settings, lookahead(model, settings))

@@ -29,7 +29,7 @@ class Planner(Protocol):
 
     A function that takes a `serp.TransitionModel` and `serp.PlannerSettings` and returns a planner
     is found by name through the entry-point group `serp.planners`. A forecast depends on nothing
-    but the state and the model.
+    but the state and the model, and what a `StatefulPlanner` saves.
     """
 
     def forecast(self, state: Vector) -> Forecast:
@@ -37,16 +37,13 @@ class Planner(Protocol):
 
 
 @runtime_checkable
-class EpisodicPlanner(Planner, Protocol):
-    """A planner that keeps what it found while an episode of training lasts."""
+class StatefulPlanner(Planner, Protocol):
+    """A planner that keeps what it found from one decision to the next."""
 
-    def begin_episode(self) -> None:
-        """Forget what was found, so that an episode depends on nothing before but `state_dict`."""
+    def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned."""
 
 

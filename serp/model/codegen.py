@@ -81,6 +81,19 @@ def generate_code(
     return Generated(part, text, tuple(generator.sites))
 
 
+def statements_of(model: g.GroundModel, action: int) -> list[str]:
+    """Return the statements of an action; for -1, those that follow any action in a step.
+
+    Both refer to the variables `reward`, `unsafe` and `terminal`, which begin as 0 and False.
+    """
+    generator = _Generator(model, traced=False)
+    if action >= 0:
+        generator.act(model.actions[action])
+    else:
+        generator.finish()
+    return generator.body
+
+
 class _Generator(EffectEmitter):
     def __init__(self, model: g.GroundModel, *, traced: bool) -> None:
         super().__init__(traced=traced)
@@ -98,17 +111,27 @@ class _Generator(EffectEmitter):
             case "step" | "flow" if model.actions:
                 self.body += self._search(0, len(model.actions))
             case "action":
-                self._action(model.actions[action])
+                self.act(model.actions[action])
             case "judged_action":
                 schema = model.actions[action]
                 self.effects(schema, [e for e in schema.effects if e.target < 0], "s")
-        if part in ("step", "flow", "drift"):
+        if part in ("flow", "drift"):
             self.rates(model.processes, "out", rewards=False)
         elif part == "judged_aftermath":
             self.rates(model.processes, "n", rewards=True)
-        if part in ("step", "settle", "judged_aftermath"):
+        if part in ("settle", "judged_aftermath"):
             self._events()
             self._goal_and_metric("n" if part == "judged_aftermath" else "out")
+        if part == "step":
+            self.finish()
+        else:
+            self._end()
+
+    def finish(self) -> None:
+        """Emit what follows any action in a step: processes, events, goal and metric."""
+        self.rates(self.model.processes, "out", rewards=False)
+        self._events()
+        self._goal_and_metric("out")
         self._end()
 
     def _begin(self) -> None:
@@ -148,14 +171,15 @@ class _Generator(EffectEmitter):
         """Return a binary search over the position of the action."""
         with self.collected() as branch:
             if end - start == 1:
-                self._action(self.model.actions[start])
+                self.act(self.model.actions[start])
             else:
                 middle = (start + end) // 2
                 self.body += block(f"if a < {middle}:", self._search(start, middle))
                 self.body += block("else:", self._search(middle, end))
         return branch
 
-    def _action(self, action: g.GroundSchema) -> None:
+    def act(self, action: g.GroundSchema) -> None:
+        """Emit the preconditions and effects of an action."""
         doubts = []
         for test in action.preconditions:
             certain, doubt = self.decide(test, "s")

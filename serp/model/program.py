@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from serp.model.codegen import Part, generate_code, load_function
 from serp.model.emit import Site
 from serp.model.flags import APPLICABLE
 from serp.model.ground import GroundModel, SetNumber, Test, Value, fluents_of
 
+if TYPE_CHECKING:
+    from serp.model.bytecode.virtual_machine import Machine
+
 MAX_NATIVE_SIZE = 400
+"""Largest size of a model that has machine code of its own; larger ones run as bytecode."""
+MAX_BYTECODE_SIZE = 2_000_000
+"""Largest size of a model that runs as bytecode; larger ones run in CPython."""
 # numba recurses over the branches of one expression: long ones overflow its stack.
 MAX_NATIVE_TEST = 200
 
@@ -132,8 +137,14 @@ class Program:
         """Return a compiled C callback.
 
         It is the whole step, effects and processes without events (`flow`), or events, goal and
-        metric, given the flags of the action (`settle`).
+        metric, given the flags of the action (`settle`); the last two only of a model with code of
+        its own. Bytecode has no other callback than that of the virtual machine.
         """
+        if not self.has_own_code:
+            from serp.model.bytecode.virtual_machine import virtual_step
+
+            assert part == "step"
+            return virtual_step()
         if part not in self._callbacks:
             from serp.model.native import compile_native
 
@@ -141,18 +152,44 @@ class Program:
         return self._callbacks[part]
 
     @property
+    def machine(self) -> Machine | None:
+        """The bytecode of a model that runs as such; None for any other."""
+        if self.has_own_code or self._sizes[0] > MAX_BYTECODE_SIZE:
+            return None
+        return self._machine
+
+    @functools.cached_property
+    def _machine(self) -> Machine | None:
+        from serp.model.bytecode.translation import TooManyVariables
+        from serp.model.bytecode.virtual_machine import Machine
+
+        try:
+            return Machine.of_step(self.ground)
+        except TooManyVariables:
+            return None
+
+    @property
     def compiled(self) -> bool:
         """Whether the whole step is compiled already."""
-        return "step" in self._callbacks
+        return "step" in self._callbacks if self.has_own_code else "_machine" in vars(self)
+
+    @property
+    def has_own_code(self) -> bool:
+        """Whether the model is small enough to be compiled to machine code in reasonable time."""
+        size, most = self._sizes
+        return size <= MAX_NATIVE_SIZE and most <= MAX_NATIVE_TEST
 
     @property
     def compiles(self) -> bool:
-        """Whether the model is small enough to be compiled to machine code in reasonable time."""
-        return self._size <= MAX_NATIVE_SIZE
+        """Whether steps run as machine code, of the model's own or of the virtual machine."""
+        return self.has_own_code or self.machine is not None
 
     @functools.cached_property
-    def _size(self) -> float:
-        """The number of reads and writes of fluents; compile time grows with it."""
+    def _sizes(self) -> tuple[int, int]:
+        """The number of reads and writes of fluents, and the most reads of one expression.
+
+        Compile time grows with them.
+        """
         ground = self.ground
         expressions: dict[int, Test | Value] = {}  # by id: shared ones count once
         effects = [effect for schema in ground.schemas for effect in schema.effects]
@@ -166,5 +203,4 @@ class Program:
             if node is not None:
                 expressions[id(node)] = node
         reads = [sum(1 for _ in fluents_of(expression)) for expression in expressions.values()]
-        most = max(reads, default=0)
-        return math.inf if most > MAX_NATIVE_TEST else len(effects) + sum(reads)
+        return len(effects) + sum(reads), max(reads, default=0)

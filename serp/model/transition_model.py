@@ -96,6 +96,7 @@ class TransitionModel(StateSpace):
             vector[self.ground.goal_parameter] = value
         vector.flags.writeable = False
         self.theta: Vector = vector
+        self._bytecode: Vector | None = None
         self.dt: float = float(dt)
         self._theta_list: list[float] = vector.tolist()
 
@@ -112,6 +113,11 @@ class TransitionModel(StateSpace):
         other = copy.copy(self)
         other._set(self.theta if theta is None else theta, self.dt if dt is None else dt)
         return other
+
+    @property
+    def as_written(self) -> bool:
+        """Whether predictions are those of the file, with these parameters."""
+        return True
 
     @property
     def rewarding(self) -> bool:
@@ -191,16 +197,26 @@ class TransitionModel(StateSpace):
 
     @property
     def data(self) -> Vector:
-        """The data that `native_step` reads beside the state: here the parameters θ."""
-        return self.theta
+        """The data that `native_step` reads beside the state: the parameters θ, or bytecode."""
+        machine = self._program.machine
+        if machine is None:
+            return self.theta
+        if self._bytecode is None:
+            self._bytecode = machine.data(self.theta)
+        return self._bytecode
 
     @property
     def compiles(self) -> bool:
+        """Whether steps run as machine code; models too large for it run in CPython."""
+        return self._program.compiles
+
+    @property
+    def has_own_code(self) -> bool:
         """Whether the model is small enough to be compiled to machine code in reasonable time.
 
-        Larger ones run in CPython, with the same results.
+        Larger ones run as bytecode, with the same results.
         """
-        return self._program.compiles
+        return self._program.has_own_code
 
     @property
     def compiled(self) -> bool:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Final
 
+from serp.settings import PlannerSettings
+
 MAX_EDGES: Final = 4_000_000
 """Most edges that are tried."""
 MAX_NUMBERS: Final = 10_000_000
@@ -12,17 +14,38 @@ MAX_NUMBERS: Final = 10_000_000
 
 
 class Bound(IntEnum):
-    """What ended the expansion of the planning graph."""
+    """What ended the expansion of the planning graph.
+
+    `DEPTH`: so many layers were asked for. `NODES`, `TIME`: a budget was spent. `EXHAUSTED`: all
+    that can be reached is in the graph. `CELLS`: the last layer, whose states have the values of a
+    graph over cells, which holds all that is known and can be reached.
+    """
 
     DEPTH = 0
     NODES = 1
     TIME = 2
     EXHAUSTED = 3
+    CELLS = 4
 
 
 def node_budget(max_nodes: int, actions: int) -> int:
     """Return the most nodes to expand, with `actions` edges at each."""
     return max(1, min(max_nodes, MAX_EDGES // max(1, actions)))
+
+
+def lookahead_nodes(settings: PlannerSettings, actions: int, fluents: int) -> int:
+    """Return the most nodes that a lookahead expands: the budget, or the whole tree if smaller.
+
+    Every node but the root has an edge that leads to it.
+    """
+    budget = min(node_budget(settings.max_nodes, actions), edge_budget(fluents) + 1)
+    tree, layer = 0, 1
+    for _ in range(settings.depth):
+        tree += layer
+        layer *= max(1, actions)
+        if tree >= budget:
+            return budget
+    return tree
 
 
 def edge_budget(fluents: int) -> int:

@@ -9,7 +9,7 @@ from serp.model.native import address_of
 from serp.model.transition_model import StateError, TransitionModel
 from serp.planning.forecast import Forecast
 from serp.planning.kernel_records import FirstActions, Rules, Scratch
-from serp.planning.limits import Bound, edge_budget, node_budget
+from serp.planning.limits import Bound, edge_budget, lookahead_nodes
 from serp.planning.search_kernels import search
 from serp.settings import PlannerSettings
 
@@ -30,6 +30,7 @@ class Lookahead:
         leaves: The value function of the states that the last layer leads to, see
             `serp.planning.far_sight.cell_values.pack`; empty: their values are 0, and all decisions
             are those of the planning graph.
+        followed: Edges that the newest forecast followed; before the first one, the most.
     """
 
     def __init__(self, model: TransitionModel, settings: PlannerSettings | None = None) -> None:
@@ -40,7 +41,7 @@ class Lookahead:
         self.leaves: NDArray[np.float64] = np.zeros(0)
         self._width = len(model.fluents)
         self._actions = len(model.actions)
-        nodes = self._most_nodes()
+        nodes = lookahead_nodes(self.settings, self._actions, self._width)
         self._rules = tuple(
             Rules(
                 actions=self._actions,
@@ -52,22 +53,8 @@ class Lookahead:
                 max_edges=edge_budget(self._width),
             )
         )
+        self.followed = nodes * self._actions
         self._scratch = tuple(Scratch.allocate(nodes, self._actions, self._width))
-
-    def _most_nodes(self) -> int:
-        """Return the most nodes that can be expanded: the budget, or the whole tree if smaller.
-
-        Every node but the root has an edge that leads to it.
-        """
-        budget = node_budget(self.settings.max_nodes, self._actions)
-        budget = min(budget, edge_budget(self._width) + 1)
-        tree, layer = 0, 1
-        for _ in range(self.settings.depth):
-            tree += layer
-            layer *= max(1, self._actions)
-            if tree >= budget:
-                return budget
-        return tree
 
     def forecast(self, state: NDArray[np.float64]) -> Forecast:
         """Return the forecast for one state `[F]`.
@@ -81,7 +68,7 @@ class Lookahead:
         if state.shape != (self._width,):
             raise StateError(f"a state has {self._width} numbers, found shape {state.shape}")
         found = FirstActions.allocate(self._actions)
-        choice, depth, bound = search(
+        choice, depth, bound, self.followed = search(
             (self._address, self.model.data, self.model.dt), self._rules,
             self.leaves, state, self._scratch, tuple(found),
         )  # fmt: skip

@@ -66,7 +66,7 @@ def search(model, rules, leaves, state, scratch, found):
     that the last layer leads to, see `serp.planning.far_sight.cell_values.pack`; empty: they are 0.
 
     Returns:
-        Chosen action, layers expanded, bound.
+        Chosen action, layers expanded, bound, edges followed.
     """
     named, limits = CompiledModel(*model), Rules(*rules)
     room, first = Scratch(*scratch), FirstActions(*found)
@@ -187,5 +187,5 @@ def _search(model, rules, leaves, state, scratch, found):
         best_risk[node] = top_risk
         best_steps[node] = top_steps
         if node == 0:
-            return chosen, expanded, bound
-    return -1, expanded, bound
+            return chosen, expanded, bound, applied
+    return -1, expanded, bound, applied

@@ -134,7 +134,7 @@ class Flow:
 
     def predict(self, states: Vector, actions: NDArray[np.int64], theta: Vector) -> Vector:
         """Return the predictions with parameters `[P]`, `[N, F]`; NaN without a next state."""
-        if self._processes and self._whole.compiled:
+        if self._processes and self._whole.has_own_code and self._whole.compiled:
             return _flowed(self._whole.replace(theta=theta), states, actions)
         return predictions(self._bare.replace(theta=theta), states, actions)
 

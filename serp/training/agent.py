@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -16,10 +17,10 @@ from serp.control.arbiter import Arbiter
 from serp.control.decision import Decision
 from serp.control.proposers import LearnerProposer
 from serp.control.protocols import (
-    EpisodicPlanner,
     ExperiencedPlanner,
     Mask,
     Proposer,
+    StatefulPlanner,
 )
 from serp.control.registry import find_learner, find_strategy, make_planner
 from serp.control.step_record import StepRecord
@@ -237,8 +238,9 @@ class Agent:
             "arbiter": self.arbiter.state_dict(),
             "random": self._random.bit_generator.state,
         }
-        if isinstance(self.arbiter.planner, EpisodicPlanner):
-            meta["planner"] = self.arbiter.planner.state_dict()
+        if isinstance(self.arbiter.planner, StatefulPlanner):
+            found, meta["planner"] = self.arbiter.planner.state_dict()
+            saved |= nested("planner", found)
         return saved, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -251,12 +253,17 @@ class Agent:
         self.learner.load_state_dict(*saved.part("learner"))
         self.adaptation.load_state_dict(*saved.part("adaptation"))
         self.arbiter.load_state_dict(saved.part("arbiter")[1])
-        if isinstance(self.arbiter.planner, EpisodicPlanner):
-            self.arbiter.planner.load_state_dict(saved.part("planner")[1])
+        if isinstance(self.arbiter.planner, StatefulPlanner):
+            self.arbiter.planner.load_state_dict(*saved.part("planner"))
         self._random.bit_generator.state = saved.generator_state("random", self._random)
 
-    def begin_episode(self) -> None:
-        """Prepare for an episode."""
+    @contextmanager
+    def undisturbed(self) -> Iterator[None]:
+        """Restore, at the end, what the planner kept from one decision to the next."""
         planner = self.arbiter.planner
-        if isinstance(planner, EpisodicPlanner):
-            planner.begin_episode()
+        kept = planner.state_dict() if isinstance(planner, StatefulPlanner) else None
+        try:
+            yield
+        finally:
+            if kept is not None and isinstance(planner, StatefulPlanner):
+                planner.load_state_dict(*kept)

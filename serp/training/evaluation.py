@@ -133,12 +133,14 @@ def play(
             f"episodes must be a whole number, at least one for an evaluation, not {episodes!r}"
         )
     limit = agent.settings.training.episode_steps
-    for episode in range(count):
-        agent.begin_episode()
-        rollout = Rollout(task, agent.perceive, seed=evaluation_seed(seed, episode), limit=limit)
-        draws = np.random.SeedSequence(seed, spawn_key=(_DRAWS, episode))
-        decide = _decisions(agent, policy, draws)
-        yield Episode(episode + 1, rollout.info, rollout.steps(decide), rollout.totals)
+    with agent.undisturbed():
+        for episode in range(count):
+            rollout = Rollout(
+                task, agent.perceive, seed=evaluation_seed(seed, episode), limit=limit
+            )
+            draws = np.random.SeedSequence(seed, spawn_key=(_DRAWS, episode))
+            decide = _decisions(agent, policy, draws)
+            yield Episode(episode + 1, rollout.info, rollout.steps(decide), rollout.totals)
 
 
 def outcome_of(info: Mapping[str, Any]) -> str:

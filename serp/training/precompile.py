@@ -36,7 +36,8 @@ def precompile(agent: Agent) -> None:
     states[:, predicates] = states[:, predicates] > 0
     states[: _WHOLE + 1] = np.round(states[: _WHOLE + 1])
     if agent.task.model.compiles:
-        _precompile_learning(agent, states[0])
+        with agent.undisturbed():
+            _precompile_learning(agent, states[0])
     if agent.task.model.compiled and agent.task.model.actions:
         _precompile_adaptation(agent, states)
 

@@ -122,7 +122,6 @@ class Trainer:
         agent = self.agent
         losses: list[float] = []
         self.under_way = self.env_steps + 1
-        agent.begin_episode()
         rollout = Rollout(
             self.task,
             self._perceive,
@@ -248,6 +247,9 @@ class Trainer:
                 unsafe=decision.unsafe,
                 risk=decision.risk,
                 rho=decision.rho,
+                depth=decision.depth,
+                bound=decision.bound,
+                indifferent=decision.indifferent,
                 explanation=self.agent.arbiter.explain(decision, state),
             )
         )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from serp.control.lead_evidence import LeadEvidence
 from serp.control.protocols import Mask, Proposer, Values
 from serp.learning.dqn import Proposal
 from serp.planning.action_map import ActionForecast
@@ -72,6 +73,11 @@ class Strategy:
     def turns(self) -> str:
         """In words: what `propose` returns now, without exploration."""
         return self.choice
+
+    @property
+    def evidence(self) -> LeadEvidence | None:
+        """The evidence that the choice goes by; None for strategies without any."""
+        return None
 
     @property
     def margin_weight(self) -> float:

@@ -1,4 +1,4 @@
-"""A closed planning graph over cells of the state space, for tasks with continuous states.
+"""A planning graph over cells of the state space, for tasks with continuous states.
 
 States that fall into one cell are one node, so that the graph closes. It says where a task can be
 led that is farther than a lookahead sees; a lookahead with these values at its leaves chooses the
@@ -10,31 +10,29 @@ from __future__ import annotations
 from typing import Final, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import cell_kernels as kernels
-from serp.planning.far_sight import solution_kernels as solution
 from serp.planning.far_sight.cell_kernels import HeldEdges
-from serp.planning.far_sight.cell_values import Cells, pack
-from serp.planning.far_sight.closed_kernels import DONE, Counters, GraphArrays
+from serp.planning.far_sight.cell_solution import begin_values, solve_cells
+from serp.planning.far_sight.cell_values import Cells, areas_of, pack
+from serp.planning.far_sight.closed_kernels import DONE, ENDED, Counters, GraphArrays
 from serp.settings import PlannerSettings
 
 MAX_EDGES: Final = 60_000
 """Most edges of a graph of cells."""
 _SAMPLE: Final = 500
-"""Visited states that the graph begins with, and that tell what is known."""
-REACH: Final = 0.25
-"""A state is known if no fluent differs from that of a visited state by more than this fraction of
-its range."""
+"""Visited states that the graph begins with."""
+AREAS: Final = 8.0
+"""Areas in the range of a fluent, see `Cells`: a state is known that differs from a visited one by
+no more than an eighth to a quarter of the range of a fluent."""
 _LEAST: Final = 32
 """Fewer visited states say too little about the ranges of fluents."""
-_FINEST, _COARSEST, _FINER = 100.0, 4.0, 1.4
+FINEST: Final = 100.0
+COARSEST: Final = 4.0
+_FINER: Final = 1.4
 """Bins in the range of a fluent: most, least, and the ratio from one attempt to the next."""
-_PRECISION: Final = 1e-4
-"""Precision of the values, see `serp.planning.far_sight.solution_kernels.EXACT`."""
-_SWEEPS: Final = 200
 _AT = Counters()
 
 
@@ -56,14 +54,16 @@ class CellGraph:
     """A planning graph over cells.
 
     Args:
-        model: The transition model.
+        model: The transition model, which is compiled.
         settings: Discount and accepted risk.
         max_edges: Most edges.
 
     Attributes:
         values: The values of the cells, for `Lookahead.leaves`; empty if there is no graph.
         explores: Whether the plan leads to what is not known.
-        bins: Number of bins in the range of a fluent.
+        bins: Number of bins in the range of a fluent at the next attempt; 0 before the first.
+        steps: Steps of the model that the newest build predicted.
+        needed: Those of its last attempt.
     """
 
     def __init__(
@@ -74,24 +74,35 @@ class CellGraph:
         self._width = len(model.fluents)
         self._actions = len(model.actions)
         self._edges = max(self._actions, max_edges)
-        self._nodes = self._edges // max(1, self._actions)
         self._room = np.empty(2 * (self._width + 1))
-        self._allocated = False
-        self.clear()
-
-    def clear(self) -> None:
-        """Forget everything."""
+        self._allocate(self._actions)
         self.values: Vector = np.zeros(0)
         self.explores = False
         self.bins = 0.0
+        self.steps = self.needed = 0
+        if self._width and self._actions:
+            self._precompile()
 
-    def build(self, state: Vector, states: Vector) -> bool:
+    def _precompile(self) -> None:
+        """Call every compiled loop once, so that no decision waits for a compilation."""
+        zeros = np.zeros(self._width)
+        known = areas_of(zeros[None], zeros, zeros)
+        cells = Cells(zeros, zeros, zeros, known)
+        self._expand(zeros, cells, 1)
+        self._solve(cells)
+        self.values = np.zeros(0)
+
+    def build(self, state: Vector, states: Vector, limit: int) -> bool:
         """Build the graph for a state `[F]` and visited states `[N, F]`.
 
+        The division is as fine as `limit`, the steps of the model to predict, allows. It is
+        approached from build to build, so that most builds expand the graph once.
+
         Returns:
-            Whether there is one: some fluent is continuous, and cells fit into the memory.
+            Whether there is one: some fluent is continuous, and cells fit into the limit. If not,
+            the former values are kept.
         """
-        self.values = np.zeros(0)
+        self.steps = 0
         if len(states) < _LEAST:
             return False
         chosen = np.linspace(0, len(states) - 1, min(len(states), _SAMPLE)).astype(np.intp)
@@ -101,100 +112,93 @@ class CellGraph:
         if not divided.any() or not np.isfinite(sample).all():
             return False
         unit = np.where(divided, 1.0 / np.where(divided, high - low, 1.0), 0.0)
-        self._allocate()
+        if len(self._arrays.action) < self._edges:
+            self._allocate(self._edges)
+
+        area = unit * AREAS
+        known = areas_of(states, low, area)
+        roots = np.concatenate((state, sample.ravel()))
 
         def divided_into(bins: float) -> Cells:
-            return Cells(low, unit * bins, unit, sample.ravel(), REACH)
+            return Cells(low, unit * bins, area, known)
 
-        bins = self.bins or _COARSEST
-        fits = self._expand(state, divided_into(bins))
-        while not fits and bins > _COARSEST:
-            bins = max(_COARSEST, bins / _FINER)
-            fits = self._expand(state, divided_into(bins))
-        if not fits:
-            self.bins = 0.0
-            return False
-        while bins * _FINER <= _FINEST and self.edges < self._edges / (2.0 * _FINER**2):
-            if not self._expand(state, divided_into(bins * _FINER)):
-                self._expand(state, divided_into(bins))
+        bins, first = self.bins or COARSEST, not self.bins
+        while (used := self._expand(roots, divided_into(bins), limit)) < 0:
+            if bins <= COARSEST:
+                self.bins = 0.0
+                return False
+            bins, first = max(COARSEST, bins / _FINER), False
+        room = min(limit, self._edges) / (2.0 * _FINER**2)
+        while first and used < room and bins * _FINER <= FINEST:
+            used = self._expand(roots, divided_into(bins * _FINER), limit)
+            if used < 0:
+                used = self._expand(roots, divided_into(bins), limit)
                 break
             bins *= _FINER
-        self.bins = bins
         self._solve(divided_into(bins))
+        self.needed = used
+        self.bins = bins * _FINER if used < room and bins * _FINER <= FINEST else bins
         return True
 
     @property
     def edges(self) -> int:
-        """Number of edges."""
+        """Number of edges of the newest graph."""
         return int(self._arrays.counters[_AT.edges])
 
     @property
     def nodes(self) -> int:
-        """Number of cells."""
+        """Number of its cells."""
         return int(self._arrays.counters[_AT.nodes])
 
-    def _expand(self, state: Vector, cells: Cells) -> bool:
+    def _expand(self, roots: Vector, cells: Cells, limit: int) -> int:
+        """Expand the graph; return the steps that were predicted, -1 if these were too many."""
         arrays, division = self._arrays, tuple(cells)
         arrays.counters[:] = 0
         arrays.table[:] = -1
         model = self._model
-        kernels.add_roots(self._arrays_tuple, division, np.concatenate((state, cells.visited)))
-        ended = kernels.expand_cells(
+        kernels.add_roots(self._arrays_tuple, division, roots)
+        ended, steps = kernels.expand_cells(
             (address_of(model.native_step()), model.data, model.dt),
-            (self._actions, self._settings.discount, self._settings.accepted_risk),
+            (self._actions, self._settings.discount, self._settings.accepted_risk, limit),
             self._arrays_tuple, division, self._held, self._room,
         )  # fmt: skip
-        return bool(ended == DONE)
+        self.steps += steps
+        return int(steps) if ended == DONE else -1
 
     def _solve(self, cells: Cells) -> None:
         """Solve the graph for what is known, and if that has nothing to offer, for the frontier."""
         kernels.interpolate(self._arrays_tuple, tuple(cells), self._held)
-        arrays, edges, discount = self._arrays, self.edges, self._settings.discount
-        rates = self._edges_held.reward[:edges] / self._edges_held.periods[:edges]
-        most, least, middle = rates.max(), rates.min(), np.median(rates)
+        arrays, held, discount = self._arrays, self._edges_held, self._settings.discount
+        edges, nodes = self.edges, self.nodes
+        if not edges:
+            return
+        rates = held.reward[:edges] / held.periods[:edges]
+        # The reward of an end, or of what is unsafe, is not one that goes on.
+        goes_on = (held.node[:edges] != ENDED) | (held.beyond[:edges] > 0.0)
+        goes_on &= arrays.hazard[:edges] == 0.0
+        most, middle = float(rates.max()), float(np.median(rates))
+        least = float(rates[goes_on].min(initial=most))
         ages = 1.0 / max(1.0 - discount, 1e-6)
         going_on = most * ages
         worst, hoped = min(0.0, least * ages), max(0.0, going_on)
         alike = most - middle <= 1e-6 * max(abs(most), abs(middle))
         if most == least == 0.0:
             hoped = 1.0
-        arrays.value[: self.nodes] = worst
-        self._iterate(worst)
+        known = self.values[:0] if self.explores else self.values
+        begin_values(self._arrays_tuple, self._width, known, middle * ages)
+        solve_cells(self._arrays_tuple, self._held, discount, worst, worst)
         margin = 1e-3 * (hoped - worst)
         self.explores = bool(alike and hoped > going_on and arrays.value[0] <= going_on + margin)
         if self.explores:
-            self._iterate(hoped)
-        nodes = self.nodes
+            solve_cells(self._arrays_tuple, self._held, discount, worst, hoped)
         elsewhere = hoped if self.explores else worst
-        self.values = pack(
-            tuple(cells), arrays.digest[:nodes], arrays.states, arrays.value[:nodes], elsewhere
-        )
+        states = arrays.states[: nodes * self._width]
+        self.values = pack(tuple(cells[:3]), states, arrays.value[:nodes], elsewhere)
 
-    def _iterate(self, beyond: float) -> None:
-        arrays, edges = self._arrays, self.edges
-        arrays.reward[:edges] = (
-            self._edges_held.reward[:edges] + beyond * self._edges_held.beyond[:edges]
-        )
-        solution.solve(
-            self._arrays_tuple, self._settings.discount, _PRECISION, _SWEEPS, self._allowed
-        )
-
-    def _allocate(self) -> None:
-        if self._allocated:
-            return
-        self._allocated = True
-        edges = self._edges + self._actions
-        self._arrays = GraphArrays.allocate(
-            self._nodes + self._actions, edges, edges * OUTCOMES, self._width
-        )
+    def _allocate(self, edges: int) -> None:
+        nodes = edges // max(1, self._actions) + self._actions
+        edges += self._actions
+        self._arrays = GraphArrays.allocate(nodes, edges, edges * OUTCOMES, self._width)
         self._arrays_tuple = tuple(self._arrays)
-        self._edges_held = HeldEdges(
-            reward=np.zeros(edges),
-            periods=np.zeros(edges),
-            weight=np.zeros(edges),
-            beyond=np.zeros(edges),
-            target=np.zeros(edges * self._width),
-            node=np.zeros(edges, dtype=np.int64),
-        )
+        self._edges_held = HeldEdges.allocate(edges, self._width)
         self._held = tuple(self._edges_held)
-        self._allowed: NDArray[np.uint8] = np.empty(edges, dtype=np.uint8)

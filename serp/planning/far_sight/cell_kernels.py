@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, joined
 from serp.model.native import OUTCOMES, call_step, pointer_to
-from serp.planning.far_sight.cell_values import Cells, cell_of, nearness
+from serp.planning.far_sight.cell_values import Cells, cell_of, is_known, nearness
 from serp.planning.far_sight.closed_kernels import (
     DONE,
     ENDED,
@@ -32,6 +32,8 @@ MOVED = 1.0
 """Widths of a cell that an edge leads away from where it began, unless it ends by `HOLD`."""
 HOLD = 16
 """Most control periods for which an edge holds its action."""
+SMALL = 0.01
+"""Weights in an interpolation that are a smaller fraction of the others are left out."""
 _NODES, _EXPANDED, _EDGES, _OUTCOMES = Counters()
 
 _hazard = cached_njit(nogil=True, forceinline=True)(hazard)
@@ -58,19 +60,12 @@ class HeldEdges(NamedTuple):
     target: NDArray[np.float64]
     node: NDArray[np.int64]
 
-
-@cached_njit(nogil=True, forceinline=True)
-def _is_known(cells, row, width):
-    count = cells.visited.shape[0] // width
-    for k in range(count):
-        near = True
-        for i in range(width):
-            if not abs(row[i] - cells.visited[k * width + i]) * cells.unit[i] <= cells.reach:
-                near = False
-                break
-        if near:
-            return True
-    return False
+    @classmethod
+    def allocate(cls, edges: int, width: int) -> HeldEdges:
+        """Allocate room for `edges` edges."""
+        reward, periods, weight, beyond = (np.zeros(edges) for _ in range(4))
+        target, node = np.zeros(edges * width), np.zeros(edges, dtype=np.int64)
+        return cls(reward, periods, weight, beyond, target, node)
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -109,24 +104,25 @@ def add_roots(arrays, division, states):
 
 @cached_njit(nogil=True)
 def expand_cells(model, rules, arrays, division, found, room):
-    """Expand nodes until all are expanded or the arrays are full.
+    """Expand nodes until all are expanded, the arrays are full, or enough steps were predicted.
 
     Args:
         model: Values of `serp.planning.kernel_records.CompiledModel`.
-        rules: Number of actions, discount, accepted risk.
+        rules: Number of actions, discount, accepted risk, most steps to predict.
         arrays: Values of `GraphArrays`.
         division: Values of `Cells`.
         found: Values of `HeldEdges`, written.
         room: `[2 (F + 1)]`, scratch memory.
 
     Returns:
-        `DONE` or `FULL`.
+        `DONE` or `FULL`, and the steps that were predicted.
     """
     graph, cells = GraphArrays(*arrays), Cells(*division)
+    steps = 0
     held_edges = HeldEdges(*found)
     seen, beyond, periods = held_edges.reward, held_edges.beyond, held_edges.periods
     address, data, dt = model
-    actions, discount, accepted = rules
+    actions, discount, accepted, most = rules
     theta = pointer_to(data, 0)
     width = cells.low.shape[0]
     count = graph.counters
@@ -136,8 +132,9 @@ def expand_cells(model, rules, arrays, division, found, room):
         if (
             count[_NODES] + actions > graph.digest.shape[0]
             or count[_EDGES] + actions > graph.action.shape[0]
+            or steps >= most
         ):
-            return FULL
+            return FULL, steps
         graph.undefined[node] = 0
         source = pointer_to(graph.states, node * width)
         for action in range(actions):
@@ -150,6 +147,7 @@ def expand_cells(model, rules, arrays, division, found, room):
                     out[i] = now[i]
                 out[width] = 0.0
                 step = np.int64(call_step(address, now, action, theta, dt, out))
+                steps += 1
                 if not step & APPLICABLE:
                     if held == 0 and step & UNDEFINED:
                         graph.undefined[node] = 1
@@ -191,13 +189,13 @@ def expand_cells(model, rules, arrays, division, found, room):
             slot = _node_in(graph, digest)
             if graph.table[slot] >= 0:
                 held_edges.node[edge] = graph.table[slot]
-            elif _is_known(cells, now, width):
+            elif is_known(cells, now, width):
                 held_edges.node[edge] = _add_node(graph, slot, digest, now, width)
             else:
                 beyond[edge] = weight
         count[_EXPANDED] = node + 1
         graph.first_edge[node + 1] = count[_EDGES]
-    return DONE
+    return DONE, steps
 
 
 @cached_njit(nogil=True)
@@ -205,7 +203,7 @@ def interpolate(arrays, division, found):
     """Let every edge lead to the cells around the state that it reaches, weighted by nearness.
 
     A plan would otherwise gain up to a cell's width with every edge. Weights that are positive and
-    sum to 1 keep value iteration a contraction (Gordon, ICML 1995).
+    sum to 1 keep value iteration a contraction (Gordon, ICML 1995). Small ones are left out.
 
     Args:
         arrays: Values of `GraphArrays`, expanded.
@@ -218,30 +216,25 @@ def interpolate(arrays, division, found):
     graph.first_outcome[0] = 0
     for edge in range(graph.counters[_EDGES]):
         first = outcome
-        graph.target[outcome] = edges.node[edge]
-        graph.chance[outcome] = 1.0
-        outcome += 1
         if edges.node[edge] >= 0:
             at = edge * width
             row = edges.target[at : at + width]
-            graph.chance[first] = nearness(
-                row, 0, graph.states, edges.node[edge] * width, cells.scale
-            )
+            graph.target[first] = edges.node[edge]
+            total = nearness(row, 0, graph.states, edges.node[edge] * width, cells.scale)
+            graph.chance[first] = total
+            outcome += 1
             for k in range(2 * width):
                 if cells.scale[k // 2] == 0.0 or outcome - first == OUTCOMES:
                     continue
                 digest = cell_of(row, cells.low, cells.scale, k // 2, 1 - 2 * (k % 2))
                 node = graph.table[_node_in(graph, digest)]
                 if node >= 0:
-                    graph.target[outcome] = node
-                    graph.chance[outcome] = nearness(
-                        row, 0, graph.states, node * width, cells.scale
-                    )
-                    outcome += 1
-        total = 0.0
-        for k in range(first, outcome):
-            total += graph.chance[k]
-        for k in range(first, outcome):
-            graph.chance[k] *= edges.weight[edge] / total
+                    near = nearness(row, 0, graph.states, node * width, cells.scale)
+                    if near > SMALL * total:
+                        graph.target[outcome], graph.chance[outcome] = node, near
+                        outcome += 1
+                        total += near
+            for k in range(first, outcome):
+                graph.chance[k] *= edges.weight[edge] / total
         graph.first_outcome[edge + 1] = outcome
     graph.counters[_OUTCOMES] = outcome

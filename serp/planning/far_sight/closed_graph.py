@@ -7,16 +7,21 @@ look-up.
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
+from serp._util.saved_state import Arrays
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import closed_kernels as kernels
 from serp.planning.far_sight import solution_kernels as solution
-from serp.planning.far_sight.closed_kernels import Counters, GraphArrays
+from serp.planning.far_sight.closed_kernels import ENDED, NO_FLUENTS, Counters, GraphArrays
+from serp.planning.far_sight.inert import inert_fluents
+from serp.planning.far_sight.saved_graph import contents, restored
 from serp.planning.forecast import Forecast
 from serp.planning.kernel_records import FirstActions
 from serp.planning.limits import Bound
@@ -60,17 +65,19 @@ class ClosedGraph:
         """Call every compiled loop once, so that no decision waits for a compilation."""
         state = np.zeros(self._width)
         kernels.add_root(self._arrays_tuple, state)
-        self._expand_native()
+        self._expand_native(1)
         self._solve()
         self._look_up(0)
-        kernels.rehash(self._arrays_tuple)
+        kernels.hash_states(self._arrays_tuple)
         kernels.find(self._arrays_tuple, state)
         self.clear()
 
     def clear(self) -> None:
         """Forget all nodes."""
+        written = self._model.as_written
+        self._inert = inert_fluents(self._model.ground) if written else NO_FLUENTS
         self._allocate(_SMALLEST, _SMALLEST, _SMALLEST)
-        self._unit = 0.0
+        self._unit, self._depth = 0.0, 0
 
     @property
     def nodes(self) -> int:
@@ -92,19 +99,36 @@ class ClosedGraph:
         """Whether everything that can be reached is in the graph."""
         return self.nodes == self.expanded
 
-    def grow(self, state: Vector) -> None:
-        """Add a state `[F]` and what can be reached from it, and solve the graph.
+    @property
+    def spreads(self) -> bool:
+        """Whether edges hardly ever lead to a known state, so that the graph will not close."""
+        return self.edges >= _JUDGED_FROM and self.nodes > _NEVER_MET * self.edges
 
-        Where the graph becomes too large, some nodes are left unexpanded, those with the most
+    def grow(self, states: Vector, limit: int = MAX_EDGES) -> None:
+        """Add a state `[F]` or several, and what can be reached from them, and solve the graph.
+
+        Where the graph would become too large, some nodes are left unexpanded, those with the most
         actions on the way to them.
+
+        Args:
+            states: The states.
+            limit: Most edges of the graph.
         """
-        if self.nodes == self._arrays.digest.shape[0]:
-            self._enlarge()
-        kernels.add_root(self._arrays_tuple, state)
+        for state in np.array(states, ndmin=2):
+            if self.nodes == self._arrays.digest.shape[0]:
+                self._enlarge()
+            kernels.add_root(self._arrays_tuple, state)
+        limit = min(limit, self._max_edges)
         expand = self._expand_native if self._model.compiles else self._expand_interpreted
-        while not expand() and self._enlarge():
-            if self.edges >= _JUDGED_FROM and self.nodes > _NEVER_MET * self.edges:
-                break  # edges that hardly ever lead to a known state will not close the graph
+        ended, most = kernels.MANY, _JUDGED_FROM
+        while ended != kernels.DONE and self.edges < limit and self.nodes < self._max_nodes:
+            while most <= self.edges:
+                most *= 2
+            ended = expand(min(most, limit))
+            if ended == kernels.FULL:
+                self._enlarge()
+            elif self.edges >= most and self.spreads:
+                break
         self._solve()
 
     def _solve(self) -> None:
@@ -112,7 +136,12 @@ class ClosedGraph:
         solution.solve(
             self._arrays_tuple, self._settings.discount, solution.EXACT, solution.SWEEPS, allowed
         )
+        self._measure()
+
+    def _measure(self) -> None:
+        """Find what follows from the solved graph: unit of the values, and depth."""
         self._unit = solution.ALIKE * solution.largest_value(self._arrays_tuple)
+        self._depth = int(self._arrays.layer[: self.nodes].max(initial=0))
 
     def forecast(self, state: Vector) -> Forecast | None:
         """Return the forecast for a state `[F]`.
@@ -121,7 +150,7 @@ class ClosedGraph:
             None where the state is not in the graph, or its best policy leaves the graph.
         """
         arrays = self._arrays
-        node = kernels.find(self._arrays_tuple, state)
+        node = self._find(state)
         if node < 0 or not arrays.inside[node]:
             return None
         choice, found = self._look_up(node)
@@ -129,9 +158,25 @@ class ClosedGraph:
             flags, values = found.flags, state.tolist()
             for action in np.flatnonzero(flags == 0).tolist():
                 flags[action] = self._model.transition(values, action)[1]
-        depth = int(arrays.layer[node])
         bound = Bound.EXHAUSTED if self.complete else Bound.NODES
-        return Forecast(choice, *found, depth, bound)
+        return Forecast(choice, *found, self._depth, bound)
+
+    def ends(self, state: Vector) -> bool:
+        """Return whether the best policy leads from a state `[F]` to the end of the task.
+
+        The first outcome of every step is followed.
+        """
+        arrays, node, met = self._arrays, self._find(state), set[int]()
+        while node >= 0 and node not in met and arrays.inside[node] and arrays.best[node] >= 0:
+            met.add(node)
+            node = int(arrays.target[arrays.first_outcome[arrays.best[node]]])
+        return node == ENDED and bool(met)
+
+    def _find(self, state: Vector) -> int:
+        if self._inert.size:
+            state = state.copy()
+            state[self._inert] = 0.0
+        return int(kernels.find(self._arrays_tuple, state))
 
     def _look_up(self, node: int) -> tuple[int, FirstActions]:
         """Return the chosen action of a node, and what is predicted for every action."""
@@ -142,25 +187,27 @@ class ClosedGraph:
 
     # Expansion ---------------------------------------------------------------------------------
 
-    def _expand_native(self) -> bool:
-        """Expand nodes; return whether all are expanded."""
+    def _expand_native(self, most: int) -> int:
+        """Expand nodes until there are `most` edges; return what ended it."""
         model = self._model
         outcomes = model.native_outcomes()
         ended = kernels.expand(
             (address_of(model.native_step()), model.data, model.dt),
             np.intp(0) if outcomes is None else address_of(outcomes),
-            self._actions, self._settings.accepted_risk, self._arrays_tuple, self._room,
+            (self._actions, self._settings.accepted_risk), self._arrays_tuple, self._room, most,
         )  # fmt: skip
-        return bool(ended == kernels.DONE)
+        return int(ended)
 
-    def _expand_interpreted(self) -> bool:
+    def _expand_interpreted(self, most: int) -> int:
         """Do the same in CPython, for models too large to be compiled."""
         arrays, accepted = self._arrays, self._settings.accepted_risk
         counters, width = arrays.counters, self._width
         while counters[_AT.expanded] < counters[_AT.nodes]:
             node = int(counters[_AT.expanded])
+            if counters[_AT.edges] >= most:
+                return kernels.MANY
             if not kernels.has_room(self._arrays_tuple, self._actions):
-                return False
+                return kernels.FULL
             state = arrays.states[node * width : (node + 1) * width].tolist()
             layer = int(arrays.layer[node]) + 1
             arrays.undefined[node] = 0
@@ -175,27 +222,37 @@ class ClosedGraph:
                     self._arrays_tuple, np.array(target), reward, flags & TERMINAL, 1.0, layer
                 )
             kernels.close_node(self._arrays_tuple)
-        return True
+        return kernels.DONE
 
     # Memory ------------------------------------------------------------------------------------
 
     def _allocate(self, nodes: int, edges: int, outcomes: int) -> None:
         most = self._actions * OUTCOMES
         self._arrays = GraphArrays.allocate(
-            nodes + most, edges + self._actions, outcomes + most, self._width
+            nodes + most, edges + self._actions, outcomes + most, self._width, self._inert
         )
         self._arrays_tuple = tuple(self._arrays)
 
-    def _enlarge(self) -> bool:
-        """Double the arrays that are nearly full; return False where the graph is too large."""
-        if self.edges >= self._max_edges or self.nodes >= self._max_nodes:
-            return False
+    def _enlarge(self) -> None:
+        """Double the arrays."""
         old = self._arrays
         sizes = [2 * len(column) for column in (old.digest, old.action, old.target)]
         self._allocate(*sizes)
         new = self._arrays
         for name, column in old._asdict().items():
-            if name != "table":
+            if name not in ("table", "inert"):
                 getattr(new, name)[: len(column)] = column
-        kernels.rehash(self._arrays_tuple)
-        return True
+        kernels.hash_states(self._arrays_tuple)
+
+    def state_dict(self) -> Arrays:
+        """Return arrays that `load_state_dict` restores exactly."""
+        return contents(self._arrays, self._width)
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
+        self.clear()
+        most = self._actions * OUTCOMES
+        spare = (most + _SMALLEST, self._actions + _SMALLEST, most + _SMALLEST)
+        self._arrays = restored(arrays, self._width, self._actions, spare, self._inert)
+        self._arrays_tuple = tuple(self._arrays)
+        self._measure()

@@ -21,8 +21,10 @@ from serp.planning.preference import hazard, marked
 
 ENDED = -1
 """In place of the node that an outcome leads to: the task ends."""
-DONE, FULL = 0, 1
-"""What ended an expansion: every node is expanded, or the arrays are full."""
+DONE, FULL, MANY = 0, 1, 2
+"""What ended an expansion: every node is expanded, the arrays are full, or so many edges as were
+allowed are there."""
+NO_FLUENTS = np.zeros(0, dtype=np.int64)
 
 _hazard = cached_njit(nogil=True, forceinline=True)(hazard)
 _marked = cached_njit(nogil=True, forceinline=True)(marked)
@@ -46,6 +48,8 @@ class GraphArrays(NamedTuple):
     Attributes:
         counters: int64, see `Counters`.
         table: Hash table of the states, a power of two of at least 2 N; -1 for an empty slot.
+        inert: Columns of fluents that make no difference, see `serp.planning.far_sight.inert`;
+            they are 0 in all states.
         states: Flat `[N * F]`.
         digest: `[N]` hashes of the states.
         layer: `[N]` edges from the state that the node was first reached from.
@@ -62,6 +66,7 @@ class GraphArrays(NamedTuple):
 
     counters: NDArray[np.int64]
     table: NDArray[np.int32]
+    inert: NDArray[np.int64]
     states: NDArray[np.float64]
     digest: NDArray[np.uint64]
     layer: NDArray[np.int32]
@@ -81,7 +86,14 @@ class GraphArrays(NamedTuple):
     inside: NDArray[np.uint8]
 
     @classmethod
-    def allocate(cls, nodes: int, edges: int, outcomes: int, width: int) -> GraphArrays:
+    def allocate(
+        cls,
+        nodes: int,
+        edges: int,
+        outcomes: int,
+        width: int,
+        inert: NDArray[np.int64] = NO_FLUENTS,
+    ) -> GraphArrays:
         """Allocate an empty graph."""
         size = 2
         while size < 2 * nodes:
@@ -89,6 +101,7 @@ class GraphArrays(NamedTuple):
         return cls(
             counters=np.zeros(len(Counters()), dtype=np.int64),
             table=np.full(size, -1, dtype=np.int32),
+            inert=inert,
             states=np.zeros(nodes * width),
             digest=np.zeros(nodes, dtype=np.uint64),
             layer=np.zeros(nodes, dtype=np.int32),
@@ -142,8 +155,10 @@ def _slot_of(graph, row, digest, width):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _node_of(graph, row, width, layer):
-    """Return the node with a state, adding it where there is none."""
+def hashed_node(graph, row, width, layer):
+    """Return the node with a state, adding it where there is none; inert fluents become 0."""
+    for k in range(graph.inert.shape[0]):
+        row[graph.inert[k]] = 0.0
     digest = _digest_of(row, width)
     slot = _slot_of(graph, row, digest, width)
     if graph.table[slot] >= 0:
@@ -160,7 +175,7 @@ def _node_of(graph, row, width, layer):
 
 @cached_njit(nogil=True)
 def find(arrays, state):
-    """Return the node with a state `[F]`; -1 if there is none."""
+    """Return the node with a state `[F]`, in which inert fluents are 0; -1 if there is none."""
     graph = GraphArrays(*arrays)
     width = state.shape[0]
     return np.int64(graph.table[_slot_of(graph, state, _digest_of(state, width), width)])
@@ -169,16 +184,20 @@ def find(arrays, state):
 @cached_njit(nogil=True)
 def add_root(arrays, state):
     """Return the node with a state `[F]`, adding it where there is none; there must be room."""
-    return _node_of(GraphArrays(*arrays), state, state.shape[0], 0)
+    return hashed_node(GraphArrays(*arrays), state, state.shape[0], 0)
 
 
 @cached_njit(nogil=True)
-def rehash(arrays):
-    """Fill an empty table with all nodes."""
+def hash_states(arrays):
+    """Find the digests of all nodes, and fill an empty table with them."""
     graph = GraphArrays(*arrays)
+    width = graph.states.shape[0] // graph.digest.shape[0]
     mask = graph.table.shape[0] - 1
     for node in range(graph.counters[_NODES]):
-        slot = np.int64(graph.digest[node] & np.uint64(mask))
+        row = pointer_to(graph.states, node * width)
+        digest = _digest_of(row, width)
+        graph.digest[node] = digest
+        slot = np.int64(digest & np.uint64(mask))
         while graph.table[slot] >= 0:
             slot = (slot + 1) & mask
         graph.table[slot] = node
@@ -219,7 +238,7 @@ def _add_outcome(graph, row, width, reward, terminal, chance, layer):
     graph.chance[outcome] = chance
     graph.target[outcome] = ENDED
     if not terminal:
-        graph.target[outcome] = _node_of(graph, row, width, layer)
+        graph.target[outcome] = hashed_node(graph, row, width, layer)
 
 
 @cached_njit(nogil=True)
@@ -254,37 +273,43 @@ def has_room(arrays, actions):
 
 
 @cached_njit(nogil=True)
-def expand(model, branches, actions, accepted, arrays, room):
-    """Expand nodes until all are expanded or the arrays are full.
+def expand(model, branches, rules, arrays, room, most):
+    """Expand nodes until all are expanded, the arrays are full, or there are enough edges.
 
     Args:
         model: Values of `serp.planning.kernel_records.CompiledModel`.
         branches: Address of the compiled function that gives all outcomes of a step, see
             `TransitionModel.native_outcomes`; 0 where the model has one outcome a step.
-        actions: Number of actions A.
-        accepted: Accepted risk.
+        rules: Number of actions A, accepted risk.
         arrays: Values of `GraphArrays`.
         room: Flat, `OUTCOMES` rows of F + 3 numbers: states, then reward, flags and probability.
+        most: No node is expanded when there are so many edges.
 
     Returns:
-        `DONE` or `FULL`.
+        `DONE`, `FULL` or `MANY`.
     """
     graph = GraphArrays(*arrays)
+    actions, accepted = rules
     address, data, dt = model
     theta = pointer_to(data, 0)
     width = graph.states.shape[0] // graph.digest.shape[0]
     while graph.counters[_EXPANDED] < graph.counters[_NODES]:
+        if graph.counters[_EDGES] >= most:
+            return MANY
         if not _has_room(graph, actions):
             return FULL
         node = graph.counters[_EXPANDED]
         layer = graph.layer[node] + 1
         graph.undefined[node] = 0
         source, out = pointer_to(graph.states, node * width), pointer_to(room, 0)
+        changed = True
         for action in range(actions):
-            for i in range(width):
-                out[i] = source[i]
-            out[width] = 0.0
+            if changed:  # an action whose precondition fails changes nothing
+                for i in range(width):
+                    out[i] = source[i]
+                out[width] = 0.0
             flags = call_step(address, source, action, theta, dt, out)
+            changed = flags != 0
             if not flags & APPLICABLE:
                 if flags & UNDEFINED:
                     graph.undefined[node] = 1

@@ -5,22 +5,31 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final, Protocol
 
-from serp._util.saved_state import Saved
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight.cell_graph import CellGraph, Visited
-from serp.planning.far_sight.closed_graph import ClosedGraph
+from serp.planning.far_sight.cell_graph import COARSEST, FINEST, CellGraph, Visited
+from serp.planning.far_sight.cell_values import repacked
+from serp.planning.far_sight.closed_graph import MAX_EDGES, ClosedGraph
+from serp.planning.far_sight.goal_search import GoalSearch
 from serp.planning.forecast import Forecast
+from serp.planning.limits import Bound, lookahead_nodes
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
 
-_EARNED: Final = 1_000
-"""Edges that every decision earns; their expansion and solution take one to three milliseconds."""
-_MOST_FAILURES: Final = 10
-
-_DECISIONS: Final = 20
-"""Decisions between two builds of the graph of cells, at least."""
-_GROWN: Final = 1.05
-"""It is built again when so many times as many states were visited."""
+_SHARE: Final = 0.25
+"""Steps of the model that every decision earns, as a fraction of those that a lookahead predicts.
+Their values have to be found, too, which takes about as long."""
+_SAVED: Final = 200_000
+"""Most steps that are saved."""
+_SMALL_GRAPH: Final = 20_000
+"""Most edges of a closed graph at the first attempt. After a failure it is twice as many, and the
+next attempt comes when `_PATIENCE` times as many decisions were made."""
+_PATIENCE: Final = 4
+_GROWN: Final = 1.1
+"""The cells are found again when so many times as many states were visited."""
 
 
 class NearPlanner(Protocol):
@@ -30,100 +39,144 @@ class NearPlanner(Protocol):
         """Return the forecast for a state `[F]`."""
 
 
-class ClosedGraphPlanner:
-    """Plans on the closed graph where the best policy stays inside it, else by another planner.
+class FarSightPlanner:
+    """Plans on the closed graph where the best policy stays inside it, else by a lookahead.
 
-    The graph is built again when the model has changed, and grows when the world is in a state that
-    is not in it. Every decision earns the time for a number of edges, which a graph spends when it
-    is built: so a large graph of a model that changes often is built rarely, and the mean cost of
-    a decision is bounded. Each further graph in a row that could not be closed costs twice as much.
+    In continuous domains the lookahead has values of cells at its leaves. Every decision earns a
+    fraction of the steps of the model that a lookahead predicts. Graph and cells are paid for with
+    what was saved: so the mean cost of a decision is bounded, and what is built grows with
+    experience. They are kept until the model has changed noticeably.
 
     Args:
         model: The transition model.
         settings: The settings of the planner.
-        near: The planner that is asked outside of the graph.
+        near: The planner that is asked outside of the graph. A `Lookahead` gets values of cells.
 
     Attributes:
         model: As above.
-        graph: The graph.
+        visited: The visited states; None if they are not known. Without them there are no cells.
+        graph: The closed graph.
+        search: The search for a way to the goal, where not everything that can be reached fits into
+            the graph.
+        cells: The graph of cells; None where the model is not compiled.
     """
 
     def __init__(
         self, model: TransitionModel, settings: PlannerSettings, near: NearPlanner
     ) -> None:
         self.model = model
+        self.visited: Visited | None = None
         self.graph = ClosedGraph(model, settings)
+        self.search = GoalSearch(model, settings)
+        self.cells = CellGraph(model, settings) if isinstance(near, Lookahead) else None
         self._near = near
-        self._owed = self._failures = 0
-        self.begin_episode()
-
-    def begin_episode(self) -> None:
-        """Forget the graph, so that decisions depend on nothing before this episode."""
-        self.graph.clear()
-        self._revision = self.model.revision
+        actions = len(model.actions)
+        self._ahead = lookahead_nodes(settings, actions, len(model.fluents)) * actions
+        self._share = _SHARE * settings.repeat
+        self._revision = model.revision
+        self._saved = self._decisions = self._attempt_at = self._cells_at = 0
+        self._limit, self._price = _SMALL_GRAPH, 1
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
-        if self.model.revision != self._revision and self._owed <= 0:
+        self._decisions += 1
+        self._saved = min(self._saved + 1 + int(self._share * self._ahead), _SAVED)
+        if self.model.revision != self._revision and self._saved >= 0:
             self._revision = self.model.revision
             self.graph.clear()
         found = self.graph.forecast(state)
-        if found is None and self._owed <= 0:
-            if not self.graph.complete:
-                self.graph.clear()
-            before = self.graph.edges
-            self.graph.grow(state)
-            found = self.graph.forecast(state)
-            self._failures = 0 if found is not None else min(self._failures + 1, _MOST_FAILURES)
-            self._owed += (self.graph.edges - before) << self._failures
-        self._owed = max(0, self._owed - _EARNED)
-        return found if found is not None else self._forecast_outside(state)
+        if found is None and self._saved >= 0 and self._decisions >= self._attempt_at:
+            found = self._grow(state)
+        return found if found is not None else self._forecast_by_cells(state)
 
-    def _forecast_outside(self, state: Vector) -> Forecast:
-        return self._near.forecast(state)
+    def _grow(self, state: Vector) -> Forecast | None:
+        """Grow the closed graph, or build it anew; return its forecast if it has one."""
+        graph, edges = self.graph, 0
+        if not graph.complete:
+            graph.clear()
+        while True:
+            before = graph.edges
+            graph.grow(state, self._limit)
+            edges += graph.edges - before
+            found = graph.forecast(state)
+            if found is not None or before == 0:
+                break
+            graph.clear()
+        if self.search.goal and not (graph.complete or graph.spreads or graph.ends(state)):
+            found, edges = self._search(state) or found, edges + self.search.steps
+        self._saved -= edges
+        if found is None:
+            if graph.edges >= self._limit:
+                self._limit = min(2 * self._limit, MAX_EDGES)
+            self._attempt_at = _PATIENCE * self._decisions
+        return found
 
-    def state_dict(self) -> dict[str, Any]:
-        """Return JSON values that `load_state_dict` restores exactly, between episodes."""
-        return {"owed": self._owed, "failures": self._failures}
+    def _search(self, state: Vector) -> Forecast | None:
+        """Grow the graph around a way to the goal; return its forecast if there is such a way.
 
-    def load_state_dict(self, meta: Mapping[str, Any]) -> None:
+        Its values are then those of the best policy in the neighbourhood of the way (Nakhost &
+        Müller, "Action elimination and plan neighborhood graph search", ICAPS 2010).
+        """
+        way = self.search.way(state, MAX_EDGES)
+        if way is None:
+            return None
+        self.graph.clear()
+        self.graph.grow(way, _SMALL_GRAPH)
+        return self.graph.forecast(state)
+
+    def _forecast_by_cells(self, state: Vector) -> Forecast:
+        near, visited, cells = self._near, self.visited, self.cells
+        if cells is None or visited is None or not isinstance(near, Lookahead):
+            return near.forecast(state)
+        if visited.seen >= self._cells_at and self._saved >= self._price:
+            there_are = cells.build(state, visited.next_states, self._saved)
+            self._price = min(_SAVED, cells.needed if there_are else 2 * self._saved)
+            self._saved -= cells.steps
+            self._cells_at = 1 + int(_GROWN * visited.seen)
+        near.leaves = cells.values
+        found = near.forecast(state)
+        self._ahead = near.followed
+        return found._replace(bound=Bound.CELLS) if cells.values.size else found
+
+    def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
+        """Return arrays and JSON values that `load_state_dict` restores exactly."""
+        arrays, cells = nested("graph", self.graph.state_dict()), self.cells
+        if cells is not None:
+            arrays["cells"] = cells.values.copy()
+        return arrays, {
+            "saved": self._saved,
+            "decisions": self._decisions,
+            "attempt_at": self._attempt_at,
+            "cells_at": self._cells_at,
+            "limit": self._limit,
+            "ahead": self._ahead,
+            "price": self._price,
+            "revision": self._revision,
+            "bins": 0.0 if cells is None else cells.bins,
+            "explores": cells is not None and cells.explores,
+        }
+
+    def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
         """Restore what `state_dict` returned.
 
         Raises:
             RunError: It is damaged.
         """
-        saved = Saved("planner", {}, meta)
-        self._owed = saved.whole("owed")
-        self._failures = saved.whole("failures", 0, _MOST_FAILURES)
-        self.begin_episode()
-
-
-class FarSightPlanner(ClosedGraphPlanner):
-    """The same with a `Lookahead`, which takes the values of cells at its leaves.
-
-    Attributes:
-        visited: The visited states; None if they are not known. Without them there are no cells.
-        cells: The graph of cells.
-    """
-
-    def __init__(self, model: TransitionModel, settings: PlannerSettings, near: Lookahead) -> None:
-        self.visited: Visited | None = None
-        self.cells = CellGraph(model, settings)
-        super().__init__(model, settings, near)
-        self._lookahead = near
-
-    def begin_episode(self) -> None:
-        """Forget both graphs, so that decisions depend on nothing before this episode."""
-        super().begin_episode()
-        self.cells.clear()
-        self._built = self._since = 0
-
-    def _forecast_outside(self, state: Vector) -> Forecast:
-        self._since += 1
-        seen = 0 if self.visited is None else self.visited.seen
-        waited = self._built == 0 or self._since > _DECISIONS
-        if self.visited is not None and waited and seen > _GROWN * self._built:
-            self._built, self._since = seen, 0
-            self.cells.build(state, self.visited.next_states)
-        self._lookahead.leaves = self.cells.values
-        return self._lookahead.forecast(state)
+        saved = Saved("planner", arrays, meta)
+        self.graph.load_state_dict(part_of(arrays, "graph"))
+        self._saved = saved.whole("saved", -MOST, _SAVED)
+        self._decisions, self._revision = saved.whole("decisions"), saved.whole("revision")
+        self._attempt_at, self._cells_at = saved.whole("attempt_at"), saved.whole("cells_at")
+        self._limit, self._ahead = saved.whole("limit", 1, MAX_EDGES), saved.whole("ahead")
+        self._price = saved.whole("price", 0, _SAVED)
+        cells = self.cells
+        if cells is None:
+            return
+        cells.bins, cells.explores = saved.real("bins", 0.0, FINEST), saved.truth("explores")
+        if 0.0 < cells.bins < COARSEST:
+            raise saved.wrong(f"bins is {cells.bins}")
+        packed = saved.array("cells", np.float64, (-1,))
+        try:
+            cells.values = repacked(packed, len(self.model.fluents)) if packed.size else packed
+        except ValueError as error:
+            raise saved.wrong(f"cells has {error}") from None

@@ -13,6 +13,7 @@ from serp.learning.guidance import Guidance
 from serp.model.flags import APPLICABLE
 from serp.planning.action_map import ActionForecast
 from serp.planning.forecast import SAFE
+from serp.planning.limits import Bound
 from serp.settings import Settings
 
 
@@ -28,6 +29,8 @@ def forecast(values: Sequence[float]) -> ActionForecast:
         safe_steps=np.full(count, SAFE),
         reward=np.zeros(count),
         flags=np.full(count, APPLICABLE),
+        depth=1,
+        bound=Bound.DEPTH,
     )
 
 

@@ -1,24 +1,47 @@
-"""Machine code against CPython, bit for bit, and the cache of compiled models."""
+"""Machine code and bytecode against CPython, bit for bit, and the cache of compiled models."""
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from random import Random
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from serp.model.bytecode.instructions import SHIFT, Code, Memory, check
 from serp.model.codegen import generate_code
 from serp.model.native import compile_native, structure_digest
 from serp.model.transition_model import Outcome, TransitionModel, Vector
-from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
+from tests.generated import (
+    FULL,
+    PLANNABLE,
+    Generated,
+    Texts,
+    examples,
+    generate,
+    load_texts,
+    models_with_states,
+    random_states,
+)
 
 
 def in_cpython(model: TransitionModel, states: Vector, actions: object) -> Outcome:
     """A batch of a model that is taken to be too large to be compiled."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
+        patch.setattr("serp.model.program.MAX_BYTECODE_SIZE", -1)
         assert not model.compiles
+        return model.step(states, actions)
+
+
+def as_bytecode(model: TransitionModel, states: Vector, actions: object) -> Outcome:
+    """A batch of a model that is taken to be too large for machine code of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
+        assert model.compiles and not model.has_own_code
         return model.step(states, actions)
 
 
@@ -55,9 +78,53 @@ def test_machine_code_gives_the_same_bits(seed: int) -> None:
         check_same_bits(model.step(rows, 0), model.step(states, 0))
 
 
+@examples(100)
+@given(models_with_states(FULL, count=20), st.randoms(use_true_random=False))
+def test_bytecode_gives_the_same_bits(drawn: tuple[Generated, Vector], random: Random) -> None:
+    generated, states = drawn
+    if generated.model.actions:
+        actions = [random.randrange(len(generated.model.actions)) for _ in states]
+        for dt, factor in ((1.0, 1.0), (0.25, 1.5)):
+            model = generated.model.replace(dt=dt, theta=generated.model.theta * factor)
+            found = as_bytecode(model, states, actions)
+            check_same_bits(found, in_cpython(model, states, actions))
+
+
+def test_bytecode_that_leaves_its_memories_is_refused() -> None:
+    sizes = {memory: 2 for memory in Memory}
+    out, constant = Memory.OUT << SHIFT, Memory.CONSTANTS << SHIFT
+    move, end = [Code.MOVE, out + 1, constant + 1, 0], [Code.RETURN, 1, 6, 0]
+    check(np.array([move, end], dtype=np.int32), sizes)
+    for wrong in (
+        [Code.MOVE, out + 2, constant, 0],
+        [Code.MOVE, constant, out, 0],
+        [Code.MOVE, out, 5 << SHIFT, 0],
+        [Code.NEGATE, out, -1, 0],
+        [Code.ADD, out, out, constant + 2],
+        [Code.JUMP, 0, 0, 2],
+        [Code.JUMP_IF, out + 2, 0, 0],
+        [Code.IF_LESS, out, out + 2, 0],
+        [Code.IF_LESS, out, out, -1],
+        [99, 0, 0, 0],
+    ):
+        with pytest.raises(ValueError, match=r"memor|jump|instruction"):
+            check(np.array([wrong, end], dtype=np.int32), sizes)
+    with pytest.raises(ValueError, match="the last one"):
+        check(np.array([end, move], dtype=np.int32), sizes)
+
+
+def test_more_variables_than_registers_run_in_cpython(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
+    monkeypatch.setattr("serp.model.bytecode.translation.REGISTERS", 5)
+    for number, compiles in (("2", True), ("(* (+ (heat) 1) (- (heat) 3))", False)):
+        model = one_action(number)
+        assert model.compiles == compiles
+        assert model.step(np.ones((1, 1)), 0).applicable.all()
+
+
 def test_batches_of_none_and_states_of_nothing() -> None:
     model = load_texts(Texts("(define (domain d) (:action wait))", None)).model
-    for step in (model.step, lambda *given: in_cpython(model, *given)):
+    for step in (model.step, partial(as_bytecode, model), partial(in_cpython, model)):
         assert step(np.zeros((0, 0)), []).state.shape == (0, 0)
         assert step(np.zeros((3, 0)), 0).applicable.tolist() == [True] * 3
 

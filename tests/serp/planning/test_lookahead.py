@@ -19,7 +19,7 @@ from serp.planning.far_sight.cell_values import Cells, cell_of, cell_value_at, p
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.limits import Bound
 from serp.planning.lookahead import Lookahead
-from serp.planning.preference import of_best_rank
+from serp.planning.preference import rank_of
 from serp.planning.replanner import MonitorReplanner, Plan
 from serp.settings import PlannerSettings
 from tests.generated import PLANNABLE, generate, random_states
@@ -67,10 +67,12 @@ def assert_all_forms_agree(
         assert bits(forecast) == bits(planned.forecast)
         assert type(forecast.choice) is int and type(forecast.bound) is Bound
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
+        for limit in ("MAX_NATIVE_SIZE", "MAX_BYTECODE_SIZE"):
+            assert model.compiles
+            patch.setattr(f"serp.model.program.{limit}", -1)
+            for state, planned in zip(states, plans, strict=True):
+                assert bits(plan(model, settings, state).forecast) == bits(planned.forecast)
         assert not model.compiles
-        for state, planned in zip(states, plans, strict=True):
-            assert bits(plan(model, settings, state).forecast) == bits(planned.forecast)
     return plans
 
 
@@ -274,8 +276,9 @@ def test_leaves_decide_among_equals_and_are_never_worth_a_risk() -> None:
             assert (after.choice >= 0) == (before.choice >= 0)
             chosen = after.choice
             if chosen >= 0:
-                best = of_best_rank(after.flags)
-                assert best[chosen]
+                ranks = [rank_of(int(flags)) for flags in after.flags]
+                best = after.applicable & (np.array(ranks) == ranks[chosen])
+                assert ranks[chosen] == np.array(ranks)[after.applicable].min()
                 assert after.path_risk[chosen] == after.path_risk[best].min()
                 met["something worse is worth more"] += after.value.max() > after.value[chosen]
             met["leaves turn the choice"] += after.choice != before.choice

@@ -1,0 +1,1 @@
+"""Bytecode: models too large to be compiled, executed by one compiled loop."""

@@ -1,0 +1,238 @@
+"""The compiled loop of the search for a goal.
+
+Best-first width search (Lipovetzky & Geffner, "Best-first width search: exploration and
+exploitation in classical planning", AAAI 2017): states of the least novelty measure come first,
+among them those that lack the fewest conditions of the goal. The novelty of a state is 1 if it is
+the first with some fluent's value among the states that lack as many conditions, 2 if it is the
+first with some pair of values, else 3. It looks at states and goal only, so the step may be any
+compiled function.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from serp._util.compilation import cached_njit
+from serp.model.flags import APPLICABLE, TERMINAL
+from serp.model.native import call_step, pointer_to
+from serp.planning.far_sight.closed_kernels import hashed_node
+from serp.planning.preference import hazard
+
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+WIDTHS = 3
+"""Measures of novelty."""
+MOST_LEFT = 100
+"""States that lack more conditions of the goal than this are taken to lack as many."""
+_QUEUES = WIDTHS * (MOST_LEFT + 1)
+_SEEN_BITS = 26
+_NODES, _EXPANDED, _TRIED = 0, 1, 2
+
+_hazard = cached_njit(nogil=True, forceinline=True)(hazard)
+
+
+class SearchArrays(NamedTuple):
+    """A search tree of up to N nodes.
+
+    Attributes:
+        counters: Nodes, expanded nodes, and edges that were followed.
+        table, inert, states, digest, layer: As in `closed_kernels.GraphArrays`.
+        parent: `[N]` node that each was reached from; -1 of the root.
+        left: `[N]` conditions of the goal that do not hold.
+        done: `[N]` whether the node is expanded.
+        following: `[2 * N]` next node of the same queue of each order; -1 at its end.
+        first, last: `[2 * WIDTHS * (MOST_LEFT + 1)]` ends of the queues of both orders.
+        seen: Set of values and pairs of values, as bits at their hashes.
+        atoms: `[F]` scratch memory.
+    """
+
+    counters: NDArray[np.int64]
+    table: NDArray[np.int32]
+    inert: NDArray[np.int64]
+    states: NDArray[np.float64]
+    digest: NDArray[np.uint64]
+    layer: NDArray[np.int32]
+    parent: NDArray[np.int32]
+    left: NDArray[np.int32]
+    done: NDArray[np.uint8]
+    following: NDArray[np.int32]
+    first: NDArray[np.int32]
+    last: NDArray[np.int32]
+    seen: NDArray[np.uint64]
+    atoms: NDArray[np.uint64]
+
+    @classmethod
+    def allocate(cls, nodes: int, width: int, inert: NDArray[np.int64]) -> SearchArrays:
+        """Allocate an empty tree; the memory is not touched before it is needed."""
+        size = 2
+        while size < 2 * nodes:
+            size *= 2
+        queues = 2 * _QUEUES
+        return cls(
+            counters=np.zeros(3, dtype=np.int64),
+            table=np.full(size, -1, dtype=np.int32),
+            inert=inert,
+            states=np.zeros(nodes * width),
+            digest=np.zeros(nodes, dtype=np.uint64),
+            layer=np.zeros(nodes, dtype=np.int32),
+            parent=np.zeros(nodes, dtype=np.int32),
+            left=np.zeros(nodes, dtype=np.int32),
+            done=np.zeros(nodes, dtype=np.uint8),
+            following=np.zeros(2 * nodes, dtype=np.int32),
+            first=np.full(queues, -1, dtype=np.int32),
+            last=np.full(queues, -1, dtype=np.int32),
+            seen=np.zeros(1 << (_SEEN_BITS - 6), dtype=np.uint64),
+            atoms=np.zeros(width, dtype=np.uint64),
+        )
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _mixed(one, other):
+    mixed = (one ^ (other + np.uint64(0x9E3779B97F4A7C15))) * np.uint64(0xBF58476D1CE4E5B9)
+    mixed ^= mixed >> np.uint64(29)
+    mixed *= np.uint64(0x94D049BB133111EB)
+    return mixed ^ (mixed >> np.uint64(32))
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _atom(group, fluent, value):
+    """Return the hash of a fluent's value, among the states that lack as many conditions."""
+    return _mixed(_mixed(group, np.uint64(fluent)), np.float64(value + 0.0).view(np.uint64))
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _is_new(tree, key):
+    """Add a value or a pair to the set; return whether it was new."""
+    place = key >> np.uint64(64 - _SEEN_BITS)
+    bit = np.uint64(1) << (place & np.uint64(63))
+    word = np.int64(place >> np.uint64(6))
+    new = tree.seen[word] & bit == 0
+    tree.seen[word] |= bit
+    return new
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _novelty(tree, node, width):
+    """Return the novelty of a node, and remember its values and pairs."""
+    parent = np.int64(tree.parent[node])
+    everything = parent < 0 or tree.left[parent] != tree.left[node]
+    group = _mixed(np.uint64(tree.left[node]), np.uint64(1))
+    count = 0
+    for i in range(width):  # the values that changed come first
+        value = tree.states[node * width + i]
+        if everything or value != tree.states[parent * width + i]:
+            tree.atoms[count] = _atom(group, i, value)
+            count += 1
+    changed = count
+    if not everything:
+        for i in range(width):
+            value = tree.states[node * width + i]
+            if value != 0.0 and value == tree.states[parent * width + i]:
+                tree.atoms[count] = _atom(group, i, value)
+                count += 1
+    single, pair = False, False
+    for k in range(changed):
+        single = _is_new(tree, tree.atoms[k]) or single
+    for k in range(changed):
+        for j in range(k + 1, count):
+            one, other = tree.atoms[k], tree.atoms[j]
+            pair = _is_new(tree, _mixed(min(one, other), max(one, other))) or pair
+    return 1 if single else 2 if pair else 3
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _append(tree, order, queue, node):
+    nodes = tree.done.shape[0]
+    queue += order * _QUEUES
+    tree.following[order * nodes + node] = -1
+    if tree.first[queue] < 0:
+        tree.first[queue] = node
+    else:
+        tree.following[order * nodes + tree.last[queue]] = node
+    tree.last[queue] = node
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _enqueue(tree, node, width):
+    novelty, left = _novelty(tree, node, width) - 1, np.int64(tree.left[node])
+    _append(tree, 0, novelty * (MOST_LEFT + 1) + left, node)
+    _append(tree, 1, left * WIDTHS + (novelty == 2), node)
+
+
+@cached_njit(nogil=True, forceinline=True)
+def _dequeue(tree, order):
+    """Return the best node of an order that is not expanded; -1 where there is none."""
+    nodes = tree.done.shape[0]
+    for queue in range(order * _QUEUES, (order + 1) * _QUEUES):
+        while tree.first[queue] >= 0:
+            node = np.int64(tree.first[queue])
+            tree.first[queue] = tree.following[order * nodes + node]
+            if not tree.done[node]:
+                tree.done[node] = 1
+                return node
+    return np.int64(-1)
+
+
+@cached_njit(nogil=True)
+def search(model, counter, rules, tree_arrays, root, out, limit):
+    """Search for an edge that reaches the goal.
+
+    Args:
+        model: Values of `serp.planning.kernel_records.CompiledModel`.
+        counter: Address and data of the function that counts the conditions left.
+        rules: Number of actions A, accepted risk.
+        tree_arrays: Values of `SearchArrays`, empty.
+        root: `[F]` where to start.
+        out: `[F + 1]`, scratch memory.
+        limit: Most edges to follow.
+
+    Returns:
+        The node that the edge leaves; -1 where none was found.
+    """
+    tree = SearchArrays(*tree_arrays)
+    address, data, dt = model
+    count, count_data = counter
+    actions, accepted = rules
+    width = root.shape[0]
+    theta, target, number = pointer_to(data, 0), pointer_to(out, 0), pointer_to(count_data, 0)
+    hashed_node(tree, root, width, 0)
+    tree.parent[0] = -1
+    call_step(count, pointer_to(root, 0), 0, number, dt, target)
+    tree.left[0] = np.int64(min(target[width], MOST_LEFT))
+    _enqueue(tree, np.int64(0), width)
+    while tree.counters[_TRIED] < limit:
+        node = _dequeue(tree, tree.counters[_EXPANDED] % 2)
+        if node < 0 or tree.counters[_NODES] + actions > tree.digest.shape[0]:
+            break
+        tree.counters[_EXPANDED] += 1
+        source, layer = pointer_to(tree.states, node * width), tree.layer[node] + 1
+        changed = True
+        for action in range(actions):
+            if changed:
+                for i in range(width):
+                    target[i] = source[i]
+                target[width] = 0.0
+            flags = call_step(address, source, action, theta, dt, target)
+            changed = flags != 0
+            if not flags & APPLICABLE:
+                continue
+            tree.counters[_TRIED] += 1
+            if _hazard(flags, accepted) > 0.0:
+                continue
+            if flags & TERMINAL:
+                if target[width] > 0.0:
+                    return node
+                continue
+            before = tree.counters[_NODES]
+            reached = hashed_node(tree, target, width, layer)
+            if reached < before:
+                continue
+            tree.parent[reached] = node
+            row = pointer_to(tree.states, reached * width)
+            call_step(count, row, 0, number, dt, target)
+            tree.left[reached] = np.int64(min(target[width], MOST_LEFT))
+            _enqueue(tree, reached, width)
+    return np.int64(-1)

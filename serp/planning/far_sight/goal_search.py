@@ -1,0 +1,77 @@
+"""The search for a way to the goal where not everything that can be reached can be followed."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from serp.model.bytecode.virtual_machine import virtual_step
+from serp.model.native import address_of
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.far_sight.goal_count import goal_counter
+from serp.planning.far_sight.goal_kernels import SearchArrays, search
+from serp.planning.far_sight.inert import inert_fluents
+from serp.settings import PlannerSettings
+
+MAX_NUMBERS: Final = 40_000_000
+"""Most numbers in the states of a search: 320 MB."""
+
+
+class GoalSearch:
+    """Finds a way to the goal, see `serp.planning.far_sight.goal_kernels`.
+
+    Args:
+        model: The transition model; in one that is not compiled nothing is searched for.
+        settings: The accepted risk.
+
+    Attributes:
+        steps: Edges that the last search followed.
+    """
+
+    def __init__(self, model: TransitionModel, settings: PlannerSettings) -> None:
+        self._model = model
+        self._inert = inert_fluents(model.ground)
+        self._accepted = settings.accepted_risk
+        self._counter = goal_counter(model.ground, model.theta.tolist()) if model.compiles else None
+        self.steps = 0
+        if self.goal:
+            self.way(np.zeros(len(model.fluents)), 1)  # compiled now, not at a decision
+
+    @property
+    def goal(self) -> bool:
+        """Whether there is a goal to search for."""
+        return self._counter is not None and bool(self._model.actions)
+
+    def way(self, state: Vector, limit: int) -> Vector | None:
+        """Return the states `[N, F]` on a way to the goal, the first and all but the last.
+
+        The likeliest outcome of every step is followed, and no step that is not safe.
+
+        Args:
+            state: `[F]` where it begins.
+            limit: Most edges to follow.
+
+        Returns:
+            None where there is no goal, or no way was found.
+        """
+        self.steps = 0
+        if self._counter is None:
+            return None
+        model, width = self._model, len(self._model.fluents)
+        actions = len(model.actions)
+        nodes = min(limit, MAX_NUMBERS // max(1, width)) + actions + 1
+        tree = SearchArrays.allocate(nodes, width, self._inert)
+        node = search(
+            (address_of(model.native_step()), model.data, model.dt),
+            (address_of(virtual_step()), self._counter.data(model.theta)),
+            (actions, self._accepted), tuple(tree), state.copy(), np.empty(width + 1), limit,
+        )  # fmt: skip
+        self.steps = int(tree.counters[2])
+        if node < 0:
+            return None
+        way = []
+        while node >= 0:
+            way.append(tree.states[node * width : (node + 1) * width])
+            node = int(tree.parent[node])
+        return np.array(way[::-1])
