@@ -80,9 +80,6 @@ class Proposer(Protocol):
     ) -> Proposal:
         """Propose the action with the largest value; arguments as in `propose`."""
 
-    def member_q(self) -> Values:
-        """Return `[members, E]` the values of each of the learner's networks."""
-
     def target_q(self) -> Values:
         """Return `[E]` the values of the target network."""
 
@@ -127,9 +124,6 @@ class Learner(Protocol):
         self, x: NDArray[np.floating], base: NDArray[np.floating] | None = None
     ) -> NDArray[np.int64]:
         """Return the actions `[B]` of the largest values for inputs `[B, F]`."""
-
-    def member_q(self, x: Vector) -> Values:
-        """Return `[members, E]` the values of each network."""
 
     def target_q(self, x: Vector) -> Values:
         """Return `[E]` the values of the target network."""

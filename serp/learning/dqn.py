@@ -134,10 +134,6 @@ class DQN:
         """Return Q as `q_values`, of the target network; without one, of the network itself."""
         return self._mean_q.of(self.learning.target, x, base)
 
-    def member_q(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q of every action by each network: ``[members, A]`` for one input ``[F]``."""
-        return self._mean_q.of_members(self.learning.online, x)
-
     def propose(
         self,
         x: npt.NDArray[np.floating],

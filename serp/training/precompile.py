@@ -73,7 +73,6 @@ def _precompile_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np
         ended = step == _REMEMBERED - 1
         stand_in.remember(x, 0, 0.0, x, ended, False, None if ended else allowed, guidance)
         stand_in.propose_greedily(x)
-    stand_in.member_q(x)
     stand_in.target_q(x)
     if settings.updates_per_step > 0:
         stand_in.pretrain(1)

@@ -60,7 +60,7 @@ def live(
         base, next_base = (image.of_actions(row) for row in rng.standard_normal((2, A)))
         proposal = agent.propose(x, image.of_actions(rng.random(A) < 0.5), base)
         said.append((proposal.action, proposal.exploratory, agent.epsilon))
-        said += [agent.target_q(x, base).tolist(), agent.member_q(x).tolist()]
+        said.append(agent.target_q(x, base).tolist())
         action, guide_action, guide_next = (
             image.actions[a] if a >= 0 else a
             for a in (int(rng.integers(A)), *map(int, rng.integers(-1, A, 2)))
