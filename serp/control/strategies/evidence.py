@@ -169,7 +169,7 @@ class Evidence(ImitatingStrategy):
         """Return the learner's choice if it leads; if not, its proposal where plans are alike."""
         if self._start is None:
             admissible = situation.admissible if situation.admissible.any() else slice(None)
-            self._start = float(learner.member_q().mean(axis=0)[admissible].max())
+            self._start = float(learner.target_q()[admissible].max())
         if self._leads:
             return learner.propose_greedily()
         return learner.propose(situation.admissible) if situation.forecast.indifferent else None
