@@ -49,6 +49,10 @@ def test_a_wrong_number_is_named_with_its_line_and_its_value(run: Run, misled: P
     assert number["estimate"] == pytest.approx(0.195, abs=0.01)
     # The text has the same as the JSON, and --all has the rest of it.
     assert shown["verdict"] in text and "predicts well" not in text
+    in_use = shown["model_in_use"]
+    assert in_use == json.loads((misled / "summary.json").read_text())["model"]
+    assert f"planned with this model: {in_use['sentence']}" in text
+    assert all(fluent["why"] in text for fluent in in_use["fluents"])
     for sentence in shown["not_explained"]:
         assert f"* {sentence}" in text
     everything = run("diagnose", str(misled), "--all").stdout

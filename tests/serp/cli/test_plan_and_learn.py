@@ -34,6 +34,10 @@ def test_the_end_says_what_came_out_and_what_to_do_next(run: Run) -> None:
     assert "3 episodes" in result.stdout
     for word in ("return", "terminated", "vetoes", "unsafe"):
         assert f"\n{word} " in result.stdout
+    summary = json.loads(Path("first run", "summary.json").read_text())
+    assert f"trained policy  {summary['trained_policy']}" in result.stdout
+    assert (summary["evidence"] is None) == ("\nevidence " not in result.stdout)
+    assert summary["model"]["sentence"] in result.stdout
     assert "serp evaluate 'first run'" in result.stdout
     assert "serp plan --domain cartpole" in result.stdout
     assert "episode 3/3" in result.stderr
