@@ -18,7 +18,7 @@ import pytest
 # An untrained learner acts without help: short episodes, little to wait for.
 QUICK = [
     "--domain=cartpole", "--seed=2", "--set=arbiter.rho=1", "--set=planner.depth=1",
-    "--set=arbiter.exploration_slack=null", "--set=training.checkpoint_seconds=0",
+    "--set=guide.strategy=mixture", "--set=training.checkpoint_seconds=0",
 ]  # fmt: skip
 
 

@@ -12,21 +12,20 @@ from numpy.typing import NDArray
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.adapted_step import predict_all
+from serp.adaptation.adoption import ModelAdoption, parameters_in_use
 from serp.adaptation.forecast_skill import ForecastSkill
 from serp.adaptation.group_learners import GroupLearners, Meta
 from serp.adaptation.recording_kernels import record, record_adapted, record_by_file
-from serp.control.model_confidence import ModelConfidence
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.native import address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from serp.sysid.monitor import Monitor
-from serp.sysid.transitions import GOES_ON, OVER, TransitionMemory
+from serp.sysid.transitions import OVER, TransitionMemory
 
 if TYPE_CHECKING:
     from serp.adaptation.online_parameters import ParameterEstimation
 
-_GROWING: Final = 10  # first episodes of an adapted model, in which its predictions are not judged
 _REVISIONS: Final = 20.0
 """A model that learns counts as changed when it has seen a twentieth more env steps."""
 _RELEARNED: Final = 500
@@ -55,7 +54,6 @@ class ModelAdaptation:
         self.visits = np.zeros(len(written.actions), dtype=np.int64)
         self.forecast_skill = ForecastSkill(width)
         self.notice: str | None = None
-        self._episodes = 0
         self._written = written
         self._adapted: AdaptedModel | None = None
         self._learners: GroupLearners | None = None
@@ -87,7 +85,6 @@ class ModelAdaptation:
         `next_state` is that before any reset, the reward in the unit of the file's rewards.
         """
         ending = int(ending)  # one type for compiled code
-        self._episodes += ending != GOES_ON
         if action < 0:
             self.experience.add(state, action, next_state, ending, reward)
         elif self._adapted is None:
@@ -98,13 +95,22 @@ class ModelAdaptation:
             self._estimate_parameters()
 
     @property
-    def confidence(self) -> ModelConfidence:
-        """How reliable the model is; `OPEN` for one that is not adapted."""
-        if self._adapted is None:
-            return ModelConfidence.OPEN
-        if self.forecast_skill.reliable:
-            return ModelConfidence.RELIABLE
-        return ModelConfidence.GROWING if self._episodes < _GROWING else ModelConfidence.OPEN
+    def adoption(self) -> ModelAdoption:
+        """Which parts of the model are in use, and why others are not."""
+        adapted = self._adapted
+        if adapted is None:
+            return ModelAdoption(adapts=False, reliable=self.forecast_skill.reliable)
+        skills = self.forecast_skill.by_symbol([fluent.symbol for fluent in adapted.fluents])
+        return ModelAdoption(
+            adapts=True,
+            reliable=self.forecast_skill.reliable,
+            parameters=parameters_in_use(
+                adapted.ground.parameters,
+                self._written.theta.tolist(),
+                adapted.buffer.parameters.tolist(),
+            ),
+            fluents=() if self._learners is None else self._learners.adoption(skills),
+        )
 
     def reset_visits(self) -> None:
         """Treat all actions as unknown."""
@@ -179,7 +185,7 @@ class ModelAdaptation:
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: Arrays = {"visits": self.visits.copy()}
-        meta: Meta = {"episodes": self._episodes}
+        meta: Meta = {}
         for name, part in self._parts().items():
             own, meta[name] = part.state_dict()
             arrays |= nested(name, own)
@@ -191,7 +197,6 @@ class ModelAdaptation:
         """Restore what `state_dict` returned; a `RunError` refuses what does not fit."""
         saved = Saved("adaptation", arrays, meta)
         self.visits[:] = saved.array("visits", np.int64, self.visits.shape, 0, MOST)
-        self._episodes = saved.whole("episodes")
         if self._adapted is not None:
             self._adapted.buffer.restore(part_of(arrays, "parameter_buffer"))
         for name, part in self._parts().items():

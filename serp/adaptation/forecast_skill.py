@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -67,6 +67,18 @@ class ForecastSkill:
         error, change, usual = self.means
         missed = error > (1.0 - _RELIABLE) * change
         return not bool((missed & (error > _NEGLIGIBLE * usual)).any())
+
+    def by_symbol(self, symbols: Sequence[str]) -> dict[str, float | None]:
+        """Return the skill of the fluents of each symbol; None for those that do not change.
+
+        `symbols` `[F]` are those of the fluents.
+        """
+        errors: dict[str, float] = dict.fromkeys(symbols, 0.0)
+        changes: dict[str, float] = dict.fromkeys(symbols, 0.0)
+        for symbol, error, change in zip(symbols, *self.means[:2].tolist(), strict=True):
+            errors[symbol] += error
+            changes[symbol] += change
+        return {s: 1.0 - errors[s] / changes[s] if changes[s] > 0.0 else None for s in errors}
 
     def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""

@@ -43,7 +43,7 @@ def policy_of_run(command: Callable[..., Any]) -> Callable[..., Any]:
     """Give a command the argument RUN and the options --policy and --task."""
     option = click.option("--policy", type=click.Choice(get_args(Policy)),
                           default="serp", show_default=True,
-                          help="serp: the learner's choice within the vetoes; planner: the "
+                          help="serp: the trained policy, within the vetoes; planner: the "
                                "planner alone; learner: the learner alone, no veto; training: who "
                                "acts in training, planner or learner, within the vetoes. None "
                                "explores.")  # fmt: skip

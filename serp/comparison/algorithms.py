@@ -93,7 +93,6 @@ def _guided(name: str, description: str, learner: Mapping[str, Any] | None = Non
 
 _NO_GUIDE: Final[Changes] = {
     "guide": {"strategy": "mixture"},  # whose planner does not influence the learner
-    "planner": {"leaf_value": "never"},
 }
 _BASELINE: Final[Changes] = {**_NO_GUIDE, "adaptation": {"mode": "off"}}
 """A baseline uses no model, so none adapts."""
@@ -114,9 +113,6 @@ _OWN: Final = (
             "arbiter": {
                 "rho": 0.0,
                 "rho_increment": 0.0,
-                "confidence_margin": None,
-                "imitation_weight": 0.0,
-                "indifferent": "first",
             },
             "learner": {"updates_per_step": 0.0, "members": 1},
             "training": {"random_steps": 0},
@@ -137,7 +133,6 @@ _OWN: Final = (
         changes=_BASELINE,
     ),
     _guided("jump-start", "the planner begins each episode, the learner ends it (JSRL)"),
-    _guided("evidence", "planner or learner leads an episode, by the returns of both"),
     _guided("argmax-q", "whichever of both proposals the learner values more (IBRL)"),
     _guided(
         "restrict",

@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from serp._util.numbers import best_of
 from serp._util.saved_state import Saved
 from serp.control.decision import Actor, Decision, Reason
-from serp.control.model_confidence import ModelConfidence
 from serp.control.protocols import Planner, Proposer
 from serp.control.strategies.mixture import Mixture
 from serp.control.strategies.strategy import Situation, Strategy
@@ -43,7 +41,6 @@ class Arbiter:
         vetoes: Refuses actions; by default a `VetoPolicy` with these settings.
         exploration_bonus: Returns a forecast whose choice has been tried less often, to be used in
             training; by default the same forecast.
-        confidence: Returns how reliable the model is; by default `ModelConfidence.OPEN`.
     """
 
     def __init__(
@@ -55,7 +52,6 @@ class Arbiter:
         *,
         vetoes: VetoPolicy | NoVeto | None = None,
         exploration_bonus: Callable[[Forecast], Forecast] = lambda forecast: forecast,
-        confidence: Callable[[], ModelConfidence] = lambda: ModelConfidence.OPEN,
     ) -> None:
         self.planner = planner
         self.actions = actions
@@ -63,7 +59,6 @@ class Arbiter:
         self.strategy = strategy or Mixture(Settings(arbiter=self.settings))
         self.vetoes = vetoes or VetoPolicy(actions, self.settings)
         self._exploration_bonus = exploration_bonus
-        self._confidence = confidence
 
     @property
     def model(self) -> TransitionModel:
@@ -124,8 +119,7 @@ class Arbiter:
 
     def _situation(self, forecast: ActionForecast) -> Situation:
         admissible = self.vetoes.admissible(forecast)
-        explorable = self.vetoes.explorable(forecast, admissible)
-        return Situation(forecast, admissible, explorable, self._confidence())
+        return Situation(forecast, admissible)
 
     def _follow(self, situation: Situation, proposal: Proposal | None) -> Decision:
         forecast, admissible = situation.forecast, situation.admissible
@@ -136,9 +130,6 @@ class Arbiter:
         if admissible[action]:
             return self._accept(situation, proposal)
         refusal = self.vetoes.why_refused(forecast, action)
-        if self.settings.after_veto == "learner" and proposal.q is not None and admissible.any():
-            second = best_of(proposal.q, admissible)
-            return self._record(situation, second, actor, refusal, action, actor)
         return self._planner_acts(situation, action, actor, refusal)
 
     def _accept(self, situation: Situation, proposal: Proposal) -> Decision:
@@ -201,6 +192,7 @@ class Arbiter:
             unsafe=bool(flags & UNSAFE),
             risk=risk_of(flags) if flags & (APPLICABLE | UNSAFE) else np.nan,
             proposal_unsafe=proposed >= 0 and bool(forecast.flags[proposed] & (UNSAFE | RISKY)),
+            indifferent=forecast.indifferent,
             admissible=situation.admissible,
             forecast=forecast,
         )

@@ -54,6 +54,7 @@ class Decision(NamedTuple):
         risk: Predicted probability, in [0, 1], that it is unsafe; 1 if it is flagged, NaN if the
             model does not know it or it is not applicable.
         proposal_unsafe: Whether the proposed action is flagged, or its risk not accepted.
+        indifferent: Whether the planner had no reason to prefer one action.
         admissible: `[E]` whether no veto refuses the action.
         forecast: The planner's forecast for the state.
     """
@@ -68,8 +69,19 @@ class Decision(NamedTuple):
     unsafe: bool
     risk: float
     proposal_unsafe: bool
+    indifferent: bool
     admissible: NDArray[np.bool_]
     forecast: ActionForecast
+
+    @property
+    def depth(self) -> int:
+        """Layers of states that the planner saw."""
+        return self.forecast.depth
+
+    @property
+    def bound(self) -> str:
+        """What ended the planner's sight: a name of `Bound` in small letters."""
+        return self.forecast.bound.name.lower()
 
     @property
     def vetoed(self) -> bool:

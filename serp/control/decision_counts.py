@@ -1,4 +1,4 @@
-"""Counts of decisions: vetoes, steps by actor, and unsafe steps."""
+"""Counts of decisions: vetoes, steps by actor, unsafe steps, and how far the planner saw."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any, Final, Protocol
 
 from serp._util.saved_state import Saved
 from serp.control.decision import Actor, Reason
+from serp.planning.limits import Bound
 
 
 class _Countable(Protocol):
@@ -23,12 +24,22 @@ class _Countable(Protocol):
     def proposal_unsafe(self) -> bool: ...
     @property
     def unsafe(self) -> bool: ...
+    @property
+    def depth(self) -> int: ...
+    @property
+    def bound(self) -> str: ...
+    @property
+    def indifferent(self) -> bool: ...
 
 
 STEPS_BY: Final[Mapping[str, str]] = {actor.value: f"{actor.value}_steps" for actor in Actor}
 """Actor → name of the count of steps in which its action was executed."""
 
-_FLAGGED: Final = ("unsafe_predicted", "unsafe_executed", "no_safe_action")
+SAFETY: Final = ("vetoes", "unsafe_predicted", "unsafe_executed", "no_safe_action")
+SIGHT: Final = ("saw_all", "cut_short", "indifferent")
+_SUMS: Final = (*SAFETY[1:], "saw_all", "cut_short", "layers_seen", "indifferent")
+_BUDGETS: Final = (Bound.NODES.name.lower(), Bound.TIME.name.lower())
+_ALL: Final = Bound.EXHAUSTED.name.lower()
 
 
 class DecisionCounts:
@@ -40,6 +51,11 @@ class DecisionCounts:
         unsafe_predicted: Proposals that the domain file flags unsafe, or that are too risky.
         unsafe_executed: Executed actions that the domain file flags unsafe.
         no_safe_action: Steps in which every action was flagged or too risky.
+        saw_all: Steps in which the planner saw everything that can be reached.
+        cut_short: Steps in which a budget of nodes or time ended its sight.
+        layers_seen: Layers of states that it saw, summed over the steps in which it did not see
+            everything.
+        indifferent: Steps in which it had no reason to prefer one action.
     """
 
     def __init__(self) -> None:
@@ -48,6 +64,10 @@ class DecisionCounts:
         self.unsafe_predicted = 0
         self.unsafe_executed = 0
         self.no_safe_action = 0
+        self.saw_all = 0
+        self.cut_short = 0
+        self.layers_seen = 0
+        self.indifferent = 0
 
     def count(self, step: _Countable) -> None:
         """Count a step."""
@@ -57,6 +77,11 @@ class DecisionCounts:
         self.unsafe_predicted += step.proposal_unsafe
         self.unsafe_executed += step.unsafe
         self.no_safe_action += step.reason in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
+        everything = step.bound == _ALL
+        self.saw_all += everything
+        self.cut_short += step.bound in _BUDGETS
+        self.layers_seen += 0 if everything else step.depth
+        self.indifferent += step.indifferent
 
     @property
     def steps(self) -> int:
@@ -73,7 +98,7 @@ class DecisionCounts:
         return {
             **{name: self.executed[actor] for actor, name in STEPS_BY.items()},
             "vetoes": self.vetoes,
-            **{name: getattr(self, name) for name in _FLAGGED},
+            **{name: getattr(self, name) for name in _SUMS},
         }
 
     def state_dict(self) -> dict[str, Any]:
@@ -81,7 +106,7 @@ class DecisionCounts:
         return {
             "executed": [self.executed[actor] for actor in Actor],
             "refused": [self.refused[reason] for reason in Reason],
-            **{name: getattr(self, name) for name in _FLAGGED},
+            **{name: getattr(self, name) for name in _SUMS},
         }
 
     @classmethod
@@ -92,7 +117,7 @@ class DecisionCounts:
         refused = saved.wholes("refused", len(Reason))
         tally.executed.update(dict(zip(Actor, executed, strict=True)))
         tally.refused.update(dict(zip(Reason, refused, strict=True)))
-        for name in _FLAGGED:
+        for name in _SUMS:
             setattr(tally, name, saved.whole(name))
         return tally
 

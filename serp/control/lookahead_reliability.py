@@ -7,6 +7,8 @@ from typing import Any, Final
 
 from serp._util.saved_state import Saved
 
+_TOLERATED: Final = 3
+"""Tolerated failures at first."""
 _PER_STEP: Final = 0.001
 """Tolerated failures per env step in the long run."""
 
@@ -21,9 +23,8 @@ class LookaheadReliability:
     not justified.
     """
 
-    def __init__(self, horizon: int, tolerated: int | None) -> None:
+    def __init__(self, horizon: int) -> None:
         self._horizon = horizon
-        self._tolerated = tolerated
         self.failures = 0
         self.steps = 0
         self._since: int | None = None
@@ -32,7 +33,7 @@ class LookaheadReliability:
     @property
     def reliable(self) -> bool:
         """Whether vetoes use the lookahead beyond the next step."""
-        return self._tolerated is None or self.failures <= self._tolerated + _PER_STEP * self.steps
+        return self.failures <= _TOLERATED + _PER_STEP * self.steps
 
     def observe(self, predicted_safe: bool | None, unsafe: bool, last: bool) -> bool:
         """Process an env step; return whether the lookahead failed.

@@ -35,4 +35,4 @@ def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:
 def closed_graph(model: TransitionModel, settings: PlannerSettings) -> Planner:
     """Return the planner that sees to the end of a finite task, and far in a continuous one."""
     # Its leaves have the values of cells wherever there are any.
-    return FarSightPlanner(model, settings, lookahead(model, settings.replace(leaf_value="always")))
+    return FarSightPlanner(model, settings, lookahead(model, settings))

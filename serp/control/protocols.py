@@ -37,19 +37,6 @@ class Planner(Protocol):
 
 
 @runtime_checkable
-class LeafValuePlanner(Planner, Protocol):
-    """A planner that can add learned values at the leaves of its search; `serp.Lookahead` is one.
-
-    Attributes:
-        model: The model that it plans with.
-        leaves: The value function, `serp.planning.leaf_value.LeafValue.packed`; empty for none.
-    """
-
-    model: TransitionModel
-    leaves: NDArray[np.float64]
-
-
-@runtime_checkable
 class StatefulPlanner(Planner, Protocol):
     """A planner that keeps what it found from one decision to the next."""
 
@@ -146,9 +133,6 @@ class Learner(Protocol):
 
     def target_q(self, x: Vector) -> Values:
         """Return `[E]` the values of the target network."""
-
-    def newest_values(self, count: int) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return the newest inputs in the replay memory and their values, in units of reward."""
 
     def remember(
         self,

@@ -40,7 +40,7 @@ class VetoPolicy:
     def __init__(self, actions: ActionMap, settings: ArbiterSettings, horizon: int = 1) -> None:
         self._actions = actions
         self._settings = settings
-        self._reliability = LookaheadReliability(horizon, settings.max_lookahead_failures)
+        self._reliability = LookaheadReliability(horizon)
         self.available: Mask = ~actions.modelled & (settings.unmodelled == "allow")
 
     def admissible(self, forecast: ActionForecast) -> Mask:
@@ -54,17 +54,6 @@ class VetoPolicy:
             if known.size and known.max() == SAFE:
                 allowed &= forecast.safe_steps == SAFE
         return allowed | self.available
-
-    def explorable(self, forecast: ActionForecast, admissible: Mask) -> Mask | None:
-        """Return `[E]` which actions are explored among; None for all of them."""
-        slack = self._settings.exploration_slack
-        if slack is None:
-            return None
-        if slack == np.inf or not admissible.any():
-            return admissible
-        good = forecast.value >= forecast.value[admissible].max() - slack
-        explorable: Mask = admissible & (good | ~self._actions.modelled)
-        return explorable
 
     def why_refused(self, forecast: ActionForecast, action: int) -> Reason:
         """Return why an action that is not admissible is refused."""
@@ -135,10 +124,6 @@ class NoVeto:
     def admissible(self, forecast: ActionForecast) -> Mask:
         """Return `[E]` True."""
         return np.ones(len(forecast.flags), dtype=np.bool_)
-
-    def explorable(self, forecast: ActionForecast, admissible: Mask) -> Mask | None:
-        """Return None: all actions are explored."""
-        return None
 
     def why_refused(self, forecast: ActionForecast, action: int) -> Reason:
         """Raise: nothing is refused."""

@@ -46,6 +46,7 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             {**_plain(row), "worst": _worst(row.worst, recorded.model)}
             for row in diagnosis.observed
         ],
+        "model_in_use": recorded.adoption.as_dict(),
         "monitor_skipped": recorded.monitor.skipped,
     }
 

@@ -6,7 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from serp._util.saved_state import Saved
+from serp.adaptation.adaptation import ModelAdaptation
+from serp.adaptation.adoption import ModelAdoption
 from serp.errors import RunError
 from serp.model.loading import Domain, load_domain
 from serp.model.transition_model import TransitionModel
@@ -27,6 +31,7 @@ class Recorded:
         model: The domain's transition model as written, with the task's control period.
         experience: The newest transitions.
         monitor: Predictions compared with observations, over the whole run.
+        adoption: Which parts of the adapted model were in use, and why others were not.
         env_steps: Env steps of the run.
         learned_from: The reward that its learner used: `domain`, `environment` or `sum`.
         notice: A sentence if the newest checkpoint is damaged; else None.
@@ -38,6 +43,7 @@ class Recorded:
     model: TransitionModel
     experience: TransitionMemory
     monitor: Monitor
+    adoption: ModelAdoption
     env_steps: int
     learned_from: str
     notice: str | None
@@ -65,10 +71,11 @@ def read_recorded(run: Path) -> Recorded:
     model = domain.model.replace(dt=made.control_period)
     whole = Saved("run", checkpoint.arrays, checkpoint.meta)
     agent = Saved("agent", checkpoint.arrays, whole.part("agent")[1])
-    saved = Saved("adaptation", *agent.part("adaptation"))
-    experience, monitor = TransitionMemory.of(model), Monitor(model)
-    experience.load_state_dict(*saved.part("experience"))
-    monitor.load_state_dict(*saved.part("monitor"))
+    # Nothing is drawn after loading, so any seed will do.
+    unused = np.random.SeedSequence(made.seed)
+    adaptation = ModelAdaptation(model, made.settings.adaptation, unused)
+    adaptation.load_state_dict(*agent.part("adaptation"))
+    experience, monitor = adaptation.experience, adaptation.monitor
     if not len(experience):
         raise RunError(
             f"{run} has no env step in its last checkpoint; train it for a while: "
@@ -82,6 +89,7 @@ def read_recorded(run: Path) -> Recorded:
         model=model,
         experience=experience,
         monitor=monitor,
+        adoption=adaptation.adoption,
         env_steps=whole.whole("env_steps"),
         learned_from=str(folder.metadata["config"].get("learned_from", "")),
         notice=None if damage is None else f"{damage} This diagnosis uses the one before.",

@@ -138,19 +138,6 @@ class DQN:
         """Return Q of every action by each network: ``[members, A]`` for one input ``[F]``."""
         return self._mean_q.of_members(self.learning.online, x)
 
-    def newest_values(self, count: int) -> tuple[type_F32, npt.NDArray[np.float64]]:
-        """Return the newest inputs ``[N, F]``, N ≤ `count`, in which the episode went on.
-
-        With them the Q ``[N]`` of the best action allowed there, in units of reward.
-        """
-        newest = self.replay.newest(count)
-        goes_on = newest.discount > 0.0
-        inputs = newest.next_observation[goes_on]
-        if not len(inputs):
-            return inputs, np.zeros(0)
-        q = np.where(newest.forbidden[goes_on], -np.inf, self.q_values(inputs))
-        return inputs, q.max(axis=1).astype(np.float64) / self.settings.reward_scale
-
     def propose(
         self,
         x: npt.NDArray[np.floating],

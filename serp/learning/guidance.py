@@ -61,6 +61,8 @@ class GuidedLearning:
             ≥ 0: the m of the loss max over a of (Q(s, a) + m·[a ≠ guide's]) − Q(s, guide's).
         margin_weight: Weight of that loss beside the TD loss, ≥ 0; 0: no imitation.
             `DQN.margin_weight` starts here.
+        relative: Margin and weight are multiplied by the standard deviation of Q in the batch, so
+            that imitation does not depend on the unit of the rewards.
         q_filter: Imitate only where the target network (without one: the network) values the
             guide's action at least as high as the learner's greedy choice.
         bootstrap_guide: Value the next state by the better, according to the target network, of the
@@ -76,6 +78,7 @@ class GuidedLearning:
 
     margin: float = 0.8
     margin_weight: float = 0.0
+    relative: bool = False
     q_filter: bool = True
     bootstrap_guide: bool = False
     residual: bool = False

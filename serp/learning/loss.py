@@ -63,10 +63,10 @@ class TDGradient:
         self._online.forward(batch.observation, self._work)
         how, guide, guided = None, None, self._guided
         if guided is not None:
-            guide = tuple(batch[6:])
+            guide, unit = tuple(batch[6:]), self._work.q.std() if guided.relative else _ONE
             how = (
                 guided.bootstrap_guide, guided.residual, guided.q_filter,
-                np.float32(guided.margin), np.float32(imitation_weight),
+                np.float32(guided.margin * unit), np.float32(imitation_weight * unit),
             )  # fmt: skip
         loss: float = td_gradient(
             self._values, (batch.action, batch.reward, batch.discount, batch.forbidden),

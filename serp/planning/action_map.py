@@ -15,6 +15,7 @@ from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of, risks_of
 from serp.model.transition_model import StateError, TransitionModel
 from serp.planning.forecast import SAFE, Forecast, all_alike, score_of
+from serp.planning.limits import Bound
 from serp.planning.preference import free_of_risk
 
 
@@ -27,6 +28,7 @@ class ActionForecast(NamedTuple):
             where the model does not know it.
         value, path_risk, safe_steps, reward, flags: `[E]` as in `Forecast`. An action that the
             model does not know has value -inf, risk 0, safe steps SAFE, reward 0 and flags 0.
+        depth, bound: As in `Forecast`.
     """
 
     choice: int
@@ -36,6 +38,8 @@ class ActionForecast(NamedTuple):
     safe_steps: NDArray[np.int64]
     reward: NDArray[np.float64]
     flags: NDArray[np.int64]
+    depth: int
+    bound: Bound
 
     @property
     def indifferent(self) -> bool:
@@ -155,7 +159,8 @@ class ActionMap:
         if self._identity:
             return ActionForecast(
                 forecast.choice, self._first, forecast.value, forecast.path_risk,
-                forecast.safe_steps, forecast.reward, forecast.flags,
+                forecast.safe_steps, forecast.reward, forecast.flags, forecast.depth,
+                forecast.bound,
             )  # fmt: skip
         ground = self._first if self._one_to_one else self._choose(forecast)
         choice = self.environment_action[forecast.choice] if forecast.choice >= 0 else -1
@@ -173,7 +178,9 @@ class ActionMap:
                     risk[action] = forecast.path_risk[together].max()
                     steps[action] = forecast.safe_steps[together].min()
                     reward[action] = forecast.reward[together].min()
-        found = ActionForecast(choice, ground, value, risk, steps, reward, flags)
+        found = ActionForecast(
+            choice, ground, value, risk, steps, reward, flags, forecast.depth, forecast.bound
+        )
         return found if self._one_to_one else found._replace(choice=self._best(found))
 
     def _best(self, of: ActionForecast) -> int:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from serp.model.flags import APPLICABLE, TERMINAL, UNSAFE, risks_of
 from serp.planning.limits import Bound
-from serp.planning.preference import PathScore, of_best_rank, path_score, rank_of
+from serp.planning.preference import PathScore, path_score, rank_of
 
 SAFE = 1 << 30
 """Stands for the safe control periods of a path on which every risk is accepted."""
@@ -102,8 +102,13 @@ def all_alike(of: _ScoreColumns) -> bool:
 
     The actions to choose from are those of the best rank, see `serp.planning.preference`.
     """
-    chosen = np.flatnonzero(of_best_rank(of.flags))
+    # Lists, because arrays of a few actions take ten times as long.
+    flags: list[int] = of.flags.tolist()
+    ranked = [(rank_of(flag), k) for k, flag in enumerate(flags) if flag & APPLICABLE]
+    best = min(ranked, default=(0, 0))[0]
+    chosen = [k for rank, k in ranked if rank == best]
     if len(chosen) < 2:
         return False
-    columns = (of.value, of.path_risk, of.safe_steps)
-    return all(bool((column[chosen] == column[chosen[0]]).all()) for column in columns)
+    columns = of.value.tolist(), of.path_risk.tolist(), of.safe_steps.tolist()
+    first = chosen[0]
+    return all(column[k] == column[first] for column in columns for k in chosen)

@@ -21,10 +21,7 @@ class CompiledModel(NamedTuple):
 
 
 class Rules(NamedTuple):
-    """Limits of a search, and its treatment of rewards and risks; see `PlannerSettings`.
-
-    `always`: leaf values always count, and not only where all scores are equal.
-    """
+    """Limits of a search, and its treatment of rewards and risks; see `PlannerSettings`."""
 
     actions: int
     depth: int
@@ -33,7 +30,6 @@ class Rules(NamedTuple):
     accepted_risk: float
     max_nodes: int = 1
     max_edges: int = 1
-    always: bool = False
 
 
 class Scratch(NamedTuple):

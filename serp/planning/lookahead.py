@@ -27,9 +27,9 @@ class Lookahead:
         settings: Depth, discount and bounds.
 
     Attributes:
-        leaves: The value function of the states that the last layer leads to (`LeafValue.packed`),
-            used as the setting `leaf_value` says; empty: their values are 0, and all decisions are
-            those of the planning graph.
+        leaves: The value function of the states that the last layer leads to, see
+            `serp.planning.far_sight.cell_values.pack`; empty: their values are 0, and all decisions
+            are those of the planning graph.
         followed: Edges that the newest forecast followed; before the first one, the most.
     """
 
@@ -39,7 +39,6 @@ class Lookahead:
         self._callback = model.native_step()
         self._address = address_of(self._callback)
         self.leaves: NDArray[np.float64] = np.zeros(0)
-        self._never = self.settings.leaf_value == "never"
         self._width = len(model.fluents)
         self._actions = len(model.actions)
         nodes = lookahead_nodes(self.settings, self._actions, self._width)
@@ -52,7 +51,6 @@ class Lookahead:
                 accepted_risk=self.settings.accepted_risk,
                 max_nodes=nodes,
                 max_edges=edge_budget(self._width),
-                always=self.settings.leaf_value == "always",
             )
         )
         self.followed = nodes * self._actions
@@ -72,6 +70,6 @@ class Lookahead:
         found = FirstActions.allocate(self._actions)
         choice, depth, bound, self.followed = search(
             (self._address, self.model.data, self.model.dt), self._rules,
-            self.leaves[:0] if self._never else self.leaves, state, self._scratch, tuple(found),
+            self.leaves, state, self._scratch, tuple(found),
         )  # fmt: skip
         return Forecast(choice, *found, depth, _BOUNDS[bound])

@@ -47,13 +47,3 @@ def free_of_risk(flags: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return which steps are safe: applicable, not flagged by the file, of an accepted risk."""
     free: NDArray[np.bool_] = (flags & (APPLICABLE | UNSAFE | RISKY)) == APPLICABLE
     return free
-
-
-def of_best_rank(flags: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which of some applicable actions have the smallest `rank_of` among them."""
-    applicable: NDArray[np.bool_] = (flags & APPLICABLE) != 0
-    for worse in (UNSAFE | RISKY, UNSAFE):
-        better: NDArray[np.bool_] = applicable & ((flags & worse) == 0)
-        if better.any():
-            return better
-    return applicable

@@ -13,9 +13,9 @@ from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import pointer_to
 from serp.planning.edge_kernels import edge
+from serp.planning.far_sight.cell_values import cell_value_at
 from serp.planning.forecast import SAFE
 from serp.planning.kernel_records import CompiledModel, FirstActions, Rules, Scratch
-from serp.planning.leaf_value import value_at
 from serp.planning.limits import Bound
 from serp.planning.preference import path_score, rank_of
 
@@ -63,42 +63,14 @@ def search(model, rules, leaves, state, scratch, found):
 
     Model, rules, scratch and found (which is written) are records of
     `serp.planning.kernel_records` as plain tuples. `leaves` is the value function of the states
-    that the last layer leads to, see `serp.planning.leaf_value`; empty: their values are 0.
+    that the last layer leads to, see `serp.planning.far_sight.cell_values.pack`; empty: they are 0.
 
     Returns:
         Chosen action, layers expanded, bound, edges followed.
     """
     named, limits = CompiledModel(*model), Rules(*rules)
     room, first = Scratch(*scratch), FirstActions(*found)
-    always = limits.always
-    result = _search(named, limits, leaves if always else leaves[:0], state, room, first)
-    if not always and leaves.shape[0] > 0 and _all_alike(first):
-        result = _search(named, limits, leaves, state, room, first)
-    return result
-
-
-@cached_njit(nogil=True)
-def _all_alike(found):
-    """Compute `serp.planning.forecast.all_alike`."""
-    value, path_risk, steps, _, flags = found
-    lowest = 3
-    for action in range(value.shape[0]):
-        if flags[action] & APPLICABLE:
-            lowest = min(lowest, _rank_of(flags[action]))
-    first, count = -1, 0
-    for action in range(value.shape[0]):
-        if not flags[action] & APPLICABLE or _rank_of(flags[action]) != lowest:
-            continue
-        count += 1
-        if first < 0:
-            first = action
-        elif (
-            value[action] != value[first]
-            or path_risk[action] != path_risk[first]
-            or steps[action] != steps[first]
-        ):
-            return False
-    return count > 1
+    return _search(named, limits, leaves, state, room, first)
 
 
 @cached_njit(nogil=True)
@@ -156,7 +128,7 @@ def _search(model, rules, leaves, state, scratch, found):
                     continue
                 if not keep:
                     if leaves.shape[0] > 0:
-                        reward[e] += weight[e] * value_at(leaves, states, slot * row, width)
+                        reward[e] += weight[e] * cell_value_at(leaves, states, slot * row, width)
                     continue
                 if stored > max_nodes:
                     continue  # the next layer is too large to be expanded: all its nodes are leaves

@@ -75,9 +75,10 @@ def count_decisions(path: Path) -> DecisionCounts:
         row = dict(zip(DECISIONS_COLUMNS, cells, strict=True))
         flags = {
             name: bool(_parse(path, number, name, bool, row[name]))
-            for name in ("vetoed", "proposal_unsafe", "unsafe")
+            for name in ("vetoed", "proposal_unsafe", "unsafe", "indifferent")
         }
-        tally.count(SimpleNamespace(**(row | flags)))
+        depth = int(_parse(path, number, "depth", int, row["depth"]))
+        tally.count(SimpleNamespace(**(row | flags | {"depth": depth})))
     return tally
 
 

@@ -26,6 +26,11 @@ _SAFETY: Final = {
     "unsafe_executed": "executed actions flagged unsafe",
     "no_safe_action": "no safe action was left to choose",
 }
+_SIGHT: Final = {
+    "saw_all": "steps in which it saw everything that can be reached",
+    "cut_short": "steps in which its budget ended what it saw",
+    "indifferent": "steps in which all plans were worth the same",
+}
 
 
 def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bool = True) -> str:
@@ -43,6 +48,10 @@ def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bo
     sections += [
         "## Result",
         _results(summary),
+        *_lead_sections(summary),
+        "## What the planner saw",
+        table(("", "value"), _sight_rows(summary)),
+        *_model_sections(summary),
         "## Safety",
         table(("", "steps"), safety),
         "## Vetoes by reason",
@@ -53,6 +62,45 @@ def report(metadata: Mapping[str, Any], summary: Mapping[str, Any], *, drawn: bo
         sections.append(code(shlex.join(map(str, metadata["command"]))))
     sections.append(_origin(metadata))
     return "\n\n".join(sections) + "\n"
+
+
+def _sight_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return rows on how far the planner saw: what, and how often or how far."""
+    sight = summary["sight"]
+    rows = [
+        (what, "–" if sight[name] is None else percent(sight[name]))
+        for name, what in _SIGHT.items()
+    ]
+    return [*rows, ("layers of states seen otherwise, on average", readable(sight["mean_depth"]))]
+
+
+def _lead_sections(summary: Mapping[str, Any]) -> list[str]:
+    if "trained_policy" not in summary:
+        return []
+    said = f"The trained policy is {summary['trained_policy']}."
+    evidence = summary["evidence"]
+    if evidence is not None:
+        said += f" The evidence: {evidence['sentence']}."
+    return ["## Who leads", said]
+
+
+def _model_sections(summary: Mapping[str, Any]) -> list[str]:
+    if "model" not in summary:
+        return []
+    model = summary["model"]
+    sections = ["## The model it planned with", f"The model is {plain(model['sentence'])}."]
+    if model["parameters"]:
+        rows = [
+            (f"{p['line']}", plain(p["text"]), readable(p["in_use"])) for p in model["parameters"]
+        ]
+        sections.append(table(("line", "in the file", "in use"), rows, left=2))
+    if model["fluents"]:
+        rows = [
+            (plain(f["fluent"]), "yes" if f["adapted"] else "no", plain(f["why"]))
+            for f in model["fluents"]
+        ]
+        sections.append(table(("fluent", "adapted", "why"), rows, left=3))
+    return sections
 
 
 def title(summary: Mapping[str, Any]) -> str:

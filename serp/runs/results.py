@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from typing import Any
 
 from serp._util.extras import needs_extra
@@ -14,16 +15,21 @@ from serp.runs.report import report, title
 from serp.runs.summary import summarize
 
 
-def write_results(run: RunFolder, compile_seconds: float = 0.0) -> None:
+def write_results(
+    run: RunFolder, compile_seconds: float = 0.0, account: Mapping[str, Any] | None = None
+) -> None:
     """Write ``summary.json``, ``report.md``, ``learning-curve.png`` and ``learning-curve.svg``.
 
     Without matplotlib there is no learning curve, and a `Notice` is issued. `compile_seconds` of
-    compilation are not part of training.
+    compilation are not part of training; `account` is what the agent says of itself, see
+    `serp.training.account`.
     """
     run.flush()
     metrics = read_metrics(run.path / METRICS)
     vetoes = count_decisions(run.path / DECISIONS).vetoes_by_reason()
-    summary: dict[str, Any] = finite(summarize(metrics, run.config, vetoes, compile_seconds))
+    summary: dict[str, Any] = finite(
+        summarize(metrics, run.config, vetoes, compile_seconds, account)
+    )
     run.write(SUMMARY, json_text(summary))
     drawn = True
     try:

@@ -31,6 +31,10 @@ class MetricsRow(NamedTuple):
     unsafe_predicted: int
     unsafe_executed: int
     no_safe_action: int
+    saw_all: int
+    cut_short: int
+    layers_seen: int
+    indifferent: int
     loss: float | None
     wall_time: float
 
@@ -55,6 +59,9 @@ class DecisionRow(NamedTuple):
     unsafe: bool
     risk: float | None
     rho: float | None
+    depth: int
+    bound: Any
+    indifferent: bool
     explanation: Any
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from serp.control.decision_counts import STEPS_BY, total
+from serp.control.decision_counts import SAFETY, SIGHT, STEPS_BY, total
 
 FIRST = 10  # episodes at the beginning of a run
 WINDOW = 20  # episodes of the moving mean, also in the learning curve
@@ -38,6 +38,7 @@ def summarize(
     config: Mapping[str, Any] | None = None,
     vetoes_by_reason: Mapping[str, int] | None = None,
     compile_seconds: float = 0.0,
+    account: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Summarise a run.
 
@@ -46,12 +47,14 @@ def summarize(
         config: The resolved configuration, a part of which is repeated.
         vetoes_by_reason: Reason → proposals refused for it, in the order of the report.
         compile_seconds: Seconds of compilation, which are not part of ``wall_time``.
+        account: What `serp.training.account.account_of` returns, which is repeated.
 
     Returns:
         JSON values. ``return`` and ``domain_return`` hold the mean of the first 10, of the last 20
         and of the best 20 consecutive episodes (of all if there are fewer), all null before the
         first episode. ``shares`` holds actor → share of all steps in which its action was executed;
-        they add up to 1. ``vetoes_by_reason`` adds up to ``vetoes``.
+        they add up to 1. ``vetoes_by_reason`` adds up to ``vetoes``. ``sight`` says how far the
+        planner saw, see `_sight`.
     """
     settings = config or {}
     counts = total(metrics)
@@ -69,14 +72,28 @@ def summarize(
         "domain_return": _means(metrics["domain_return"], metrics["env_steps"]),
         "terminations": int(metrics["terminated"].sum()),
         "truncations": int(metrics["truncated"].sum()),
-        **{name: count for name, count in counts.items() if name not in STEPS_BY.values()},
+        **{name: counts[name] for name in SAFETY},
         "vetoes_by_reason": dict(vetoes_by_reason or {}),
         "shares": {
             actor: counts[name] / steps if steps else None for actor, name in STEPS_BY.items()
         },
         "final_rho": _last(metrics["rho"]),
+        "sight": _sight(counts, steps),
+        **(account or {}),
     }
     return summary
+
+
+def _sight(counts: Mapping[str, int], steps: int) -> dict[str, float | None]:
+    """Return how far the planner saw.
+
+    The shares of all steps in which it saw everything that can be reached, in which a budget cut it
+    short, and in which it had no reason to prefer one action; and the mean number of layers that it
+    saw in the steps in which it did not see everything.
+    """
+    shares = {name: counts[name] / steps if steps else None for name in SIGHT}
+    partial = steps - counts["saw_all"]
+    return {**shares, "mean_depth": counts["layers_seen"] / partial if partial else None}
 
 
 def _means(returns: np.ndarray[Any, Any], env_steps: np.ndarray[Any, Any]) -> dict[str, Any]:

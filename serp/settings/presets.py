@@ -19,9 +19,6 @@ PRESETS: Final[Mapping[str, Changes]] = {
             "rho_increment": 0.01,
             "rho_unit": "episode",
             "veto_horizon": "step",
-            "exploration_slack": None,
-            "after_veto": "planner",
-            "indifferent": "first",
         },
         "learner": {
             "learning_rate": 1e-3,
@@ -43,24 +40,13 @@ PRESETS: Final[Mapping[str, Changes]] = {
         },
         "training": {"random_steps": 500},
     },
-    # The best known choices; docs/results/cartpole.md measures each of them.
+    # The best known choices.
     "default": {
         # With two control periods per edge the lookahead is twice as long at the same cost.
-        "planner": {"depth": 5, "repeat": 2, "discount": 0.99, "leaf_value": "indifferent"},
-        # The parameters come from the expert; only the rest is learned.
+        "planner": {"name": "closed-graph", "depth": 5, "repeat": 2, "discount": 0.99},
         "adaptation": {"mode": "full", "min_visits": 4},
-        "arbiter": {
-            "rho": 0.3,
-            "rho_increment": 0.00014,
-            "rho_unit": "step",
-            "confidence_margin": 1.0,
-            "imitation_weight": 1.0,
-            "veto_horizon": "lookahead",
-            "max_lookahead_failures": 3,
-            "exploration_slack": float("inf"),
-            "after_veto": "learner",
-            "indifferent": "learner",
-        },
+        "arbiter": {"imitation_weight": 1.0},
+        "guide": {"strategy": "evidence"},
         "learner": {
             "symmetry": True,
             "members": 5,

@@ -1,4 +1,4 @@
-"""Former names of settings, refused with a message that gives the new name."""
+"""Former settings, refused with a message that says what is there instead."""
 
 from __future__ import annotations
 
@@ -10,9 +10,16 @@ from serp.errors import SettingsError
 _SECTIONS: Final = {"correction": "adaptation"}
 _SETTINGS: Final = {
     ("adaptation", "tries"): "min_visits",
-    ("arbiter", "surety"): "confidence_margin",
     ("arbiter", "imitation"): "imitation_weight",
-    ("arbiter", "broken_promises"): "max_lookahead_failures",
+}
+_BY_EVIDENCE: Final = "the strategy `evidence` gives the lead to planner or learner"
+_REMOVED: Final = {
+    ("planner", "leaf_value"): "the planner `closed-graph` values the leaves by itself",
+    ("arbiter", "surety"): _BY_EVIDENCE,
+    ("arbiter", "broken_promises"): "three failures, and one in 1,000 steps, are tolerated",
+    ("arbiter", "after_veto"): "after a veto the planner acts",
+    ("arbiter", "exploration_slack"): "exploration is among the actions that no veto refuses",
+    ("arbiter", "indifferent"): _BY_EVIDENCE,
 }
 _VALUES: Final = {("adaptation", "mode", "literals"): "parameters"}
 
@@ -34,11 +41,14 @@ def refuse_old_section(section: Any, values: Any) -> None:
 
 
 def refuse_old_names(section: str, setting: Any, value: Any) -> None:
-    """Refuse the former name of a setting or of its value.
+    """Refuse a former setting, and the former name of a setting or of its value.
 
     Raises:
-        SettingsError: It was renamed.
+        SettingsError: It was renamed or removed.
     """
+    instead = _REMOVED.get((section, setting)) if isinstance(setting, str) else None
+    if instead is not None:
+        raise SettingsError(f"setting `{section}.{setting}` was removed: {instead}")
     name = _SETTINGS.get((section, setting)) if isinstance(setting, str) else None
     if name is not None:
         raise SettingsError(f"setting `{section}.{setting}` is now called `{section}.{name}`")

@@ -46,10 +46,6 @@ class PlannerSettings(Section):
     accepted_risk: Annotated[float, Field(ge=0, lt=1)] = 0.02
     """Largest predicted probability of an unsafe step at which an action counts as safe. A model
     that is not adapted predicts no such probabilities."""
-    leaf_value: Literal["never", "indifferent", "always"] = "never"
-    """When the states of the last layer have the value that the learner estimates, once its
-    estimates have proven accurate: `never`, only where the planner is otherwise `indifferent`,
-    or `always`. Needs the strategy `mixture` and a learner whose input includes the state."""
 
 
 class AdaptationSettings(Section):
@@ -61,6 +57,7 @@ class AdaptationSettings(Section):
     nonlinear: bool = True
     """Whether a residual may use random Fourier features where a linear one leaves something
     unexplained."""
+
     min_visits: Count = 0
     """In training, when it is the planner's turn, it prefers actions observed fewer times than
     this that are predicted safe. 0, or mode `off`: never."""
@@ -88,35 +85,18 @@ class ArbiterSettings(Section):
     ρ grows whenever it changes."""
     rho_max: Probability = 1.0
     """Largest ρ."""
-    confidence_margin: Nonnegative | None = None
-    """When it is the planner's turn, the learner's choice is executed instead where its networks
-    agree that it is better: where the mean of their differences of Q exceeds this number of
-    standard deviations. Not while the model predicts well, nor in the first ten episodes of a
-    model that adapts. None: never."""
     imitation_weight: Nonnegative = 0.0
-    """Weight of the learner's imitation loss while the model predicts well: the Q-value of the
-    planner's choice should exceed all others by a margin, unless the planner is indifferent."""
+    """`evidence`: weight of the learner's imitation loss where nothing is known of the learner; it
+    falls to 0 as the learner becomes as good as the planner. The Q-value of the planner's choice
+    should exceed all others by a margin, unless the planner is indifferent."""
     r_min: Finite | None = None
     """R_min: a proposal with a smaller predicted reward is vetoed. None: no proposal is."""
     veto_horizon: Literal["step", "lookahead"] = "lookahead"
     """`step` vetoes what the next step predicts. `lookahead` also vetoes what leads, within the
-    lookahead, to a state in which every action is unsafe, while another action does not."""
-    max_lookahead_failures: Count | None = None
-    """Number of unsafe steps after which the lookahead no longer vetoes; those are counted that
-    the lookahead had predicted to be avoidable. Then only the prediction of the next step
-    vetoes. None: no limit."""
-    exploration_slack: Annotated[float, Field(ge=0)] | None = None
-    """None: the learner explores among all actions, and may be vetoed. A number: it explores only
-    among the admissible actions whose best plan has a value within this number of the best.
-    Infinity: among all admissible actions."""
-    after_veto: Literal["planner", "learner"] = "planner"
-    """Who acts after a veto of a greedy proposal: the `planner` (Algorithm 1), or the `learner`
-    with its best admissible action. After a veto of an exploration the planner always acts."""
+    lookahead, to a state in which every action is unsafe, while another action does not, unless
+    the lookahead has failed too often to predict what is unsafe."""
     unmodelled: Literal["allow", "veto"] = "allow"
     """What to do with environment actions that the domain does not mention."""
-    indifferent: Literal["first", "learner"] = "learner"
-    """What is executed when it is the planner's turn and all plans have the same value: the
-    `first` action in the file, or the choice of the `learner`."""
 
     @model_validator(mode="after")
     def _starts_below_its_maximum(self) -> ArbiterSettings:

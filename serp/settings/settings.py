@@ -54,15 +54,6 @@ class Settings(BaseModel):
                 f"settings: section `{section}` must be a {wanted}, not {wrong['input']!r}"
             ) from None
 
-    @property
-    def bootstraps_leaves(self) -> bool:
-        """Whether the lookahead may use the learner's values at its leaves."""
-        return (
-            self.planner.leaf_value != "never"
-            and self.guide.strategy == "mixture"
-            and self.training.inputs != "observation"
-        )
-
     def replace(self, changes: Changes) -> Settings:
         """Return the settings with changes.
 

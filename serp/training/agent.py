@@ -15,11 +15,9 @@ from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.exploration_bonus import ExplorationBonus
 from serp.control.arbiter import Arbiter
 from serp.control.decision import Decision
-from serp.control.leaf_value_bootstrap import LeafValueBootstrap
 from serp.control.proposers import LearnerProposer
 from serp.control.protocols import (
     ExperiencedPlanner,
-    LeafValuePlanner,
     Mask,
     Proposer,
     StatefulPlanner,
@@ -67,7 +65,6 @@ class Agent:
         arbiter: The arbiter used in training.
         guarded: The arbiter with vetoes; other than `arbiter` only for a baseline.
         adaptation: The adaptation of the model.
-        leaf_values: The bootstrap of the lookahead's leaves; None for none.
         symmetries: Declared symmetries that the learner uses.
         notices: Messages for the user: symmetries that the domain file does not have, and a model
             that cannot adapt.
@@ -85,16 +82,15 @@ class Agent:
         make_strategy = Strategy if baseline else find_strategy(settings.guide.strategy)
         make_learner = find_learner(settings.learner.name)
         self._learns_from = reward_source(task.rewarded_by, settings)
-        seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(5)
-        strategy_seed, learner_seed, random_seed, adaptation_seed, leaf_value_seed = seeds
+        seeds = np.random.SeedSequence(entropy=seed, spawn_key=(0,)).spawn(4)
+        strategy_seed, learner_seed, random_seed, adaptation_seed = seeds
         self.adaptation = ModelAdaptation(task.model, settings.adaptation, adaptation_seed)
         model = self.adaptation.model
-        adapts = model is not task.model
         actions = task.actions.over(model)
         planner = make_planner(model, settings.planner)
         if isinstance(planner, ExperiencedPlanner):
             planner.visited = self.adaptation.experience
-        strategy = make_strategy(settings, strategy_seed, adapts=adapts)
+        strategy = make_strategy(settings, strategy_seed)
         horizon = settings.planner.depth * settings.planner.repeat
         self.guarded = Arbiter(
             planner,
@@ -103,9 +99,9 @@ class Agent:
             strategy,
             vetoes=VetoPolicy(actions, settings.arbiter, horizon),
             exploration_bonus=ExplorationBonus(
-                self.adaptation.visits, settings.adaptation.min_visits if adapts else 0
+                self.adaptation.visits,
+                settings.adaptation.min_visits if model is not task.model else 0,
             ),
-            confidence=lambda: self.adaptation.confidence,
         )
         self.arbiter = self.guarded
         if baseline:
@@ -128,12 +124,6 @@ class Agent:
             group,
             guided=strategy.guided,
         )
-        self.leaf_values = None
-        if settings.bootstraps_leaves:
-            if isinstance(planner, LeafValuePlanner):
-                self.leaf_values = LeafValueBootstrap(planner, self.learner, leaf_value_seed)
-            else:
-                self.notices += ("The planner does not use the learner's values at its leaves.",)
         self._random = np.random.default_rng(random_seed)
 
     def _input_size(self) -> int:
@@ -205,15 +195,13 @@ class Agent:
         return LearnerProposer(self.learner, x)
 
     def observe(self, step: StepRecord) -> None:
-        """Update vetoes, model and leaf values with an env step of training."""
+        """Update vetoes and model with an env step of training."""
         if self.arbiter.vetoes.observe(step):
             self.adaptation.reset_visits()
         ending = OVER if step.terminated else CUT_OFF if step.truncated else GOES_ON
         # The file's rewards are compared with the environment's only if they model these.
         reward = step.reward if self._learns_from == "environment" else step.domain_reward
         self.adaptation.observe(step.state, step.ground, step.next_state, ending, reward)
-        if self.leaf_values is not None:
-            self.leaf_values.observe(step)
 
     def remember(self, step: StepRecord, following: Decision | None) -> None:
         """Store an env step in the learner's replay memory.
@@ -253,9 +241,6 @@ class Agent:
         if isinstance(self.arbiter.planner, StatefulPlanner):
             found, meta["planner"] = self.arbiter.planner.state_dict()
             saved |= nested("planner", found)
-        if self.leaf_values is not None:
-            seen, meta["leaf_values"] = self.leaf_values.state_dict()
-            saved |= nested("leaf_values", seen)
         return saved, meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -270,8 +255,6 @@ class Agent:
         self.arbiter.load_state_dict(saved.part("arbiter")[1])
         if isinstance(self.arbiter.planner, StatefulPlanner):
             self.arbiter.planner.load_state_dict(*saved.part("planner"))
-        if self.leaf_values is not None:
-            self.leaf_values.load_state_dict(*saved.part("leaf_values"))
         self._random.bit_generator.state = saved.generator_state("random", self._random)
 
     @contextmanager

@@ -186,11 +186,8 @@ def meaning_of(agent: Agent, policy: Policy) -> str:
         return "the planner alone"
     if policy == "learner":
         return f"{strategy.baseline} alone, no veto"
-    instead = "the planner's"
-    if agent.settings.arbiter.after_veto == "learner":
-        instead = "the learner's best admissible one"
     chosen = strategy.choice if policy == "serp" else f"as in training: {strategy.turns}"
-    return f"{chosen}, within the vetoes: a vetoed choice is replaced by {instead}"
+    return f"{chosen}, within the vetoes: a vetoed choice is replaced by the planner's"
 
 
 def other_in_training(agent: Agent) -> str | None:

@@ -28,6 +28,7 @@ from serp.tasks.registry import find_task, load_task
 from serp.tasks.reward import describe_source, reward_source
 from serp.tasks.task import Task
 from serp.tasks.watchdog import Watchdog
+from serp.training.account import account_of
 from serp.training.budget import Budget
 from serp.training.compile_progress import show_compiling
 from serp.training.progress import Progress
@@ -233,7 +234,8 @@ def _train(
             save()
         from serp.runs.results import write_results  # imports matplotlib, which steps do not need
 
-        write_results(folder, compile_seconds=trainer.compile_seconds)
+        account = account_of(trainer.agent)
+        write_results(folder, compile_seconds=trainer.compile_seconds, account=account)
         if stopping.signal is not None and not budget.spent_by(trainer):
             raise Interrupted(
                 f"stopped after {trainer.episode} episodes, {trainer.env_steps} env steps; "

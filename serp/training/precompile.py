@@ -38,8 +38,6 @@ def precompile(agent: Agent) -> None:
     if agent.task.model.compiles:
         with agent.undisturbed():
             _precompile_learning(agent, states[0])
-    if agent.leaf_values is not None:
-        agent.leaf_values.precompile()
     if agent.task.model.compiled and agent.task.model.actions:
         _precompile_adaptation(agent, states)
 

@@ -140,9 +140,13 @@ class Progress:
         if trainer.recent:
             numbers.append(("return", _number(trainer.recent[-1])))
             numbers.append(("mean of last 20", _number(float(np.mean(trainer.recent)))))
-        rho = trainer.agent.strategy.rho
-        if rho is not None:
-            numbers.append(("rho", f"{rho:.2f}"))
+        strategy = trainer.agent.strategy
+        evidence = strategy.evidence
+        if evidence is not None:
+            leads = ("planner", evidence.planner), ("learner", evidence.learner)
+            numbers += [(name, str(worth)) for name, worth in leads if worth is not None]
+        numbers.append(("rho", f"{strategy.rho:.2f}"))
+        numbers += self._sight()
         numbers.append(("vetoes", f"{trainer.tally.vetoes:,}"))
         numbers.append(("unsafe executed", f"{trainer.tally.unsafe_executed:,}"))
         if trainer.wall_time > 0:
@@ -151,6 +155,19 @@ class Progress:
         if left is not None:
             numbers.append(("time left", duration(left)))
         return numbers
+
+    def _sight(self) -> list[tuple[str, str]]:
+        """Return how far the planner saw in the whole run, and whether its model is adapted."""
+        tally, steps = self._trainer.tally, self._trainer.tally.steps
+        if not steps:
+            return []
+        model = self._trainer.agent.adaptation.model
+        shares = [("saw all", tally.saw_all), ("cut short", tally.cut_short),
+                  ("indifferent", tally.indifferent)]  # fmt: skip
+        return [
+            ("model", "adapted" if model.revision else "as written"),
+            *((label, f"{count / steps:.0%}") for label, count in shares),
+        ]
 
     def _sample(self) -> None:
         now = self._trainer.wall_time

@@ -247,6 +247,9 @@ class Trainer:
                 unsafe=decision.unsafe,
                 risk=decision.risk,
                 rho=decision.rho,
+                depth=decision.depth,
+                bound=decision.bound,
+                indifferent=decision.indifferent,
                 explanation=self.agent.arbiter.explain(decision, state),
             )
         )

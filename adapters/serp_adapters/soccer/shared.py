@@ -26,12 +26,8 @@ PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
         "arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0},
         "training": {"units": 28},
     },
-    # Exploration may cost up to half a goal compared with the best plan. Decisions are few and
-    # take long, so the learner makes two updates for each.
-    "default": {
-        "arbiter": {"exploration_slack": 5.0},
-        "learner": {"updates_per_step": 2.0},
-    },
+    # Decisions are few and take long, so the learner makes two updates for each.
+    "default": {"learner": {"updates_per_step": 2.0}},
 }
 """Settings of both tasks for each preset."""
 

@@ -14,18 +14,17 @@ class PlannerFirst(serp.Strategy):
     Args:
         settings: All settings.
         seed: Seed of its draws; it draws nothing.
-        adapts: Whether the model adapts.
     """
 
     reads = ("guide.imitation_steps",)  # the settings of its own
 
-    def __init__(self, settings: serp.Settings, seed: Any, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: serp.Settings, seed: Any) -> None:
+        super().__init__(settings, seed)
         self._left = settings.guide.imitation_steps
 
     def propose(self, situation: Any, learner: Any) -> Any:
         """Return the learner's proposal, or None where it is the planner's turn."""
-        return None if self._left else learner.propose(situation.explorable)
+        return None if self._left else learner.propose(situation.admissible)
 
     def end_unit(self, unit: str) -> None:
         """Count the env steps."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import LARGEST, MOST, Saved
+from serp.adaptation.adoption import TrackRecord
 from serp.adaptation.feature_groups import FeatureGroup
 from serp.adaptation.moving_average import rate_of
 from serp.adaptation.outcomes import table_kernels as c
@@ -69,6 +70,12 @@ class OutcomeCounts:
             and self._samples >= _MIN_SAMPLES
             and bool(self._scores[1] < _BETTER * self._scores[0])
         )
+
+    def track_record(self, schema: str) -> TrackRecord:
+        """Return what is known of the counts, after actions of a schema."""
+        written, learned = self._scores.tolist()
+        hindrance = "too many different outcomes to count" if self._given_up else ""
+        return TrackRecord(schema, self.used, self._samples, written, learned, 0.0, hindrance)
 
     def learn(
         self,

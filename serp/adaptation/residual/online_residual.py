@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import LARGEST, MOST, Saved, nested, part_of
+from serp.adaptation.adoption import TrackRecord
 from serp.adaptation.feature_groups import FeatureGroup
-from serp.adaptation.parameter_buffer import LINEAR, MODES, NONLINEAR, GroupParameters
+from serp.adaptation.parameter_buffer import FILE, LINEAR, MODES, NONLINEAR, GroupParameters
 from serp.adaptation.residual import candidates
 from serp.adaptation.residual.candidates import Statistics
 from serp.adaptation.residual.fourier import RIDGE, FourierRegression, relative_to
@@ -93,6 +94,18 @@ class OnlineResidual:
                 again = self._learn_warm_up(enabled)
                 used = used if again is None else again
         return used
+
+    def track_records(self, schema: str) -> list[TrackRecord]:
+        """Return what is known of the residual of each target, after actions of a schema."""
+        statistics, parameters = self._statistics, self._parameters
+        candidates = [LINEAR, NONLINEAR] if parameters.fourier else [LINEAR]
+        loss, seen = statistics.loss[0], statistics.seen[0].tolist()
+        used = (parameters.kinds[: 1 + parameters.modes] != FILE).any(axis=0).tolist()
+        learned = loss[candidates].min(axis=0).tolist()
+        columns = zip(
+            used, seen, loss[FILE].tolist(), learned, statistics.spread.tolist(), strict=True
+        )
+        return [TrackRecord(schema, use, int(steps), *errors) for use, steps, *errors in columns]
 
     def _learn_warm_up(self, enabled: Mask) -> bool | None:
         """Learn the first samples again without outliers; None if there are no outliers."""

@@ -99,6 +99,7 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis, *, everything: bool 
         console.print("\nNot explained:")
         for sentence in diagnosis.unexplained:
             console.print(f"* {sentence}")
+    console.print(f"\nThe run planned with this model: {recorded.adoption}")
     for title, titles, rows_of, right in _TABLES:
         lines = list(rows_of(diagnosis))
         shown = lines if everything else lines[:_ROWS]
@@ -145,7 +146,17 @@ def _worst_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
         yield row.action, row.fluent, readable(case.written), readable(case.observed), state
 
 
+def _adoption_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
+    for fluent in diagnosis.recorded.adoption.fluents:
+        yield fluent.fluent, "yes" if fluent.adapted else "no", fluent.why
+
+
 _TABLES = (
+    (
+        "Adapted in the run",
+        ("fluent", "adapted", "why"),
+        _adoption_rows, (),
+    ),
     (
         "Predicted one step ahead",
         ("after", "fluent", "steps", "change", "error", "with findings", "range"),

@@ -34,12 +34,13 @@ def command(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) 
     Return is the sum of the environment's rewards. The interval holds the mean of all episodes with
     95 % confidence (Student's t); the spread is what single episodes differ by.
     """
+    from serp.training.account import account_of
     from serp.training.evaluation import other_in_training
 
     loaded = open_run(run)
     result = loaded.evaluate(policy, episodes=episodes, seed=seed).as_dict()
     if as_json:
-        print_json({"run": str(run), "seed": seed, **result})
+        print_json({"run": str(run), "seed": seed, **result, **account_of(loaded.agent)})
         return
     console = open_console()
     console.print(f"{run}, policy {policy}, {plural(episodes, 'episode')}, seed {seed}")
@@ -65,6 +66,9 @@ def command(run: Path, policy: Policy, episodes: int, seed: int, as_json: bool) 
     )  # fmt: skip
     if result["warning"] is not None:
         console.print(result["warning"])
+    evidence = loaded.agent.strategy.evidence
+    if evidence is not None:
+        console.print(f"The trained policy is {loaded.agent.strategy.choice}: {evidence}.")
     acting = other_in_training(loaded.agent) if policy == "serp" else None
     if acting is not None:
         console.print(f"Training acts otherwise: {acting}. --policy training measures that.")

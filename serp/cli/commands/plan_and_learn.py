@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from serp._util.number_format import readable
+from serp._util.number_format import percent, readable
+from serp._util.terminal import visible
 from serp._util.text import plural
 from serp.cli.asked import asked_task
 from serp.cli.failures import say, stopped_by
@@ -190,6 +191,11 @@ def _print_results(run: Run, domain: str | None) -> None:
             ("unsafe", f"{unsafe} executed that the domain file flags unsafe"),
         ],
     )  # fmt: skip
+    console.print("")
+    print_table(console, ("", ""), _account_rows(summary))
+    for fluent in summary["model"]["fluents"]:
+        if not fluent["adapted"]:
+            console.print(f"  {visible(fluent['fluent'])} as written: {fluent['why']}")
     console.print("\nNext:")
     print_table(
         console,
@@ -200,3 +206,18 @@ def _print_results(run: Run, domain: str | None) -> None:
             (f"  {run.path / 'report.md'}", "the whole run on one page, with its learning curve"),
         ],
     )
+
+
+def _account_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return what the agent says of itself: its trained policy, the planner's sight, its model."""
+    rows = [("trained policy", summary["trained_policy"])]
+    if summary["evidence"] is not None:
+        rows.append(("evidence", summary["evidence"]["sentence"]))
+    sight = summary["sight"]
+    if sight["saw_all"] is not None:
+        shares = [percent(sight[name]) for name in ("saw_all", "cut_short", "indifferent")]
+        said = "everything in {} of the steps, cut short in {}, indifferent in {}".format(*shares)
+        if sight["mean_depth"] is not None:
+            said += f"; otherwise {readable(sight['mean_depth'], 2)} layers of states"
+        rows.append(("planner saw", said))
+    return [*rows, ("model", summary["model"]["sentence"])]

@@ -71,8 +71,7 @@ MEASURES: Final = (
             "training. `residual` keeps the planner's values, which are a part of its Q.",
             "return", "higher", "returns", True),
     Measure("final_vetoed", "final policy within the vetoes",
-            "The same within the vetoes. `arbiter.after_veto` says what replaces a refused "
-            "proposal; for external algorithms it is the planner's action.",
+            "The same within the vetoes: the planner's action replaces a refused proposal.",
             "return", "higher", "returns"),
     Measure("planner", "planner alone",
             "Mean return of the planner alone, evaluated at the end of training.",

@@ -26,6 +26,7 @@ from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
 from serp.planning.action_map import ActionForecast
 from serp.planning.forecast import SAFE
+from serp.planning.limits import Bound
 from serp.settings import Settings, resolve
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.task import Task
@@ -188,6 +189,8 @@ def _not_forecast(action: int, size: int) -> Decision:
         safe_steps=np.full(size, SAFE),
         reward=np.zeros(size),
         flags=np.zeros(size, dtype=np.int64),
+        depth=0,
+        bound=Bound.NODES,
     )
     return Decision(
         action=action,
@@ -200,6 +203,7 @@ def _not_forecast(action: int, size: int) -> Decision:
         unsafe=False,
         risk=np.nan,
         proposal_unsafe=False,
+        indifferent=False,
         admissible=np.ones(size, dtype=np.bool_),
         forecast=forecast,
     )

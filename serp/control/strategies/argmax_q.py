@@ -28,7 +28,7 @@ class ArgmaxQ(Strategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the better proposal; exploration is the learner's."""
-        return _better(situation, learner, learner.propose(situation.explorable))
+        return _better(situation, learner, learner.propose(situation.admissible))
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the better proposal."""

@@ -27,8 +27,8 @@ class Demonstrations(Strategy):
 
     reads = ("guide.imitation_steps", "guide.margin")
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
         margin = settings.guide.margin
         self.guided = GuidedLearning(margin=margin, margin_weight=1.0, q_filter=True)
         self._step = 0
@@ -49,7 +49,7 @@ class Demonstrations(Strategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return None during the demonstration, then the learner's proposal."""
-        return None if self._demonstrating else learner.propose(situation.explorable)
+        return None if self._demonstrating else learner.propose(situation.admissible)
 
     def guidance(
         self, forecast: ActionForecast, action: int, following: ActionForecast | None

@@ -11,14 +11,19 @@ import numpy as np
 from scipy import special
 
 from serp._util.saved_state import Saved
+from serp.control.lead_evidence import LeadEvidence, Worth
 from serp.control.protocols import Proposer
 from serp.control.strategies.imitating import ImitatingStrategy
 from serp.control.strategies.strategy import Seed, Situation
 from serp.learning.dqn import Proposal
 from serp.settings import Settings
 
-_MEMORY: Final = 0.95
-"""Weight of the past in the evidence, per episode."""
+_FORGETTING: Final = 2
+"""An episode has the weight of the share of all env steps so far that had been made when it ended,
+to this power; so the evidence is as recent as that of the newer half of all env steps alone."""
+
+_LARGEST: Final = 1e150
+"""Larger returns have no finite square; such an episode is no evidence."""
 
 
 class Returns:
@@ -28,108 +33,155 @@ class Returns:
         count: Sum of the weights.
         mean: Weighted mean.
         squares: Weighted sum of squared deviations from it.
+        episodes: Number of episodes.
     """
 
     def __init__(self) -> None:
         self.count = self.mean = self.squares = 0.0
+        self.episodes = 0
 
-    def fade(self) -> None:
+    def fade(self, by: float) -> None:
         """Reduce the weight of everything so far."""
-        self.count *= _MEMORY
-        self.squares *= _MEMORY
+        self.count *= by
+        self.squares *= by
 
     def add(self, value: float) -> None:
         """Add a return with weight 1."""
+        self.episodes += 1
         self.count += 1.0
         off = value - self.mean
         self.mean += off / self.count
         self.squares += off * (value - self.mean)
 
-    def belief(self, noise: float, low: float, high: float) -> tuple[float, float]:
-        """Return mean and variance of what the expected return is believed to be.
-
-        Without evidence it is the lowest return seen so far, within the range of all returns.
-
-        Args:
-            noise: Variance of a return.
-            low: Lowest return so far.
-            high: Highest return so far; above `low`.
-        """
-        prior, data = 1.0 / (high - low) ** 2, self.count / noise
-        return (prior * low + data * self.mean) / (prior + data), 1.0 / (prior + data)
+    def load(self, saved: Saved, low: float, high: float) -> None:
+        """Restore the attributes, of returns from `low` to `high`."""
+        self.episodes = saved.whole("episodes")
+        self.count = saved.real("count", 0.0, self.episodes)
+        slack = 1e-9 * max(abs(low), abs(high))
+        mean = (low - slack, high + slack) if self.episodes else (0.0, 0.0)
+        self.mean = saved.real("mean", *mean)
+        self.squares = saved.real("squares", -slack * slack)
 
 
 class Evidence(ImitatingStrategy):
     """Planner or learner leads a whole episode: the learner with the probability that it is better.
 
-    That probability is ρ. It follows from the returns of the episodes that each has led; old ones
-    count less, so that both are tried again from time to time (discounted Thompson sampling: Raj &
-    Kalyani 2017, arXiv 1707.09727). Without evidence a lead is expected to be as bad as the worst
-    episode so far, so the planner begins. While the planner leads, the learner acts where all plans
-    have the same value. The trained policy is the lead that is more probably the better one.
+    That probability is ρ. It follows from the returns of the episodes that each has led by Bayesian
+    inference (Student's t, because the variance of returns is not known). Both become better with
+    experience, so old returns lose weight as experience grows, and both are tried again from time
+    to time (discounted Thompson sampling: Raj & Kalyani 2017, arXiv 1707.09727). Without evidence a
+    lead is expected to be as bad as the worst episode so far, so the planner begins. While the
+    planner leads, the learner acts where all plans have the same value. The trained policy is the
+    lead that is more probably the better one.
     """
 
     reads = ("arbiter.imitation_weight",)
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
         self.planner, self.learner = Returns(), Returns()
         self._worst, self._best = math.inf, -math.inf
+        self._steps = 0
+        self._rho = 0.0
         self._leads = False
         self._random = np.random.default_rng(seed)
 
     @property
     def rho(self) -> float:
         """ρ, the probability that the learner's lead is worth more than the planner's."""
-        span = self._best - self._worst
-        if not span > 1e-9 * max(abs(self._best), abs(self._worst)):
-            return 0.0  # there is no evidence, or all returns are equal
-        planner, learner = self.planner, self.learner
-        # The range counts as one return's evidence on how much returns vary.
-        noise = (planner.squares + learner.squares + span**2 / 12.0) / (
-            planner.count + learner.count + 1.0
+        return self._rho
+
+    @property
+    def evidence(self) -> LeadEvidence:
+        """What the two leads are worth."""
+        planner, learner = self._beliefs()
+        return LeadEvidence(
+            self._worth(self.planner, planner), self._worth(self.learner, learner), self._rho
         )
-        mean, variance = planner.belief(noise, self._worst, self._best)
-        other, more = learner.belief(noise, self._worst, self._best)
-        return float(special.ndtr((other - mean) / math.sqrt(variance + more)))
+
+    def _worth(self, led: Returns, belief: tuple[float, float]) -> Worth | None:
+        if not led.episodes:
+            return None
+        mean, variance = belief
+        span = self._span
+        return Worth(self._worst + mean * span, math.sqrt(variance) * span, led.episodes)
 
     @property
     def choice(self) -> str:
         """In words: what `propose_greedily` returns."""
-        return "the learner's choice" if self.rho > 0.5 else "the planner's choice"
+        if self._rho > 0.5:
+            return "the learner's choice"
+        return "the planner's choice, the learner's where all plans are worth the same"
 
     @property
     def turns(self) -> str:
         """In words: who leads with which probability."""
-        return f"the learner leads an episode with probability {self.rho:.2f}, else the planner"
+        return f"the learner leads an episode with probability {self._rho:.2f}, else the planner"
+
+    @property
+    def _span(self) -> float:
+        """Range of all returns."""
+        return self._best - self._worst
+
+    def _beliefs(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return mean and variance of the expected return of planner and learner.
+
+        The unit is the range of all returns, from 0 for the worst to 1 for the best. The prior has
+        mean 0 and variance 1, and the range counts as one return's evidence on how much they vary.
+        """
+        span = self._span or 1.0
+        squares = (self.planner.squares + self.learner.squares) / span / span
+        noise = (squares + 1.0 / 12.0) / (self.planner.count + self.learner.count + 1.0)
+
+        def belief(led: Returns) -> tuple[float, float]:
+            share = led.count / (led.count + noise)
+            return share * (led.mean - self._worst) / span, 1.0 - share
+
+        return belief(self.planner), belief(self.learner)
+
+    def _probability(self) -> float:
+        """Return the probability that the learner's lead is better."""
+        episodes = self.planner.episodes + self.learner.episodes
+        if not episodes:
+            return 0.0
+        if not self._span > 1e-9 * max(abs(self._best), abs(self._worst)):
+            # All returns are equal. By Laplace's rule of succession the next one differs with
+            # probability 1 / (n + 2), and is better as probably as worse.
+            return 0.5 / (episodes + 2.0)
+        (mean, variance), (other, more) = self._beliefs()
+        freedom = self.planner.count + self.learner.count + 1.0
+        return float(special.stdtr(freedom, (other - mean) / math.sqrt(variance + more)))
 
     def forked(self, seed: np.random.SeedSequence) -> Evidence:
         """Return a copy that draws its own lead."""
         forked = copy.copy(self)
         forked._random = np.random.default_rng(seed)
-        forked._leads = bool(forked._random.random() < self.rho)
+        forked._leads = bool(forked._random.random() < self._rho)
         return forked
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's proposal if it leads, or all plans are alike; else None."""
-        self._notice(situation)
         if self._leads or situation.forecast.indifferent:
-            return learner.propose(situation.explorable)
+            return learner.propose(situation.admissible)
         return None
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the proposal of the better lead, without exploration or random draws."""
-        if self.rho > 0.5 or situation.forecast.indifferent:
+        if self._rho > 0.5 or situation.forecast.indifferent:
             return learner.propose_greedily()
         return None
 
     def end_episode(self, return_: float, length: int) -> None:
         """Add the return to the evidence, and draw who leads the next episode."""
-        self._worst, self._best = min(self._worst, return_), max(self._best, return_)
-        self.planner.fade()
-        self.learner.fade()
-        (self.learner if self._leads else self.planner).add(return_)
-        self._leads = bool(self._random.random() < self.rho)
+        if abs(return_) <= _LARGEST:
+            self._worst, self._best = min(self._worst, return_), max(self._best, return_)
+            before, self._steps = self._steps, self._steps + length
+            kept = (before / self._steps) ** _FORGETTING if self._steps else 0.0
+            self.planner.fade(kept)
+            self.learner.fade(kept)
+            (self.learner if self._leads else self.planner).add(return_)
+            self._rho = self._probability()
+        self._leads = bool(self._random.random() < self._rho)
 
     def state_dict(self) -> dict[str, Any]:
         """Return JSON values that `load_state_dict` restores exactly, between episodes."""
@@ -137,6 +189,7 @@ class Evidence(ImitatingStrategy):
             "planner": vars(self.planner).copy(),
             "learner": vars(self.learner).copy(),
             "range": [self._worst, self._best] if self._worst <= self._best else None,
+            "steps": self._steps,
             "leads": self._leads,
             "random": self._random.bit_generator.state,
         }
@@ -148,13 +201,16 @@ class Evidence(ImitatingStrategy):
             RunError: It is damaged.
         """
         saved = Saved("strategy", {}, meta)
-        for name, returns in (("planner", self.planner), ("learner", self.learner)):
-            part = Saved(name, {}, saved.part(name)[1])
-            returns.count = part.real("count", 0.0, math.inf)
-            returns.mean = part.real("mean", -math.inf, math.inf)
-            returns.squares = part.real("squares", 0.0, math.inf)
         self._worst, self._best = math.inf, -math.inf
         if meta.get("range") is not None:
-            self._worst, self._best = saved.reals("range", 2, -math.inf, math.inf)
+            self._worst, self._best = saved.reals("range", 2, -_LARGEST, _LARGEST)
+            if self._worst > self._best:
+                raise saved.wrong("range is empty")
+        self._steps = saved.whole("steps")
+        for name, returns in (("planner", self.planner), ("learner", self.learner)):
+            returns.load(Saved(name, {}, saved.part(name)[1]), self._worst, self._best)
+        if (self.planner.episodes + self.learner.episodes > 0) != (meta.get("range") is not None):
+            raise saved.wrong("range is that of no episode, or of none")
         self._leads = saved.truth("leads")
         self._random.bit_generator.state = saved.generator_state("random", self._random)
+        self._rho = self._probability()

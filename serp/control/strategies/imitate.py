@@ -30,8 +30,8 @@ class ImitateThenLearn(Strategy):
 
     reads = ("guide.imitation_steps", "guide.margin")
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
         margin, steps = settings.guide.margin, settings.guide.imitation_steps
         self.guided = GuidedLearning(margin=margin, margin_weight=1.0, q_filter=False)
         self._random = np.random.default_rng(seed)
@@ -68,7 +68,7 @@ class ImitateThenLearn(Strategy):
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw who acts during imitation; then return the learner's proposal."""
         if not self._imitating:
-            return learner.propose(situation.explorable)
+            return learner.propose(situation.admissible)
         return None if self._random.random() > self.rho else learner.propose_greedily()
 
     def guidance(

@@ -30,8 +30,8 @@ class JumpStart(Strategy):
 
     reads = ("guide.jump_stages", "guide.jump_tolerance")
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
         self._longest = 0
         self._stage = -1
         """-1 while only the planner acts."""
@@ -65,7 +65,7 @@ class JumpStart(Strategy):
         """Return None in the first h steps, then the learner's proposal."""
         planners_turn = self._step < self.planned_steps
         self._step += 1
-        return None if planners_turn else learner.propose(situation.explorable)
+        return None if planners_turn else learner.propose(situation.admissible)
 
     def end_episode(self, return_: float, length: int) -> None:
         """Shrink h if the mean return has not dropped."""

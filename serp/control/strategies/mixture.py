@@ -8,37 +8,23 @@ from typing import Any
 
 import numpy as np
 
-from serp._util.numbers import best_of
 from serp._util.saved_state import Saved
-from serp.control.model_confidence import ModelConfidence
 from serp.control.protocols import Proposer
-from serp.control.strategies.imitating import ImitatingStrategy
-from serp.control.strategies.strategy import Seed, Situation
+from serp.control.strategies.strategy import Seed, Situation, Strategy
 from serp.learning.dqn import Proposal
 from serp.settings import Settings
 
 
-class Mixture(ImitatingStrategy):
+class Mixture(Strategy):
     """The planner acts with probability 1 - ρ, else the learner (paper, Algorithm 1).
 
-    In the planner's turn the learner acts if all plans have the same value, or if its networks
-    agree that its choice is better (`arbiter.confidence_margin`) and the model has not proven
-    reliable. While the model is reliable, the learner imitates the planner's choice
-    (`arbiter.imitation_weight`; Hester et al. 2018, arXiv 1704.03732).
+    The learner explores among all actions; its proposals may be refused.
     """
 
-    reads = (
-        "arbiter.rho",
-        "arbiter.rho_increment",
-        "arbiter.rho_unit",
-        "arbiter.rho_max",
-        "arbiter.confidence_margin",
-        "arbiter.imitation_weight",
-        "arbiter.indifferent",
-    )
+    reads = ("arbiter.rho", "arbiter.rho_increment", "arbiter.rho_unit", "arbiter.rho_max")
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
-        super().__init__(settings, seed, adapts=adapts)
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
+        super().__init__(settings, seed)
         self._rho = settings.arbiter.rho
         self._random = np.random.default_rng(seed)
 
@@ -48,19 +34,11 @@ class Mixture(ImitatingStrategy):
         return self._rho
 
     @property
-    def _learner_if_indifferent(self) -> bool:
-        return self._settings.arbiter.indifferent == "learner"
-
-    @property
     def turns(self) -> str:
         """In words: who acts with which probability."""
         if self._rho >= 1.0:
             return self.choice
-        also = ["all plans are worth the same"] if self._learner_if_indifferent else []
-        if self._settings.arbiter.confidence_margin is not None:
-            also.append("its networks agree that their own choice is better")
-        text = f"with probability {1.0 - self._rho:.2f} the planner's choice, else the learner's"
-        return text + (f"; the learner's also where {' or '.join(also)}" if also else "")
+        return f"with probability {1.0 - self._rho:.2f} the planner's choice, else the learner's"
 
     def forked(self, seed: np.random.SeedSequence) -> Mixture:
         """Return a copy with its own random draws."""
@@ -70,32 +48,7 @@ class Mixture(ImitatingStrategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Draw whose turn it is; return the learner's proposal, or None."""
-        self._notice(situation)
-        planners_turn = self._random.random() > self._rho
-        if planners_turn and not (self._learner_if_indifferent and situation.forecast.indifferent):
-            return self._confident(situation, learner)
-        explorable, admissible = situation.explorable, situation.admissible
-        filtered = explorable is not None and explorable is not admissible
-        if filtered and self._confident(situation, learner) is not None:
-            explorable = admissible  # the learner's choice is better than the plans that filter
-        return learner.propose(explorable)
-
-    def _confident(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Return the learner's greedy choice if its networks agree that it is better; else None."""
-        planned, margin = situation.forecast.choice, self._settings.arbiter.confidence_margin
-        if margin is None or planned < 0 or situation.confidence is not ModelConfidence.OPEN:
-            return None
-        q = learner.member_q()
-        if len(q) < 2:
-            return None
-        mean = q.mean(axis=0)
-        own = best_of(mean, situation.admissible)
-        if own < 0 or own == planned:
-            return None
-        gain = q[:, own] - q[:, planned]
-        if not gain.mean() > margin * gain.std():  # also for NaN
-            return None
-        return learner.propose_greedily(among=situation.admissible)
+        return None if self._random.random() > self._rho else learner.propose(None)
 
     def end_unit(self, unit: str) -> None:
         """Increase ρ if this is the unit by which it grows."""

@@ -29,7 +29,7 @@ class Residual(Strategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal:
         """Return the action with the largest sum, with exploration."""
-        return learner.propose(situation.explorable, base=self.base(situation.forecast))
+        return learner.propose(situation.admissible, base=self.base(situation.forecast))
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal:
         """Return the action with the largest sum."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from serp.control.model_confidence import ModelConfidence
+from serp.control.lead_evidence import LeadEvidence
 from serp.control.protocols import Mask, Proposer, Values
 from serp.learning.dqn import Proposal
 from serp.planning.action_map import ActionForecast
@@ -27,14 +27,10 @@ class Situation(NamedTuple):
     Attributes:
         forecast: The planner's forecast.
         admissible: `[E]` actions that no veto refuses.
-        explorable: `[E]` actions to explore among; None for all.
-        confidence: Confidence in the model.
     """
 
     forecast: ActionForecast
     admissible: Mask
-    explorable: Mask | None
-    confidence: ModelConfidence = ModelConfidence.OPEN
 
 
 class Strategy:
@@ -46,7 +42,6 @@ class Strategy:
     Args:
         settings: All settings.
         seed: Seed of random draws.
-        adapts: Whether the model adapts; a model that does not is never judged reliable.
 
     Attributes:
         reads: Settings that only this strategy reads, such as `guide.margin`.
@@ -56,7 +51,7 @@ class Strategy:
     reads: ClassVar[tuple[str, ...]] = ()
     guided: GuidedLearning | None = None
 
-    def __init__(self, settings: Settings, seed: Seed = 0, *, adapts: bool = True) -> None:
+    def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
 
     @property
@@ -80,13 +75,18 @@ class Strategy:
         return self.choice
 
     @property
+    def evidence(self) -> LeadEvidence | None:
+        """The evidence that the choice goes by; None for strategies without any."""
+        return None
+
+    @property
     def margin_weight(self) -> float:
         """Weight of the learner's imitation loss in the next updates."""
         return 0.0 if self.guided is None else self.guided.margin_weight
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's proposal, or None if it is the planner's turn."""
-        return learner.propose(situation.explorable)
+        return learner.propose(situation.admissible)
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the trained policy's proposal, without exploration or random draws."""

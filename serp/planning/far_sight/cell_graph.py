@@ -15,7 +15,7 @@ from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import cell_kernels as kernels
 from serp.planning.far_sight.cell_kernels import HeldEdges
-from serp.planning.far_sight.cell_solution import solve_cells
+from serp.planning.far_sight.cell_solution import begin_values, solve_cells
 from serp.planning.far_sight.cell_values import Cells, areas_of, pack
 from serp.planning.far_sight.closed_kernels import DONE, ENDED, Counters, GraphArrays
 from serp.settings import PlannerSettings
@@ -63,6 +63,7 @@ class CellGraph:
         explores: Whether the plan leads to what is not known.
         bins: Number of bins in the range of a fluent at the next attempt; 0 before the first.
         steps: Steps of the model that the newest build predicted.
+        needed: Those of its last attempt.
     """
 
     def __init__(
@@ -78,7 +79,7 @@ class CellGraph:
         self.values: Vector = np.zeros(0)
         self.explores = False
         self.bins = 0.0
-        self.steps = 0
+        self.steps = self.needed = 0
         if self._width and self._actions:
             self._precompile()
 
@@ -98,9 +99,10 @@ class CellGraph:
         approached from build to build, so that most builds expand the graph once.
 
         Returns:
-            Whether there is one: some fluent is continuous, and cells fit into the limit.
+            Whether there is one: some fluent is continuous, and cells fit into the limit. If not,
+            the former values are kept.
         """
-        self.values, self.steps = np.zeros(0), 0
+        self.steps = 0
         if len(states) < _LEAST:
             return False
         chosen = np.linspace(0, len(states) - 1, min(len(states), _SAMPLE)).astype(np.intp)
@@ -130,10 +132,11 @@ class CellGraph:
         while first and used < room and bins * _FINER <= FINEST:
             used = self._expand(roots, divided_into(bins * _FINER), limit)
             if used < 0:
-                self._expand(roots, divided_into(bins), limit)
+                used = self._expand(roots, divided_into(bins), limit)
                 break
             bins *= _FINER
         self._solve(divided_into(bins))
+        self.needed = used
         self.bins = bins * _FINER if used < room and bins * _FINER <= FINEST else bins
         return True
 
@@ -181,7 +184,8 @@ class CellGraph:
         alike = most - middle <= 1e-6 * max(abs(most), abs(middle))
         if most == least == 0.0:
             hoped = 1.0
-        arrays.value[:nodes] = worst
+        known = self.values[:0] if self.explores else self.values
+        begin_values(self._arrays_tuple, self._width, known, middle * ages)
         solve_cells(self._arrays_tuple, self._held, discount, worst, worst)
         margin = 1e-3 * (hoped - worst)
         self.explores = bool(alike and hoped > going_on and arrays.value[0] <= going_on + margin)

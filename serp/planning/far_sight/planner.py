@@ -29,9 +29,7 @@ _SMALL_GRAPH: Final = 20_000
 next attempt comes when `_PATIENCE` times as many decisions were made."""
 _PATIENCE: Final = 4
 _GROWN: Final = 1.1
-"""The cells are found again when so many times as many states were visited ..."""
-_HOPELESS: Final = 2.0
-"""... or so many times, if there are none."""
+"""The cells are found again when so many times as many states were visited."""
 
 
 class NearPlanner(Protocol):
@@ -77,7 +75,7 @@ class FarSightPlanner:
         self._share = _SHARE * settings.repeat
         self._revision = model.revision
         self._saved = self._decisions = self._attempt_at = self._cells_at = 0
-        self._limit = _SMALL_GRAPH
+        self._limit, self._price = _SMALL_GRAPH, 1
 
     def forecast(self, state: Vector) -> Forecast:
         """Return the forecast for a state `[F]`."""
@@ -135,10 +133,11 @@ class FarSightPlanner:
         near, visited, cells = self._near, self.visited, self.cells
         if cells is None or visited is None or not isinstance(near, Lookahead):
             return near.forecast(state)
-        if visited.seen >= self._cells_at and self._saved > 0:
+        if visited.seen >= self._cells_at and self._saved >= self._price:
             there_are = cells.build(state, visited.next_states, self._saved)
+            self._price = min(_SAVED, cells.needed if there_are else 2 * self._saved)
             self._saved -= cells.steps
-            self._cells_at = 1 + int((_GROWN if there_are else _HOPELESS) * visited.seen)
+            self._cells_at = 1 + int(_GROWN * visited.seen)
         near.leaves = cells.values
         found = near.forecast(state)
         self._ahead = near.followed
@@ -156,6 +155,7 @@ class FarSightPlanner:
             "cells_at": self._cells_at,
             "limit": self._limit,
             "ahead": self._ahead,
+            "price": self._price,
             "revision": self._revision,
             "bins": 0.0 if cells is None else cells.bins,
             "explores": cells is not None and cells.explores,
@@ -173,6 +173,7 @@ class FarSightPlanner:
         self._decisions, self._revision = saved.whole("decisions"), saved.whole("revision")
         self._attempt_at, self._cells_at = saved.whole("attempt_at"), saved.whole("cells_at")
         self._limit, self._ahead = saved.whole("limit", 1, MAX_EDGES), saved.whole("ahead")
+        self._price = saved.whole("price", 0, _SAVED)
         cells = self.cells
         if cells is None:
             return

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from serp.adaptation.adaptation import ModelAdaptation
-from serp.control.model_confidence import ModelConfidence
 from serp.model.transition_model import TransitionModel
 from serp.runs import checkpoint
 from serp.settings import resolve
@@ -27,7 +26,6 @@ from tests.serp.adaptation.worlds import (
     adaptation,
     adapted,
     any_state,
-    plus,
 )
 from tests.serp.sample_tasks import SMALL
 from tests.serp.sysid.rolls import DOMAINS, from_text
@@ -193,23 +191,6 @@ def test_where_an_action_is_not_applicable_nothing_is_learned() -> None:
     expected = adapted(of).written.step(state, 0).state
     assert of.model.step(state, 0).state.tobytes() == expected.tobytes()
     assert of.visits.tolist() == [60, 0]
-
-
-def test_confidence_grows_until_ten_episodes_have_ended() -> None:
-    lucky, unlucky, off = adaptation(PLANE), adaptation(PLANE), adaptation(PLANE, "off")
-    rng = np.random.default_rng(0)
-    for step in range(1, 400):
-        state = rng.normal(size=2)
-        lucky.observe(state, 0, plus(state, 0.3 * state[1], 0.2), step % 20 == 0)
-        for of in (unlucky, off):
-            of.observe(state, 0, rng.normal(size=2), step % 20 == 0)
-        assert off.confidence is ModelConfidence.OPEN
-        growing = ModelConfidence.GROWING if step < 200 else ModelConfidence.OPEN
-        assert unlucky.confidence is growing
-        assert step < 100 or lucky.confidence is ModelConfidence.RELIABLE
-    again = adaptation(PLANE)
-    again.load_state_dict(*unlucky.state_dict())
-    assert again.confidence is ModelConfidence.OPEN
 
 
 @pytest.mark.parametrize("compiled", [False, True])

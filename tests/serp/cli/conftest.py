@@ -17,7 +17,7 @@ QUICK = [
     f"--set={setting}"
     for setting in (
         "arbiter.rho=1",
-        "arbiter.exploration_slack=null",
+        "guide.strategy=mixture",
         "planner.depth=1",
         "planner.repeat=1",
         "learner.members=1",

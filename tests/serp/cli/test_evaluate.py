@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from serp.training.account import account_of
 from serp.training.run import load_run
 from tests.serp.cli.conftest import Run
 
@@ -21,7 +22,9 @@ def measured(run: Run, *arguments: str) -> Any:
 def test_json_is_what_the_evaluation_gives(policy: Any, run: Run, trained: Path) -> None:
     shown = measured(run, str(trained), f"--policy={policy}", "--episodes=2", "--seed=9")
     result = load_run(trained).evaluate(policy, episodes=2, seed=9)
-    assert shown == {"run": str(trained), "seed": 9, **result.as_dict()}
+    said = account_of(load_run(trained).agent)
+    assert said == {name: load_run(trained).summary[name] for name in said}
+    assert shown == {"run": str(trained), "seed": 9, **result.as_dict(), **said}
     assert shown["mean"] == np.mean(shown["returns"])
 
 

@@ -61,10 +61,10 @@ def test_a_plan_is_read_as_it_was_written(tmp_path: Path) -> None:
     plan = ComparisonPlan(
         task="walk",
         variants=("walk", "other"),
-        algorithms={"serp": {}, "serp:x": {"arbiter": {"r_min": None, "exploration_slack": 0.5}}},
+        algorithms={"serp": {}, "serp:x": {"arbiter": {"r_min": None, "rho": 0.5}}},
         trials=(Trial("serp", "walk", 3),),
         protocol=PROTOCOL,
-        changes={"arbiter": {"exploration_slack": math.inf}, "learner": {"hidden": (8, 8)}},
+        changes={"training": {"slow_step_seconds": math.inf}, "learner": {"hidden": (8, 8)}},
         threshold=None,
         max_ground_schemas=70,
     )

@@ -167,11 +167,7 @@ def arbiter_of(actions: ActionMap, random: Random, strategy: str = "mixture") ->
             rho=random.choice((0.0, 0.5, 0.5, 1.0)),
             r_min=random.choice((None, None, -0.5, 0.5)),
             veto_horizon=random.choice(("step", "lookahead")),
-            exploration_slack=random.choice((None, 0.0, 1.0, math.inf)),
-            after_veto=random.choice(("planner", "learner")),
             unmodelled=random.choice(("allow", "veto")),
-            indifferent=random.choice(("first", "learner")),
-            confidence_margin=random.choice((None, None, 0.0)),
         ),
         planner=PlannerSettings(
             depth=random.randint(1, 3),

@@ -12,6 +12,7 @@ from serp.control.step_record import EpisodeTotals, StepRecord
 from serp.model.flags import APPLICABLE
 from serp.planning.action_map import ActionForecast
 from serp.planning.forecast import SAFE
+from serp.planning.limits import Bound
 
 DECISION = Decision(
     action=0,
@@ -24,10 +25,11 @@ DECISION = Decision(
     unsafe=False,
     risk=0.0,
     proposal_unsafe=False,
+    indifferent=False,
     admissible=np.ones(1, bool),
     forecast=ActionForecast(
         0, np.zeros(1, int), np.zeros(1), np.zeros(1), np.full(1, SAFE), np.zeros(1),
-        np.full(1, APPLICABLE),
+        np.full(1, APPLICABLE), 1, Bound.DEPTH,
     ),
 )  # fmt: skip
 

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from serp.control.model_confidence import ModelConfidence
 from serp.control.protocols import Mask, Values
 from serp.control.strategies.strategy import Situation, Strategy
 from serp.learning.dqn import Proposal
@@ -14,6 +13,7 @@ from serp.learning.guidance import Guidance
 from serp.model.flags import APPLICABLE
 from serp.planning.action_map import ActionForecast
 from serp.planning.forecast import SAFE
+from serp.planning.limits import Bound
 from serp.settings import Settings
 
 
@@ -29,19 +29,18 @@ def forecast(values: Sequence[float]) -> ActionForecast:
         safe_steps=np.full(count, SAFE),
         reward=np.zeros(count),
         flags=np.full(count, APPLICABLE),
+        depth=1,
+        bound=Bound.DEPTH,
     )
 
 
 def situation(
     values: Sequence[float],
     admissible: Sequence[bool] | None = None,
-    explorable: Sequence[bool] | None = None,
-    confidence: ModelConfidence = ModelConfidence.OPEN,
 ) -> Situation:
     """A state in which the plans from each action on are worth so much."""
     allowed = np.ones(len(values), bool) if admissible is None else np.array(admissible)
-    explored = None if explorable is None else np.array(explorable)
-    return Situation(forecast(values), allowed, explored, confidence)
+    return Situation(forecast(values), allowed)
 
 
 class Known:

@@ -13,7 +13,6 @@ import pytest
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.control.arbiter import Arbiter
 from serp.control.decision import Actor, Decision, Reason
-from serp.control.protocols import Mask
 from serp.control.strategies.mixture import Mixture
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
@@ -40,8 +39,6 @@ class Case(NamedTuple):
     view: View
     state: Vector
     decision: Decision
-    asked: bool
-    explorable: Mask | None
 
 
 @pytest.fixture(scope="module")
@@ -53,17 +50,15 @@ def cases() -> list[Case]:
         for number, actions in enumerate([*action_maps(model, random)] * 4):
             arbiter, learner = arbiter_of(actions, random), Wild(100 * seed + number, actions.size)
             for state in states_of(model, random, 9):
-                learner.asked = False
                 with np.errstate(over="ignore", invalid="ignore"):
                     decision = arbiter.decide(state, proposer_of(learner))
                 view = View.of(arbiter, state)
-                asked, mask = learner.asked, learner.explorable
-                made.append(Case(arbiter, view, state, decision, asked, mask))
+                made.append(Case(arbiter, view, state, decision))
     return made
 
 
 def test_the_record_tells_what_happened(cases: list[Case]) -> None:
-    for arbiter, view, _, decision, *_ in cases:
+    for arbiter, view, _, decision in cases:
         settings = arbiter.settings
         assert decision.rho == arbiter.rho == settings.rho
         assert decision.admissible.tolist() == view.admissible(settings)
@@ -86,13 +81,7 @@ def test_the_record_tells_what_happened(cases: list[Case]) -> None:
             assert decision.admissible[decision.action]
         else:
             assert not decision.admissible[decision.proposed]
-            second = decision.executed_by is Actor.LEARNER
-            assert second == (
-                settings.after_veto == "learner"
-                and decision.proposed_by is Actor.LEARNER
-                and bool(decision.admissible.any())
-            )
-            assert not second or decision.admissible[decision.action]
+            assert decision.executed_by in (Actor.PLANNER, Actor.FALLBACK)
         if decision.executed_by is Actor.PLANNER:
             assert view.applicable[decision.action]
 
@@ -111,7 +100,7 @@ REFUSED = {
 
 def test_the_reason_is_one_that_holds(cases: list[Case]) -> None:
     reasons: Counter[Reason] = Counter()
-    for arbiter, view, _, decision, *_ in cases:
+    for arbiter, view, _, decision in cases:
         settings, reason, proposed = arbiter.settings, decision.reason, decision.proposed
         reasons[reason] += 1
         if reason in REFUSED:
@@ -147,7 +136,7 @@ def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file(cases: l
         "undefined": ("contradicts", "neither true nor false", "no finite"),
         "safe": ("below R_min", "then nothing is left that is predicted safe"),
     }
-    for arbiter, view, state, decision, *_ in cases:
+    for arbiter, view, state, decision in cases:
         explanation = arbiter.explain(decision, state)
         if isinstance(arbiter.model, AdaptedModel):
             continue  # what it says of learned risks, the tests of the model ask
@@ -160,27 +149,6 @@ def test_what_is_wrong_with_a_proposal_is_said_in_the_words_of_the_file(cases: l
         assert name in [action.name for action in arbiter.model.actions] or name.startswith(
             "action"
         )
-
-
-def test_exploration_is_kept_among_the_admissible(cases: list[Case]) -> None:
-    compared = 0
-    for arbiter, _, _, decision, asked, mask in cases:
-        slack = arbiter.settings.exploration_slack
-        if not asked or slack is None:
-            assert mask is None or not asked
-            continue
-        assert mask is not None
-        assert not (mask & ~decision.admissible).any()
-        assert mask.any() == decision.admissible.any()
-        if decision.proposed_by is Actor.EXPLORATION and mask.any():
-            assert decision.reason is Reason.ACCEPTED
-        if arbiter.settings.confidence_margin is not None:
-            continue  # a learner that is sure may explore among all that is admissible
-        value, known = decision.forecast.value, decision.admissible & arbiter.actions.modelled
-        for action in np.flatnonzero(known):
-            assert mask[action] == (value[action] >= value[known].max() - slack)
-            compared += 1
-    assert compared > 1_500
 
 
 # Algorithm 1 ------------------------------------------------------------------------------------

@@ -18,12 +18,15 @@ QUICK = {"planner": {"depth": 2}, "training": {"checkpoint_seconds": 9e9, "rando
 SETTINGS: dict[str, dict[str, dict[str, Any]]] = {
     "default": {},
     "paper": {"arbiter": {"rho": 0.5}},
-    "planner after a veto": {"arbiter": {"after_veto": "planner", "rho": 0.7}},
-    "learner after a veto": {
-        "arbiter": {"after_veto": "learner", "rho": 1.0, "r_min": 0.0},
+    "vetoes": {
+        "arbiter": {"rho": 1.0, "r_min": 0.0},
+        "guide": {"strategy": "mixture"},
         "learner": {"epsilon_start": 0.0, "epsilon_end": 0.0},
     },
-    "unmodelled refused": {"arbiter": {"unmodelled": "veto", "rho": 1.0, "r_min": -1}},
+    "unmodelled refused": {
+        "arbiter": {"unmodelled": "veto", "rho": 1.0, "r_min": -1},
+        "guide": {"strategy": "mixture"},
+    },
 }
 
 
@@ -41,6 +44,10 @@ def counted(decisions: list[dict[str, str]]) -> dict[str, int]:
         "unsafe_predicted": sum(d["proposal_unsafe"] == "1" for d in decisions),
         "unsafe_executed": sum(d["unsafe"] == "1" for d in decisions),
         "no_safe_action": sum(d["reason"] in none_safe for d in decisions),
+        "saw_all": sum(d["bound"] == "exhausted" for d in decisions),
+        "cut_short": sum(d["bound"] in ("nodes", "time") for d in decisions),
+        "layers_seen": sum(int(d["depth"]) for d in decisions if d["bound"] != "exhausted"),
+        "indifferent": sum(d["indifferent"] == "1" for d in decisions),
     }
 
 
@@ -66,6 +73,11 @@ def test_every_number_of_a_run_is_a_sum_over_its_decisions(
         if column.endswith("_steps"):
             share = summary["shares"][column.removesuffix("_steps")]
             assert share == pytest.approx(count / len(decisions))
+        elif column in ("saw_all", "cut_short", "indifferent"):
+            assert summary["sight"][column] == pytest.approx(count / len(decisions))
+        elif column == "layers_seen":
+            partial = sum(d["bound"] != "exhausted" for d in decisions)
+            assert summary["sight"]["mean_depth"] == pytest.approx(count / partial)
         else:
             assert summary[column] == count
     vetoed = [d for d in decisions if d["vetoed"] == "1"]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from serp.adaptation.adoption import ModelAdoption
 from serp.diagnosis.analysis import findings
 from serp.diagnosis.diagnosis import make_diagnosis
 from serp.diagnosis.findings import (
@@ -77,7 +78,8 @@ def taken(domain: Domain, experience: TransitionMemory, dt: float = 1.0) -> Reco
     model = domain.model.replace(dt=dt)
     return Recorded(
         run=Path("runs/seven"), domain=domain, files={}, model=model, experience=experience,
-        monitor=Monitor(model), env_steps=len(experience), learned_from="domain", notice=None,
+        monitor=Monitor(model), adoption=ModelAdoption(False, False),
+        env_steps=len(experience), learned_from="domain", notice=None,
     )  # fmt: skip
 
 

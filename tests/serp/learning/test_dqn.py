@@ -156,39 +156,6 @@ def test_learning_and_pretraining_start_when_the_settings_say() -> None:
     assert agent.pretrain(0) is None
 
 
-# --- what states are worth to it -----------------------------------------------------------------
-
-
-@pytest.mark.parametrize("scale", [1.0, 0.5, 4.0])
-def test_the_newest_values_are_of_the_best_action_allowed_in_units_of_reward(scale: float) -> None:
-    agent = learner(n_step=1, reward_scale=scale)
-    assert [part.shape for part in agent.newest_values(5)] == [(0, F), (0,)]
-    for number, allowed in enumerate(([1, 1, 1], [1, 1, 0], [1, 0, 0], [0, 0, 0], None)):
-        mask = None if allowed is None else np.array(allowed, np.bool_)
-        agent.remember(HERE, 0, 1.0, np.full(F, number), False, False, mask)
-    set_q(agent, [-3.0, 4.0, 9.0])
-    before = agent.state_dict()[1]
-    inputs, values = agent.newest_values(10)
-    assert agent.state_dict()[1] == before
-    assert inputs[:, 0].tolist() == [0, 1, 2, 3, 4]
-    # Where nothing is allowed, everything is.
-    assert values.tolist() == [9.0 / scale, 4.0 / scale, -3.0 / scale, 9.0 / scale, 9.0 / scale]
-    assert values.dtype == np.float64
-    assert agent.newest_values(2)[0][:, 0].tolist() == [3, 4]
-
-
-def test_the_newest_values_leave_out_where_the_episode_ended() -> None:
-    agent = learner(n_step=2)
-    for number, (terminated, truncated) in enumerate(
-        [(False, False), (True, False), (False, False), (False, True), (True, True), (False, False)]
-    ):
-        agent.remember(HERE, 0, 1.0, np.full(F, number), terminated, truncated)
-    # Two rewards each: the first sample leads to 1 and so does the second, and there it ended.
-    inputs, _ = agent.newest_values(10)
-    assert inputs[:, 0].tolist() == [3, 3]
-    assert agent.newest_values(1)[0].shape == (0, F)  # the newest sample is one that ended
-
-
 # --- symmetry ------------------------------------------------------------------------------------
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -128,6 +129,7 @@ FREE: dict[str, Any] = {
 }  # fmt: skip
 ALL, NOBODY = np.ones(3, np.bool_), Guidance(-1, 0.0, -1, np.zeros(3))
 IMITATION = GuidedLearning(margin_weight=0.5, margin=0.25)
+SPREAD = float(np.std(ONLINE))
 
 
 @pytest.mark.parametrize(
@@ -157,6 +159,9 @@ IMITATION = GuidedLearning(margin_weight=0.5, margin=0.25)
         # Action 1 is no worse than the learner's choice, action 2, by the target network.
         ({}, IMITATION, NOBODY._replace(action=1), ALL, "terminated", 1 + 0.5 * (8.25 - 2)),
         ({}, IMITATION, NOBODY._replace(action=0), ALL, "terminated", 1.0),
+        # Margin and weight in units of the standard deviation of Q.
+        ({}, replace(IMITATION, relative=True), NOBODY._replace(action=1), ALL, "terminated",
+         1 + 0.5 * SPREAD * (8 + 0.25 * SPREAD - 2)),
         # The guide's values are added: 3 + 0 by the network is the largest sum, worth 9 + 0.
         ({"double": True}, GuidedLearning(residual=True),
          Guidance(-1, 4.0, -1, np.array([9.0, 2.0, 0.0])), ALL, "", (4 - (1 + 0.5 * 9)) ** 2),

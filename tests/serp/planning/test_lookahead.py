@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 
 from serp.model.flags import RISKY, UNSAFE
 from serp.model.transition_model import StateError, TransitionModel, Vector
+from serp.planning.far_sight.cell_values import Cells, cell_of, cell_value_at, pack
 from serp.planning.forecast import SAFE, Forecast
-from serp.planning.leaf_value import LeafValue
 from serp.planning.limits import Bound
 from serp.planning.lookahead import Lookahead
-from serp.planning.preference import of_best_rank
+from serp.planning.preference import rank_of
 from serp.planning.replanner import MonitorReplanner, Plan
 from serp.settings import PlannerSettings
 from tests.generated import PLANNABLE, generate, random_states
@@ -211,12 +211,21 @@ def test_memory_is_bounded_whatever_the_depth() -> None:
 # Leaves that are worth something -----------------------------------------------------------------
 
 
-def leaves_of(model: TransitionModel, seed: int, size: float = 1.0) -> LeafValue:
-    """Values of all states, fitted to random ones of some; the larger `size`, the louder."""
-    random = np.random.default_rng(seed)
-    value = LeafValue(len(model.fluents), np.random.SeedSequence(seed))
-    value.fit(states_of(model, Random(seed), 40), size * random.standard_normal(40))
-    return value
+def leaves_of(model: TransitionModel, seed: int, size: float = 1.0) -> np.ndarray:
+    """Values of all states, from those of random cells; the larger `size`, the louder."""
+    random, width = np.random.default_rng(seed), len(model.fluents)
+    states = np.array(states_of(model, Random(seed), 40)).reshape(-1, width)
+    low, span = states.min(axis=0), np.ptp(states, axis=0)
+    unit = np.divide(1.0, span, out=np.zeros(width), where=span > 0.0)
+    scale = 8.0 * unit
+    digests = [cell_of(state, low, scale, -1, 0) for state in states]
+    _, first = np.unique(digests, return_index=True)
+    cells = Cells(low, scale, unit, states.ravel(), 0.5)
+    values = size * random.standard_normal(len(first))
+    return pack(
+        tuple(cells), np.array(digests, np.uint64)[first], states[first].ravel(), values,
+        size * random.standard_normal(),
+    )  # fmt: skip
 
 
 @examples(50)
@@ -224,12 +233,15 @@ def leaves_of(model: TransitionModel, seed: int, size: float = 1.0) -> LeafValue
 def test_every_first_action_is_worth_what_it_earns_and_where_it_ends(
     model: TransitionModel, settings: PlannerSettings, other: int
 ) -> None:
-    settings = settings.replace(depth=min(settings.depth, 3), leaf_value="always")
-    value, lookahead = leaves_of(model, other), Lookahead(model, settings)
-    lookahead.leaves = value.packed
+    settings = settings.replace(depth=min(settings.depth, 3))
+    leaves, lookahead = leaves_of(model, other), Lookahead(model, settings)
+    lookahead.leaves = leaves
+    width = len(model.fluents)
     for state in states_of(model, Random(other), 2):
         forecast = lookahead.forecast(state)
-        reference = Reference(model, settings, lambda s: value.of(np.array(s)))
+        reference = Reference(
+            model, settings, lambda s: cell_value_at(leaves, np.array(s), 0, width)
+        )
         layers, bound = reference.layers(as_state(state))
         assert (forecast.depth, forecast.bound) == (layers, bound)
         if bound is not Bound.DEPTH:  # where there is no room, leaves are worth nothing
@@ -254,31 +266,25 @@ def test_leaves_decide_among_equals_and_are_never_worth_a_risk() -> None:
         st.sampled_from((1e-6, 1.0, 1e9)),
     )
     def holds(model: TransitionModel, settings: PlannerSettings, other: int, size: float) -> None:
-        plain = Lookahead(model, settings)
-        never, asked, always = (
-            Lookahead(model, settings.replace(leaf_value=mode))
-            for mode in ("never", "indifferent", "always")
-        )
+        plain, valued = Lookahead(model, settings), Lookahead(model, settings)
         for state in states_of(model, Random(other), 6):
-            for planner in (never, asked, always):
-                planner.leaves = leaves_of(model, other, size).packed
-            before, after = plain.forecast(state), always.forecast(state)
-            assert bits(never.forecast(state)) == bits(before)
-            assert bits(asked.forecast(state)) == bits(after if before.indifferent else before)
+            valued.leaves = leaves_of(model, other, size)
+            before, after = plain.forecast(state), valued.forecast(state)
             for column in ("path_risk", "safe_steps", "flags", "reward"):
                 assert getattr(after, column).tobytes() == getattr(before, column).tobytes()
             assert (after.depth, after.bound) == (before.depth, before.bound)
             assert (after.choice >= 0) == (before.choice >= 0)
             chosen = after.choice
             if chosen >= 0:
-                best = of_best_rank(after.flags)
-                assert best[chosen]
+                ranks = [rank_of(int(flags)) for flags in after.flags]
+                best = after.applicable & (np.array(ranks) == ranks[chosen])
+                assert ranks[chosen] == np.array(ranks)[after.applicable].min()
                 assert after.path_risk[chosen] == after.path_risk[best].min()
                 met["something worse is worth more"] += after.value.max() > after.value[chosen]
-            met["leaves turn the choice"] += asked.forecast(state).choice != before.choice
+            met["leaves turn the choice"] += after.choice != before.choice
             met["indifferent"] += before.indifferent
-            asked.leaves = always.leaves = np.zeros(0)  # taken away, they leave no trace
-            assert bits(asked.forecast(state)) == bits(always.forecast(state)) == bits(before)
+            valued.leaves = np.zeros(0)  # taken away, they leave no trace
+            assert bits(valued.forecast(state)) == bits(before)
 
     holds()
     assert len(met) == 3

@@ -29,14 +29,16 @@ NOW = datetime.datetime(2026, 11, 21, 4, 5, 6)
 
 def metrics_row(episode):
     return MetricsRow(
-        episode, 10 * episode, 10.0, 9.0, 10, True, False, 0.1, 0.2, 5, 3, 1, 1, 1, 1, 0, 0, 0.5, 1
-    )
+        episode, 10 * episode, 10.0, 9.0, 10, True, False, 0.1, 0.2, 5, 3, 1, 1, 1, 1, 0, 0,
+        4, 2, 18, 1, 0.5, 1,
+    )  # fmt: skip
 
 
 def decision_row(step):
     return DecisionRow(
-        step, 1, "planner", "l", "l", "planner", "turn", False, 0.1, False, False, 0.0, 0.5, ""
-    )
+        step, 1, "planner", "l", "l", "planner", "turn", False, 0.1, False, False, 0.0, 0.5, 3,
+        "depth", False, "",
+    )  # fmt: skip
 
 
 def create(path, **more):
@@ -177,7 +179,7 @@ import resource, sys
 from serp.errors import RunError
 from serp.runs.folder import RunFolder
 soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-resource.setrlimit(resource.RLIMIT_FSIZE, (250, hard))  # config.json, the last file, is larger
+resource.setrlimit(resource.RLIMIT_FSIZE, (300, hard))  # config.json, the last file, is larger
 try:
     RunFolder.create(sys.argv[1], {}, [("d.pddl", "(define)")])
 except RunError as error:

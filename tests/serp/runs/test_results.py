@@ -8,6 +8,7 @@ import sys
 import pytest
 from markdown_it import MarkdownIt
 
+from serp._util.number_format import percent, readable
 from serp.errors import Notice, RunError
 from serp.runs.folder import DECISIONS, RunFolder
 from serp.runs.report import report
@@ -35,8 +36,9 @@ def test_results_are_made_from_what_the_run_wrote(run, make_rows):
     for row in make_rows(25):
         run.metrics.append(row)
     row = DecisionRow(
-        0, 1, "learner", "l", "r", "planner", "unsafe", True, 0, True, False, 0, 0.5, "falls"
-    )
+        0, 1, "learner", "l", "r", "planner", "unsafe", True, 0, True, False, 0, 0.5, 3, "depth",
+        False, "falls",
+    )  # fmt: skip
     for step in range(7):
         run.decisions.append(row._replace(step=step))
     write_results(run)
@@ -80,9 +82,36 @@ def test_the_report_says_what_the_summary_says(make_metrics):
     assert "| numpy | 2.4.0 |" in text and "torch" not in text
     assert r"domains/my\_cart.pddl" in text
     assert text.endswith("|\n") and "nan" not in text and "None" not in text
+    sight = summary["sight"]
+    assert f"| {readable(sight['mean_depth'])} |" in text
+    assert f"in which all plans were worth the same | {percent(sight['indifferent'])} |" in text
     begun = report({**METADATA, "command": []}, summarize(make_metrics(0), CONFIG))
     assert "No episode has ended yet." in begun and "There were none." in begun
     assert "```" not in begun and "None" not in begun
+
+
+ACCOUNT = {
+    "trained_policy": "the planner's choice",
+    "evidence": {"sentence": "an episode is worth 3 ± 1"},
+    "model": {
+        "sentence": "adapted: residual for `v`; as written: `p`",
+        "parameters": [{"line": 7, "text": "9.8", "written": 9.8, "in_use": 9.1}],
+        "fluents": [
+            {"fluent": "v", "adapted": True, "why": "it leaves 4 % | less"},
+            {"fluent": "p", "adapted": False, "why": "the file was right in 9 steps"},
+        ],
+    },
+}
+
+
+def test_summary_and_report_say_what_the_agent_says_of_itself(make_metrics):
+    summary = summarize(make_metrics(5), CONFIG, account=ACCOUNT)
+    assert {name: summary[name] for name in ACCOUNT} == ACCOUNT
+    text = report(METADATA, summary)
+    assert "policy is the planner's choice. The evidence: an episode is worth 3 ± 1." in text
+    assert "The model is adapted: residual for" in text and "| 7 | 9.8 | 9.1 |" in text
+    assert r"| v | yes | it leaves 4 % \| less |" in text
+    assert "| p | no | the file was right in 9 steps |" in text
 
 
 def test_nothing_in_a_configuration_becomes_markdown_or_html(make_metrics):
@@ -92,7 +121,13 @@ def test_nothing_in_a_configuration_becomes_markdown_or_html(make_metrics):
         "versions": {hostile: hostile}, "machine": {hostile: hostile, "cores": [hostile]},
     }  # fmt: skip
     config = {"domain": hostile, "preset": hostile, "seed": hostile}
-    text = report(metadata, summarize(make_metrics(3), config, {hostile: 1}))
+    row = {"fluent": hostile, "adapted": True, "why": hostile}
+    model = {
+        "sentence": hostile, "fluents": [row],
+        "parameters": [{"line": 1, "text": hostile, "written": 1.0, "in_use": 2.0}],
+    }  # fmt: skip
+    account = {"trained_policy": "the learner", "evidence": None, "model": model}
+    text = report(metadata, summarize(make_metrics(3), config, {hostile: 1}, account=account))
     html = MarkdownIt("commonmark").enable("table").render(text)
     assert "<script" not in html and "<a " not in html
     assert html.count("<h1") == 1 and html.count("<pre>") == 1

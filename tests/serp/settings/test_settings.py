@@ -20,14 +20,10 @@ OUTSIDE: dict[str, list[Any]] = {
     "planner.depth": [0, 2.0, True, "5", 10_001, 10**30],
     "planner.discount": [0.0, 1.01, math.nan, "high"],
     "planner.accepted_risk": [-0.1, 1.0],
-    "planner.leaf_value": ["sometimes", "Always", "", None, True, ["always"]],
     "adaptation.nonlinear": [1, "yes"],
     "adaptation.min_visits": [-1, 1.5, True, 2**70],
     "arbiter.rho": [-0.1, 1.1, "high", None, True, math.nan],
-    "arbiter.confidence_margin": [-1, math.nan, math.inf],
     "arbiter.r_min": ["low", math.nan, math.inf, True],
-    "arbiter.max_lookahead_failures": [-1, 0.5, 10**400],
-    "arbiter.exploration_slack": [-1, math.nan, "all"],
     "learner.hidden": [(0,), (64, 1.5), 64, "64", (True,), [2**70], np.ones((2, 2))],
     "learner.learning_rate": [0.0, math.nan, math.inf],
     "learner.discount": [1.0, -0.1, "0.9", False],
@@ -46,7 +42,6 @@ CHANGES = st.fixed_dictionaries(
             {},
             optional={
                 "r_min": st.none() | st.floats(-5, 5),
-                "exploration_slack": st.none() | st.floats(0) | st.just(float("inf")),
                 "rho_unit": st.text(max_size=5),
             },
         ),
@@ -85,10 +80,8 @@ def test_every_setting_has_a_description() -> None:
         ({"planner": {"dept": 3}}, "no setting `planner.dept`; did you mean `depth`"),
         ({"correction": {}}, "section `correction` is now called `adaptation`"),
         ({"correction": {"tries": 3}}, "`correction.tries` is `adaptation.min_visits`"),
-        (
-            {"arbiter": {"surety": 1.0}},
-            "`arbiter.surety` is now called `arbiter.confidence_margin`",
-        ),
+        ({"arbiter": {"imitation": 1.0}}, "is now called `arbiter.imitation_weight`"),
+        ({"arbiter": {"surety": 1.0}}, "`arbiter.surety` was removed: the strategy `evidence`"),
         ({"adaptation": {"mode": "literals"}}, "`literals` is now called `parameters`"),
         ({"planner": {"depth": 0}}, "planner.depth must be greater than or equal to 1, not 0"),
         ({"training": {"reward": "x"}}, "must be 'task', 'domain', 'environment' or 'sum'"),
@@ -163,9 +156,6 @@ def test_the_paper_preset_is_algorithm_1_and_section_4() -> None:
     paper = resolve("paper")
     assert (paper.arbiter.rho, paper.arbiter.rho_increment) == (0.0, 0.01)
     assert (paper.arbiter.rho_unit, paper.arbiter.veto_horizon) == ("episode", "step")
-    assert paper.arbiter.exploration_slack is None
-    assert paper.arbiter.indifferent == "first"
-    assert paper.planner.leaf_value == "never"
     assert (paper.learner.learning_rate, paper.learner.discount) == (0.001, 0.9)
     assert paper.learner.epsilon_start == paper.learner.epsilon_end == 0.3
     assert (paper.learner.loss, paper.learner.n_step) == ("mse", 1)

@@ -76,14 +76,14 @@ def test_every_episode_has_a_seed_of_its_own_that_training_does_not_use(tmp_path
 
 
 def test_the_mixture_refuses_what_the_learner_alone_does(tmp_path: Path) -> None:
-    trainer = trained(tmp_path, episodes=1)
-    learner = trainer.agent.learner
+    agent = with_rho(tmp_path, 1.0)
+    learner = agent.learner
     parameters = learner.state_dict()[0]["parameters"]
     arrays, meta = learner.state_dict()
     arrays["parameters"] = np.zeros_like(parameters)  # all Q equal: always `left`, into the pit
     learner.load_state_dict(arrays, meta)
-    alone = evaluate(trainer.agent, corridor(tmp_path).bind(), "learner", episodes=5)
-    mixed = evaluate(trainer.agent, corridor(tmp_path).bind(), "serp", episodes=5)
+    alone = evaluate(agent, corridor(tmp_path).bind(), "learner", episodes=5)
+    mixed = evaluate(agent, corridor(tmp_path).bind(), "serp", episodes=5)
     assert alone.unsafe_executed >= 5
     assert alone.vetoes == 0
     assert all(value < -4 for value in alone.returns)
@@ -128,12 +128,8 @@ def with_rho(folder: Path, rho: float, preset: str = "default") -> Agent:
     task = corridor(folder)
     settings = resolve(preset, task.settings).replace(
         {
-            "arbiter": {
-                "rho": rho,
-                "rho_increment": 0.0,
-                "confidence_margin": None,
-                "indifferent": "first",
-            }
+            "arbiter": {"rho": rho, "rho_increment": 0.0},
+            "guide": {"strategy": "mixture"},
         }
     )
     return Trainer(task.bind(), settings, 4).agent
@@ -163,7 +159,6 @@ def test_what_is_evaluated_is_named_in_words(tmp_path: Path) -> None:
     assert meaning_of(half, "serp") == (
         "the learner's choice, within the vetoes: a vetoed choice is replaced by the planner's"
     )
-    assert "the learner's best admissible one" in meaning_of(whole, "serp")
     assert "with probability 0.50 the planner's" in meaning_of(half, "training")
     assert other_in_training(whole) is None
     assert evaluate(half, half.task, episodes=1).as_dict()["meaning"] == meaning_of(half, "serp")

@@ -9,8 +9,11 @@ from typing import Any
 
 import pytest
 
+from serp.control.lead_evidence import LeadEvidence, Worth
 from serp.training.budget import Budget
 from serp.training.progress import Progress
+
+EVIDENCE = LeadEvidence(Worth(21.0, 1.5, 40), None, 0.12)
 
 
 class Terminal(io.StringIO):
@@ -34,8 +37,13 @@ class Training(SimpleNamespace):
 @pytest.fixture
 def training() -> Training:
     training = Training(
-        agent=SimpleNamespace(strategy=SimpleNamespace(rho=0.12)),
-        tally=SimpleNamespace(vetoes=3, unsafe_executed=0),
+        agent=SimpleNamespace(
+            strategy=SimpleNamespace(rho=0.12, evidence=EVIDENCE),
+            adaptation=SimpleNamespace(model=SimpleNamespace(revision=3)),
+        ),
+        tally=SimpleNamespace(
+            vetoes=3, unsafe_executed=0, steps=200, saw_all=150, cut_short=2, indifferent=10
+        ),
         settings=SimpleNamespace(arbiter=SimpleNamespace(rho_unit="game")),
     )
     training.to(0, 0)
@@ -78,7 +86,8 @@ def test_a_refresh_comes_every_five_seconds_on_a_pipe_and_five_times_a_second_on
     if kind is io.StringIO:
         assert stream.getvalue() == shown(stream) and "\r" not in stream.getvalue()
         assert stream.getvalue().splitlines()[-1] == (
-            "episode 42, step 2,100, return 23.0, mean of last 20 21.4, rho 0.12, vetoes 3, "
+            "episode 42, step 2,100, return 23.0, mean of last 20 21.4, planner 21.0 ± 1.5, "
+            "rho 0.12, model adapted, saw all 75%, cut short 1%, indifferent 5%, vetoes 3, "
             "unsafe executed 0, steps/s 100"
         )
 

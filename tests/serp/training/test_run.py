@@ -446,7 +446,7 @@ def test_every_json_of_a_run_is_strict(tmp_path: Path) -> None:
     def refuse(word: str) -> None:
         raise AssertionError(word)
 
-    settings = {"arbiter": {"exploration_slack": float("inf")}, "learner": {"clip_targets": True}}
+    settings = {"training": {"slow_step_seconds": float("inf")}, "learner": {"clip_targets": True}}
     run = tmp_path / "run"
     plan_and_learn(corridor(tmp_path), settings=settings, episodes=1, out=run, quiet=True)
     data = (run / NEWEST).read_bytes()

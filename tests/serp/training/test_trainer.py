@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import itertools
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ import numpy as np
 import pytest
 
 from serp.errors import EnvironmentFailure, RunError, SettingsError, TaskError
-from serp.planning.lookahead import Lookahead
 from serp.runs.rows import DECISIONS_COLUMNS, MetricsRow
 from serp.runs.tables import Table
 from serp.settings import Settings, resolve
@@ -38,95 +36,6 @@ def logged(task: Task, folder: Path, episodes: int) -> tuple[Trainer, list[Metri
     with open(folder / "decisions.csv", newline="") as file:
         lines = list(csv.DictReader(file))
     return trainer, rows, (recorder.seen, lines)
-
-
-# Values at the leaves -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("leaf_value", ["indifferent", "always"])
-def test_resume_equals_uninterrupted_while_the_lookahead_uses_the_learners_values(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, leaf_value: str
-) -> None:
-    monkeypatch.setattr("serp.control.leaf_value_bootstrap._PERIOD", 20)
-    monkeypatch.setattr("serp.control.leaf_value_bootstrap._LEAST", 10)
-    monkeypatch.setattr(
-        "serp.control.leaf_value_bootstrap._EXPLAINED", -100.0
-    )  # so young a learner is hardly right
-    task = corridor(tmp_path)
-    settings = settings_of(task, "default").replace(
-        {
-            "planner": {"leaf_value": leaf_value, "depth": 1, "repeat": 1},
-            "arbiter": {"rho": 0.1, "rho_increment": 0.0, "confidence_margin": None},
-        }
-    )
-    used = []
-
-    def run(*stops: int) -> Any:
-        state, rows = None, []
-        for stop in stops:
-            trainer = Trainer(task.bind(), settings, 3)
-            if state is not None:
-                arrays, meta = state
-                trainer.load_state_dict(arrays, json.loads(json.dumps(meta)))
-            while trainer.episode < stop:
-                rows.append(trainer.run_episode()._replace(wall_time=0.0))
-            state = trainer.state_dict()
-            assert isinstance(trainer.agent.arbiter.planner, Lookahead)
-            used.append(trainer.agent.arbiter.planner.leaves.size > 0)
-        assert state is not None
-        arrays, meta = state
-        return rows, {name: a.tobytes() for name, a in arrays.items()}, {**meta, "wall_time": 0}
-
-    whole = run(14)
-    assert run(1, 7, 11, 14) == whole
-    assert used == [True, False, True, True, True]
-    settings = settings.replace({"planner": {"leaf_value": "never"}})
-    without = run(14)
-    assert without[0] != whole[0]  # it does make a difference
-    assert not any(name.startswith("leaf_values") for name in without[1])
-
-
-class Planner:
-    """Another planner than the shipped one; the forecasts are the same."""
-
-    def __init__(self, model: Any, settings: Any) -> None:
-        self._lookahead = Lookahead(model, settings)
-        self.forecast = self._lookahead.forecast
-
-
-class ValuingPlanner(Planner):
-    def __init__(self, model: Any, settings: Any) -> None:
-        super().__init__(model, settings)
-        self.model, self.leaves = model, np.zeros(0)
-
-
-@pytest.mark.parametrize(
-    ("changes", "planner", "there"),
-    [
-        ({}, Lookahead, True),
-        ({}, ValuingPlanner, True),
-        ({}, Planner, False),
-        ({"training": {"inputs": "state"}}, Lookahead, True),
-        ({"training": {"inputs": "observation"}}, Lookahead, False),  # no state has a value
-        ({"planner": {"leaf_value": "never"}}, Lookahead, False),
-        ({"guide": {"strategy": "restrict"}}, Lookahead, False),
-    ],
-)
-def test_a_planner_gets_the_learners_values_where_they_are_those_of_states(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    changes: dict[str, dict[str, Any]],
-    planner: Any,
-    there: bool,
-) -> None:
-    monkeypatch.setattr("serp.training.agent.make_planner", planner)
-    task = corridor(tmp_path)
-    settings = settings_of(task, "default").replace({"training": {"inputs": "both"}})
-    trainer = Trainer(task.bind(), settings.replace(changes), 3)
-    trainer.prepare()
-    assert (trainer.agent.leaf_values is not None) is there
-    told = any("does not use the learner's values" in note for note in trainer.agent.notices)
-    assert told is (planner is Planner)
 
 
 # What a step does ---------------------------------------------------------------------------------
@@ -260,7 +169,10 @@ def test_an_episode_that_never_ends_is_cut_as_the_settings_say(tmp_path: Path) -
 @pytest.mark.parametrize("unit", ["step", "episode", "game"])
 def test_rho_grows_with_every_unit(tmp_path: Path, unit: str) -> None:
     task = corridor(tmp_path)
-    changes = {"arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001}}
+    changes = {
+        "arbiter": {"rho": 0.0, "rho_unit": unit, "rho_increment": 0.001},
+        "guide": {"strategy": "mixture"},
+    }
     trainer = Trainer(task.bind(), resolve("default", task.settings, changes), 1)
     for _ in range(25):
         row = trainer.run_episode()
@@ -300,7 +212,6 @@ class Forgetful(Corridor):
     ("env", "changes", "said"),
     [
         (Corridor, {"learner": {"hidden": [9]}}, "parameters has shape"),
-        (Corridor, {"planner": {"leaf_value": "always"}}, "leaf_values is missing"),
         (Forgetful, {}, "cannot restore"),
     ],
 )
@@ -308,7 +219,7 @@ def test_a_state_of_another_learner_or_environment_is_refused(
     tmp_path: Path, env: Any, changes: dict[str, dict[str, Any]], said: str
 ) -> None:
     task = corridor(tmp_path)
-    settings = settings_of(task, "default").replace({"planner": {"leaf_value": "never"}})
+    settings = settings_of(task, "default")
     trainer = Trainer(task.bind(), settings, 3)
     trainer.run_episode()
     other = Trainer(corridor(tmp_path, env).bind(), settings.replace(changes), 3)

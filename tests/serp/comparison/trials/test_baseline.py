@@ -40,7 +40,7 @@ def test_nothing_is_refused_and_danger_is_counted(tmp_path: Path) -> None:
 
 
 def test_it_explores_among_all_actions_and_asks_no_planner(tmp_path: Path) -> None:
-    agent = baseline(tmp_path, rho=0.0, rho_increment=0.0, exploration_slack=0.0)
+    agent = baseline(tmp_path, rho=0.0, rho_increment=0.0)
     state, x = agent.perceive(np.array([0.0, 0.0]))
     decisions = [agent.decide(state, x) for _ in range(300)]
     explored = {d.action for d in decisions if d.executed_by is Actor.EXPLORATION}

@@ -36,7 +36,8 @@ def test_only_what_is_read_is_told(name: str) -> None:
 def test_every_setting_of_the_guide_is_read_by_some_strategy() -> None:
     told = set()
     for strategy in strategy_names():
-        algorithm = find_algorithm("serp" if strategy == "mixture" else strategy)
+        names = {"mixture": "serp-paper", "evidence": "serp"}
+        algorithm = find_algorithm(names.get(strategy, strategy))
         used = settings_in_use(algorithm, settings_of(algorithm))
         assert used is not None
         assert used["guide"]["strategy"] == strategy

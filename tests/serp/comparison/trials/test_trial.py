@@ -148,7 +148,7 @@ def test_nothing_unsafe_is_done_by_a_guided_one_while_it_can_be_avoided(
 
 def test_the_planner_alone_is_the_planner_whatever_is_set(tmp_path: Path) -> None:
     changes: Any = {
-        "arbiter": {"rho": 1.0, "indifferent": "learner"},
+        "arbiter": {"rho": 1.0},
         "guide": {"strategy": "argmax-q"},
         "training": {"random_steps": 50},
         "learner": {"members": 3},

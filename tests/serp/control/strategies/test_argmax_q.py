@@ -18,7 +18,7 @@ STRATEGY = ArgmaxQ(Settings())
 def test_the_better_of_both_proposals_by_the_target_network_is_taken(greedily: bool) -> None:
     random, taken = Random(0), set()
     for _ in range(300):
-        seen = situation([random.random() for _ in range(4)], explorable=[True, False, True, True])
+        seen = situation([random.random() for _ in range(4)])
         explored = None if greedily or random.random() < 0.7 else random.randrange(4)
         q = [random.random() for _ in range(4)]
         target = [random.choice((0.0, 0.5, 1.0)) for _ in range(4)]
@@ -30,7 +30,7 @@ def test_the_better_of_both_proposals_by_the_target_network_is_taken(greedily: b
         else:
             assert answer is not None
             assert (answer.action, answer.exploratory) == (proposed, explored is not None)
-        assert greedily or learner.explorable is seen.explorable
+        assert greedily or learner.explorable is seen.admissible
         taken.add(answer is None)
     assert taken == {True, False}
 

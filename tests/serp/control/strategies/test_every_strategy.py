@@ -123,6 +123,7 @@ def test_the_learner_learns_is_asked_in_the_end_and_imitates_as_the_strategy_say
     for _ in range(45):
         trainer.run_episode()
     assert learner.updates > 100
+    trainer.agent.learn()  # with what the strategy says after the last episode
     assert learner.margin_weight == trainer.agent.strategy.margin_weight
     assert np.isfinite(learner.q_values(np.zeros(3))).all()
     late = {step.decision.proposed_by for step in steps[-100:]}

@@ -5,15 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import pytest
 
-from serp.control.model_confidence import ModelConfidence
 from serp.control.strategies.mixture import Mixture
 from serp.settings import Settings
-from tests.serp.control.scene import Known, learner_acts, situation, told
-
-SURE = Known([0.2, 1.2, 0.0], members=[[0.1, 1.0, 0.0], [0.3, 1.4, 0.0]])
-"""Its networks agree that action 1 is the best."""
+from tests.serp.control.scene import learner_acts
 
 
 def mixture(rho: float, *, seed: int = 0, **settings: Any) -> Mixture:
@@ -35,56 +30,3 @@ def test_rho_grows_by_its_unit_to_its_maximum() -> None:
     strategy.end_unit("game")
     strategy.end_unit("game")
     assert strategy.rho == 0.9
-
-
-def test_the_planners_turn_is_the_learners_where_all_plans_are_alike() -> None:
-    alike = situation([1.0, 1.0])
-    assert mixture(0.0).propose(alike, Known([0.0, 1.0])) is not None
-    strict = mixture(0.0, indifferent="first")
-    assert strict.propose(alike, Known([0.0, 1.0])) is None
-
-
-def test_a_proposal_is_drawn_for_whether_or_not_the_planner_is_indifferent() -> None:
-    """So that what is drawn later does not depend on it."""
-    one, other = mixture(0.5), mixture(0.5)
-    one.propose(situation([1.0, 1.0]), Known([0.0, 1.0]))
-    other.propose(situation([1.0, 0.0]), Known([0.0, 1.0]))
-    assert one.state_dict() == other.state_dict()
-
-
-def test_a_learner_that_is_sure_acts_in_the_planners_turn() -> None:
-    """Its networks have to agree that its own choice is better than the planner's."""
-    seen = situation([1.0, 0.0, 0.0])
-    proposal = mixture(0.0, confidence_margin=3.0).propose(seen, SURE)
-    assert proposal is not None
-    assert (proposal.action, proposal.exploratory) == (1, False)
-    assert mixture(0.0, confidence_margin=None).propose(seen, SURE) is None
-    for learner in (
-        Known([0.2, 1.2, 0.0], members=[[0.1, 3.0, 0.0], [0.3, -0.6, 0.0]]),  # they differ
-        Known([1.2, 0.2, 0.0], members=[[1.1, 0.2, 0.0], [1.3, 0.2, 0.0]]),  # the planner's is best
-        Known([0.2, 1.2, 0.0], members=[[0.2, 1.2, 0.0]]),  # nobody to agree with
-    ):
-        assert mixture(0.0, confidence_margin=3.0).propose(seen, learner) is None
-    refused = situation([1.0, 0.0, 0.0], admissible=[True, False, True])
-    assert mixture(0.0, confidence_margin=1.0).propose(refused, SURE) is None
-
-
-@pytest.mark.parametrize("confidence", ModelConfidence)
-def test_confidence_in_the_model_decides_who_is_sure_and_who_is_imitated(
-    confidence: ModelConfidence,
-) -> None:
-    strategy = mixture(0.0, confidence_margin=3.0, imitation_weight=1.0)
-    proposal = strategy.propose(situation([1.0, 0.0, 0.0], confidence=confidence), SURE)
-    assert (proposal is not None) == (confidence is ModelConfidence.OPEN)
-    imitated = confidence is ModelConfidence.RELIABLE
-    assert told(strategy, 0, [1.0, 0.0]).action == (0 if imitated else -1)
-
-
-@pytest.mark.parametrize("indifferent", ["first", "learner"])
-def test_a_planner_without_a_reason_is_not_imitated(indifferent: str) -> None:
-    """However reliable its model is: its choice is the first in the file, and means nothing."""
-    strategy = mixture(0.0, imitation_weight=1.0, indifferent=indifferent)
-    for values, imitated in (([1.0, 0.0], 0), ([1.0, 1.0], -1), ([0.0, 1.0], 1)):
-        strategy.propose(situation(values, confidence=ModelConfidence.RELIABLE), SURE)
-        assert told(strategy, 0, values).action == imitated
-        assert told(strategy, 0, values, [1.0, 1.0]).action == imitated
