@@ -101,8 +101,12 @@ class ClosedGraph:
 
     @property
     def spreads(self) -> bool:
-        """Whether edges hardly ever lead to a known state, so that the graph will not close."""
-        return self.edges >= _JUDGED_FROM and self.nodes > _NEVER_MET * self.edges
+        """Whether edges hardly ever lead to a known state, so that the graph will not close.
+
+        Where many actions are applicable, ways meet only after as many nodes.
+        """
+        enough = self.edges >= _JUDGED_FROM and self.expanded**2 >= self.edges
+        return enough and self.nodes > _NEVER_MET * self.edges
 
     def grow(self, states: Vector, limit: int = MAX_EDGES) -> None:
         """Add a state `[F]` or several, and what can be reached from them, and solve the graph.
