@@ -45,11 +45,11 @@ def main() -> None:
         model = serp.load_domain(path).model
     states = np.random.default_rng(0).random((5_000, 2))
     graph = CellGraph(model, PlannerSettings(), max_edges=edges)
-    graph.build(states[0], states)
+    graph.build(states[0], states, 10 * edges)
     times = []
     for _ in range(3):
         begin = perf_counter()
-        graph.build(states[0], states)
+        graph.build(states[0], states, 10 * edges)
         times.append(perf_counter() - begin)
     print(f"{graph.nodes:,} cells, {graph.edges:,} edges: {min(times):.3f} s")
     flat = states.ravel()

@@ -1,0 +1,133 @@
+"""What the far-sighted planner keeps is saved exactly, and damage is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from serp._util.saved_state import Arrays
+from serp.control.planners import closed_graph
+from serp.errors import RunError
+from serp.model.transition_model import TransitionModel
+from serp.planning.far_sight.closed_graph import ClosedGraph
+from serp.planning.far_sight.planner import FarSightPlanner
+from serp.settings import PlannerSettings
+from tests.serp.planning.test_closed_graph import CORRIDOR
+from tests.serp.planning.worlds import load
+
+SETTINGS = PlannerSettings()
+
+
+def corridor() -> TransitionModel:
+    return load(CORRIDOR.format(end=30))
+
+
+def planner_at(*places: float) -> FarSightPlanner:
+    planner = closed_graph(MODEL, SETTINGS)
+    assert isinstance(planner, FarSightPlanner)
+    for x in places:
+        planner.forecast(np.array([x]))
+    return planner
+
+
+MODEL = corridor()
+
+
+@pytest.mark.parametrize("places", [(), (5.0,), (5.0, 5.5, 6.25)])
+def test_a_restored_planner_goes_on_as_the_saved_one(places: tuple[float, ...]) -> None:
+    planner, other = planner_at(*places), planner_at(9.75)
+    other.load_state_dict(*planner.state_dict())
+    for x in (4.0, 5.5, 7.75, 2.125):
+        one, again = planner.forecast(np.array([x])), other.forecast(np.array([x]))
+        for column, same in zip(one, again, strict=True):
+            assert np.array_equal(column, same)
+    arrays, meta = planner.state_dict()
+    arrays_again, meta_again = other.state_dict()
+    assert meta == meta_again and arrays.keys() == arrays_again.keys()
+    assert all(np.array_equal(arrays[name], arrays_again[name]) for name in arrays)
+
+
+def test_the_graph_is_kept_while_the_model_stands() -> None:
+    planner = planner_at(5.0)
+    graph, edges = planner.graph, planner.graph.edges
+    for x in range(1, 30):
+        planner.forecast(np.array([float(x)]))
+    assert graph.edges == edges
+    MODEL.revision += 1
+    planner.forecast(np.array([7.0]))
+    assert graph.edges == edges  # built anew
+    MODEL.revision -= 1
+
+
+def test_a_graph_that_fails_costs_ever_less() -> None:
+    model = load(
+        "(define (domain endless) (:functions (x) (y) (reward))"
+        "(:action a :parameters () :precondition (and)"
+        " :effect (and (increase (x) (+ 1 (* 0.3 (y)))) (increase (reward) (x))))"
+        "(:action b :parameters () :precondition (and)"
+        " :effect (and (increase (y) (+ 1 (* 0.7 (x)))))))"
+    )
+    planner = closed_graph(model, PlannerSettings(depth=2))
+    assert isinstance(planner, FarSightPlanner)
+    grown: list[int] = []
+    grow = planner.graph.grow
+
+    def count(*arguments: Any) -> None:
+        grow(*arguments)
+        grown.append(planner.graph.edges)
+
+    planner.graph.grow = count  # type: ignore[method-assign]
+    for k in range(1_000):
+        planner.forecast(np.array([0.1 * k, 0.0]))
+    assert 1 < len(grown) < 8
+
+
+def forged(arrays: Arrays, name: str, place: int, value: float) -> Arrays:
+    changed = {key: array.copy() for key, array in arrays.items()}
+    column = changed[name]
+    with np.errstate(all="ignore"):
+        column[place % len(column)] = np.array(value).astype(column.dtype)
+    return changed
+
+
+SAVED = planner_at(5.0, 5.5).graph.state_dict()
+
+
+@given(
+    st.sampled_from(sorted(SAVED)),
+    st.integers(0, 10_000),
+    st.sampled_from([-(2.0**40), -2.0, -1.0, 0.0, 1.0, 7.0, 1e6, 2.0**31, np.nan, np.inf]),
+)
+@settings(max_examples=200, deadline=None)
+def test_a_forged_graph_is_refused_or_does_no_harm(name: str, place: int, value: float) -> None:
+    graph = ClosedGraph(MODEL, SETTINGS)
+    try:
+        graph.load_state_dict(forged(SAVED, name, place, value))
+    except RunError:
+        return
+    for x in (5.0, 5.5, 8.0):
+        graph.forecast(np.array([x]))
+    graph.grow(np.array([3.25]))
+
+
+@pytest.mark.parametrize("name", sorted(SAVED))
+def test_a_graph_with_a_part_missing_or_cut_off_is_refused(name: str) -> None:
+    graph = ClosedGraph(MODEL, SETTINGS)
+    with pytest.raises(RunError):
+        graph.load_state_dict({key: array for key, array in SAVED.items() if key != name})
+    with pytest.raises(RunError):
+        graph.load_state_dict(SAVED | {name: SAVED[name][:-1]})
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("saved", 10**9), ("limit", 0), ("bins", 0.5), ("bins", -1.0), ("explores", 3), ("price", -1)],
+)
+def test_a_forged_account_is_refused(name: str, value: Any) -> None:
+    arrays, meta = planner_at(5.0).state_dict()
+    with pytest.raises(RunError):
+        planner_at().load_state_dict(arrays, meta | {name: value})
