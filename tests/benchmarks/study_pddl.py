@@ -85,6 +85,9 @@ def play(domain: Path, problem: Path, planner: str, changes: Any, steps: int, in
     try:
         start = perf_counter()
         model = load_domain(domain, problem).model
+        if model.ground.goal is None:
+            into.send(Result("refused: no goal"))
+            return
         settings = resolve("default", {}, changes).planner.replace(name=planner)
         decide = make_planner(model, settings)
         state = model.initial_state

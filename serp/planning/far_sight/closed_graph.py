@@ -101,8 +101,12 @@ class ClosedGraph:
 
     @property
     def spreads(self) -> bool:
-        """Whether edges hardly ever lead to a known state, so that the graph will not close."""
-        return self.edges >= _JUDGED_FROM and self.nodes > _NEVER_MET * self.edges
+        """Whether edges hardly ever lead to a known state, so that the graph will not close.
+
+        Where many actions are applicable, ways meet only after as many nodes.
+        """
+        enough = self.edges >= _JUDGED_FROM and self.expanded**2 >= self.edges
+        return enough and self.nodes > _NEVER_MET * self.edges
 
     def grow(self, states: Vector, limit: int = MAX_EDGES) -> None:
         """Add a state `[F]` or several, and what can be reached from them, and solve the graph.
@@ -111,20 +115,24 @@ class ClosedGraph:
         actions on the way to them.
 
         Args:
-            states: The states.
+            states: The states. In an empty graph, all of these are expanded.
             limit: Most edges of the graph.
         """
-        for state in np.array(states, ndmin=2):
+        roots = np.array(states, ndmin=2)
+        least = 0 if self.nodes else len(roots)
+        for state in roots:
             if self.nodes == self._arrays.digest.shape[0]:
                 self._enlarge()
             kernels.add_root(self._arrays_tuple, state)
         limit = min(limit, self._max_edges)
         expand = self._expand_native if self._model.compiles else self._expand_interpreted
         ended, most = kernels.MANY, _JUDGED_FROM
-        while ended != kernels.DONE and self.edges < limit and self.nodes < self._max_nodes:
+        while ended != kernels.DONE and (
+            self.expanded < least or (self.edges < limit and self.nodes < self._max_nodes)
+        ):
             while most <= self.edges:
                 most *= 2
-            ended = expand(min(most, limit))
+            ended = expand(min(most, limit) if self.edges < limit else self.edges + 1)
             if ended == kernels.FULL:
                 self._enlarge()
             elif self.edges >= most and self.spreads:

@@ -22,9 +22,10 @@ Ways = list[tuple[g.Test, ...]]
 def ways_to_be_done(ground: g.GroundModel, theta: Sequence[float]) -> Ways:
     """Return the conditions of each way to reach the goal; none where there is no goal."""
     if ground.goal is not None:
-        return list(_alternatives(ground.goal))
-    schemas = (*ground.events, *ground.actions)
-    ways = (s.preconditions for s in schemas if _succeeds(s, theta))
+        ways = list(_alternatives(ground.goal))
+    else:
+        schemas = (*ground.events, *ground.actions)
+        ways = [s.preconditions for s in schemas if _succeeds(s, theta)]
     return list(dict.fromkeys(tuple(filter(_of_fluents, tests)) for tests in ways))[:_ENOUGH]
 
 

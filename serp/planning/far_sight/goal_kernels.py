@@ -1,11 +1,12 @@
 """The compiled loop of the search for a goal.
 
-Best-first width search (Lipovetzky & Geffner, "Best-first width search: exploration and
-exploitation in classical planning", AAAI 2017): states of the least novelty measure come first,
-among them those that lack the fewest conditions of the goal. The novelty of a state is 1 if it is
-the first with some fluent's value among the states that lack as many conditions, 2 if it is the
-first with some pair of values, else 3. It looks at states and goal only, so the step may be any
-compiled function.
+Two orders choose the next state by turns (Röger & Helmert, "The more, the merrier: combining
+heuristic estimators for satisficing planning", ICAPS 2010). One is best-first width search
+(Lipovetzky & Geffner, AAAI 2017): states of the least novelty come first, among them those that
+lack the fewest conditions of the goal. The novelty of a state is 1 if it is the first with some
+fluent's value among the states that lack as many conditions, 2 if it is the first with some pair of
+values, else 3. The other order is the cost of the goal in the relaxed domain. Only this one knows
+the file; the step may be any compiled function.
 """
 
 from __future__ import annotations

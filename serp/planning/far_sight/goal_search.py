@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Final
 
 import numpy as np
 
-from serp.model.bytecode.virtual_machine import virtual_step
+from serp.model.bytecode.translation import TooManyVariables
+from serp.model.bytecode.virtual_machine import Machine, virtual_step
 from serp.model.native import address_of
 from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.far_sight.closed_kernels import NO_FLUENTS
 from serp.planning.far_sight.goal_count import goal_counter, ways_to_be_done
 from serp.planning.far_sight.goal_kernels import SearchArrays, search
 from serp.planning.far_sight.inert import inert_fluents
@@ -33,20 +36,22 @@ class GoalSearch:
 
     def __init__(self, model: TransitionModel, settings: PlannerSettings) -> None:
         self._model = model
-        self._inert = inert_fluents(model.ground)
         self._accepted = settings.accepted_risk
-        self._counter = goal_counter(model.ground, model.theta.tolist()) if model.compiles else None
-        theta = model.theta.tolist()
-        ways = ways_to_be_done(model.ground, theta)
-        self._relaxed = relaxed(model.ground, ways, theta, model.dt)
         self.steps = 0
-        if self.goal:
+        ground, theta = model.ground, model.theta.tolist()
+        self._counter: Machine | None = None
+        with contextlib.suppress(TooManyVariables):
+            if model.compiles and model.actions:
+                self._counter = goal_counter(ground, theta)
+        if self._counter is not None:
+            self._inert = inert_fluents(ground)
+            self._relaxed = relaxed(ground, ways_to_be_done(ground, theta), theta, model.dt)
             self.way(np.zeros(len(model.fluents)), 1)  # compiled now, not at a decision
 
     @property
     def goal(self) -> bool:
         """Whether there is a goal to search for."""
-        return self._counter is not None and bool(self._model.actions)
+        return self._counter is not None
 
     def way(self, state: Vector, limit: int) -> Vector | None:
         """Return the states `[N, F]` on a way to the goal, the first and all but the last.
@@ -66,7 +71,8 @@ class GoalSearch:
         model, width = self._model, len(self._model.fluents)
         actions = len(model.actions)
         nodes = min(limit, MAX_NUMBERS // max(1, width)) + actions + 1
-        tree = SearchArrays.allocate(nodes, width, self._inert)
+        inert = self._inert if model.as_written else NO_FLUENTS
+        tree = SearchArrays.allocate(nodes, width, inert)
         node = search(
             (address_of(model.native_step()), model.data, model.dt),
             (address_of(virtual_step()), self._counter.data(model.theta)),

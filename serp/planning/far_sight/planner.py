@@ -103,7 +103,8 @@ class FarSightPlanner:
                 break
             graph.clear()
         if self.search.goal and not (graph.complete or graph.spreads or graph.ends(state)):
-            found, edges = self._search(state) or found, edges + self.search.steps
+            found = self._search(state)
+            edges += self.search.steps + self.graph.edges
         self._saved -= edges
         if found is None:
             if graph.edges >= self._limit:
@@ -112,17 +113,21 @@ class FarSightPlanner:
         return found
 
     def _search(self, state: Vector) -> Forecast | None:
-        """Grow the graph around a way to the goal; return its forecast if there is such a way.
+        """Grow the graph around a way to the goal; return its forecast.
 
         Its values are then those of the best policy in the neighbourhood of the way (Nakhost &
         Müller, "Action elimination and plan neighborhood graph search", ICAPS 2010).
         """
+        graph, found = self.graph, self.graph.forecast(state)
         way = self.search.way(state, MAX_EDGES)
         if way is None:
+            if found is None or found.value[found.choice] > 0.0:
+                return found
+            graph.clear()  # a policy that stays inside and gains nothing
             return None
-        self.graph.clear()
-        self.graph.grow(way, _SMALL_GRAPH)
-        return self.graph.forecast(state)
+        graph.clear()
+        graph.grow(way, _SMALL_GRAPH)
+        return graph.forecast(state)
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:
         near, visited, cells = self._near, self.visited, self.cells

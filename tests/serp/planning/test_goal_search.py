@@ -1,0 +1,204 @@
+"""The search for a way to the goal: what it finds is a way, and it is found where graphs end."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+
+from serp.control.planners import closed_graph
+from serp.model.bytecode.virtual_machine import virtual_step
+from serp.model.flags import APPLICABLE, TERMINAL
+from serp.model.ground import All, AnyOf, Constant, Holds, Not, Test, comparisons_of
+from serp.model.loading import load_domain
+from serp.model.native import address_of, step_batch
+from serp.model.transition_model import TransitionModel, Vector
+from serp.planning.far_sight.goal_count import goal_counter, ways_to_be_done
+from serp.planning.far_sight.goal_search import GoalSearch
+from serp.planning.far_sight.inert import inert_fluents
+from serp.planning.limits import Bound
+from serp.settings import PlannerSettings
+from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
+
+SETTINGS = PlannerSettings()
+FILES = Path(__file__).parents[1] / "model" / "pddl_files"
+
+# A boat on a plane without borders: the goal lies in a region that two comparisons bound.
+BOAT = """
+(define (domain boat)
+  (:predicates (saved))
+  (:functions (x) (y) (spent))
+  (:action east :parameters () :precondition (and)
+    :effect (and (increase (x) 3) (increase (spent) 2)))
+  (:action north-west :parameters () :precondition (and)
+    :effect (and (decrease (x) 1.5) (increase (y) 1.5) (increase (spent) 1)))
+  (:action south :parameters () :precondition (and)
+    :effect (and (decrease (y) 2) (increase (spent) 1)))
+  (:action save :parameters ()
+    :precondition (and (>= (- (y) (x)) {far}) (<= (+ (x) (y)) 4) (>= (+ (x) (y)) 0))
+    :effect (and (saved))))
+"""
+TO_SAVE = """
+(define (problem p) (:domain boat) (:init (= (x) 0) (= (y) 0) (= (spent) 0))
+  (:goal (and (saved))) {metric})
+"""
+
+
+def boat(far: float, metric: str = "") -> TransitionModel:
+    texts = Texts(BOAT.format(far=far), TO_SAVE.format(metric=metric))
+    return load_texts(texts).model
+
+
+def start(model: TransitionModel) -> Vector:
+    assert model.initial_state is not None
+    return model.initial_state
+
+
+def successors(model: TransitionModel, state: Vector) -> tuple[list[list[float]], bool]:
+    """The next states, and whether some action reaches the goal."""
+    found, ended = [], False
+    for action in range(len(model.actions)):
+        out, flags = model.transition(state.tolist(), action)
+        if flags & APPLICABLE and flags & TERMINAL:
+            ended = ended or out[-1] > 0.0
+        elif flags & APPLICABLE:
+            found.append(out[:-1])
+    return found, ended
+
+
+def check_way(model: TransitionModel, way: Vector) -> None:
+    """Every state follows from the one before, and the goal from the last; costs may differ."""
+    relevant = np.setdiff1d(np.arange(way.shape[1]), inert_fluents(model.ground))
+    for state, following in itertools.pairwise(way):
+        targets = np.array(successors(model, state)[0])[:, relevant]
+        assert (targets == following[relevant]).all(axis=1).any()
+    assert successors(model, way[-1])[1]
+
+
+@pytest.mark.parametrize("name", ["briefcase", "counters", "logistics", "warehouse"])
+def test_a_way_to_the_goal_of_a_problem_file_is_found(name: str) -> None:
+    model = load_domain(FILES / f"{name}.pddl").model
+    search = GoalSearch(model, SETTINGS)
+    way = search.way(start(model), 5_000)
+    assert way is not None and (way[0] == start(model)).all()
+    assert 0 < search.steps <= 5_000
+    check_way(model, way)
+    again = GoalSearch(model, SETTINGS).way(start(model), 5_000)
+    assert again is not None and again.tobytes() == way.tobytes()
+
+
+def test_numbers_without_bounds_are_followed_in_the_right_direction() -> None:
+    model = boat(120.0)
+    search = GoalSearch(model, SETTINGS)
+    way = search.way(start(model), 5_000)
+    assert way is not None and 40 <= len(way) <= 60
+    check_way(model, way)
+    for none in (search.way(start(model), 20), GoalSearch(boat(1e9), SETTINGS).way(way[0], 2_000)):
+        assert none is None
+
+
+def test_a_way_is_safe_and_a_domain_without_a_goal_has_none() -> None:
+    domain = (
+        "(define (domain d) (:predicates (unsafe) (terminal)) (:functions (x) (reward))"
+        " (:action jump :effect (and (assign (x) 5) {}))"
+        " (:action walk :effect (and (increase (x) 1)))"
+        " (:event home :precondition (= (x) 5) :effect (and {} (increase (reward) 1))))"
+    )
+    for jump, ends, length in (("", "(terminal)", 1), ("(unsafe)", "(terminal)", 5), ("", "", 0)):
+        model = load_texts(Texts(domain.format(jump, ends), None)).model
+        search = GoalSearch(model, SETTINGS)
+        way = search.way(np.zeros(1), 100)
+        assert search.goal == bool(ends) and (0 if way is None else len(way)) == length
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_what_is_left_of_the_goal_is_counted(seed: int) -> None:
+    random = Random(f"left {seed}")
+    model = generate(random, PLANNABLE if seed % 2 else FULL).model
+    ground, theta, states = model.ground, model.theta, random_states(random, model, 6, exact=True)
+    counter, ways = goal_counter(ground, theta.tolist()), ways_to_be_done(ground, theta.tolist())
+    assert (counter is None) == (not ways)
+    if counter is None or any(any(comparisons_of(test)) for way in ways for test in way):
+        return
+    out, flags = np.empty((len(states), states.shape[1] + 1)), np.empty(len(states), np.int64)
+    step_batch(
+        address_of(virtual_step()), states.reshape(-1), np.zeros(len(states), dtype=np.int64),
+        counter.data(theta), 1.0, out.reshape(-1), flags,
+    )  # fmt: skip
+    for state, left in zip(states, out[:, -1], strict=True):
+        assert left == min(sum(not holds(test, state) for test in way) for way in ways)
+
+
+def holds(test: Test, state: Vector) -> bool:
+    """A condition without comparisons holds in a state."""
+    match test:
+        case Not(operand):
+            return not holds(operand, state)
+        case All(operands):
+            return all(holds(operand, state) for operand in operands)
+        case AnyOf(operands):
+            return any(holds(operand, state) for operand in operands)
+        case Holds(fluent):
+            return bool(state[fluent])
+    return test == Constant(True)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_nothing_depends_on_an_inert_fluent(seed: int) -> None:
+    random = Random(f"inert {seed}")
+    model = generate(random, PLANNABLE if seed % 2 else FULL).model
+    states = random_states(random, model, 4, exact=True)
+    inert = inert_fluents(model.ground)
+    relevant = np.setdiff1d(np.arange(states.shape[1]), inert)
+    for state in states:
+        other = state.copy()
+        other[inert] = [0.0 if model.fluents[k].numeric else 1.0 - state[k] for k in inert]
+        for action in range(len(model.actions)):
+            one, flags = model.transition(state.tolist(), action)
+            two, same = model.transition(other.tolist(), action)
+            assert flags == same
+            if flags & APPLICABLE:
+                assert np.array(one)[relevant].tobytes() == np.array(two)[relevant].tobytes()
+                assert one[-1] == pytest.approx(two[-1], rel=1e-9, abs=1e-9)
+
+
+# With the planner ------------------------------------------------------------------------------
+
+
+def replanned(model: TransitionModel, monkeypatch: pytest.MonkeyPatch, most: int) -> float:
+    """Replan in the model until the goal is reached; return the sum of rewards."""
+    monkeypatch.setattr("serp.planning.far_sight.planner._SMALL_GRAPH", most)
+    planner = closed_graph(model, SETTINGS)
+    state, total = start(model), 0.0
+    for _ in range(100):
+        forecast = planner.forecast(state)
+        assert forecast.bound in (Bound.NODES, Bound.EXHAUSTED)
+        outcome = model.step(state, forecast.choice)
+        state, total = outcome.state, total + outcome.reward
+        if outcome.terminal:
+            return total
+    raise AssertionError("the goal was not reached")
+
+
+def test_the_graph_grows_around_a_way_where_it_cannot_hold_everything(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = load_domain(FILES / "logistics.pddl").model
+    for most in (60, 300):
+        assert replanned(model, monkeypatch, most) > 0.0
+    assert replanned(boat(60.0), monkeypatch, 2_000) > 0.0
+
+
+def test_states_that_differ_in_what_was_spent_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    spent = boat(12.0, "(:metric minimize (spent))")
+    assert [spent.fluents[k].name for k in inert_fluents(spent.ground)] == ["spent"]
+    worth = float(spent.theta[-1])
+    # 4 × north-west lacks 0 of y - x = 12, and x + y is 0 all the time: the cheapest way.
+    assert replanned(spent, monkeypatch, 20_000) == pytest.approx(worth - 4.0)
+    random = Random(0)
+    for metric in ("(:metric minimize (* (spent) (x)))", "(:metric maximize (/ 1 (spent)))"):
+        model = boat(random.choice((4.0, 8.0)), metric)
+        assert len(inert_fluents(model.ground)) == 0
