@@ -12,7 +12,6 @@ import numpy as np
 
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.residual.solvers import accumulate_fourier
 from serp.control.registry import find_learner
 from serp.sysid.transitions import GOES_ON, OVER
 from serp.training.agent import Agent
@@ -50,8 +49,6 @@ def _precompile_adaptation(agent: Agent, states: np.ndarray[Any, np.dtype[np.flo
         changed = [sum(len(group.targets) for group in groups) for groups in model.feature_groups]
         often = changed.index(max(changed))
         model.precompile(states[0])
-        one = np.zeros(1)  # with events the artificial steps may not reach this function
-        accumulate_fourier(one, one, one, np.zeros((3, 3)), np.zeros((3, 1)))
     for step, (state, following) in enumerate(pairwise(states)):
         action = often if step % 2 else step // 2 % len(model.actions)
         ending = OVER if step == _OBSERVED - 1 else GOES_ON

@@ -176,8 +176,9 @@ class CellGraph:
         # The reward of an end, or of what is unsafe, is not one that goes on.
         goes_on = (held.node[:edges] != ENDED) | (held.beyond[:edges] > 0.0)
         goes_on &= arrays.hazard[:edges] == 0.0
-        most, middle = float(rates.max()), float(np.median(rates))
-        least = float(rates[goes_on].min(initial=most))
+        least, middle, most = 0.0, 0.0, 0.0
+        if goes_on.any():
+            least, middle, most = np.quantile(rates[goes_on], (0.0, 0.5, 1.0)).tolist()
         ages = 1.0 / max(1.0 - discount, 1e-6)
         going_on = most * ages
         worst, hoped = min(0.0, least * ages), max(0.0, going_on)
