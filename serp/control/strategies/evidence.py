@@ -81,8 +81,8 @@ class Evidence(Strategy):
     A learner that only watches the planner never tries other actions, and its values for these are
     invented. So it imitates the planner's choice, except where all plans have the same value: Q
     of that choice should exceed all others by a standard deviation of Q (large-margin loss: Hester
-    et al. 2018, arXiv 1704.03732), with weight 1 - ρ (QDagger: Agarwal et al. 2022, arXiv
-    2206.01626).
+    et al. 2018, arXiv 1704.03732), with weight 1 - 2ρ while ρ < ½ (QDagger: Agarwal et al.
+    2022, arXiv 2206.01626).
     """
 
     guided = GuidedLearning(margin=1.0, margin_weight=1.0, relative=True, q_filter=False)
@@ -106,8 +106,8 @@ class Evidence(Strategy):
 
     @property
     def margin_weight(self) -> float:
-        """The weight of imitation: the probability that the planner is the better one."""
-        return 1.0 - self._rho
+        """The weight of imitation: by how much more probably the planner is the better one."""
+        return max(0.0, 1.0 - 2.0 * self._rho)
 
     def guidance(
         self, forecast: ActionForecast, action: int, following: ActionForecast | None
