@@ -79,10 +79,10 @@ class Evidence(Strategy):
     is the lead that is more probably the better one.
 
     A learner that only watches the planner never tries other actions, and its values for these are
-    invented. So it imitates the planner's choice, except where all plans have the same value: Q
-    of that choice should exceed all others by a standard deviation of Q (large-margin loss: Hester
-    et al. 2018, arXiv 1704.03732), with weight 1 - 2ρ while ρ < ½ (QDagger: Agarwal et al.
-    2022, arXiv 2206.01626).
+    invented. So in episodes that the planner leads it imitates the planner's choice, except where
+    all plans have the same value: Q of that choice should exceed all others by a standard deviation
+    of Q (large-margin loss: DQfD, Hester et al. 2018, arXiv 1704.03732), with weight 1 - ρ
+    (compare QDagger: Agarwal et al. 2022, arXiv 2206.01626).
     """
 
     guided = GuidedLearning(margin=1.0, margin_weight=1.0, relative=True, q_filter=False)
@@ -106,14 +106,14 @@ class Evidence(Strategy):
 
     @property
     def margin_weight(self) -> float:
-        """The weight of imitation: by how much more probably the planner is the better one."""
-        return max(0.0, 1.0 - 2.0 * self._rho)
+        """The weight of imitation: the probability that the planner is the better one."""
+        return 1.0 - self._rho
 
     def guidance(
         self, forecast: ActionForecast, action: int, following: ActionForecast | None
     ) -> Guidance:
-        """Return the planner's choice, to be imitated unless all plans have the same value."""
-        said = -1 if forecast.indifferent else forecast.choice
+        """Return the planner's choice, to be imitated where it leads and has a reason."""
+        said = -1 if self._leads or forecast.indifferent else forecast.choice
         return Guidance(said, 0.0, -1, np.zeros(len(forecast.value), np.float32))
 
     @property

@@ -146,8 +146,10 @@ def test_the_learner_imitates_the_planner_as_long_as_that_is_better(seed: int) -
     for episode in range(200):
         learner = 0.0 if episode < 60 else 20.0
         strategy.end_episode((learner if learner_acts(strategy) else 10.0) + rng.normal(), 10)
-        assert strategy.margin_weight == max(0.0, 1.0 - 2.0 * strategy.rho)
-    assert strategy.margin_weight == 0.0
+        assert strategy.margin_weight == 1.0 - strategy.rho
+        said = told(strategy, 0, [0.0, 1.0]).action
+        assert said == (-1 if learner_acts(strategy) else 1)  # only what it demonstrates
+    assert strategy.margin_weight < 0.1
 
 
 def test_a_planner_without_a_reason_is_not_imitated() -> None:
