@@ -28,7 +28,7 @@ class Lookahead:
 
     Attributes:
         leaves: The value function of the states that the last layer leads to, see
-            `serp.planning.far_sight.cell_values.pack`; empty: their values are 0, and all decisions
+            `cell_values.pack`; empty: their values are 0, and all decisions
             are those of the planning graph.
         followed: Edges that the newest forecast followed; before the first one, the most.
     """

@@ -44,7 +44,6 @@ PRESETS: Final[Mapping[str, Changes]] = {
         # With two control periods per edge the lookahead is twice as long at the same cost.
         "planner": {"name": "closed-graph", "depth": 5, "repeat": 2, "discount": 0.99},
         "adaptation": {"mode": "full", "min_visits": 4},
-        "arbiter": {"imitation_weight": 1.0},
         "guide": {"strategy": "evidence"},
         "learner": {
             "symmetry": True,

@@ -10,9 +10,8 @@ from serp.errors import SettingsError
 _SECTIONS: Final = {"correction": "adaptation"}
 _SETTINGS: Final = {
     ("adaptation", "tries"): "min_visits",
-    ("arbiter", "imitation"): "imitation_weight",
 }
-_BY_EVIDENCE: Final = "the strategy `evidence` gives the lead to planner or learner"
+_BY_EVIDENCE: Final = "the strategy `evidence` decides on lead and imitation by returns"
 _REMOVED: Final = {
     ("planner", "leaf_value"): "the planner `closed-graph` values the leaves by itself",
     ("arbiter", "surety"): _BY_EVIDENCE,
@@ -20,6 +19,7 @@ _REMOVED: Final = {
     ("arbiter", "after_veto"): "after a veto the planner acts",
     ("arbiter", "exploration_slack"): "exploration is among the actions that no veto refuses",
     ("arbiter", "indifferent"): _BY_EVIDENCE,
+    ("arbiter", "imitation"): _BY_EVIDENCE,
     ("learner", "protected_share"): "batches are drawn from all samples alike",
 }
 _VALUES: Final = {("adaptation", "mode", "literals"): "parameters"}

@@ -84,10 +84,6 @@ class ArbiterSettings(Section):
     ρ grows whenever it changes."""
     rho_max: Probability = 1.0
     """Largest ρ."""
-    imitation_weight: Nonnegative = 0.0
-    """`evidence`: weight of the learner's imitation loss where nothing is known of the learner; it
-    falls to 0 as the learner becomes as good as the planner. The Q-value of the planner's choice
-    should exceed all others by a margin, unless the planner is indifferent."""
     r_min: Finite | None = None
     """R_min: a proposal with a smaller predicted reward is vetoed. None: no proposal is."""
     veto_horizon: Literal["step", "lookahead"] = "lookahead"

@@ -13,10 +13,11 @@ from scipy import special
 from serp._util.saved_state import Saved
 from serp.control.lead_evidence import LeadEvidence, Worth
 from serp.control.protocols import Proposer
-from serp.control.strategies.imitating import ImitatingStrategy
 from serp.control.strategies.start_values import StartValues
-from serp.control.strategies.strategy import Seed, Situation
+from serp.control.strategies.strategy import Seed, Situation, Strategy
 from serp.learning.dqn import Proposal
+from serp.learning.guidance import Guidance, GuidedLearning
+from serp.planning.action_map import ActionForecast
 from serp.settings import Settings
 
 _FORGETTING: Final = 2
@@ -64,7 +65,7 @@ class Returns:
         self.squares = saved.real("squares", -slack * slack)
 
 
-class Evidence(ImitatingStrategy):
+class Evidence(Strategy):
     """Planner or learner leads a whole episode: the learner with the probability that it is better.
 
     That probability is ρ. It follows from the returns of the episodes that each has led by Bayesian
@@ -76,9 +77,15 @@ class Evidence(ImitatingStrategy):
     planner leads, the learner acts, and explores, where all plans have the same value. It does not
     explore where it leads: its returns would say nothing of its trained policy. The trained policy
     is the lead that is more probably the better one.
+
+    A learner that only watches the planner never tries other actions, and its values for these are
+    invented. So in episodes that the planner leads it imitates the planner's choice, except where
+    all plans have the same value: Q of that choice should exceed all others by a standard deviation
+    of Q (large-margin loss: DQfD, Hester et al. 2018, arXiv 1704.03732), with weight 1 - ρ
+    (compare QDagger: Agarwal et al. 2022, arXiv 2206.01626).
     """
 
-    reads = ("arbiter.imitation_weight",)
+    guided = GuidedLearning(margin=1.0, margin_weight=1.0, relative=True, q_filter=False)
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
@@ -96,6 +103,18 @@ class Evidence(ImitatingStrategy):
     def rho(self) -> float:
         """ρ, the probability that the learner's lead is worth more than the planner's."""
         return self._rho
+
+    @property
+    def margin_weight(self) -> float:
+        """The weight of imitation: the probability that the planner is the better one."""
+        return 1.0 - self._rho
+
+    def guidance(
+        self, forecast: ActionForecast, action: int, following: ActionForecast | None
+    ) -> Guidance:
+        """Return the planner's choice, to be imitated where it leads and has a reason."""
+        said = -1 if self._leads or forecast.indifferent else forecast.choice
+        return Guidance(said, 0.0, -1, np.zeros(len(forecast.value), np.float32))
 
     @property
     def evidence(self) -> LeadEvidence:

@@ -79,7 +79,7 @@ def test_every_setting_has_a_description() -> None:
         ({"planner": {"dept": 3}}, "no setting `planner.dept`; did you mean `depth`"),
         ({"correction": {}}, "section `correction` is now called `adaptation`"),
         ({"correction": {"tries": 3}}, "`correction.tries` is `adaptation.min_visits`"),
-        ({"arbiter": {"imitation": 1.0}}, "is now called `arbiter.imitation_weight`"),
+        ({"arbiter": {"imitation": 1.0}}, "`arbiter.imitation` was removed"),
         ({"arbiter": {"surety": 1.0}}, "`arbiter.surety` was removed: the strategy `evidence`"),
         ({"adaptation": {"mode": "literals"}}, "`literals` is now called `parameters`"),
         ({"planner": {"depth": 0}}, "planner.depth must be greater than or equal to 1, not 0"),

@@ -171,19 +171,20 @@ def test_a_forged_state_is_refused_or_gone_on_with(data: st.DataObject) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_learner_imitates_the_planner_as_long_as_that_is_better(seed: int) -> None:
-    settings = Settings().replace({"arbiter": {"imitation_weight": 0.5}})
-    strategy, rng = Evidence(settings, seed), np.random.default_rng(seed)
-    assert strategy.margin_weight == 0.5  # nothing is known of the learner
+    strategy, rng = Evidence(Settings(), seed), np.random.default_rng(seed)
+    assert strategy.margin_weight == 1.0  # nothing is known of the learner
     for episode in range(200):
         learner = 0.0 if episode < 60 else 20.0
         strategy.end_episode((learner if learner_acts(strategy) else 10.0) + rng.normal(), 10)
-        assert strategy.margin_weight == 0.5 * max(0.0, 1.0 - 2.0 * strategy.rho)
-    assert strategy.margin_weight == 0.0
+        assert strategy.margin_weight == 1.0 - strategy.rho
+        said = told(strategy, 0, [0.0, 1.0]).action
+        assert said == (-1 if learner_acts(strategy) else 1)  # only what it demonstrates
+    assert strategy.margin_weight < 0.1
 
 
 def test_a_planner_without_a_reason_is_not_imitated() -> None:
     """Its choice is the first in the file, and means nothing."""
-    strategy = Evidence(Settings().replace({"arbiter": {"imitation_weight": 1.0}}))
+    strategy = Evidence(Settings())
     for values, imitated in (([1.0, 0.0], 0), ([1.0, 1.0], -1), ([0.0, 1.0], 1)):
         assert told(strategy, 0, values).action == imitated
         assert told(strategy, 0, values, [1.0, 1.0]).action == imitated
