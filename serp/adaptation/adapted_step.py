@@ -15,7 +15,8 @@ from serp._util.compilation import cached_cfunc, cached_njit
 from serp.adaptation import parameter_buffer as b
 from serp.adaptation.outcomes import table_kernels as o
 from serp.adaptation.outcomes.prediction_kernels import likeliest, put, room_for, table_of
-from serp.adaptation.residual.prediction import add_residual, mode_of
+from serp.adaptation.residual import parameters as r
+from serp.adaptation.residual.prediction import add_residual
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, with_risk
 from serp.model.native import (
     STACK,
@@ -41,7 +42,7 @@ def finite(values, width):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _differs(buffer, action, state):
+def _differs(buffer, action):
     """Return whether a step may differ from the file's."""
     table = int(buffer[b.TABLE]) + 2 * action
     groups, first = int(buffer[table]), int(buffer[table + 1])
@@ -51,11 +52,12 @@ def _differs(buffer, action, state):
                 return True
     for v in range(groups):
         group = first + v * b.GROUP
-        count, shared = int(buffer[group + b.G_COUNT]), int(buffer[group + b.G_SHARED])
-        mode = mode_of(buffer, shared, int(buffer[group + b.G_INPUTS]), state)
-        kinds = int(buffer[shared + b.S_KINDS]) + mode * count
-        for t in range(count):
-            if buffer[kinds + t] != b.FILE:
+        part = int(buffer[int(buffer[group + b.G_SHARED]) + b.S_REGRESSION])
+        if part == 0:
+            continue
+        kinds = int(buffer[part + r.R_KINDS])
+        for t in range(int(buffer[group + b.G_COUNT])):
+            if buffer[kinds + t] != r.FILE:
                 return True
     return False
 
@@ -170,7 +172,7 @@ def _settle_outcomes(buffer, action, state, flow_flags, dt, out):
 def adapted_row(state, action, buffer, dt, out):
     """Predict the adapted step."""
     revised = buffer[b.REVISED] != 0.0
-    if buffer[b.ACTIVE] == 0.0 or not (revised or _differs(buffer, action, state)):
+    if buffer[b.ACTIVE] == 0.0 or not (revised or _differs(buffer, action)):
         return call_step(
             int(buffer[b.STEP]), state, action, advanced(buffer, int(buffer[b.WRITTEN])), dt, out
         )

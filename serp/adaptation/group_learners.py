@@ -1,4 +1,4 @@
-"""Learning beside the file: a residual and outcome counts for each kind of feature group."""
+"""Learning beside the file: residuals and outcome counts of each kind of feature group."""
 
 from __future__ import annotations
 
@@ -11,15 +11,11 @@ from numpy.typing import NDArray
 from serp._util.saved_state import Arrays, Saved, nested
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.adoption import FluentAdoption, TrackRecord, adoption_of
-from serp.adaptation.feature_groups import FeatureGroup, Key
+from serp.adaptation.feature_groups import Key
 from serp.adaptation.outcomes.outcome_counts import OutcomeCounts
-from serp.adaptation.parameter_buffer import MODES
-from serp.adaptation.residual.online_residual import OnlineResidual
-from serp.adaptation.residual.outliers import update_whole
+from serp.adaptation.residual.evidence import update_whole
+from serp.adaptation.residual.regression import ResidualRegression
 from serp.model.transition_model import Vector
-
-_MAX_STATISTICS: Final = 600_000
-"""Most entries of the statistics of one residual, which is updated and solved in every step."""
 
 _TOO_WIDE: Final = "it can depend on more fluents than the adaptation can learn from"
 
@@ -40,7 +36,7 @@ class GroupLearners:
         self._nonlinear = nonlinear
         self._groups = {group.key: group for groups in model.feature_groups for group in groups}
         self._columns = [
-            [(g.key, np.array(g.inputs), np.array(g.targets, np.int64)) for g in groups]
+            [(g.key, np.array(g.inputs, np.int64), np.array(g.targets, np.int64)) for g in groups]
             for groups in model.feature_groups
         ]
         self._numeric = np.array([fluent.numeric for fluent in model.fluents], dtype=np.bool_)
@@ -55,27 +51,28 @@ class GroupLearners:
         seed = np.random.SeedSequence(self._seed.entropy, spawn_key=self._seed.spawn_key)
         self._whole = np.ones(len(self._numeric), dtype=np.bool_)
         self._wholes = len(self._whole)
-        self._residuals: dict[Key, OnlineResidual] = {}
         schemas = len({action.schema for action in self._model.actions})
         self._counts = {key: OutcomeCounts(group, schemas) for key, group in self._groups.items()}
-        alike: dict[Key, list[OnlineResidual]] = {}
-        for (key, group), own in zip(
-            self._groups.items(), seed.spawn(len(self._groups)), strict=True
-        ):
-            shared = self._buffer.shared[key]
-            shared.clear()
-            if group.targets and _learnable(group):
-                residual = OnlineResidual(group, shared, own, self._nonlinear)
-                self._residuals[key] = residual
-                alike.setdefault(key[1:], []).append(residual)
-                residual.siblings = alike[key[1:]]
+        first = {key[1:]: group for key, group in reversed(self._groups.items())}
+        regressions = self._buffer.regressions
+        self._residuals = {
+            roles: ResidualRegression(first[roles], parameters, own, self._nonlinear)
+            for (roles, parameters), own in zip(
+                regressions.items(), seed.spawn(len(regressions)), strict=True
+            )
+        }
+        for shared in self._buffer.shared.values():
+            shared.outcomes = None
         self._used = dict.fromkeys(self._residuals, False)
         self._buffer.stochastic = False
 
     @property
     def notice(self) -> str | None:
         """A message on actions with too many inputs to learn; None if there is none."""
-        wide = sorted({group.key[0] for group in self._groups.values() if not _learnable(group)})
+        known = self._buffer.regressions
+        wide = sorted(
+            {key[0] for key, g in self._groups.items() if g.targets and key[1:] not in known}
+        )
         if not wide:
             return None
         return (
@@ -103,8 +100,9 @@ class GroupLearners:
             changing.update(numbers, predicates)
             whole = [self._whole[column] for column in group.targets]
             judged = [TrackRecord(schema, False, 0, 0.0, 0.0, 0.0, _TOO_WIDE)] * len(numbers)
-            if key in self._residuals:
-                judged = self._residuals[key].track_records(schema)
+            if key[1:] in self._residuals:
+                head = self._buffer.shared[key].head
+                judged = self._residuals[key[1:]].track_records(schema, head)
             for symbol, counted, track_record in zip(numbers, whole, judged, strict=True):
                 (outcomes if counted else residuals)[symbol].append(
                     counts if counted else track_record
@@ -147,8 +145,10 @@ class GroupLearners:
                 self._whole[targets] = False
                 self._share_wholeness()
             self._publish_counts(key)
-            if key in self._residuals:
-                self._used[key] = self._residuals[key].learn(
+            residual = self._residuals.get(key[1:])
+            if residual is not None:
+                self._used[key[1:]] = residual.learn(
+                    self._buffer.shared[key].head,
                     state[inputs],
                     next_state[targets] - flow[targets],
                     observed[targets],
@@ -204,16 +204,10 @@ class GroupLearners:
             self._buffer.shared[key].outcomes = counts.table if counts.used else None
         self._update_stochastic()
 
-    def _parts(self) -> list[tuple[str, OnlineResidual | OutcomeCounts]]:
+    def _parts(self) -> list[tuple[str, ResidualRegression | OutcomeCounts]]:
         """Return residuals and counts with the names that they are saved under."""
-        parts: list[tuple[str, OnlineResidual | OutcomeCounts]] = []
-        for k, key in enumerate(self._groups):
-            if key in self._residuals:
-                parts.append((f"residual{k}", self._residuals[key]))
-            parts.append((f"outcome_counts{k}", self._counts[key]))
-        return parts
-
-
-def _learnable(group: FeatureGroup) -> bool:
-    """Return whether the statistics of a group are small enough to be solved in every step."""
-    return (1 + MODES) * len(group.targets) * (1 + len(group.inputs)) ** 2 <= _MAX_STATISTICS
+        residuals = self._residuals.values()
+        return [
+            *((f"residual{k}", residual) for k, residual in enumerate(residuals)),
+            *((f"outcome_counts{k}", counts) for k, counts in enumerate(self._counts.values())),
+        ]

@@ -6,21 +6,22 @@ adaptation at once. Whole numbers (addresses, offsets) are floats too; they are 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import Arrays, Saved, nested, part_of
 from serp.adaptation.feature_groups import FeatureGroup, Key
+from serp.adaptation.residual.parameters import (
+    RegressionParameters,
+    entry,
+    learnable,
+    size_of,
+)
 from serp.errors import RunError
 from serp.model.transition_model import Vector
-
-MODES: Final = 16
-"""Most modes (values of a group's predicates) with a separate linear model."""
-FOURIER: Final = 100
-"""Number of random Fourier features of a nonlinear model (Rahimi & Recht, 2007)."""
 
 # Header of the buffer.
 (
@@ -29,83 +30,28 @@ FOURIER: Final = 100
 ) = range(14)  # fmt: skip
 # A feature group of an action.
 G_INPUTS, G_TARGETS, G_DEPTH, G_COUNT, G_SHARED, GROUP = range(6)
-# The part shared by groups of one key.
-(
-    S_MODES, S_BITS, S_FOURIER, S_CODES, S_POSITIONS, S_KINDS, S_LINEAR, S_CENTRE, S_SHRINK,
-    S_FREQUENCY, S_PHASE, S_AMPLITUDE, S_OUTCOMES, SHARED,
-) = range(14)  # fmt: skip
-
-FILE, LINEAR, NONLINEAR, OWN = range(4)
-"""The predictor of a fluent in a mode: the file only, or the file with a linear model, a linear
-model with random features, or a separate linear model of the mode."""
-
-
-def _entry(index: int, kind: Callable[[float], int]) -> Any:
-    """Return a property that is stored as one float64 of the owner's `_header`."""
-
-    def write(owner: Any, value: int) -> None:
-        owner._header[index] = value
-
-    return property(lambda owner: kind(owner._header[index]), write)
+# The part shared by groups of one key: the position of its regression (0: none), the head of its
+# schema in it, and the offset of its outcome counts.
+S_REGRESSION, S_HEAD, S_OUTCOMES, SHARED = range(4)
 
 
 class GroupParameters:
-    """Views of the part of the buffer that feature groups of one key share.
+    """The part of the buffer that feature groups of one key share.
 
     Attributes:
-        codes: `[1 + MODES]` bit patterns of the modes; entry 0 stands for all others.
-        kinds: `[1 + MODES, T]` the predictor in use.
-        linear: `[1 + MODES + 1, T, 1 + d]` weights of a constant and the inputs: of all modes, of
-            each mode, and those used with the random features.
-        centre, shrink: `[d]` the inputs of the random features are (x - centre) · shrink.
-        frequency: `[FOURIER, d]`.
-        phase: `[FOURIER]`.
-        amplitude: `[T, FOURIER]`.
-        modes: Number of modes with a separate model.
-        fourier: Random features in use: 0 or `FOURIER`.
+        regression: The regression of its residual; None where there are too many inputs to learn.
     """
 
-    modes = _entry(S_MODES, int)
-    fourier = _entry(S_FOURIER, int)
-
-    def __init__(self, buffer: Vector, start: int, group: FeatureGroup) -> None:
+    def __init__(self, buffer: Vector, start: int, regression: RegressionParameters | None) -> None:
         self._header = buffer[start : start + SHARED]
         self._base = buffer.ctypes.data
         self._outcomes: Vector | None = None
-        at = start + SHARED
-        parts: dict[int, Vector] = {}
-        for name, shape in self._shapes(group).items():
-            size = int(np.prod(shape))
-            self._header[name] = at
-            parts[name] = buffer[at : at + size].reshape(shape)
-            at += size
-        self._header[S_BITS] = len(group.bits)
-        parts[S_POSITIONS][:] = group.bits
-        self.kinds, self.codes, self.linear = parts[S_KINDS], parts[S_CODES], parts[S_LINEAR]
-        self.centre, self.shrink = parts[S_CENTRE], parts[S_SHRINK]
-        self.frequency, self.phase = parts[S_FREQUENCY], parts[S_PHASE]
-        self.amplitude = parts[S_AMPLITUDE]
-        self._weights = buffer[int(self._header[S_KINDS]) : at]
+        self.regression = regression
 
-    @staticmethod
-    def _shapes(group: FeatureGroup) -> dict[int, tuple[int, ...]]:
-        depth, count = len(group.inputs), len(group.targets)
-        return {
-            S_POSITIONS: (len(group.bits),),
-            S_KINDS: (1 + MODES, count),
-            S_CODES: (1 + MODES,),
-            S_LINEAR: (2 + MODES, count, 1 + depth),
-            S_CENTRE: (depth,),
-            S_SHRINK: (depth,),
-            S_FREQUENCY: (FOURIER, depth),
-            S_PHASE: (FOURIER,),
-            S_AMPLITUDE: (count, FOURIER),
-        }
-
-    @classmethod
-    def size(cls, group: FeatureGroup) -> int:
-        """Return the number of entries of the shared parameters of a group."""
-        return SHARED + sum(int(np.prod(shape)) for shape in cls._shapes(group).values())
+    @property
+    def head(self) -> int:
+        """Position of the schema among those that share the regression."""
+        return int(self._header[S_HEAD])
 
     @property
     def outcomes(self) -> Vector | None:
@@ -118,35 +64,6 @@ class GroupParameters:
         offset = 0 if table is None else (table.ctypes.data - self._base) // table.itemsize
         self._outcomes = table
         self._header[S_OUTCOMES] = offset
-
-    def clear(self) -> None:
-        """Use only the file for predictions."""
-        self.clear_residual()
-        self.outcomes = None
-
-    def clear_residual(self) -> None:
-        """Remove the residual; outcome counts are kept."""
-        self.kinds[:] = FILE
-        self.codes[:] = 0.0
-        self.linear[:] = 0.0
-        self.amplitude[:] = 0.0
-        self.modes = self.fourier = 0
-
-    def contents(self) -> Arrays:
-        """Return what is published, without outcome counts."""
-        return {"sizes": np.array([self.modes, self.fourier]), "weights": self._weights.copy()}
-
-    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
-        """Publish what `contents` returned; the owner of the outcome counts restores these."""
-        saved = Saved("adaptation", arrays, {})
-        modes, fourier = saved.array("sizes", np.int64, (2,), 0, FOURIER).tolist()
-        weights = saved.array("weights", np.float64, self._weights.shape)
-        kinds = weights[: self.kinds.size]
-        if modes > MODES or fourier % FOURIER or not np.isin(kinds, range(1 + OWN)).all():
-            raise saved.wrong("modes, random features or predictors are out of range")
-        self._weights[:] = weights
-        self.modes, self.fourier = modes, fourier
-        self.outcomes = None
 
 
 class ParameterBuffer:
@@ -161,14 +78,15 @@ class ParameterBuffer:
         array: The whole array.
         parameters: `[P]` the parameters in use, read-only; see `adopt`.
         shared: Key → the part that its groups share.
+        regressions: Key without the schema → the part of the regression of its residual.
         active: Whether anything is adapted.
         stochastic: Whether outcome counts are used anywhere.
         revised: Whether parameters in use differ from those written.
     """
 
-    active = _entry(ACTIVE, bool)
-    stochastic = _entry(STOCHASTIC, bool)
-    revised = _entry(REVISED, bool)
+    active = entry(ACTIVE, bool)
+    stochastic = entry(STOCHASTIC, bool)
+    revised = entry(REVISED, bool)
 
     def __init__(
         self,
@@ -191,9 +109,17 @@ class ParameterBuffer:
         numbers += [0.0] * (2 * len(groups))
         keys = {group.key: group for of_action in groups for group in of_action}
         starts: dict[Key, int] = {}
+        heads: dict[Key, list[FeatureGroup]] = {}
         for key, group in keys.items():
-            starts[key] = len(numbers)
-            numbers += [0.0] * GroupParameters.size(group)
+            heads.setdefault(key[1:], []).append(group)
+        parts: dict[Key, int] = {}
+        for roles, alike in heads.items():
+            learned = bool(alike[0].targets) and learnable(alike[0], len(alike))
+            parts[roles] = len(numbers) if learned else 0
+            numbers += [0.0] * (size_of(alike[0], len(alike)) if learned else 0)
+            for head, group in enumerate(alike):
+                starts[group.key] = len(numbers)
+                numbers += [parts[roles], head, 0.0]
         for action, of_action in enumerate(groups):
             first = len(numbers)
             numbers[table + 2 * action : table + 2 * action + 2] = len(of_action), first
@@ -211,8 +137,14 @@ class ParameterBuffer:
         )
         self.parameters = self._parameters.view()
         self.parameters.flags.writeable = False
+        self.regressions = {
+            roles: RegressionParameters(self.array, start, heads[roles][0], len(heads[roles]))
+            for roles, start in parts.items()
+            if start
+        }
         self.shared = {
-            key: GroupParameters(self.array, starts[key], group) for key, group in keys.items()
+            key: GroupParameters(self.array, starts[key], self.regressions.get(key[1:]))
+            for key in keys
         }
 
     def adopt(self, parameters: Vector) -> None:
@@ -227,8 +159,8 @@ class ParameterBuffer:
             "parameters": self._parameters.copy(),
             "flags": np.array([self.active, self.stochastic]),
         }
-        for k, shared in enumerate(self.shared.values()):
-            arrays |= nested(f"group{k}", shared.contents())
+        for k, regression in enumerate(self.regressions.values()):
+            arrays |= nested(f"regression{k}", regression.contents())
         return arrays
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -246,7 +178,9 @@ class ParameterBuffer:
         saved = Saved("adaptation", arrays, {})
         parameters = saved.array("parameters", np.float64, self._parameters.shape)
         flags = saved.array("flags", np.bool_, (2,))
-        for k, shared in enumerate(self.shared.values()):
-            shared.restore(part_of(arrays, f"group{k}"))
+        for k, regression in enumerate(self.regressions.values()):
+            regression.restore(part_of(arrays, f"regression{k}"))
+        for shared in self.shared.values():
+            shared.outcomes = None
         self.adopt(parameters)
         self.active, self.stochastic = map(bool, flags)

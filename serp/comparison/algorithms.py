@@ -97,8 +97,8 @@ _NO_GUIDE: Final[Changes] = {
 _BASELINE: Final[Changes] = {**_NO_GUIDE, "adaptation": {"mode": "off"}}
 """A baseline uses no model, so none adapts."""
 
-_LITTLE_EXPLORATION: Final = {"epsilon_start": 0.1}
-"""These strategies begin with the planner's performance, which exploration would reduce."""
+_EXPLORATION: Final = {"epsilon_start": 1.0}
+"""For learners that do not begin with the planner's performance."""
 
 _OWN: Final = (
     Algorithm("serp", "preset default", "guided"),
@@ -121,9 +121,9 @@ _OWN: Final = (
     ),
     Algorithm(
         "dqn",
-        "the learner of preset default alone: no planner, no veto",
+        "the learner of preset default alone, more exploration: no planner, no veto",
         "baseline",
-        changes=_BASELINE,
+        changes={**_BASELINE, "learner": _EXPLORATION},
     ),
     Algorithm(
         "dqn-paper",
@@ -132,23 +132,17 @@ _OWN: Final = (
         "paper",
         changes=_BASELINE,
     ),
-    _guided("jump-start", "the planner begins each episode, the learner ends it (JSRL)"),
-    _guided("argmax-q", "whichever of both proposals the learner values more (IBRL)"),
     _guided(
-        "restrict",
-        "the learner chooses among the actions of good plans (DARLING)",
-        _LITTLE_EXPLORATION,
+        "jump-start", "the planner begins each episode, the learner ends it (JSRL)", _EXPLORATION
     ),
-    _guided(
-        "imitate-then-learn",
-        "the learner copies the planner, then learns alone (LOKI)",
-        _LITTLE_EXPLORATION,
-    ),
-    _guided("residual", "Q is the planner's value plus a network", _LITTLE_EXPLORATION),
+    _guided("argmax-q", "whichever of both proposals the learner values more (IBRL)", _EXPLORATION),
+    _guided("restrict", "the learner chooses among the actions of good plans (DARLING)"),
+    _guided("imitate-then-learn", "the learner copies the planner, then learns alone (LOKI)"),
+    _guided("residual", "Q is the planner's value plus a network"),
     _guided(
         "dqfd",
         "demonstrations of the planner with a margin loss (DQfD), Q-filter",
-        {"protected_early": 1_000, "protected_share": 0.25},
+        _EXPLORATION,
     ),
 )
 

@@ -30,10 +30,6 @@ class LearnerProposer:
         """Propose the action with the largest value."""
         return _limited(self._learner.propose_greedily(self._x, base), among)
 
-    def member_q(self) -> Values:
-        """Return `[members, E]` the values of each network."""
-        return self._learner.member_q(self._x)
-
     def target_q(self) -> Values:
         """Return `[E]` the values of the target network."""
         return self._learner.target_q(self._x)

@@ -80,9 +80,6 @@ class Proposer(Protocol):
     ) -> Proposal:
         """Propose the action with the largest value; arguments as in `propose`."""
 
-    def member_q(self) -> Values:
-        """Return `[members, E]` the values of each of the learner's networks."""
-
     def target_q(self) -> Values:
         """Return `[E]` the values of the target network."""
 
@@ -128,9 +125,6 @@ class Learner(Protocol):
     ) -> NDArray[np.int64]:
         """Return the actions `[B]` of the largest values for inputs `[B, F]`."""
 
-    def member_q(self, x: Vector) -> Values:
-        """Return `[members, E]` the values of each network."""
-
     def target_q(self, x: Vector) -> Values:
         """Return `[E]` the values of the target network."""
 
@@ -143,7 +137,6 @@ class Learner(Protocol):
         terminated: bool,
         truncated: bool,
         next_allowed: Mask | None = None,
-        failing: bool = False,
         guidance: Guidance | None = None,
     ) -> None:
         """Store an env step in the replay memory.
@@ -157,7 +150,6 @@ class Learner(Protocol):
             truncated: Whether the episode was cut off.
             next_allowed: `[E]` actions that the value of the next state is maximised over; None
                 for all.
-            failing: Whether something unsafe was observed.
             guidance: The planner's guidance for the step, if `guided` uses it.
         """
 

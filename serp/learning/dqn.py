@@ -134,10 +134,6 @@ class DQN:
         """Return Q as `q_values`, of the target network; without one, of the network itself."""
         return self._mean_q.of(self.learning.target, x, base)
 
-    def member_q(self, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q of every action by each network: ``[members, A]`` for one input ``[F]``."""
-        return self._mean_q.of_members(self.learning.online, x)
-
     def propose(
         self,
         x: npt.NDArray[np.floating],
@@ -190,7 +186,6 @@ class DQN:
         terminated: bool,
         truncated: bool,
         next_allowed: npt.NDArray[np.bool_] | None = None,
-        failing: bool = False,
         guidance: Guidance | None = None,
     ) -> None:
         """Store one env step with the *executed* action; see `ReplayBuffer.add`.
@@ -209,7 +204,7 @@ class DQN:
         allowed = next_allowed if self.settings.mask_targets else None
         self.replay.add(
             observation, action, scaled, next_observation, terminated, truncated,
-            allowed, failing, guidance,
+            allowed, guidance,
         )  # fmt: skip
         self._bounds.observe(scaled, terminated)
         self.env_steps += 1

@@ -33,7 +33,7 @@ class QLearning:
         rng: np.random.Generator,
         guided: GuidedLearning | None = None,
     ) -> None:
-        self._period, self._polyak = settings.target_period, settings.target_polyak
+        self._period = settings.target_period
         self.updates = 0
         sizes = (input_size, *settings.hidden, action_count)
         norm, members = settings.layer_norm, settings.members
@@ -45,11 +45,14 @@ class QLearning:
         if settings.has_target:
             self.target = QNetwork(sizes, layer_norm=norm, members=members)
             self.target.parameters.copy_(self.online.parameters)
+        follows = settings.target_polyak is not None
         self.optimizer = Adam(
             self.online.parameters,
             self.online.gradient,
             settings.learning_rate,
             settings.gradient_clip,
+            self.target.parameters if follows else None,
+            settings.target_polyak or 0.0,
         )
         self._td = TDGradient(self.online, self.target, settings, guided)
 
@@ -72,14 +75,11 @@ class QLearning:
         return loss
 
     def step(self) -> None:
-        """Move the network against its gradient, and let the target network follow."""
+        """Move the network against its gradient; the target network follows."""
         self.optimizer.step()
         self.updates += 1
-        if self._period is not None:
-            if self.updates % self._period == 0:
-                self.target.parameters.copy_(self.online.parameters)
-        elif self._polyak is not None:
-            self.target.parameters.lerp_(self.online.parameters, self._polyak)
+        if self._period is not None and self.updates % self._period == 0:
+            self.target.parameters.copy_(self.online.parameters)
 
     def arrays(self) -> dict[str, type_F32]:
         """Return all arrays that a gradient update changes: name → view."""

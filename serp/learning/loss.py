@@ -63,7 +63,7 @@ class TDGradient:
         self._online.forward(batch.observation, self._work)
         how, guide, guided = None, None, self._guided
         if guided is not None:
-            guide, unit = tuple(batch[6:]), self._work.q.std() if guided.relative else _ONE
+            guide, unit = tuple(batch[6:]), _spread(self._work.q) if guided.relative else 1.0
             how = (
                 guided.bootstrap_guide, guided.residual, guided.q_filter,
                 np.float32(guided.margin * unit), np.float32(imitation_weight * unit),
@@ -75,6 +75,24 @@ class TDGradient:
         )  # fmt: skip
         self._online.backward(self._work)
         return loss
+
+
+@compiled
+def _spread(q: Any) -> float:
+    """Return the standard deviation of q ``[E, B, A]``."""
+    members, batch, actions = q.shape
+    mean = squares = 0.0
+    for e in range(members):
+        for i in range(batch):
+            for k in range(actions):
+                mean += q[e, i, k]
+    mean /= members * batch * actions
+    for e in range(members):
+        for i in range(batch):
+            for k in range(actions):
+                squares += (q[e, i, k] - mean) ** 2
+    spread: float = np.sqrt(squares / (members * batch * actions))
+    return spread
 
 
 @compiled

@@ -50,13 +50,6 @@ class MeanQ:
             q += base.astype(np.float32, copy=False)
         return q
 
-    def of_members(self, network: QNetwork, x: npt.NDArray[np.floating]) -> type_F32:
-        """Return Q of every action by each member, ``[members, A]``, for one input ``[F]``."""
-        q = self._of_each(network, x[np.newaxis])
-        actions = self._group.actions[np.newaxis, : self._images]
-        mean: type_F32 = np.take_along_axis(q, actions, axis=2).mean(axis=1)
-        return mean
-
     def _of_each(self, network: QNetwork, x: npt.NDArray[np.floating]) -> type_F32:
         """Return Q ``[E, K · B, A]`` by each member of each of K images of B inputs."""
         rows = self._images * len(x)

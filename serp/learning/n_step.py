@@ -16,7 +16,7 @@ from serp.learning.samples import SampleSpec, type_F32
 class PendingStep:
     """A step that waits for the rewards of later steps.
 
-    `reward` is the discounted sum so far, and `failing` whether a failure followed.
+    `reward` is the discounted sum so far.
     """
 
     observation: type_F32
@@ -24,7 +24,6 @@ class PendingStep:
     guide_action: int = -1
     guide_value: float = 0.0
     reward: float = 0.0
-    failing: bool = False
 
 
 class PendingSteps:
@@ -59,7 +58,6 @@ class PendingSteps:
         meta: dict[str, Any] = {
             "pending_action": [int(step.action) for step in self.steps],
             "pending_return": [float(step.reward) for step in self.steps],
-            "pending_failing": [step.failing for step in self.steps],
         }
         if spec.guided:
             meta["pending_guide"] = [int(step.guide_action) for step in self.steps]
@@ -83,6 +81,5 @@ class PendingSteps:
             saved.wholes("pending_guide", count, -1, most) if spec.guided else [-1] * count,
             saved.reals("pending_value", count) if spec.guided else [0.0] * count,
             saved.reals("pending_return", count),
-            saved.truths("pending_failing", count),
         )
         return deque(PendingStep(*entry) for entry in zip(*columns, strict=True))

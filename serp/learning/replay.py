@@ -1,21 +1,17 @@
 """The replay memory: samples of env steps, drawn in batches.
 
-Rewards are summed over n steps before storage (n-step returns, Sutton and Barto, chapter 7). Beside
-the ring of the newest samples there is a protected memory of copies that the ring never overwrites:
-the first samples, and those that led to a failure. Otherwise a learner whose guide rarely fails
-would lose all samples of failures.
+Rewards are summed over n steps before storage (n-step returns, Sutton and Barto, chapter 7).
 """
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from serp._util.saved_state import LARGEST, Saved, whole_within
+from serp._util.saved_state import LARGEST, Saved
 from serp.errors import RunError
 from serp.learning.guidance import NO_GUIDANCE, Guidance, checked
 from serp.learning.n_step import PendingStep, PendingSteps
@@ -25,28 +21,8 @@ from serp.learning.symmetry_group import SymmetryGroup
 from serp.settings import LearnerSettings
 
 
-class _Ring:
-    """A range of rows that are filled in turn, the oldest overwritten."""
-
-    def __init__(self, start: int, capacity: int) -> None:
-        self.start, self.capacity = start, capacity
-        self.size = self.head = 0
-
-    def next_row(self) -> int:
-        """Return the row to write next, and count it."""
-        row = self.start + self.head
-        self.head = (self.head + 1) % self.capacity
-        self.size = min(self.size + 1, self.capacity)
-        return row
-
-
 class ReplayBuffer:
-    """A ring of samples, with n-step returns and a protected memory; allocated once.
-
-    A *failure* is a step that terminates with a negative reward, or that the caller marks. The
-    samples of the last `failing_window` env steps are then failing ones. A fraction
-    `protected_share` of a batch is drawn from the protected memory: half of it (rounded up) from
-    failing samples and half from early ones, or all from one if the other is empty.
+    """A ring of samples with n-step returns, the oldest overwritten; allocated once.
 
     Args:
         spec: The shape of the samples.
@@ -54,6 +30,9 @@ class ReplayBuffer:
         rng: Draws the samples; used exclusively by the buffer.
         symmetry: Every sample drawn is replaced by its image under an element of it, drawn
             uniformly; None: samples stay as they are.
+
+    Attributes:
+        size: Samples in the ring. A step becomes a sample when its n rewards are complete.
     """
 
     def __init__(
@@ -65,36 +44,13 @@ class ReplayBuffer:
     ) -> None:
         self._spec = spec
         self._settings = settings
-        share = settings.protected_share
-        self._protected_rows = max(round(share * settings.batch_size), int(share > 0.0))
-        early = settings.protected_early if share > 0.0 else 0
-        failing = settings.protected_failing if share > 0.0 else 0
-        self._ring = _Ring(0, settings.buffer_size)
-        self._early = _Ring(settings.buffer_size, early)
-        self._failing = _Ring(settings.buffer_size + early, failing)
-        self._memories = {"ring": self._ring, "early": self._early, "failing": self._failing}
-        self._store = Samples.zeros(settings.buffer_size + early + failing, spec)
+        self.size = self._head = 0
+        self._store = Samples.zeros(settings.buffer_size, spec)
         self._fields = self._store.arrays()
-
         self._pending = PendingSteps(settings.n_step, settings.discount)
         self._next_forbidden: type_Bool = np.zeros(spec.action_count, np.bool_)
-        # [row, is it protected?] of the last samples of the running episode.
-        self._recent: deque[list[int]] = deque(maxlen=settings.failing_window)
-
         shape = (settings.members, settings.batch_size)
         self._sampler = Sampler(self._store, spec, shape, rng, symmetry)
-        self._divided: tuple[int, ...] = ()
-
-    @property
-    def size(self) -> int:
-        """Samples in the ring. A step becomes a sample when its n rewards are complete."""
-        return self._ring.size
-
-    def newest(self, count: int) -> Samples:
-        """Return the newest samples of the ring, at most `count`, the oldest first."""
-        head, size = self._ring.head, self._ring.size
-        rows = np.arange(head - min(count, size), head) % self._ring.capacity
-        return Samples._make(array[rows] if len(array) else array for array in self._store)
 
     def add(
         self,
@@ -105,7 +61,6 @@ class ReplayBuffer:
         terminated: bool,
         truncated: bool,
         next_allowed: npt.NDArray[np.bool_] | None = None,
-        failing: bool = False,
         guidance: Guidance | None = None,
     ) -> None:
         """Add one env step.
@@ -119,7 +74,6 @@ class ReplayBuffer:
             terminated: The episode ended in a terminal state, whose value is 0.
             truncated: The episode was cut off; the value of its last state is estimated.
             next_allowed: ``[A]``, which actions may be chosen next; None, or none True: all.
-            failing: This step is a failure.
             guidance: The guide's advice on the step; required by a guided buffer.
 
         Raises:
@@ -149,16 +103,14 @@ class ReplayBuffer:
         ended = terminated or truncated
         while self._pending.steps and (ended or self._pending.complete):
             self._emit(next_observation, terminated, guidance)
-        if self._failing.capacity and (failing or (terminated and reward < 0.0)):
-            self._protect_last_steps()
-        if ended:
-            self._recent.clear()
 
     def _emit(
         self, next_observation: npt.NDArray[np.floating], terminated: bool, guidance: Guidance
     ) -> None:
         """Turn the oldest pending step into a sample."""
-        row, store = self._ring.next_row(), self._store
+        row, store = self._head, self._store
+        self._head = (row + 1) % self._settings.buffer_size
+        self.size = min(self.size + 1, self._settings.buffer_size)
         store.discount[row] = 0.0 if terminated else self._pending.discount
         step = self._pending.steps.popleft()
         store.observation[row] = step.observation
@@ -170,32 +122,9 @@ class ReplayBuffer:
             store.guide_action[row], store.guide_value[row] = step.guide_action, step.guide_value
             store.guide_next_action[row] = guidance.next_action
             store.guide_next_values[row] = guidance.next_values
-        if self._early.size < self._early.capacity:
-            self._copy(row, self._early)
-        if self._failing.capacity:
-            if step.failing:
-                self._copy(row, self._failing)
-            self._recent.append([row, int(step.failing)])
-
-    def _protect_last_steps(self) -> None:
-        """Protect the samples of the last steps; pending ones as soon as they are complete."""
-        window, pending = self._settings.failing_window, self._pending.steps
-        for step in list(pending)[-window:]:
-            step.failing = True
-        complete = max(window - len(pending), 0)
-        for entry in list(self._recent)[max(len(self._recent) - complete, 0) :]:
-            row, protected = entry
-            if not protected:
-                self._copy(row, self._failing)
-                entry[1] = 1
-
-    def _copy(self, source: int, ring: _Ring) -> None:
-        target = ring.next_row()
-        for array in self._fields.values():
-            array[target] = array[source]
 
     def sample(self) -> Samples:
-        """Draw a batch for each member, uniformly and with replacement in each memory.
+        """Draw a batch for each member, uniformly and with replacement.
 
         Returns:
             Samples with leading axes ``[members, batch]``, valid until the next draw.
@@ -205,51 +134,27 @@ class ReplayBuffer:
         """
         if not self.size:
             raise ValueError("the replay buffer has no sample yet")
-        sizes = tuple(ring.size for ring in self._memories.values())
-        if sizes != self._divided:
-            self._sampler.divide(self._ranges())
-            self._divided = sizes
-        return self._sampler.draw()
-
-    def _ranges(self) -> tuple[tuple[int, int, int], ...]:
-        """Return the rows from which the columns of a batch are drawn, see `Sampler.divide`."""
-        ring, early, failing = self._memories.values()
-        protected = self._protected_rows if failing.size or early.size else 0
-        of_failing = protected if not early.size else (protected + 1) // 2
-        if not failing.size:
-            of_failing = 0
-        return (
-            (of_failing, failing.start, failing.size),
-            (protected - of_failing, early.start, early.size),
-            (self._settings.batch_size - protected, ring.start, ring.size),
-        )
+        return self._sampler.draw(self.size)
 
     def _shapes(self) -> dict[str, int]:
         """Return the sizes that must be equal for a state to fit."""
         return {
             "observation_size": self._spec.input_size,
             "action_count": self._spec.action_count,
-            "buffer_size": self._ring.capacity,
+            "buffer_size": self._settings.buffer_size,
             "n_step": self._settings.n_step,
-            "protected_early": self._early.capacity,
-            "protected_failing": self._failing.capacity,
-            "failing_window": self._settings.failing_window,
         }
 
     def state_dict(self) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
         """Return the complete state: arrays (rows in use only) and JSON values."""
         arrays: dict[str, npt.NDArray[Any]] = {
-            f"{memory}.{name}": array[ring.start : ring.start + ring.size].copy()
-            for memory, ring in self._memories.items()
-            for name, array in self._fields.items()
+            name: array[: self.size].copy() for name, array in self._fields.items()
         }
         arrays["pending.observation"], pending = self._pending.state_dict(self._spec)
         meta = {
             "shapes": self._shapes(),
-            "sizes": [ring.size for ring in self._memories.values()],
-            "heads": [ring.head for ring in self._memories.values()],
+            "head": self._head,
             **pending,
-            "recent": [list(entry) for entry in self._recent],
             "rng": self._sampler.rng.bit_generator.state,
         }
         return arrays, meta
@@ -265,31 +170,15 @@ class ReplayBuffer:
         """
         saved = Saved("replay memory", arrays, meta)
         self._check_shapes(saved)
-        sizes, heads = self._saved_places(saved)
-        for (memory, _), size in zip(self._memories.items(), sizes, strict=True):
-            self._check_arrays(saved, memory, size)
+        size, head = self._saved_place(saved)
         pending = self._pending.checked(saved, self._spec)
-        recent = saved.rows(
-            "recent",
-            self._settings.failing_window,
-            lambda entry: (
-                len(entry) == 2
-                and whole_within(entry[0], 0, sizes[0] - 1)
-                and whole_within(entry[1], 0, 1)
-            ),
-            "a row and whether it is protected",
-        )
         state = saved.generator_state("rng", self._sampler.rng)
 
-        for (memory, ring), size, head in zip(self._memories.items(), sizes, heads, strict=True):
-            ring.size, ring.head = size, head
-            for name, array in self._fields.items():
-                array[ring.start : ring.start + size] = arrays[f"{memory}.{name}"]
+        self.size, self._head = size, head
+        for name, array in self._fields.items():
+            array[:size] = arrays[name]
         self._pending.steps = pending
-        self._recent.clear()
-        self._recent.extend(recent)
         self._sampler.rng.bit_generator.state = state
-        self._divided = ()
 
     def _check_shapes(self, saved: Saved) -> None:
         shapes = Saved("replay memory", {}, saved.part("shapes")[1])
@@ -303,28 +192,21 @@ class ReplayBuffer:
                 "with the settings it was saved with"
             )
 
-    def _saved_places(self, saved: Saved) -> tuple[list[int], list[int]]:
-        """Return size and head of each memory: the head is at the end until the memory is full."""
-        rings = self._memories.values()
-        sizes, heads = saved.wholes("sizes", len(rings)), saved.wholes("heads", len(rings))
-        for ring, size, head in zip(rings, sizes, heads, strict=True):
-            full = size == ring.capacity
-            if size > ring.capacity or not (head < max(size, 1) if full else head == size):
-                raise saved.wrong(
-                    f"sizes and heads are {sizes} and {heads}, with room for "
-                    f"{[ring.capacity for ring in rings]}"
-                )
-        return sizes, heads
-
-    def _check_arrays(self, saved: Saved, memory: str, size: int) -> None:
+    def _saved_place(self, saved: Saved) -> tuple[int, int]:
+        """Check the samples; return their number, and the head: at the end until it is full."""
+        capacity = self._settings.buffer_size
+        size = len(saved.array("action", np.int64, (-1,)))
+        head = saved.whole("head", 0, capacity - 1)
+        if size > capacity or (size < capacity and head != size):
+            raise saved.wrong(f"there are {size} samples and the head is {head}")
         for name, array in self._fields.items():
             low, high = (0.0, 1.0) if name == "discount" else (-LARGEST, LARGEST)
             if name in _LEAST_ACTION:
                 low, high = _LEAST_ACTION[name], self._spec.action_count - 1
-            shape = (size, *array.shape[1:])
-            found = saved.array(f"{memory}.{name}", array.dtype, shape, low, high)
+            found = saved.array(name, array.dtype, (size, *array.shape[1:]), low, high)
             if name == "forbidden" and found.all(axis=1).any():
-                raise saved.wrong(f"{memory}.forbidden forbids all actions")
+                raise saved.wrong("forbidden forbids all actions")
+        return size, head
 
 
 _LEAST_ACTION = {"action": 0, "guide_action": -1, "guide_next_action": -1}

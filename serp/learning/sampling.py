@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from serp.learning.symmetry_group import SymmetryGroup
 
 
 class Sampler:
-    """Draws E batches of B columns; each column is drawn from a range of rows of `store`.
+    """Draws E batches of B of the first rows of `store`.
 
     Memory is allocated once. The other arguments are those of `ReplayBuffer`.
     """
@@ -29,8 +28,6 @@ class Sampler:
         self.rng = rng
         self._group = symmetry or SymmetryGroup(spec.input_size, spec.action_count)
         self._uniform = np.zeros(shape)
-        self._counts = np.zeros(shape[1])
-        self._starts: type_I64 = np.zeros(shape[1], np.int64)
         self._elements: type_I64 = np.zeros(shape, np.int64)
         drawn = Samples.zeros(shape[0] * shape[1], spec)
         self._batch = drawn.split(*shape)
@@ -38,22 +35,14 @@ class Sampler:
         self._tables = (tuple(store), tuple(drawn))
         self._symmetries = (self._group.columns, self._group.signs, self._group.actions)
 
-    def divide(self, ranges: Iterable[tuple[int, int, int]]) -> None:
-        """Set the number of columns, the first row and the number of rows of each range."""
-        column = 0
-        for columns, start, rows in ranges:
-            self._starts[column : column + columns] = start
-            self._counts[column : column + columns] = rows
-            column += columns
-
-    def draw(self) -> Samples:
-        """Draw a batch for each member, uniformly and with replacement in each range.
+    def draw(self, count: int) -> Samples:
+        """Draw a batch for each member from the first rows, uniformly and with replacement.
 
         Returns:
             Samples with leading axes ``[members, batch]``, valid until the next draw.
         """
         self.rng.random(out=self._uniform)
-        rows = self._starts + (self._uniform * self._counts).astype(np.int64)
+        rows = (self._uniform * count).astype(np.int64)
         if len(self._group) > 1:
             self.rng.random(out=self._uniform)
             self._elements[:] = self._uniform * len(self._group)  # rounds down

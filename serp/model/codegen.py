@@ -113,8 +113,7 @@ class _Generator(EffectEmitter):
             case "action":
                 self.act(model.actions[action])
             case "judged_action":
-                schema = model.actions[action]
-                self.effects(schema, [e for e in schema.effects if e.target < 0], "s")
+                self._judged_effects(model.actions[action])
         if part in ("flow", "drift"):
             self.rates(model.processes, "out", rewards=False)
         elif part == "judged_aftermath":
@@ -191,6 +190,14 @@ class _Generator(EffectEmitter):
         for doubt, test in doubts:
             self.refuse(doubt, Site("undefined", action, test))
         self.effects(action, action.effects, "s")
+
+    def _judged_effects(self, action: g.GroundSchema) -> None:
+        """Emit what an action does to reward and flags; nothing where it is inapplicable."""
+        effects = [effect for effect in action.effects if effect.target < 0]
+        if effects:
+            tests = [self.decide(test, "s")[0] for test in action.preconditions]
+            with self.under(joined("and", tests) if tests else None):
+                self.effects(action, effects, "s")
 
     # Events ------------------------------------------------------------------------------------
 

@@ -244,7 +244,8 @@ class TransitionModel(StateSpace):
     def judge(self, state: Vector, action: int, next_state: Vector) -> Judgement:
         """Return reward and flags of an observed transition, the paper's R(s').
 
-        The action's own rewards are evaluated in `state`; processes and events are evaluated in
+        The action's own rewards are evaluated in `state`; where its precondition does not hold
+        there, it has no effects, while the world goes on. Processes and events are evaluated in
         the observed `next_state` instead of the predicted one. Goal and metric are those of
         `next_state` itself, before any event.
 

@@ -31,7 +31,6 @@ PRESETS: Final[Mapping[str, Changes]] = {
             "clip_targets": False,
             "target_period": None,
             "target_polyak": None,
-            "protected_share": 0.0,
             "gradient_clip": None,
             "mask_targets": False,
             # D keeps every sample: up to 1,000 episodes of 500 steps.
@@ -51,9 +50,12 @@ PRESETS: Final[Mapping[str, Changes]] = {
             "symmetry": True,
             "members": 5,
             "layer_norm": True,
+            "batch_size": 32,
             "discount": 0.95,
             "target_period": None,
             "target_polyak": 0.005,
+            # The learner begins with what the planner does.
+            "epsilon_start": 0.1,
             "epsilon_end": 0.02,
             "epsilon_steps": 3000,
         },

@@ -20,6 +20,7 @@ _REMOVED: Final = {
     ("arbiter", "after_veto"): "after a veto the planner acts",
     ("arbiter", "exploration_slack"): "exploration is among the actions that no veto refuses",
     ("arbiter", "indifferent"): _BY_EVIDENCE,
+    ("learner", "protected_share"): "batches are drawn from all samples alike",
 }
 _VALUES: Final = {("adaptation", "mode", "literals"): "parameters"}
 

@@ -25,7 +25,6 @@ Periods = Annotated[int, Field(ge=1, le=MAX_PERIODS)]
 Count = Annotated[int, Field(ge=0, le=COUNTED)]
 PositiveCount = Annotated[int, Field(ge=1, le=COUNTED)]
 Size = Annotated[int, Field(ge=1, le=SIZE)]
-SizeOrZero = Annotated[int, Field(ge=0, le=SIZE)]
 
 
 class PlannerSettings(Section):
@@ -186,15 +185,6 @@ class LearnerSettings(Section):
     """Samples in the replay buffer; the oldest is overwritten."""
     learning_starts: Count = 200
     """Env steps before the first gradient update."""
-    protected_share: Probability = 0.1
-    """Fraction of every batch that is drawn from the protected samples: half from early ones, half
-    from failing ones. 0: none are kept."""
-    protected_early: SizeOrZero = 1000
-    """Number of early samples, the first of the run, that are never overwritten."""
-    protected_failing: SizeOrZero = 1000
-    """Number of failing samples that are kept; the oldest is overwritten."""
-    failing_window: Size = 10
-    """Last env steps before a failure whose samples are failing ones; at most `buffer_size`."""
     pretrain_updates: Count = 0
     """Gradient updates on the initial data D₀ before training (Algorithm 1, line 1)."""
 
@@ -204,11 +194,6 @@ class LearnerSettings(Section):
             raise ValueError(
                 f"target_polyak is {self.target_polyak!r}, but must be none while "
                 f"target_period is {self.target_period}"
-            )
-        if self.failing_window > self.buffer_size:
-            raise ValueError(
-                f"failing_window is {self.failing_window}, but must be at most buffer_size, "
-                f"which is {self.buffer_size}"
             )
         return self
 

@@ -219,7 +219,7 @@ class Agent:
             allowed = strategy.allowed(ahead, self.arbiter.vetoes.admissible(ahead))
         self.learner.remember(
             step.x, decision.action, step.reward, step.next_x, step.terminated, step.truncated,
-            allowed, step.unsafe, strategy.guidance(decision.forecast, decision.action, ahead),
+            allowed, strategy.guidance(decision.forecast, decision.action, ahead),
         )  # fmt: skip
 
     def learn(self) -> float | None:

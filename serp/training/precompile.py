@@ -12,7 +12,6 @@ import numpy as np
 
 from serp.adaptation.adaptation import ModelAdaptation
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.residual.solvers import accumulate_fourier
 from serp.control.registry import find_learner
 from serp.sysid.transitions import GOES_ON, OVER
 from serp.training.agent import Agent
@@ -50,8 +49,6 @@ def _precompile_adaptation(agent: Agent, states: np.ndarray[Any, np.dtype[np.flo
         changed = [sum(len(group.targets) for group in groups) for groups in model.feature_groups]
         often = changed.index(max(changed))
         model.precompile(states[0])
-        one = np.zeros(1)  # with events the artificial steps may not reach this function
-        accumulate_fourier(one, one, one, np.zeros((3, 3)), np.zeros((3, 1)))
     for step, (state, following) in enumerate(pairwise(states)):
         action = often if step % 2 else step // 2 % len(model.actions)
         ending = OVER if step == _OBSERVED - 1 else GOES_ON
@@ -61,12 +58,7 @@ def _precompile_adaptation(agent: Agent, states: np.ndarray[Any, np.dtype[np.flo
 def _precompile_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np.float64]]) -> None:
     arbiter, strategy, learner = agent.arbiter, agent.strategy, agent.learner
     forecast = arbiter.forecast(state)
-    settings = learner.settings.replace(
-        buffer_size=max(_ROOM, learner.settings.failing_window),
-        protected_early=min(_ROOM, learner.settings.protected_early),
-        protected_failing=min(_ROOM, learner.settings.protected_failing),
-        learning_starts=0,
-    )
+    settings = learner.settings.replace(buffer_size=_ROOM, learning_starts=0)
     stand_in = find_learner(settings.name)(
         learner.input_size, learner.action_count, settings, 0, learner.symmetry, learner.guided
     )
@@ -76,9 +68,8 @@ def _precompile_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np
     allowed = strategy.allowed(forecast, arbiter.vetoes.admissible(forecast))
     for step in range(_REMEMBERED):
         ended = step == _REMEMBERED - 1
-        stand_in.remember(x, 0, 0.0, x, ended, False, None if ended else allowed, ended, guidance)
+        stand_in.remember(x, 0, 0.0, x, ended, False, None if ended else allowed, guidance)
         stand_in.propose_greedily(x)
-    stand_in.member_q(x)
     stand_in.target_q(x)
     if settings.updates_per_step > 0:
         stand_in.pretrain(1)

@@ -62,8 +62,6 @@ SMALL: Mapping[str, Mapping[str, Any]] = {
         "batch_size": 8,
         "buffer_size": 100,
         "learning_starts": 10,
-        "protected_early": 10,
-        "protected_failing": 10,
         "epsilon_steps": 60,
         "pretrain_updates": 3,
     },

@@ -1,7 +1,7 @@
 """Evaluation of the residual in a predicted step; the same loops for every domain.
 
-`buffer` is the memory of `serp.adaptation.parameter_buffer` as a pointer, `shared` the offset of
-the shared part of a feature group.
+`buffer` is the memory of `serp.adaptation.parameter_buffer` as a pointer, `part` the position of a
+regression in it, see `serp.adaptation.residual.parameters`.
 """
 
 from __future__ import annotations
@@ -10,36 +10,80 @@ import numpy as np
 
 from serp._util.compilation import cached_njit
 from serp.adaptation import parameter_buffer as b
+from serp.adaptation.residual import parameters as r
+from serp.model.native import advanced, stack_room
 
-# mypy: disable-error-code="no-untyped-def, untyped-decorator"
+# mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
-
-@cached_njit(nogil=True, forceinline=True)
-def cosine(z):
-    """Return a fast approximation of the cosine, accurate to 0.001."""
-    turns = z * 0.15915494309189535 + 0.25
-    turns -= np.floor(turns + 0.5)
-    y = 8.0 * turns - 16.0 * turns * abs(turns)
-    return 0.225 * (y * abs(y) - y) + y
+_CHUNK = r.SMOOTH
 
 
 @cached_njit(nogil=True, forceinline=True)
-def mode_of(buffer, shared, inputs, state):
-    """Return the mode of a state; 0 for one without a separate model."""
-    bits = int(buffer[shared + b.S_BITS])
+def row_of(buffer, part, head, inputs, state):
+    """Return the row of a head in a state: that of its mode, or its own."""
+    bits = int(buffer[part + r.R_BITS])
     if bits == 0:
-        return 0
-    positions = int(buffer[shared + b.S_POSITIONS])
-    code, weight = 0.0, 1.0
+        return head
+    positions, codes = int(buffer[part + r.R_POSITIONS]), int(buffer[part + r.R_CODES])
+    heads = int(buffer[part + r.R_HEADS])
+    code, weight = float(r.CODES * head), 1.0
     for k in range(bits):
         if state[int(buffer[inputs + int(buffer[positions + k])])] != 0.0:
             code += weight
         weight *= 2.0
-    codes = int(buffer[shared + b.S_CODES])
-    for mode in range(1, int(buffer[shared + b.S_MODES]) + 1):
-        if buffer[codes + mode] == code:
-            return mode
-    return 0
+    for row in range(heads, heads + int(buffer[part + r.R_MODES])):
+        if buffer[codes + row] == code:
+            return row
+    return head
+
+
+@cached_njit(nogil=True, forceinline=True)
+def features_of(frequency, phase, u, depth, first, z):
+    """Write a chunk of random features of normalised inputs, from position `first`, to `z`.
+
+    A fast approximation of the cosine, accurate to 0.001, in loops that become vector code.
+    """
+    for k in range(_CHUNK):
+        z[k] = phase[first + k]
+    for i in range(depth):
+        x, at = u[i], i * r.FEATURES + first
+        for k in range(_CHUNK):
+            z[k] += frequency[at + k] * x
+    for k in range(_CHUNK):
+        turns = z[k] * 0.15915494309189535 + 0.25
+        turns -= np.floor(turns + 0.5)
+        y = 8.0 * turns - 16.0 * turns * abs(turns)
+        z[k] = 0.225 * (y * abs(y) - y) + y
+
+
+@cached_njit(nogil=True, forceinline=True)
+def dot_chunk(weights, z, scratch):
+    """Return the product of two chunks, summed pairwise: in vector code, the same bits always."""
+    for k in range(_CHUNK):
+        scratch[k] = weights[k] * z[k]
+    width = _CHUNK
+    while width > 1:
+        width //= 2
+        for k in range(width):
+            scratch[k] += scratch[k + width]
+    return scratch[0]
+
+
+@cached_njit(nogil=True, forceinline=True)
+def linear_of(weights, u, depth):
+    """Return a linear function of the normalised inputs."""
+    total = weights[0]
+    for i in range(depth):
+        total += weights[1 + i] * u[i]
+    return total
+
+
+@cached_njit(nogil=True, forceinline=True)
+def normalise(buffer, part, inputs, depth, state, u):
+    """Write the normalised inputs of a state."""
+    centre, shrink = int(buffer[part + r.R_CENTRE]), int(buffer[part + r.R_SHRINK])
+    for i in range(depth):
+        u[i] = (state[int(buffer[inputs + i])] - buffer[centre + i]) * buffer[shrink + i]
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -47,53 +91,40 @@ def add_residual(buffer, action, state, out):
     """Add the residual to `out`, the fluents after effects and processes."""
     table = int(buffer[b.TABLE]) + 2 * action
     group = int(buffer[table + 1])
+    u = stack_room()
+    z, scratch = advanced(u, r.MAX_INPUTS), advanced(u, r.MAX_INPUTS + _CHUNK)
     for _ in range(int(buffer[table])):
-        inputs, targets = int(buffer[group + b.G_INPUTS]), int(buffer[group + b.G_TARGETS])
-        depth, count = int(buffer[group + b.G_DEPTH]), int(buffer[group + b.G_COUNT])
-        shared = int(buffer[group + b.G_SHARED])
-        mode = mode_of(buffer, shared, inputs, state)
-        kinds = int(buffer[shared + b.S_KINDS]) + mode * count
-        linear = int(buffer[shared + b.S_LINEAR])
-        nonlinear = False
-        for t in range(count):
-            kind = int(buffer[kinds + t])
-            if kind == b.FILE:
-                continue
-            row = 0
-            if kind == b.OWN:
-                row = mode
-            elif kind == b.NONLINEAR:
-                row = 1 + b.MODES
-                nonlinear = True
-            weights = linear + (row * count + t) * (1 + depth)
-            change = buffer[weights]
-            for i in range(depth):
-                change += buffer[weights + 1 + i] * state[int(buffer[inputs + i])]
-            out[int(buffer[targets + t])] += change
-        if nonlinear:
-            fourier = int(buffer[shared + b.S_FOURIER])
-            centre, shrink = int(buffer[shared + b.S_CENTRE]), int(buffer[shared + b.S_SHRINK])
-            frequency, phase = int(buffer[shared + b.S_FREQUENCY]), int(buffer[shared + b.S_PHASE])
-            amplitude = int(buffer[shared + b.S_AMPLITUDE])
-            for k in range(fourier):
-                z = buffer[phase + k]
-                for i in range(depth):
-                    x = (state[int(buffer[inputs + i])] - buffer[centre + i]) * buffer[shrink + i]
-                    z += buffer[frequency + k * depth + i] * x
-                feature = cosine(z)
+        part = int(buffer[int(buffer[group + b.G_SHARED]) + b.S_REGRESSION])
+        if part != 0:
+            inputs, targets = int(buffer[group + b.G_INPUTS]), int(buffer[group + b.G_TARGETS])
+            depth, count = int(buffer[group + b.G_DEPTH]), int(buffer[group + b.G_COUNT])
+            head = int(buffer[int(buffer[group + b.G_SHARED]) + b.S_HEAD])
+            row = row_of(buffer, part, head, inputs, state)
+            kinds = int(buffer[part + r.R_KINDS])
+            linear = int(buffer[part + r.R_LINEAR]) + 3 * row * count * (1 + depth)
+            amplitude = int(buffer[part + r.R_AMPLITUDE])
+            most = 0
+            for t in range(count):
+                most = max(most, int(buffer[kinds + t]))
+            if most != r.FILE:
+                normalise(buffer, part, inputs, depth, state, u)
+            for t in range(count):
+                kind = int(buffer[kinds + t])
+                if kind != r.FILE:
+                    weights = linear + ((kind - 1) * count + t) * (1 + depth)
+                    out[int(buffer[targets + t])] += linear_of(advanced(buffer, weights), u, depth)
+            chunks = 0
+            if most > r.LINEAR:
+                chunks = 1 if most == r.CURVED else r.FEATURES // _CHUNK
+            frequency = advanced(buffer, int(buffer[part + r.R_FREQUENCY]))
+            phase = advanced(buffer, int(buffer[part + r.R_PHASE]))
+            for chunk in range(chunks):
+                first = chunk * _CHUNK
+                features_of(frequency, phase, u, depth, first, z)
                 for t in range(count):
-                    if int(buffer[kinds + t]) == b.NONLINEAR:
-                        out[int(buffer[targets + t])] += (
-                            buffer[amplitude + t * fourier + k] * feature
-                        )
+                    kind = int(buffer[kinds + t])
+                    if kind == r.FULL or (kind == r.CURVED and chunk == 0):
+                        weights = amplitude + ((kind - r.CURVED) * count + t) * r.FEATURES + first
+                        product = dot_chunk(advanced(buffer, weights), z, scratch)
+                        out[int(buffer[targets + t])] += product
         group += b.GROUP
-
-
-@cached_njit(nogil=True)
-def fourier_features(x, centre, shrink, frequency, phase, out):
-    """Fill `out` with the random features of an input `[d]`, as `add_residual` computes them."""
-    for k in range(phase.shape[0]):
-        z = phase[k]
-        for i in range(x.shape[0]):
-            z += frequency[k, i] * ((x[i] - centre[i]) * shrink[i])
-        out[k] = cosine(z)

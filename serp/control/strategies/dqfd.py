@@ -21,8 +21,8 @@ class Demonstrations(Strategy):
     Deep Q-learning from Demonstrations (Hester et al. 2018, arXiv 1704.03732): on demonstrated
     samples a margin loss, in addition to the TD loss, makes the Q of the planner's action a margin
     larger than that of any other, unless the target network values another action more (the
-    Q-filter of Nair et al. 2018, arXiv 1709.10089). Demonstrations stay in the replay memory; see
-    `learner.protected_early` and `learner.protected_share`.
+    Q-filter of Nair et al. 2018, arXiv 1709.10089). Demonstrations stay in the replay memory
+    as long as there is room (`learner.buffer_size`).
     """
 
     reads = ("guide.imitation_steps", "guide.margin")

@@ -14,6 +14,7 @@ from serp._util.saved_state import Saved
 from serp.control.lead_evidence import LeadEvidence, Worth
 from serp.control.protocols import Proposer
 from serp.control.strategies.imitating import ImitatingStrategy
+from serp.control.strategies.start_values import StartValues
 from serp.control.strategies.strategy import Seed, Situation
 from serp.learning.dqn import Proposal
 from serp.settings import Settings
@@ -69,10 +70,12 @@ class Evidence(ImitatingStrategy):
     That probability is ρ. It follows from the returns of the episodes that each has led by Bayesian
     inference (Student's t, because the variance of returns is not known). Both become better with
     experience, so old returns lose weight as experience grows, and both are tried again from time
-    to time (discounted Thompson sampling: Raj & Kalyani 2017, arXiv 1707.09727). Without evidence a
+    to time (discounted Thompson sampling: Raj & Kalyani 2017, arXiv 1707.09727). What a return owes
+    to the episode's first state is taken out of it (`StartValues`). Without evidence a
     lead is expected to be as bad as the worst episode so far, so the planner begins. While the
-    planner leads, the learner acts where all plans have the same value. The trained policy is the
-    lead that is more probably the better one.
+    planner leads, the learner acts, and explores, where all plans have the same value. It does not
+    explore where it leads: its returns would say nothing of its trained policy. The trained policy
+    is the lead that is more probably the better one.
     """
 
     reads = ("arbiter.imitation_weight",)
@@ -82,6 +85,9 @@ class Evidence(ImitatingStrategy):
         self.planner, self.learner = Returns(), Returns()
         self._worst, self._best = math.inf, -math.inf
         self._steps = 0
+        self._starts = StartValues()
+        self._start: float | None = None
+        """The learner's value of the first state of the episode; None before the first decision."""
         self._rho = 0.0
         self._leads = False
         self._random = np.random.default_rng(seed)
@@ -160,10 +166,13 @@ class Evidence(ImitatingStrategy):
         return forked
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
-        """Return the learner's proposal if it leads, or all plans are alike; else None."""
-        if self._leads or situation.forecast.indifferent:
-            return learner.propose(situation.admissible)
-        return None
+        """Return the learner's choice if it leads; if not, its proposal where plans are alike."""
+        if self._start is None:
+            admissible = situation.admissible if situation.admissible.any() else slice(None)
+            self._start = float(learner.target_q()[admissible].max())
+        if self._leads:
+            return learner.propose_greedily()
+        return learner.propose(situation.admissible) if situation.forecast.indifferent else None
 
     def propose_greedily(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the proposal of the better lead, without exploration or random draws."""
@@ -173,13 +182,20 @@ class Evidence(ImitatingStrategy):
 
     def end_episode(self, return_: float, length: int) -> None:
         """Add the return to the evidence, and draw who leads the next episode."""
+        start, self._start = self._start, None
         if abs(return_) <= _LARGEST:
-            self._worst, self._best = min(self._worst, return_), max(self._best, return_)
             before, self._steps = self._steps, self._steps + length
             kept = (before / self._steps) ** _FORGETTING if self._steps else 0.0
-            self.planner.fade(kept)
-            self.learner.fade(kept)
-            (self.learner if self._leads else self.planner).add(return_)
+            for faded in (self.planner, self.learner, self._starts):
+                faded.fade(kept)
+            led = self.learner if self._leads else self.planner
+            worth = return_
+            if start is not None and math.isfinite(start):
+                worth -= self._starts.luck(start)
+                self._starts.add(start, return_ - led.mean if led.episodes else None)
+            worth = worth if abs(worth) <= _LARGEST else return_
+            self._worst, self._best = min(self._worst, worth), max(self._best, worth)
+            led.add(worth)
             self._rho = self._probability()
         self._leads = bool(self._random.random() < self._rho)
 
@@ -190,6 +206,7 @@ class Evidence(ImitatingStrategy):
             "learner": vars(self.learner).copy(),
             "range": [self._worst, self._best] if self._worst <= self._best else None,
             "steps": self._steps,
+            "starts": self._starts.state_dict(),
             "leads": self._leads,
             "random": self._random.bit_generator.state,
         }
@@ -211,6 +228,7 @@ class Evidence(ImitatingStrategy):
             returns.load(Saved(name, {}, saved.part(name)[1]), self._worst, self._best)
         if (self.planner.episodes + self.learner.episodes > 0) != (meta.get("range") is not None):
             raise saved.wrong("range is that of no episode, or of none")
+        self._starts.load_state_dict(saved.part("starts")[1])
         self._leads = saved.truth("leads")
         self._random.bit_generator.state = saved.generator_state("random", self._random)
         self._rho = self._probability()

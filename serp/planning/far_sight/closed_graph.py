@@ -239,9 +239,9 @@ class ClosedGraph:
         sizes = [2 * len(column) for column in (old.digest, old.action, old.target)]
         self._allocate(*sizes)
         new = self._arrays
-        for name, column in old._asdict().items():
-            if name not in ("table", "inert"):
-                getattr(new, name)[: len(column)] = column
+        new.counters[:] = old.counters
+        for name, column in contents(old, self._width).items():  # touches what is filled only
+            getattr(new, name)[: len(column)] = column
         kernels.hash_states(self._arrays_tuple)
 
     def state_dict(self) -> Arrays:

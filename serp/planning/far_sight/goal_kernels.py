@@ -19,6 +19,7 @@ from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.native import call_step, pointer_to
 from serp.planning.far_sight.closed_kernels import hashed_node
+from serp.planning.far_sight.relaxation_kernels import relaxed_cost
 from serp.planning.preference import hazard
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -27,7 +28,9 @@ WIDTHS = 3
 """Measures of novelty."""
 MOST_LEFT = 100
 """States that lack more conditions of the goal than this are taken to lack as many."""
-_QUEUES = WIDTHS * (MOST_LEFT + 1)
+_BY_NOVELTY = WIDTHS * (MOST_LEFT + 1)
+_BY_COST = 2_000
+"""Queues of both orders; the last one by cost has all states from which the goal costs more."""
 _SEEN_BITS = 26
 _NODES, _EXPANDED, _TRIED = 0, 1, 2
 
@@ -44,7 +47,7 @@ class SearchArrays(NamedTuple):
         left: `[N]` conditions of the goal that do not hold.
         done: `[N]` whether the node is expanded.
         following: `[2 * N]` next node of the same queue of each order; -1 at its end.
-        first, last: `[2 * WIDTHS * (MOST_LEFT + 1)]` ends of the queues of both orders.
+        first, last: Ends of the queues of both orders.
         seen: Set of values and pairs of values, as bits at their hashes.
         atoms: `[F]` scratch memory.
     """
@@ -70,7 +73,7 @@ class SearchArrays(NamedTuple):
         size = 2
         while size < 2 * nodes:
             size *= 2
-        queues = 2 * _QUEUES
+        queues = _BY_NOVELTY + _BY_COST
         return cls(
             counters=np.zeros(3, dtype=np.int64),
             table=np.full(size, -1, dtype=np.int32),
@@ -123,7 +126,7 @@ def _novelty(tree, node, width):
     count = 0
     for i in range(width):  # the values that changed come first
         value = tree.states[node * width + i]
-        if everything or value != tree.states[parent * width + i]:
+        if value != 0.0 if everything else value != tree.states[parent * width + i]:
             tree.atoms[count] = _atom(group, i, value)
             count += 1
     changed = count
@@ -146,7 +149,6 @@ def _novelty(tree, node, width):
 @cached_njit(nogil=True, forceinline=True)
 def _append(tree, order, queue, node):
     nodes = tree.done.shape[0]
-    queue += order * _QUEUES
     tree.following[order * nodes + node] = -1
     if tree.first[queue] < 0:
         tree.first[queue] = node
@@ -156,17 +158,19 @@ def _append(tree, order, queue, node):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _enqueue(tree, node, width):
+def _enqueue(tree, relaxed, node, width):
     novelty, left = _novelty(tree, node, width) - 1, np.int64(tree.left[node])
     _append(tree, 0, novelty * (MOST_LEFT + 1) + left, node)
-    _append(tree, 1, left * WIDTHS + (novelty == 2), node)
+    cost = relaxed_cost(relaxed[0], relaxed[1], pointer_to(tree.states, node * width))
+    _append(tree, 1, _BY_NOVELTY + np.int64(min(cost, _BY_COST - 1)), node)
 
 
 @cached_njit(nogil=True, forceinline=True)
 def _dequeue(tree, order):
     """Return the best node of an order that is not expanded; -1 where there is none."""
     nodes = tree.done.shape[0]
-    for queue in range(order * _QUEUES, (order + 1) * _QUEUES):
+    begin = order * _BY_NOVELTY
+    for queue in range(begin, begin + (_BY_COST if order else _BY_NOVELTY)):
         while tree.first[queue] >= 0:
             node = np.int64(tree.first[queue])
             tree.first[queue] = tree.following[order * nodes + node]
@@ -177,16 +181,16 @@ def _dequeue(tree, order):
 
 
 @cached_njit(nogil=True)
-def search(model, counter, rules, tree_arrays, root, out, limit):
+def search(model, counter, relaxed, rules, tree_arrays, root, limit):
     """Search for an edge that reaches the goal.
 
     Args:
         model: Values of `serp.planning.kernel_records.CompiledModel`.
         counter: Address and data of the function that counts the conditions left.
+        relaxed: Values of `RelaxedTables`, and of `RelaxedCosts`.
         rules: Number of actions A, accepted risk.
         tree_arrays: Values of `SearchArrays`, empty.
         root: `[F]` where to start.
-        out: `[F + 1]`, scratch memory.
         limit: Most edges to follow.
 
     Returns:
@@ -197,12 +201,13 @@ def search(model, counter, rules, tree_arrays, root, out, limit):
     count, count_data = counter
     actions, accepted = rules
     width = root.shape[0]
+    out = np.empty(width + 1)
     theta, target, number = pointer_to(data, 0), pointer_to(out, 0), pointer_to(count_data, 0)
     hashed_node(tree, root, width, 0)
     tree.parent[0] = -1
     call_step(count, pointer_to(root, 0), 0, number, dt, target)
     tree.left[0] = np.int64(min(target[width], MOST_LEFT))
-    _enqueue(tree, np.int64(0), width)
+    _enqueue(tree, relaxed, np.int64(0), width)
     while tree.counters[_TRIED] < limit:
         node = _dequeue(tree, tree.counters[_EXPANDED] % 2)
         if node < 0 or tree.counters[_NODES] + actions > tree.digest.shape[0]:
@@ -234,5 +239,5 @@ def search(model, counter, rules, tree_arrays, root, out, limit):
             row = pointer_to(tree.states, reached * width)
             call_step(count, row, 0, number, dt, target)
             tree.left[reached] = np.int64(min(target[width], MOST_LEFT))
-            _enqueue(tree, reached, width)
+            _enqueue(tree, relaxed, reached, width)
     return np.int64(-1)

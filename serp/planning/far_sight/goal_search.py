@@ -9,9 +9,11 @@ import numpy as np
 from serp.model.bytecode.virtual_machine import virtual_step
 from serp.model.native import address_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight.goal_count import goal_counter
+from serp.planning.far_sight.goal_count import goal_counter, ways_to_be_done
 from serp.planning.far_sight.goal_kernels import SearchArrays, search
 from serp.planning.far_sight.inert import inert_fluents
+from serp.planning.far_sight.relaxation import relaxed
+from serp.planning.far_sight.relaxation_kernels import RelaxedCosts
 from serp.settings import PlannerSettings
 
 MAX_NUMBERS: Final = 40_000_000
@@ -34,6 +36,9 @@ class GoalSearch:
         self._inert = inert_fluents(model.ground)
         self._accepted = settings.accepted_risk
         self._counter = goal_counter(model.ground, model.theta.tolist()) if model.compiles else None
+        theta = model.theta.tolist()
+        ways = ways_to_be_done(model.ground, theta)
+        self._relaxed = relaxed(model.ground, ways, theta, model.dt)
         self.steps = 0
         if self.goal:
             self.way(np.zeros(len(model.fluents)), 1)  # compiled now, not at a decision
@@ -65,7 +70,8 @@ class GoalSearch:
         node = search(
             (address_of(model.native_step()), model.data, model.dt),
             (address_of(virtual_step()), self._counter.data(model.theta)),
-            (actions, self._accepted), tuple(tree), state.copy(), np.empty(width + 1), limit,
+            (tuple(self._relaxed), tuple(RelaxedCosts.allocate(self._relaxed))),
+            (actions, self._accepted), tuple(tree), state.copy(), limit,
         )  # fmt: skip
         self.steps = int(tree.counters[2])
         if node < 0:

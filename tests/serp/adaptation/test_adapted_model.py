@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.parameter_buffer import FILE, LINEAR, NONLINEAR, OWN
+from serp.adaptation.residual.parameters import CODES, CURVED, FEATURES, FILE, FULL, LINEAR, SMOOTH
 from serp.model.flags import APPLICABLE, UNSAFE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.lookahead import Lookahead
@@ -125,19 +125,23 @@ def test_the_residual_of_each_predictor_is_added_to_what_the_file_says(
         state, action = worlds.any_state(model, rng), int(rng.integers(2))
         expected, size = model.written.step(state, action).state, 1.0
         for group in model.feature_groups[action]:
-            shared, inputs = model.buffer.shared[group.key], state[list(group.inputs)]
-            code = sum(2**k for k, bit in enumerate(group.bits) if inputs[bit])
-            known = shared.codes[1 : 1 + shared.modes].tolist()
-            mode = 1 + known.index(code) if group.bits and code in known else 0
-            away = (inputs - shared.centre) * shared.shrink
-            features = np.cos(shared.phase + shared.frequency @ away)
-            for t, (target, kind) in enumerate(zip(group.targets, shared.kinds[mode], strict=True)):
-                row = {FILE: None, LINEAR: 0, NONLINEAR: -1, OWN: mode}[int(kind)]
-                if row is not None:
-                    expected[target] += shared.linear[row, t] @ [1.0, *inputs]
-                if kind == NONLINEAR:
-                    expected[target] += shared.amplitude[t] @ features
-                    size += np.abs(shared.amplitude[t]).sum()
+            part, inputs = model.buffer.shared[group.key].regression, state[list(group.inputs)]
+            assert part is not None
+            head = model.buffer.shared[group.key].head
+            value = sum(2**k for k, bit in enumerate(group.bits) if inputs[bit])
+            known = part.codes[part.heads : part.heads + part.modes].tolist()
+            code = CODES * head + value
+            row = part.heads + known.index(code) if group.bits and code in known else head
+            away = (inputs - part.centre) * part.shrink
+            features = np.cos(part.phase + away @ part.frequency)
+            for t, (target, kind) in enumerate(zip(group.targets, part.kinds, strict=True)):
+                if kind != FILE:
+                    expected[target] += part.linear[row, int(kind) - 1, t] @ [1.0, *away]
+                used = {CURVED: SMOOTH, FULL: FEATURES}.get(int(kind), 0)
+                if used:
+                    weights = part.amplitude[int(kind) - CURVED, t, :used]
+                    expected[target] += weights @ features[:used]
+                    size += np.abs(weights).sum()
         found = model.step(state, action).state
         np.testing.assert_allclose(found, expected, rtol=0, atol=2e-3 * (size - 1) + 1e-9)
 
@@ -163,8 +167,9 @@ def shift(model: AdaptedModel, action: str, fluent: str, by: float) -> None:
     for group in model.feature_groups[model.action_index(action)]:
         if column in group.targets:
             shared, target = model.buffer.shared[group.key], group.targets.index(column)
-            shared.kinds[:, target] = LINEAR
-            shared.linear[0, target, 0] = by
+            assert shared.regression is not None
+            shared.regression.kinds[target] = LINEAR
+            shared.regression.linear[shared.head, 0, target, 0] = by
     model.buffer.active = True
 
 

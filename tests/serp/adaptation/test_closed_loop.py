@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import pytest
 
@@ -36,6 +37,21 @@ def test_from_a_file_without_dynamics_the_pole_stands_in_the_first_episode(seed:
 @pytest.mark.parametrize("seed", SEEDS)
 def test_from_a_file_with_the_pushes_reversed_it_stands_by_the_second(seed: int) -> None:
     assert returns("reversed", seed, 2, tries=4)[1] == 500
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_after_the_force_is_reversed_in_mid_run_it_stands_again_within_two_episodes(
+    seed: int,
+) -> None:
+    task = load_task("cartpole")
+    settings = resolve("default", task.settings, find_algorithm("mrp").changes)
+    with task.bind() as bound:
+        trainer = Trainer(bound, settings, seed)
+        assert trainer.run_episode().return_ == 500
+        cart: Any = bound.env.unwrapped
+        cart.force_mag = -cart.force_mag
+        returns = [trainer.run_episode().return_ for _ in range(4)]
+    assert returns[0] < 100 and returns[2:] == [500, 500]
 
 
 def test_without_adaptation_neither_works() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.parameter_buffer import MODES
+from serp.adaptation.residual.parameters import MODES
 from serp.errors import RunError
 from tests.serp.adaptation import worlds
 from tests.serp.adaptation.worlds import FLEET, ICE, MILD, PLANE, publish
@@ -74,7 +74,7 @@ def test_what_compiled_code_indexes_with_is_no_part_of_what_is_saved() -> None:
             forged = {**saved, name: np.full_like(array, np.nan_to_num(value) if whole else value)}
             with contextlib.suppress(RunError):
                 model.buffer.restore(forged)
-            modes = [group.modes for group in model.buffer.shared.values()]
+            modes = [part.modes for part in model.buffer.regressions.values()]
             assert set(modes) <= set(range(MODES + 1)), (name, value)
             assert np.isfinite(model.buffer.array).all()
     model.buffer.restore(saved)

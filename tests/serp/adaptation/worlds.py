@@ -14,7 +14,14 @@ from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.outcomes import table_kernels as c
 from serp.adaptation.outcomes.outcome_counts import new_table
 from serp.adaptation.outcomes.prediction_kernels import CHANGE
-from serp.adaptation.parameter_buffer import FILE, LINEAR, NONLINEAR, OWN, GroupParameters
+from serp.adaptation.residual.parameters import (
+    CURVED,
+    FEATURES,
+    FILE,
+    FULL,
+    LINEAR,
+    RegressionParameters,
+)
 from serp.model.loading import load_domain
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
@@ -181,8 +188,8 @@ def publish(model: AdaptedModel, rng: np.random.Generator, numbers: tuple[float,
     buffer.active = True
     if rng.random() < 0.5:
         buffer.adopt(_weights(buffer.parameters.shape, rng, numbers))
-    for group in buffer.shared.values():
-        _publish(group, rng, numbers)
+    for regression in buffer.regressions.values():
+        _publish(regression, rng, numbers)
 
 
 def count(model: AdaptedModel, rng: np.random.Generator) -> None:
@@ -211,15 +218,16 @@ def count(model: AdaptedModel, rng: np.random.Generator) -> None:
         model.buffer.shared[key].outcomes = table
 
 
-def _publish(group: GroupParameters, rng: np.random.Generator, numbers: tuple[float, ...]) -> None:
-    modes = len(group.codes) - 1
-    group.modes = int(rng.integers(modes + 1))
-    group.codes[1:] = rng.permutation(modes)
-    group.fourier = len(group.phase) if rng.random() < 0.5 else 0
-    kinds = (FILE, LINEAR, NONLINEAR, OWN) if group.fourier else (FILE, LINEAR, OWN)
-    group.kinds[:] = rng.choice(kinds, size=group.kinds.shape)
+def _publish(
+    part: RegressionParameters, rng: np.random.Generator, numbers: tuple[float, ...]
+) -> None:
+    part.modes = int(rng.integers(part.rows - part.heads + 1))
+    part.codes[part.heads :] = rng.permutation(part.rows - part.heads)
+    part.features = FEATURES if rng.random() < 0.5 else 0
+    kinds = (FILE, LINEAR, CURVED, FULL) if part.features else (FILE, LINEAR)
+    part.kinds[:] = rng.choice(kinds, size=part.kinds.shape)
     for weights in (
-        group.linear, group.amplitude, group.centre, group.shrink, group.frequency, group.phase
+        part.linear, part.amplitude, part.centre, part.shrink, part.frequency, part.phase
     ):  # fmt: skip
         weights[:] = _weights(weights.shape, rng, numbers)
 

@@ -71,9 +71,6 @@ class Wild:
             q = (q + base).astype(np.float32)
         return Proposal(best_of(q), False, q)
 
-    def member_q(self, x: Vector) -> Values:
-        return np.stack([self.target_q(x) for _ in range(3)])
-
     def target_q(self, x: Vector) -> Values:
         wild = self.random.choice([math.inf, -math.inf, math.nan, -1e39], self.actions)
         values = np.where(

@@ -55,10 +55,8 @@ class Known:
         q: Sequence[float],
         target: Sequence[float] | None = None,
         explored: int | None = None,
-        members: Sequence[Sequence[float]] | None = None,
     ) -> None:
         self.q = np.array(q, dtype=np.float32)
-        self.members = np.array([q] if members is None else members, dtype=np.float32)
         self.target = self.q if target is None else np.array(target, dtype=np.float32)
         self.explored = explored
         self.explorable: Mask | None = None
@@ -79,9 +77,6 @@ class Known:
         q = self.q if base is None else (self.q + base).astype(np.float32)
         choice = q if among is None or not among.any() else np.where(among, q, -np.inf)
         return Proposal(int(choice.argmax()), False, q)
-
-    def member_q(self) -> Values:
-        return self.members
 
     def target_q(self) -> Values:
         return self.target

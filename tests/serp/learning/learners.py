@@ -60,17 +60,15 @@ def live(
         base, next_base = (image.of_actions(row) for row in rng.standard_normal((2, A)))
         proposal = agent.propose(x, image.of_actions(rng.random(A) < 0.5), base)
         said.append((proposal.action, proposal.exploratory, agent.epsilon))
-        said += [agent.target_q(x, base).tolist(), agent.member_q(x).tolist()]
+        said.append(agent.target_q(x, base).tolist())
         action, guide_action, guide_next = (
             image.actions[a] if a >= 0 else a
             for a in (int(rng.integers(A)), *map(int, rng.integers(-1, A, 2)))
         )
-        end, failing = rng.random(2) < 0.1, bool(rng.random() < 0.05)
+        end = rng.random(2) < 0.1
         guidance = Guidance(guide_action, float(base[action]), guide_next, next_base)
         reward, allowed = float(rng.standard_normal()), image.of_actions(rng.random(A) < 0.7)
-        agent.remember(
-            x, action, reward, next_x, bool(end[0]), bool(end[1]), allowed, failing, guidance
-        )
+        agent.remember(x, action, reward, next_x, bool(end[0]), bool(end[1]), allowed, guidance)
         said.append(agent.learn())
     return said
 

@@ -57,7 +57,7 @@ RECIPES: dict[str, dict[str, Any]] = {
     "huber": {"target_period": 50, "loss": "huber"},
     "LayerNorm": {"target_period": 50, "layer_norm": True},
     "members": {"target_period": 50, "members": 3},
-    "protected": {"target_period": 50, "protected_share": 0.5, "buffer_size": 60},
+    "small memory": {"target_period": 50, "buffer_size": 60},
 }
 
 

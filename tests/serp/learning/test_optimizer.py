@@ -13,7 +13,9 @@ def test_equals_torch(members: int, largest_norm: float | None) -> None:
     rng = np.random.default_rng(0)
     start = rng.standard_normal((members, 200)).astype(np.float32)
     parameters, gradient = torch.from_numpy(start.copy()), torch.zeros(members, 200)
-    ours = Adam(parameters, gradient, 0.01, largest_norm)
+    average = torch.zeros(members, 200)
+    slow = average.clone()
+    ours = Adam(parameters, gradient, 0.01, largest_norm, average, 0.1)
     theirs = [torch.nn.Parameter(torch.from_numpy(row.copy())) for row in start]
     optimizer = torch.optim.Adam(theirs, lr=0.01, fused=True)
 
@@ -29,3 +31,5 @@ def test_equals_torch(members: int, largest_norm: float | None) -> None:
         ours.step()
         expected = torch.stack([p.detach() for p in theirs])
         torch.testing.assert_close(parameters, expected, rtol=1e-5, atol=1e-5)
+        slow.lerp_(parameters, 0.1)
+        torch.testing.assert_close(average, slow, rtol=1e-5, atol=1e-5)

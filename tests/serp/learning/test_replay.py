@@ -1,4 +1,4 @@
-"""The replay memory by its definition: n-step samples, protected memories, draws."""
+"""The replay memory by its definition: n-step samples, draws."""
 
 from __future__ import annotations
 
@@ -31,11 +31,6 @@ class Step:
     terminated: bool = False
     truncated: bool = False
     allowed: tuple[bool, ...] | None = None
-    failing: bool = False
-
-    @property
-    def failure(self) -> bool:
-        return self.failing or (self.terminated and self.reward < 0)
 
     @property
     def guidance(self) -> Guidance:
@@ -53,7 +48,6 @@ def feed(buffer: ReplayBuffer, steps: list[Step]) -> None:
             step.terminated,
             step.truncated,
             None if step.allowed is None else np.array(step.allowed),
-            step.failing,
             step.guidance,
         )
 
@@ -65,11 +59,10 @@ def streams(draw: st.DrawFn) -> list[Step]:
         st.floats(-2, 2, width=16),
         st.sampled_from(["goes on"] * 6 + ["terminated", "truncated", "both"]),
         st.none() | st.tuples(*[st.booleans()] * A),
-        st.sampled_from([False] * 6 + [True]),
     )
     return [
-        Step(i, a, r, end in ("terminated", "both"), end in ("truncated", "both"), mask, failing)
-        for i, (a, r, end, mask, failing) in enumerate(draw(st.lists(kinds, max_size=60)))
+        Step(i, a, r, end in ("terminated", "both"), end in ("truncated", "both"), mask)
+        for i, (a, r, end, mask) in enumerate(draw(st.lists(kinds, max_size=60)))
     ]
 
 
@@ -80,7 +73,6 @@ def buffer(
 ) -> ReplayBuffer:
     usual: dict[str, Any] = {
         "buffer_size": 50, "batch_size": 8, "discount": DISCOUNT, "n_step": 1,
-        "protected_share": 0.0, "failing_window": 1, "protected_early": 0, "protected_failing": 0,
     }  # fmt: skip
     settings = LearnerSettings(**{**usual, **changes})
     return ReplayBuffer(spec, settings, np.random.default_rng(0), group)
@@ -129,103 +121,22 @@ def rows_of(arrays: dict[str, np.ndarray]) -> list[tuple[Any, ...]]:
     return list(zip(*(array.tolist() for array in arrays.values()), strict=True))
 
 
-def stored(memory: ReplayBuffer, name: str) -> list[tuple[Any, ...]]:
-    """Return the samples of one memory, from the oldest on."""
+def stored(memory: ReplayBuffer, capacity: int) -> list[tuple[Any, ...]]:
+    """Return the samples, from the oldest on."""
     arrays, meta = memory.state_dict()
-    rows = rows_of({k: a for k, a in arrays.items() if k.startswith(f"{name}.")})
-    head = meta["heads"][["ring", "early", "failing"].index(name)]
-    capacity = {"ring": "buffer_size"}.get(name, f"protected_{name}")
-    start = head if len(rows) == meta["shapes"][capacity] else 0
+    rows = rows_of({k: a for k, a in arrays.items() if k != "pending.observation"})
+    start = meta["head"] if len(rows) == capacity else 0
     return rows[start:] + rows[:start]
 
 
 @settings(deadline=None)
-@given(steps=streams(), n=st.integers(1, 5), capacity=st.integers(1, 30), count=st.integers(0, 40))
-def test_the_ring_holds_the_newest_n_step_samples(
-    steps: list[Step], n: int, capacity: int, count: int
-) -> None:
+@given(steps=streams(), n=st.integers(1, 5), capacity=st.integers(1, 30))
+def test_the_ring_holds_the_newest_n_step_samples(steps: list[Step], n: int, capacity: int) -> None:
     ring = buffer(n_step=n, buffer_size=capacity)
     feed(ring, steps)
     expected = expected_samples(steps, n)
-    assert stored(ring, "ring") == expected[-capacity:]
+    assert stored(ring, capacity) == expected[-capacity:]
     assert ring.size == min(len(expected), capacity)
-    newest = ring.newest(count)
-    assert rows_of(newest.arrays()) == expected[max(0, len(expected) - min(count, capacity)) :]
-    newest.observation[:] = -1.0  # copies
-    assert stored(ring, "ring") == expected[-capacity:]
-
-
-@settings(deadline=None)
-@given(
-    steps=streams(),
-    n=st.integers(1, 5),
-    window=st.integers(1, 6),
-    capacity=st.integers(6, 12),
-    early=st.integers(0, 8),
-    failing=st.integers(0, 200),
-)
-def test_protected_samples_survive_the_ring(
-    steps: list[Step], n: int, window: int, capacity: int, early: int, failing: int
-) -> None:
-    memory = buffer(
-        n_step=n,
-        buffer_size=capacity,
-        protected_share=0.5,
-        protected_early=early,
-        protected_failing=failing,
-        failing_window=window,
-    )
-    feed(memory, steps)
-    samples = expected_samples(steps, n)
-    assert stored(memory, "early") == samples[:early]
-    led_to_failure = {
-        step.number
-        for episode in episodes(steps)
-        for end, last in enumerate(episode)
-        if last.failure
-        for step in episode[max(0, end + 1 - window) : end + 1]
-    }
-    kept = stored(memory, "failing")
-    expected = [sample for sample in samples if sample[0][0] in led_to_failure]
-    assert len(kept) == min(len(expected), failing)
-    if len(expected) <= failing:
-        assert sorted(kept, key=lambda sample: sample[0]) == expected
-
-
-def test_failing_samples_are_overwritten_by_newer_failing_ones_only() -> None:
-    memory = buffer(buffer_size=4, protected_share=0.5, protected_failing=3)
-    ends = {1, 5, 9, 13}
-    feed(memory, [Step(i, reward=-1.0, terminated=i in ends) for i in range(40)])
-    assert [sample[0][0] for sample in stored(memory, "failing")] == [5, 9, 13]
-
-
-@pytest.mark.parametrize(
-    ("share", "early", "failures", "shares"),
-    [
-        (0.25, 10, 1, (3, 2)), (0.25, 10, 0, (0, 5)), (0.25, 0, 1, (5, 0)), (0.25, 0, 0, (0, 0)),
-        (0.01, 10, 0, (0, 1)), (0.0, 10, 1, (0, 0)),
-    ],
-)  # fmt: skip
-def test_protected_share_of_every_batch(
-    share: float, early: int, failures: int, shares: tuple[int, int]
-) -> None:
-    memory = buffer(
-        batch_size=20,
-        buffer_size=10,
-        protected_share=share,
-        protected_early=early,
-        protected_failing=10,
-        failing_window=4,
-    )
-    first, failed, newest = range(10), range(10, 10 + 4 * failures), range(100, 110)
-    feed(memory, [Step(i) for i in first])
-    feed(memory, [Step(i, reward=-1.0, terminated=i == failed[-1]) for i in failed])
-    feed(memory, [Step(i) for i in newest])
-    for _ in range(50):
-        drawn = memory.sample().observation[0, :, 0]
-        of_early, of_failing = np.isin(drawn, first).sum(), np.isin(drawn, failed).sum()
-        assert (of_failing, of_early) == shares
-        assert np.isin(drawn, newest).sum() == 20 - sum(shares)
 
 
 def flat(batch: Samples) -> list[tuple[Any, ...]]:
@@ -236,7 +147,7 @@ def flat(batch: Samples) -> list[tuple[Any, ...]]:
 def test_draws_are_uniform_whole_samples_and_differ_between_members() -> None:
     memory = buffer(batch_size=32, members=3, buffer_size=10, n_step=2)
     feed(memory, [Step(i, i % A, i / 2, i % 6 == 5) for i in range(17)])
-    by_number = {sample[0][0]: sample for sample in stored(memory, "ring")}
+    by_number = {sample[0][0]: sample for sample in stored(memory, 10)}
     counts = dict.fromkeys(by_number, 0)
     first = memory.sample()
     for _ in range(200):

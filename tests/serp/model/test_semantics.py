@@ -275,6 +275,20 @@ def test_an_observed_transition_is_judged_by_where_it_led() -> None:
     assert model.judge(before, -1, there) == (-10.0, True, False)  # an action it does not know
 
 
+@pytest.mark.parametrize("precondition", ["(p)", "(and (q) (p))", f"(or (p) {NAN})"])
+def test_an_inapplicable_action_has_no_effects_while_the_world_goes_on(precondition: str) -> None:
+    pays = action("(increase (reward) 5) (unsafe) (terminal) (increase (x) 1)", precondition)
+    slides = "(:process slides :parameters () :precondition (and) :effect (decrease (reward) #t))"
+    far = event("far", "(> (x) 5)", "(terminal) (decrease (reward) 10)")
+    model = model_of(pays + slides + far)
+    able, unable = (state_of(model, given) for given in ({"p": 1, "q": 1}, {"q": 1}))
+    near, there = (state_of(model, given) for given in ({"x": 1}, {"x": 6}))
+    assert model.judge(able, 0, near) == (4.0, True, True)
+    assert model.judge(unable, 0, near) == (-1.0, False, False)
+    assert model.judge(unable, 0, there) == (-11.0, False, True)
+    assert not any(site.what == "effect" for site in model.trace_judged(unable, 0, near))
+
+
 def test_events_do_not_move_what_was_observed() -> None:
     problem = "(:domain d) (:goal (and (>= (x) 3))) (:metric maximize (x))"
     drift = action("") + event("drift", "(and)", "(increase (x) 1)")

@@ -28,7 +28,6 @@ OUTSIDE: dict[str, list[Any]] = {
     "learner.learning_rate": [0.0, math.nan, math.inf],
     "learner.discount": [1.0, -0.1, "0.9", False],
     "learner.loss": ["mae", ["mse"], np.array(["mse", "huber"])],
-    "learner.failing_window": [0, "10"],
     "training.inputs": ["pixels", ["both"], np.array(["both", "state"])],
     "training.checkpoint_seconds": ["15", math.nan, -1.0],
 }
@@ -89,10 +88,7 @@ def test_every_setting_has_a_description() -> None:
             {"learner": {"target_period": 200, "target_polyak": 0.01}},
             "target_polyak is 0.01.*target_period is",
         ),
-        (
-            {"learner": {"buffer_size": 8, "failing_window": 9}},
-            "failing_window is 9.*buffer_size, which is 8",
-        ),
+        ({"learner": {"protected_share": 0.1}}, "protected_share` was removed"),
         ({"arbiter": {"rho": 0.5, "rho_max": 0.4}}, "rho is 0.5, but must be at most rho_max"),
     ],
 )

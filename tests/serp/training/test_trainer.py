@@ -64,14 +64,12 @@ def test_terminated_and_truncated_reach_the_learner_apart(tmp_path: Path) -> Non
     ends = [seen for seen in recorder.seen if seen[4] or seen[5]]
     assert len(ends) == len(rows)
     for row, seen in zip(rows, ends, strict=True):
-        terminated, truncated, allowed, failing = seen[4:8]
+        terminated, truncated, allowed = seen[4:7]
         assert (row.terminated, row.truncated) == (terminated, truncated)
         # A task that ended has no next action; one that was cut short has, and bootstraps on it.
         assert (allowed is None) == terminated
-        assert not failing or terminated
     assert any(row.terminated for row in rows)
     assert any(row.truncated for row in rows)
-    assert sum(seen[7] for seen in ends) == sum((row.domain_return or 0) < -4 for row in rows)
 
 
 def test_every_step_is_remembered_as_executed_logged_once_and_every_refusal_explained(

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from serp.adaptation.adaptation import ModelAdaptation
+from serp.adaptation.residual.uncertainty import uncertainty
 from serp.model.transition_model import Vector
 from tests.generated.profile import examples
 from tests.serp.adaptation.worlds import (
@@ -182,6 +183,53 @@ def test_how_far_from_0_a_fluent_is_makes_no_difference(world: World, offset: fl
         errors.append(typical(of, seen, draw))
     assert (errors[1] <= 2 * errors[0] + 4 * np.spacing(abs(offset))).all()
     assert errors[1][1] < 1e-2
+
+
+def test_uncertainty_is_small_where_much_was_seen_and_large_where_nothing_was() -> None:
+    of, out = adaptation(PLANE), np.zeros(2)
+    model = adapted(of)
+    assert uncertainty(model.data, PUSH, np.zeros(2), out) == 1.0 and (out == 1.0).all()
+    rng = np.random.default_rng(0)
+    teach(of, pendulum, rng, 600, draw=lambda rng: rng.uniform(-1.0, 1.0, size=2))
+    near = [uncertainty(model.data, PUSH, rng.uniform(-1.0, 1.0, size=2), out) for _ in range(50)]
+    known = out.copy()
+    far = [uncertainty(model.data, PUSH, 6.0 * sign, out) for sign in (np.ones(2), -np.ones(2))]
+    assert 0.0 <= np.mean(near) < 0.2 and max(near) < 0.4 < 0.9 < min(far) <= 1.0
+    assert known[1] < 0.5 * out[1]
+    assert out[0] < 1e-6  # the file is right there
+
+
+def test_a_change_that_was_none_is_taken_back() -> None:
+    """For twenty steps the world is another one; afterwards it is as before."""
+    of, rng = adaptation(PLANE), np.random.default_rng(0)
+    teach(of, pendulum, rng, 600)
+    before = typical(of, pendulum)[1]
+    teach(of, lambda s, a: plus(pendulum(s, a), 0.0, 0.5), rng, 20)
+    assert typical(of, pendulum)[1] > 0.2  # believed for a while
+    teach(of, pendulum, rng, 100)
+    assert typical(of, pendulum)[1] < 3.0 * before + 1e-2
+
+
+@pytest.mark.parametrize("samples", [5, 70, 620])
+def test_what_is_saved_goes_on_as_if_it_had_not_been(samples: int) -> None:
+    """Before and after random features, and after a change of the world."""
+
+    def world(count: int) -> World:
+        return (lambda s, a: plus(pendulum(s, a), 0.0, 0.5)) if count > 600 else pendulum
+
+    one, other = adaptation(PLANE), adaptation(PLANE)
+    rngs = [np.random.default_rng(1), np.random.default_rng(1)]
+    for of, rng in zip((one, other), rngs, strict=True):
+        teach(of, pendulum, rng, min(samples, 600))
+        teach(of, world(samples), rng, max(0, samples - 600))
+    fresh = adaptation(PLANE)
+    fresh.load_state_dict(*other.state_dict())
+    for of, rng in zip((one, fresh), rngs, strict=True):
+        teach(of, world(samples), rng, 150)
+    states = np.random.default_rng(4).normal(size=(50, 2))
+    for action in (PUSH, REST):
+        expected = one.model.step(states, action).state
+        assert fresh.model.step(states, action).state.tobytes() == expected.tobytes()
 
 
 # No regret -------------------------------------------------------------------------------------

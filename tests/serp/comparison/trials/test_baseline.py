@@ -19,7 +19,9 @@ LEFT = 0
 
 def baseline(folder: Path, **arbiter: Any) -> Agent:
     task = walk(folder).bind()
-    settings = resolve("default", task.task.settings, {"arbiter": arbiter})
+    settings = resolve(
+        "default", task.task.settings, {"arbiter": arbiter, "learner": {"epsilon_start": 1.0}}
+    )
     return Agent(task, settings, 0, baseline=True)
 
 

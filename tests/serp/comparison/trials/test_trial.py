@@ -161,7 +161,7 @@ def test_settings_of_the_user_reach_the_learner_and_the_algorithms_own_stand(
     tmp_path: Path,
 ) -> None:
     paths = [
-        measured(tmp_path, "dqn", changes={"learner": {"epsilon_start": epsilon}})
+        measured(tmp_path, "dqn", changes={"learner": {"epsilon_end": epsilon}})
         for epsilon in (0.0, 1.0)
     ]
     assert episodes_of(paths[0]) != episodes_of(paths[1])
