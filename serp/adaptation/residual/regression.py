@@ -33,6 +33,9 @@ _PENDING: Final = 32  # samples that are added to the sums at once
 _REMEMBERED, _FADED = 8, 0.1
 """Newest samples that are believed after a lasting change, and the weight that all others together
 keep: where nothing contradicts them they are still the best that is known."""
+_LONG: Final = 48
+"""A change is lasting if it goes on in the next episode, or for so many steps: not an impact, nor
+what a robot meets at the end of an episode only."""
 _RECONSIDERED: Final = (32, 64, 128, 256, 512)
 """Samples after a lasting change at which it is asked whether there was one."""
 _EARLY, _LATER, _COST = 4, 30, 1e6
@@ -84,6 +87,7 @@ class ResidualRegression:
             array[:] = 0
         self._ranges.clear()
         self._kept.seen = self._start = self._pending = self._since_solved = 0
+        self._alarms, self._of_episode = 0, _REMEMBERED
         self._sums.clear(self._size)
 
     @property
@@ -110,6 +114,10 @@ class ResidualRegression:
         if self._firsts[head] == FIRST:
             used = self._drop_outliers(head, enabled, used)
         return used
+
+    def begin_episode(self) -> None:
+        """Note that the next sample is of another episode."""
+        self._of_episode = 0
 
     def track_records(self, schema: str, head: int) -> list[TrackRecord]:
         """Return what is known of the residual of each target, after actions of a schema."""
@@ -160,8 +168,10 @@ class ResidualRegression:
         self._kept.add(x, y, valid, change, (row, weight))
         self._pending += 1
         self._since_solved += 1
+        self._of_episode += 1
         recent = self._kept.seen - self._start
-        if changed:
+        self._alarms = self._alarms + 1 if changed else 0
+        if changed and (self._of_episode < _REMEMBERED or self._alarms > _LONG):
             self._forget()
         elif self._start and recent in _RECONSIDERED:
             self._reconsider()
@@ -301,7 +311,7 @@ class ResidualRegression:
         left = self._loss[r.LINEAR] > _UNEXPLAINED * self._spread + 1e-18
         return self._kept.seen - self._start >= _FEATURES_FROM and bool(left.any())
 
-    _COUNTS: Final = ("start", "pending", "since_solved")
+    _COUNTS: Final = ("start", "pending", "since_solved", "alarms", "of_episode")
     _SUMS: Final = ("block_of", "gram", "moment")
     _RANGES: Final = {
         "seen": (0, MOST), "surprises": (0.0, 1.0), "firsts": (0, MOST),
