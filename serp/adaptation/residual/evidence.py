@@ -129,7 +129,7 @@ def account(sample, row, head, published, sizes, statistics):
         own[row, 2, t] += rate * (abs(change[t]) - own[row, 2, t])
         if samples[row, t] > SETTLED:
             limited = min(size, 4.0 * typical[row, t] + 1e-12)
-            typical[row, t] += 0.02 * (limited - typical[row, t])
+            typical[row, t] += 0.02 * weight * (limited - typical[row, t])
         else:
             typical[row, t] += (size * weight - typical[row, t]) / samples[row, t]
         rate = rate_of(seen[t], _MEMORY) * weight  # hardly any for far outliers
