@@ -34,7 +34,7 @@ _PENDING: Final = 32  # samples that are added to the sums at once
 _REMEMBERED, _FADED = 8, 0.1
 """Newest samples that are believed after a lasting change, and the weight that all others together
 keep: where nothing contradicts them they are still the best that is known."""
-_LONG: Final = 48
+_LONG: Final = 24
 """A change is lasting if it goes on in the next episode, or for so many steps: not an impact, nor
 what a robot meets at the end of an episode only."""
 _RECONSIDERED: Final = (32, 64, 128, 256, 512)  # samples after a change: was there one?
