@@ -157,6 +157,8 @@ class GroupLearners:
                 )
 
     def _learn_end(self, state: Vector, action: int, next_state: Vector) -> None:
+        for residual in self._residuals.values():
+            residual.begin_episode()
         if not np.isfinite(state).all():
             return
         for position, (key, _, _) in enumerate(self._columns[action]):

@@ -29,13 +29,13 @@ HUGE = 1e60
 FEW, SETTLED = 5, 30
 """Samples before which nothing counts as an outlier, and before which nothing is a surprise."""
 
-_MEMORY = 0.995  # weight of the past in the losses, per step
+_MEMORY = 0.999  # weight of the past in the losses, per step
 _ROBUST = 5.0
 """Errors of more standard deviations weigh less, as under Student's t: by their square (Lange,
 Little & Taylor, Journal of the American Statistical Association 84, 1989)."""
 _NOTICED, _RECENT, _LASTING = 0.1, 0.85, 0.7
-"""A surprise is such an error of more than this fraction of the change. A lasting change is
-assumed if this fraction of recent steps are surprises."""
+"""A surprise is such an error of more than this fraction of the change. The world
+may have changed if this fraction of recent steps are surprises."""
 _BETTER = 0.95  # fraction of the loss to which another predictor must reduce it to replace one
 _GAIN, _KEPT = 0.95, 1.0
 """Features cost more, so they must reduce the loss of a cheaper predictor to these fractions to be
@@ -72,7 +72,7 @@ def account(sample, row, head, published, sizes, statistics):
     row, `[R, T]` samples of each row, `[1]` the fraction of surprises.
 
     Returns:
-        The weight of the sample in the regression, and whether a lasting change is assumed.
+        The weight of the sample in the regression, and whether the world may have changed.
     """
     x, y, valid, change = sample
     centre, shrink, frequency, phase, linear, amplitude, kinds, inverse, typical, scale = published
@@ -129,7 +129,7 @@ def account(sample, row, head, published, sizes, statistics):
         own[row, 2, t] += rate * (abs(change[t]) - own[row, 2, t])
         if samples[row, t] > SETTLED:
             limited = min(size, 4.0 * typical[row, t] + 1e-12)
-            typical[row, t] += 0.02 * (limited - typical[row, t])
+            typical[row, t] += 0.02 * weight * (limited - typical[row, t])
         else:
             typical[row, t] += (size * weight - typical[row, t]) / samples[row, t]
         rate = rate_of(seen[t], _MEMORY) * weight  # hardly any for far outliers
@@ -150,7 +150,7 @@ def account(sample, row, head, published, sizes, statistics):
         scale[3, t] = _MEMORY * scale[3, t] + weight * share * min(error * error, limit)
         scale[0, t] = math.sqrt((scale[3, t] + loss[r.FILE, t] ** 2) / (scale[2, t] + 1.0))
         scale[1, t] = spread[t]
-    return weight, surprises[0] > _LASTING
+    return weight, surprise and surprises[0] > _LASTING
 
 
 @cached_njit(nogil=True)

@@ -27,14 +27,17 @@ from serp.adaptation.residual.kept_samples import KeptSamples, Mask
 from serp.adaptation.residual.normal_equations import NormalEquations
 from serp.adaptation.residual.parameters import RegressionParameters
 from serp.adaptation.residual.ranges import Ranges
+from serp.adaptation.residual.records import track_records
 from serp.model.transition_model import Vector
 
 _PENDING: Final = 32  # samples that are added to the sums at once
 _REMEMBERED, _FADED = 8, 0.1
 """Newest samples that are believed after a lasting change, and the weight that all others together
 keep: where nothing contradicts them they are still the best that is known."""
-_RECONSIDERED: Final = (32, 64, 128, 256, 512)
-"""Samples after a lasting change at which it is asked whether there was one."""
+_LONG: Final = 24
+"""A change is lasting if it goes on in the next episode, or for so many steps: not an impact, nor
+what a robot meets at the end of an episode only."""
+_RECONSIDERED: Final = (32, 64, 128, 256, 512)  # samples after a change: was there one?
 _EARLY, _LATER, _COST = 4, 30, 1e6
 """Weights are solved after every 30th part of the samples, or later where it takes long: after as
 many samples as this cost goes into the cube of the columns, but after a quarter of the samples."""
@@ -84,12 +87,12 @@ class ResidualRegression:
             array[:] = 0
         self._ranges.clear()
         self._kept.seen = self._start = self._pending = self._since_solved = 0
+        self._alarms, self._of_episode = 0, _REMEMBERED
         self._sums.clear(self._size)
 
     @property
     def _size(self) -> int:
-        size: int = self._parameters.columns + self._parameters.features
-        return size
+        return int(self._parameters.columns + self._parameters.features)
 
     def learn(
         self, head: int, x: Vector, y: Vector, valid: Mask, change: Vector, enabled: Mask
@@ -108,22 +111,18 @@ class ResidualRegression:
         used = self._learn(head, x, y, valid, change, enabled)
         self._firsts[head] += 1
         if self._firsts[head] == FIRST:
-            used = self._drop_outliers(head, enabled, used)
+            return self._drop_outliers(head, enabled, used)
         return used
+
+    def begin_episode(self) -> None:
+        """Note that the next sample is of another episode."""
+        self._of_episode = 0
 
     def track_records(self, schema: str, head: int) -> list[TrackRecord]:
         """Return what is known of the residual of each target, after actions of a schema."""
-        p, loss = self._parameters, self._loss
+        p = self._parameters
         steps = self._samples[p.head_of_rows == head].sum(axis=0)
-        learned = loss[r.LINEAR :].min(axis=0) if p.features else loss[r.LINEAR]
-        errors = (loss[r.FILE] ** 2, learned**2, self._spread**2)
-        return [
-            TrackRecord(schema, used, int(seen), *squares)
-            for used, seen, *squares in zip(
-                (p.kinds != r.FILE).tolist(), steps.tolist(), *map(np.ndarray.tolist, errors),
-                strict=True,
-            )
-        ]  # fmt: skip
+        return track_records(schema, p, self._loss, steps, self._spread)
 
     def _drop_outliers(self, head: int, enabled: Mask, used: bool) -> bool:
         """Learn again without the outliers among the first samples of a head."""
@@ -160,8 +159,10 @@ class ResidualRegression:
         self._kept.add(x, y, valid, change, (row, weight))
         self._pending += 1
         self._since_solved += 1
+        self._of_episode += 1
         recent = self._kept.seen - self._start
-        if changed:
+        self._alarms = self._alarms + 1 if changed else 0
+        if changed and (self._of_episode < _REMEMBERED or self._alarms > _LONG):
             self._forget()
         elif self._start and recent in _RECONSIDERED:
             self._reconsider()
@@ -301,7 +302,7 @@ class ResidualRegression:
         left = self._loss[r.LINEAR] > _UNEXPLAINED * self._spread + 1e-18
         return self._kept.seen - self._start >= _FEATURES_FROM and bool(left.any())
 
-    _COUNTS: Final = ("start", "pending", "since_solved")
+    _COUNTS: Final = ("start", "pending", "since_solved", "alarms", "of_episode")
     _SUMS: Final = ("block_of", "gram", "moment")
     _RANGES: Final = {
         "seen": (0, MOST), "surprises": (0.0, 1.0), "firsts": (0, MOST),
@@ -317,8 +318,8 @@ class ResidualRegression:
         arrays |= nested("before", self._before.contents())
         arrays |= {f"shelved{k}": array.copy() for k, array in enumerate(self._shelved)}
         meta = {name: getattr(self, f"_{name}") for name in self._COUNTS}
-        meta |= {"samples": self._kept.seen, "outliers": self._ranges.outliers}
-        meta["total"] = self._sums.total
+        meta |= {"samples": self._kept.seen, "total": self._sums.total}
+        meta["outliers"] = self._ranges.outliers
         return arrays | nested("kept", self._kept.state_dict()), meta
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -340,11 +341,10 @@ class ResidualRegression:
             own[:] = saved.array(name, own.dtype, own.shape, low, high)
         self._ranges.outliers = saved.whole("outliers")
         for name, own in (("low", self._ranges.low), ("high", self._ranges.high)):
-            own[:] = saved.array(name, np.float64, own.shape, -np.inf, np.inf)  # infinite at first
-        count = len(self._sums.block_of)
-        self._sums.block_of[:] = saved.array("block_of", np.int64, (count,), 0, 1)
+            own[:] = saved.array(name, np.float64, own.shape, -np.inf, np.inf)
+        block_of = self._sums.block_of
+        block_of[:] = saved.array("block_of", np.int64, block_of.shape, 0, 1)
         self._sums.clear(self._size)
-        for name in ("gram", "moment"):
-            own = getattr(self._sums, name)
+        for name, own in (("gram", self._sums.gram), ("moment", self._sums.moment)):
             own[:] = saved.array(name, np.float64, own.shape)
         self._sums.total = saved.real("total", 0.0)
