@@ -120,11 +120,6 @@ class Learner(Protocol):
     def propose_greedily(self, x: Vector, base: Values | None = None) -> Proposal:
         """Propose the action with the largest value for an input `[F]`."""
 
-    def greedy_batch(
-        self, x: NDArray[np.floating], base: NDArray[np.floating] | None = None
-    ) -> NDArray[np.int64]:
-        """Return the actions `[B]` of the largest values for inputs `[B, F]`."""
-
     def target_q(self, x: Vector) -> Values:
         """Return `[E]` the values of the target network."""
 

@@ -170,13 +170,6 @@ class DQN:
         q = self._mean_q.of(self.learning.online, x, base)
         return Proposal(best_of(q), False, q)
 
-    def greedy_batch(
-        self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
-    ) -> npt.NDArray[np.int64]:
-        """Return the actions int64 ``[B]`` with the largest Q for a batch of inputs ``[B, F]``."""
-        best: npt.NDArray[np.int64] = self.q_values(x, base).argmax(axis=-1)
-        return best
-
     def remember(
         self,
         observation: npt.NDArray[np.floating],

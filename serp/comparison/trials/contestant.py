@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -37,8 +37,8 @@ class Contestant(Protocol):
     def train(self, env_steps: int, on_step: OnStep) -> None:
         """Train for at least this number of env steps, unless `on_step` raises."""
 
-    def greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the learner's greedy actions `[B]`, without planner and veto."""
+    def greedy(self, state: Vector, x: Vector) -> int:
+        """Return the learner's greedy action, without planner and veto."""
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
         """Decide greedily within the vetoes."""
@@ -71,12 +71,11 @@ class _Own:
         while self._trainer.env_steps < env_steps:
             self._trainer.run_episode()
 
-    def greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
-        strategy, learner = self.agent.strategy, self.agent.learner
-        if strategy.guided is None or not strategy.guided.residual:
-            return learner.greedy_batch(inputs)
-        bases = [strategy.base(self.agent.guarded.forecast(state)) for state in states]
-        return learner.greedy_batch(inputs, np.stack([base for base in bases if base is not None]))
+    def greedy(self, state: Vector, x: Vector) -> int:
+        strategy, base = self.agent.strategy, None
+        if strategy.guided is not None and strategy.guided.residual:
+            base = strategy.base(self.agent.guarded.forecast(state))
+        return self.agent.learner.propose_greedily(x, base).action
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
         return self.agent.guarded.decide_greedily(state, self.agent.proposer(x))
@@ -102,17 +101,17 @@ class _External:
         with self._blamed():
             self._algorithm.learn(env_steps)
 
-    def greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> NDArray[np.int64]:
+    def greedy(self, state: Vector, x: Vector) -> int:
         with self._blamed():
-            actions: NDArray[Any] = np.asarray(self._algorithm.act(inputs.astype(np.float32)))
+            one = x[np.newaxis].astype(np.float32)
+            actions: NDArray[Any] = np.asarray(self._algorithm.act(one))
             size = self.agent.learner.action_count
-            whole = actions.dtype.kind in "iu" and actions.shape == (len(inputs),)
-            if not whole or (actions < 0).any() or (actions >= size).any():
+            whole = actions.dtype.kind in "iu" and actions.shape == (1,)
+            if not whole or not 0 <= actions[0] < size:
                 raise ValueError(
-                    f"act returned {actions!r}; {len(inputs)} whole numbers 0 ... {size - 1} are "
-                    "wanted"
+                    f"act returned {actions!r}; one whole number 0 ... {size - 1} is wanted"
                 )
-            return actions.astype(np.int64)
+            return int(actions[0])
 
     @contextlib.contextmanager
     def _blamed(self) -> Iterator[None]:
@@ -125,5 +124,5 @@ class _External:
             raise RunError(f"`{self._name}` failed: {type(error).__name__}: {error}") from error
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
-        action = int(self.greedy([state], x[np.newaxis])[0])
-        return self.agent.guarded.judge_proposal(state, Proposal(action, False, None))
+        proposal = Proposal(self.greedy(state, x), False, None)
+        return self.agent.guarded.judge_proposal(state, proposal)

@@ -5,18 +5,17 @@ from __future__ import annotations
 import contextlib
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from serp._util.terminal import visible
 from serp._util.threads import one_thread
 from serp.comparison.algorithms import Algorithm
 from serp.comparison.plan import ComparisonProtocol
 from serp.comparison.trial_records import EvaluationRow
-from serp.comparison.trials.arena import Act, Arena
+from serp.comparison.trials.arena import Arena
 from serp.comparison.trials.contestant import Contestant, make_contestant
 from serp.comparison.trials.log import Log
 from serp.control.decision import Actor, Decision, Reason
@@ -31,6 +30,7 @@ from serp.settings import Settings, resolve
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.task import Task
 from serp.tasks.watchdog import Watchdog
+from serp.training.rollout import Decide
 
 
 class _Spent(BaseException):
@@ -94,8 +94,7 @@ class _Trial:
             lambda: self._log.env_steps + 1,
             lambda line: warnings.warn(visible(line), Notice, stacklevel=2),
         )
-        most = max(protocol.evaluation_episodes, protocol.final_episodes)
-        self._arena = Arena(bound.task, contestant.agent, most, protocol.evaluation_seed)
+        self._arena = Arena(bound.task, contestant.agent, protocol.evaluation_seed)
 
     def run(self) -> Measured:
         try:
@@ -145,38 +144,28 @@ class _Trial:
                     self._play("planner", self._plan, episodes)
             elif last:
                 self._play("learner", self._greedy_forecast, episodes)
-                self._play("vetoed", self._vetoed, episodes)
+                self._play("vetoed", self._contestant.vetoed, episodes)
             else:
                 self._play("learner", self._greedy, self._protocol.evaluation_episodes)
 
-    def _play(self, policy: str, act: Act, episodes: int) -> None:
+    def _play(self, policy: str, decide: Decide, episodes: int) -> None:
         self._evaluations += self._arena.play(
-            act, episodes, policy=policy, env_steps=self._log.env_steps, trained_in=self._bound
+            decide, episodes, policy=policy, env_steps=self._log.env_steps, trained_in=self._bound
         )
 
     # Policies ----------------------------------------------------------------------------------
 
-    def _greedy(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> list[Decision]:
-        """Decide by the learner, without forecasts, which would take most of the time."""
-        size = self._bound.actions.size
-        actions = self._contestant.greedy(states, inputs)
-        return [_not_forecast(int(action), size) for action in actions]
+    def _greedy(self, state: Vector, x: Vector) -> Decision:
+        """Decide by the learner, without a forecast, which would take most of the time."""
+        return _not_forecast(self._contestant.greedy(state, x), self._bound.actions.size)
 
-    def _greedy_forecast(
-        self, states: Sequence[Vector], inputs: NDArray[np.float64]
-    ) -> list[Decision]:
-        """Decide by the learner, with forecasts."""
-        actions = self._contestant.greedy(states, inputs)
-        return [
-            self._guarded.execute(state, Proposal(int(action), False, None))
-            for state, action in zip(states, actions, strict=True)
-        ]
+    def _greedy_forecast(self, state: Vector, x: Vector) -> Decision:
+        """Decide by the learner, with a forecast."""
+        action = self._contestant.greedy(state, x)
+        return self._guarded.execute(state, Proposal(action, False, None))
 
-    def _vetoed(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> list[Decision]:
-        return list(map(self._contestant.vetoed, states, inputs))
-
-    def _plan(self, states: Sequence[Vector], inputs: NDArray[np.float64]) -> list[Decision]:
-        return list(map(self._guarded.plan, states))
+    def _plan(self, state: Vector, x: Vector) -> Decision:
+        return self._guarded.plan(state)
 
 
 def _not_forecast(action: int, size: int) -> Decision:

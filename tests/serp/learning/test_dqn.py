@@ -38,7 +38,6 @@ def test_greedy_is_the_lowest_of_the_best_explorable_or_not() -> None:
     set_q(agent, [1.0, 2.0, 2.0])
     before = agent.state_dict()[1]
     assert agent.propose_greedily(HERE).action == 1
-    assert agent.greedy_batch(np.zeros((5, F), np.float32)).tolist() == [1] * 5
     assert agent.state_dict()[1] == before  # nothing was drawn
     proposal = agent.propose(HERE, np.array([True, False, False]))
     assert (proposal.action, proposal.exploratory) == (1, False)
@@ -119,7 +118,6 @@ def test_a_residual_learner_starts_as_its_guide() -> None:
     base = np.random.default_rng(1).standard_normal((5, A)).astype(np.float32)
     np.testing.assert_array_equal(agent.q_values(x, base), base)
     np.testing.assert_array_equal(agent.target_q(x, base), base)
-    assert agent.greedy_batch(x, base).tolist() == base.argmax(1).tolist()
     for row, values in zip(x, base, strict=True):
         proposal = agent.propose(row, None, values)
         assert proposal.q is not None

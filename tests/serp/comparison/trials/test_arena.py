@@ -1,4 +1,4 @@
-"""Evaluating side by side: what one episode after another gives, only faster."""
+"""Evaluating beside a training is what evaluating a run is."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from typing import Any
 import pytest
 from gymnasium.wrappers import NormalizeObservation, TimeLimit
 
-from serp.comparison.trials.arena import Act, Arena
+from serp.comparison.trials.arena import Arena
 from serp.settings import resolve
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.task import Task
 from serp.training.evaluation import evaluate
+from serp.training.rollout import Decide
 from serp.training.trainer import Trainer
 from tests.serp.comparison.contest import Walk, walk
 
@@ -28,32 +29,24 @@ def trained(task: Task, episodes: int = 4, **changes: Any) -> tuple[Trainer, Bou
     return trainer, bound
 
 
-def acting(trainer: Trainer) -> dict[str, Act]:
+def acting(trainer: Trainer) -> dict[str, Decide]:
     """Policies as a trial plays them."""
     agent = trainer.agent
-
-    def learner(states: Any, inputs: Any) -> Any:
-        return [agent.decide_as_baseline(*seen) for seen in zip(states, inputs, strict=True)]
-
-    def mixed(states: Any, inputs: Any) -> Any:
-        return list(map(agent.decide_greedily, states, inputs))
-
-    def planner(states: Any, inputs: Any) -> Any:
-        return list(map(agent.arbiter.plan, states))
-
-    return {"learner": learner, "serp": mixed, "planner": planner}
+    return {
+        "learner": agent.decide_as_baseline,
+        "serp": agent.decide_greedily,
+        "planner": lambda state, x: agent.arbiter.plan(state),
+    }
 
 
 def play(task: Task, trainer: Trainer, bound: BoundTask, policy: str, n: int) -> Any:
-    with contextlib.closing(Arena(task, trainer.agent, n, SEED)) as arena:
+    with contextlib.closing(Arena(task, trainer.agent, SEED)) as arena:
         return arena.play(acting(trainer)[policy], n, policy=policy, env_steps=7, trained_in=bound)
 
 
 @pytest.mark.parametrize("policy", ["learner", "serp", "planner"])
-@pytest.mark.parametrize("episodes", [1, 53])
-def test_side_by_side_equals_one_after_another(tmp_path: Path, policy: Any, episodes: int) -> None:
-    """With more episodes than environments too."""
-    task = walk(tmp_path)
+def test_it_is_the_evaluation_of_a_run(tmp_path: Path, policy: Any) -> None:
+    task, episodes = walk(tmp_path), 20
     trainer, bound = trained(task)
     before = str(trainer.agent.state_dict()[1])
     rows = play(task, trainer, bound, policy, episodes)
@@ -98,7 +91,7 @@ def test_what_the_learner_learned_to_see_is_what_it_sees(tmp_path: Path) -> None
     )
     trainer, bound = trained(task)
     trained_on = bound.env.get_wrapper_attr("obs_rms").count
-    arena = Arena(task, trainer.agent, 4, SEED)
+    arena = Arena(task, trainer.agent, SEED)
     act = acting(trainer)["learner"]
     for _ in range(2):
         counts.clear()

@@ -64,7 +64,7 @@ def test_what_an_external_one_chooses_is_one_of_the_actions(
     state, x = contestant.agent.perceive(PLACES[0])
     for wrong in ([-1], [4], [1.5], [[1]], [True], [], None):
         monkeypatch.setattr(Drawing, "act", lambda self, inputs, given=wrong: given)
-        with pytest.raises(RunError, match="`drawing` failed: .*1 whole numbers 0 ... 3 are want"):
+        with pytest.raises(RunError, match="`drawing` failed: .*one whole number 0 ... 3 is want"):
             contestant.vetoed(state, x)
     env = ExternalEnv(bound, contestant.agent, 0)
     env.reset()
