@@ -47,7 +47,7 @@ def test_after_the_force_is_reversed_in_mid_run_it_stands_again_within_two_episo
     settings = resolve("default", task.settings, find_algorithm("mrp").changes)
     with task.bind() as bound:
         trainer = Trainer(bound, settings, seed)
-        assert trainer.run_episode().return_ == 500
+        assert [trainer.run_episode().return_ for _ in range(3)] == [500] * 3
         cart: Any = bound.env.unwrapped
         cart.force_mag = -cart.force_mag
         returns = [trainer.run_episode().return_ for _ in range(4)]
