@@ -33,12 +33,8 @@ def test_alone_it_does_what_the_agent_does_alone_and_vetoed_nothing_unsafe(
 ) -> None:
     contestant, _ = trained(tmp_path, name)
     agent = contestant.agent
-    seen = [agent.perceive(place) for place in PLACES]
-    states, inputs = [state for state, _ in seen], np.stack([x for _, x in seen])
-    greedy = contestant.greedy(states, inputs)
-    assert greedy.shape == (len(PLACES),)
-    for (state, x), action in zip(seen, greedy, strict=True):
-        assert agent.decide_as_baseline(state, x).action == action
+    for state, x in map(agent.perceive, PLACES):
+        assert agent.decide_as_baseline(state, x).action == contestant.greedy(state, x)
         decision = contestant.vetoed(state, x)
         assert not decision.unsafe
         assert decision.admissible[decision.action]
@@ -50,7 +46,7 @@ def test_an_external_one_is_held_by_the_same_vetoes(tmp_path: Path, external: No
     states = [contestant.agent.perceive(place)[0] for place in PLACES]
     for place, state in zip(PLACES, states, strict=True):
         x = contestant.agent.perceive(place)[1]
-        assert contestant.greedy([state], x[np.newaxis]).tolist() == [1]
+        assert contestant.greedy(state, x) == 1
         decision = contestant.vetoed(state, x)
         assert decision.proposed == 1
         assert not decision.unsafe

@@ -86,6 +86,11 @@ def test_an_external_one_meets_what_our_learner_meets(
     assert any(t.decision.unsafe for t in seen)
 
 
+def drawn_by(agent: Agent) -> str:
+    """All random state of an agent; the planner, which draws nothing, remembers what it found."""
+    return str({name: of for name, of in agent.state_dict()[1].items() if name != "planner"})
+
+
 def test_it_is_an_environment_as_gymnasium_has_it(tmp_path: Path) -> None:
     task = walk(
         tmp_path, lambda: Corridor(start=3)
