@@ -145,4 +145,6 @@ def test_the_planner_does_what_a_coach_would(
     task: BoundTask, places: tuple[Point, ...], options: dict[str, Any], action: str
 ) -> None:
     state = corner_kick.ground(observation(*places, **options))
-    assert task.actions.name(planner_of(task).plan(state).action) == action
+    forecast = planner_of(task).plan(state).forecast
+    best = np.isclose(forecast.value, forecast.value[forecast.choice], rtol=1e-9)
+    assert action in {task.actions.name(int(k)) for k in np.flatnonzero(best)}

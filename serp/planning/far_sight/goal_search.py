@@ -26,6 +26,9 @@ MAX_NUMBERS: Final = 40_000_000
 class GoalSearch:
     """Finds a way to the goal, see `serp.planning.far_sight.goal_kernels`.
 
+    Where the world moves by itself, by processes, nothing is searched for: a long way through an
+    uncertain future is worth less than its values say.
+
     Args:
         model: The transition model; in one that is not compiled nothing is searched for.
         settings: The accepted risk.
@@ -41,7 +44,7 @@ class GoalSearch:
         ground, theta = model.ground, model.theta.tolist()
         self._counter: Machine | None = None
         with contextlib.suppress(TooManyVariables):
-            if model.compiles and model.actions:
+            if model.compiles and model.actions and not ground.processes:
                 self._counter = goal_counter(ground, theta)
         if self._counter is not None:
             self._inert = inert_fluents(ground)

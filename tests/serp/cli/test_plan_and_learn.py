@@ -122,8 +122,8 @@ def press_ctrl_c() -> None:
 def test_a_run_that_is_cut_off_says_how_to_continue(
     happens: list[Callable[[], None]], status: int, message: str, run: Run
 ) -> None:
-    """It happens from the 60th env step on."""
-    coming = iter([lambda: None] * 59 + happens)
+    """It happens from the 40th env step on."""
+    coming = iter([lambda: None] * 39 + happens)
     whole = BoundTask.step
 
     def step(self: BoundTask, action: int) -> Any:

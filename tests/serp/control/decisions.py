@@ -43,7 +43,8 @@ GLIDER = load(
 """What is unsafe here is so some steps ahead: speed is lost slowly."""
 
 WRITTEN = (*map(world, range(WORLDS)), GLIDER)
-MODELS = (*WRITTEN, *map(risky_world, range(WORLDS)))
+RISKY = tuple(map(risky_world, range(WORLDS)))
+MODELS = (*WRITTEN, *RISKY)
 """As the file has them, and adapted, with risks of all sizes."""
 
 

@@ -22,6 +22,7 @@ from tests.generated.profile import examples
 from tests.serp import lava
 from tests.serp.control.decisions import (
     MODELS,
+    RISKY,
     View,
     Wild,
     action_maps,
@@ -48,10 +49,10 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative() -> None:
     """Under every strategy, whatever was learned of the world and of values."""
     met: Counter[str] = Counter()
 
-    @examples(1_200)
+    @examples(2_000)
     @given(
         strategy=st.sampled_from(strategy_names()),
-        model=st.sampled_from(MODELS),
+        model=st.sampled_from((*MODELS, *RISKY)),
         actions=st.integers(0, 4),
         seed=st.integers(0, 2**32),
     )

@@ -40,7 +40,8 @@ def test_the_experts_reward_is_remembered_where_it_is_learned_from(
     asked = {"training": {"reward": learned}, "learner": {"n_step": 1}}
     trainer = Trainer(task.bind(), resolve("default", task.settings, asked), 3)
     rows = [trainer.run_episode() for _ in range(3)]
-    remembered = trainer.agent.learner.replay.newest(trainer.env_steps).reward
+    arrays, _ = trainer.agent.learner.replay.state_dict()
+    remembered = arrays["reward"]
     assert len(remembered) == trainer.env_steps
     source = declared if learned == "task" else learned
     by_environment, by_domain = (

@@ -17,7 +17,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("watching")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("serp._util.figures.render", lambda figure, kind: b"")  # takes longest
-        plan_and_learn(drawn(folder), episodes=2, out=folder / "run", quiet=True)
+        # The learner is evaluated, from the first episode on.
+        always = {"guide": {"strategy": "mixture"}, "arbiter": {"rho": 1.0}}
+        plan_and_learn(drawn(folder), settings=always, episodes=2, out=folder / "run", quiet=True)
     return folder / "run"
 
 

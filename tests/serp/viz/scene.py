@@ -86,4 +86,5 @@ def bound(folder: Path, make_env: Any = Drawn) -> BoundTask:
 
 def reckless_agent(folder: Path) -> Agent:
     task = drawn(folder)
-    return reckless(Agent(task.bind(), resolve("default", task.settings), 0))
+    changes = {"guide": {"strategy": "mixture"}, "arbiter": {"rho": 1.0}}
+    return reckless(Agent(task.bind(), resolve("default", task.settings, changes), 0))

@@ -97,7 +97,7 @@ def test_it_is_an_environment_as_gymnasium_has_it(tmp_path: Path) -> None:
     )  # its first action is 3, an external one's is 0
     bound = task.bind()
     agent = Agent(bound, settings_of(task), 0)
-    drawn = str(agent.state_dict()[1])
+    drawn = drawn_by(agent)
     env = ExternalEnv(bound, agent, 0)
     assert env.action_space.n == 4  # type: ignore[attr-defined]
     assert env.observation_space.shape == (3,)
@@ -112,4 +112,4 @@ def test_it_is_an_environment_as_gymnasium_has_it(tmp_path: Path) -> None:
             over = terminated or truncated
         with pytest.raises(gym.error.ResetNeeded):
             env.step(1)
-    assert str(agent.state_dict()[1]) == drawn
+    assert drawn_by(agent) == drawn
