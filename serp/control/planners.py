@@ -1,4 +1,4 @@
-"""The planners `closed-graph` and `lookahead`, for every size of domain."""
+"""The planners `far-sight` and `lookahead`, for every size of domain."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def lookahead(model: TransitionModel, settings: PlannerSettings) -> Planner:
     return Lookahead(model, settings) if model.compiles else GraphPlanner(model, settings)
 
 
-def closed_graph(model: TransitionModel, settings: PlannerSettings) -> Planner:
+def far_sight(model: TransitionModel, settings: PlannerSettings) -> Planner:
     """Return the planner that sees to the end of a finite task, and far in a continuous one."""
     # Its leaves have the values of cells wherever there are any.
     return FarSightPlanner(model, settings, lookahead(model, settings))

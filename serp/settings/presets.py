@@ -42,7 +42,7 @@ PRESETS: Final[Mapping[str, Changes]] = {
     # The best known choices.
     "default": {
         # With two control periods per edge the lookahead is twice as long at the same cost.
-        "planner": {"name": "closed-graph", "depth": 5, "repeat": 2, "discount": 0.99},
+        "planner": {"name": "far-sight", "depth": 5, "repeat": 2, "discount": 0.99},
         "adaptation": {"mode": "full", "min_visits": 4},
         "guide": {"strategy": "evidence"},
         "learner": {

@@ -13,7 +13,7 @@ _SETTINGS: Final = {
 }
 _BY_EVIDENCE: Final = "the strategy `evidence` decides on lead and imitation by returns"
 _REMOVED: Final = {
-    ("planner", "leaf_value"): "the planner `closed-graph` values the leaves by itself",
+    ("planner", "leaf_value"): "the planner `far-sight` values the leaves by itself",
     ("arbiter", "surety"): _BY_EVIDENCE,
     ("arbiter", "broken_promises"): "three failures, and one in 1,000 steps, are tolerated",
     ("arbiter", "after_veto"): "after a veto the planner acts",

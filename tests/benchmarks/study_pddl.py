@@ -1,6 +1,6 @@
 """Ordinary PDDL problems, replanned in the file's world: how many goals are reached, and how fast.
 
-    python tests/benchmarks/study_pddl.py [FOLDER ...] [--planner closed-graph] [--each 1]
+    python tests/benchmarks/study_pddl.py [FOLDER ...] [--planner far-sight] [--each 1]
         [--steps 200] [--seconds 120] [--only WORD] [--examples] [section.key=value ...]
 
 The problems are those of the folders, the first `--each` of every domain (`domain.pddl` beside
@@ -132,7 +132,7 @@ def solve(arguments: tuple[Any, ...], limit: float) -> Result:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("given", nargs="*", help="folders, and settings as section.key=value")
-    parser.add_argument("--planner", default="closed-graph")
+    parser.add_argument("--planner", default="far-sight")
     parser.add_argument("--each", type=int, default=1)
     parser.add_argument("--steps", type=int, default=200)
     parser.add_argument("--seconds", type=float, default=120.0)

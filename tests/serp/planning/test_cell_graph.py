@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.control.planners import closed_graph
+from serp.control.planners import far_sight
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.cell_graph import CellGraph
 from serp.planning.far_sight.cell_values import (
@@ -52,7 +52,7 @@ def along(low: float, high: float) -> Vector:
 
 def planner_after(states: Vector, saved: int = 50_000) -> FarSightPlanner:
     """Return a planner that has saved so many steps, after experience."""
-    planner = closed_graph(track(), SETTINGS)
+    planner = far_sight(track(), SETTINGS)
     assert isinstance(planner, FarSightPlanner)
     planner.visited = memory = TransitionMemory(1_000, 1, 3)
     for state in states:

@@ -7,7 +7,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from serp.control.planners import closed_graph
+from serp.control.planners import far_sight
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.closed_graph import ClosedGraph
@@ -138,7 +138,7 @@ def test_what_one_step_predicts_is_what_the_lookahead_predicts(seed: int) -> Non
 
 def test_it_sees_to_the_end_and_avoids_what_is_unsafe() -> None:
     model = worlds.load(CORRIDOR.format(end=60))
-    planner = closed_graph(model, PlannerSettings())
+    planner = far_sight(model, PlannerSettings())
     state, steps = np.array([5.0]), 0
     while state[0] < 60:
         forecast = planner.forecast(state)
@@ -151,14 +151,14 @@ def test_it_sees_to_the_end_and_avoids_what_is_unsafe() -> None:
 
 def test_decisions_follow_the_model_when_it_changes() -> None:
     model = worlds.load(CORRIDOR.format(end=9))
-    planner = closed_graph(model, PlannerSettings())
+    planner = far_sight(model, PlannerSettings())
     before = planner.forecast(np.array([5.0]))
     model._set([p.value for p in model.parameters], 1.0)
     model.revision += 1
     after = planner.forecast(np.array([5.0]))
     assert (before.value == after.value).all()
     theta = np.array([-5.0 if p.value == 10 else p.value for p in model.parameters])
-    changed = closed_graph(model.replace(theta=theta), PlannerSettings())
+    changed = far_sight(model.replace(theta=theta), PlannerSettings())
     assert changed.forecast(np.array([5.0])).value[0] < after.value[0]
 
 
@@ -173,7 +173,7 @@ def test_what_never_closes_is_left_to_the_lookahead_in_bounded_memory() -> None:
     graph = ClosedGraph(model, SETTINGS)
     graph.grow(np.zeros(2))
     assert not graph.complete and graph.edges < 4_000 and graph.forecast(np.zeros(2)) is None
-    forecast = closed_graph(model, SETTINGS).forecast(np.zeros(2))
+    forecast = far_sight(model, SETTINGS).forecast(np.zeros(2))
     near = Lookahead(model, SETTINGS).forecast(np.zeros(2))
     assert forecast.choice == near.choice and (forecast.value == near.value).all()
 

@@ -9,7 +9,7 @@ from random import Random
 import numpy as np
 import pytest
 
-from serp.control.planners import closed_graph
+from serp.control.planners import far_sight
 from serp.model.bytecode.virtual_machine import virtual_step
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground import All, AnyOf, Constant, Holds, Not, Test, comparisons_of
@@ -171,7 +171,7 @@ def test_nothing_depends_on_an_inert_fluent(seed: int) -> None:
 def replanned(model: TransitionModel, monkeypatch: pytest.MonkeyPatch, most: int) -> float:
     """Replan in the model until the goal is reached; return the sum of rewards."""
     monkeypatch.setattr("serp.planning.far_sight.planner._SMALL_GRAPH", most)
-    planner = closed_graph(model, SETTINGS)
+    planner = far_sight(model, SETTINGS)
     state, total = start(model), 0.0
     for _ in range(100):
         forecast = planner.forecast(state)

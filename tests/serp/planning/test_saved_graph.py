@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp._util.saved_state import Arrays
-from serp.control.planners import closed_graph
+from serp.control.planners import far_sight
 from serp.errors import RunError
 from serp.model.transition_model import TransitionModel
 from serp.planning.far_sight.closed_graph import ClosedGraph
@@ -27,7 +27,7 @@ def corridor() -> TransitionModel:
 
 
 def planner_at(*places: float) -> FarSightPlanner:
-    planner = closed_graph(MODEL, SETTINGS)
+    planner = far_sight(MODEL, SETTINGS)
     assert isinstance(planner, FarSightPlanner)
     for x in places:
         planner.forecast(np.array([x]))
@@ -71,7 +71,7 @@ def test_a_graph_that_fails_costs_ever_less() -> None:
         "(:action b :parameters () :precondition (and)"
         " :effect (and (increase (y) (+ 1 (* 0.7 (x)))))))"
     )
-    planner = closed_graph(model, PlannerSettings(depth=2))
+    planner = far_sight(model, PlannerSettings(depth=2))
     assert isinstance(planner, FarSightPlanner)
     grown: list[int] = []
     grow = planner.graph.grow
