@@ -13,7 +13,6 @@ from scipy import special
 from serp._util.saved_state import Saved
 from serp.control.lead_evidence import LeadEvidence, Worth
 from serp.control.protocols import Proposer
-from serp.control.strategies.start_values import StartValues
 from serp.control.strategies.strategy import Seed, Situation, Strategy
 from serp.learning.dqn import Proposal
 from serp.learning.guidance import Guidance, GuidedLearning
@@ -71,18 +70,11 @@ class Evidence(Strategy):
     That probability is ρ. It follows from the returns of the episodes that each has led by Bayesian
     inference (Student's t, because the variance of returns is not known). Both become better with
     experience, so old returns lose weight as experience grows, and both are tried again from time
-    to time (discounted Thompson sampling: Raj & Kalyani 2017, arXiv 1707.09727). What a return owes
-    to the episode's first state is taken out of it (`StartValues`). Without evidence a
+    to time (discounted Thompson sampling: Raj & Kalyani 2017, arXiv 1707.09727). Without evidence a
     lead is expected to be as bad as the worst episode so far, so the planner begins. While the
     planner leads, the learner acts, and explores, where all plans have the same value. It does not
     explore where it leads: its returns would say nothing of its trained policy. The trained policy
     is the lead that is more probably the better one.
-
-    A learner that only watches the planner never tries other actions, and its values for these are
-    invented. So in episodes that the planner leads it imitates the planner's choice, except where
-    all plans have the same value: Q of that choice should exceed all others by a standard deviation
-    of Q (large-margin loss: DQfD, Hester et al. 2018, arXiv 1704.03732), with weight 1 - ρ
-    (compare QDagger: Agarwal et al. 2022, arXiv 2206.01626).
     """
 
     guided = GuidedLearning(margin=1.0, margin_weight=1.0, relative=True, q_filter=False)
@@ -92,9 +84,6 @@ class Evidence(Strategy):
         self.planner, self.learner = Returns(), Returns()
         self._worst, self._best = math.inf, -math.inf
         self._steps = 0
-        self._starts = StartValues()
-        self._start: float | None = None
-        """The learner's value of the first state of the episode; None before the first decision."""
         self._rho = 0.0
         self._leads = False
         self._random = np.random.default_rng(seed)
@@ -186,9 +175,6 @@ class Evidence(Strategy):
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's choice if it leads; if not, its proposal where plans are alike."""
-        if self._start is None:
-            admissible = situation.admissible if situation.admissible.any() else slice(None)
-            self._start = float(learner.target_q()[admissible].max())
         if self._leads:
             return learner.propose_greedily()
         return learner.propose(situation.admissible) if situation.forecast.indifferent else None
@@ -201,20 +187,13 @@ class Evidence(Strategy):
 
     def end_episode(self, return_: float, length: int) -> None:
         """Add the return to the evidence, and draw who leads the next episode."""
-        start, self._start = self._start, None
         if abs(return_) <= _LARGEST:
             before, self._steps = self._steps, self._steps + length
             kept = (before / self._steps) ** _FORGETTING if self._steps else 0.0
-            for faded in (self.planner, self.learner, self._starts):
-                faded.fade(kept)
-            led = self.learner if self._leads else self.planner
-            worth = return_
-            if start is not None and math.isfinite(start):
-                worth -= self._starts.luck(start)
-                self._starts.add(start, return_ - led.mean if led.episodes else None)
-            worth = worth if abs(worth) <= _LARGEST else return_
-            self._worst, self._best = min(self._worst, worth), max(self._best, worth)
-            led.add(worth)
+            self.planner.fade(kept)
+            self.learner.fade(kept)
+            self._worst, self._best = min(self._worst, return_), max(self._best, return_)
+            (self.learner if self._leads else self.planner).add(return_)
             self._rho = self._probability()
         self._leads = bool(self._random.random() < self._rho)
 
@@ -225,7 +204,6 @@ class Evidence(Strategy):
             "learner": vars(self.learner).copy(),
             "range": [self._worst, self._best] if self._worst <= self._best else None,
             "steps": self._steps,
-            "starts": self._starts.state_dict(),
             "leads": self._leads,
             "random": self._random.bit_generator.state,
         }
@@ -247,7 +225,6 @@ class Evidence(Strategy):
             returns.load(Saved(name, {}, saved.part(name)[1]), self._worst, self._best)
         if (self.planner.episodes + self.learner.episodes > 0) != (meta.get("range") is not None):
             raise saved.wrong("range is that of no episode, or of none")
-        self._starts.load_state_dict(saved.part("starts")[1])
         self._leads = saved.truth("leads")
         self._random.bit_generator.state = saved.generator_state("random", self._random)
         self._rho = self._probability()

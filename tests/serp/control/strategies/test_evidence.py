@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from serp.control.strategies.evidence import Evidence
 from serp.errors import RunError
 from serp.settings import Settings
-from tests.serp.control.scene import Known, learner_acts, situation, told
+from tests.serp.control.scene import learner_acts, told
 
 RETURNS = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -200.0, 1e300, -1e200, 1e-300])
 EPISODES = st.lists(st.tuples(RETURNS, st.integers(1, 500)), max_size=30)
@@ -78,35 +78,6 @@ def test_a_lead_that_becomes_better_is_found(learner: bool) -> None:
     assert np.mean([right is learner for right in found]) >= 0.9
 
 
-def decided(strategy: Evidence, value: float) -> bool:
-    """Whether the learner leads an episode that begins in a state of this value to it."""
-    said = strategy.propose(situation([1.0, 0.0]), Known([value - 1.0, value]))
-    return said is not None
-
-
-def lucky(weight: float, seed: int, episodes: int = 60) -> Evidence:
-    """A strategy after episodes whose return is mostly due to their first state, or is not."""
-    strategy, rng = Evidence(Settings(), seed), np.random.default_rng(seed)
-    for _ in range(episodes):
-        value = 5.0 * rng.normal()
-        better = 2.0 * decided(strategy, value)
-        strategy.end_episode(better + weight * 2.0 * value + rng.normal(), 10)
-    return strategy
-
-
-def test_the_luck_of_the_first_state_is_taken_out() -> None:
-    """The learner is better by 2, and the luck has a standard deviation of 10."""
-    found = [lucky(1.0, seed) for seed in range(20)]
-    assert np.mean([strategy.rho > 0.5 for strategy in found]) >= 0.9
-    spread = [led.deviation for s in found if (led := s.evidence.planner) is not None]
-    assert np.median(spread) < 2.0
-
-
-def test_values_of_first_states_that_say_nothing_leave_the_evidence_as_it_is() -> None:
-    found = [lucky(0.0, seed) for seed in range(20)]
-    assert np.mean([strategy.rho > 0.5 for strategy in found]) >= 0.9
-
-
 @given(EPISODES, st.integers(0, 100))
 @settings(max_examples=100, deadline=None)
 def test_evidence_of_any_returns_is_finite_and_a_resumed_run_equals_another(
@@ -114,7 +85,6 @@ def test_evidence_of_any_returns_is_finite_and_a_resumed_run_equals_another(
 ) -> None:
     strategy, resumed = Evidence(Settings(), seed), Evidence(Settings(), seed + 1)
     for value, length in episodes:
-        decided(strategy, value % 7.0)
         strategy.end_episode(value, length)
         resumed.load_state_dict(json.loads(json.dumps(strategy.state_dict())))
         assert resumed.state_dict() == strategy.state_dict()
@@ -127,8 +97,9 @@ def test_evidence_of_any_returns_is_finite_and_a_resumed_run_equals_another(
         for worth in (evidence.planner, evidence.learner):
             if worth is not None:
                 span = max(kept) - min(kept)
-                assert min(kept) - 9 * span <= worth.mean <= max(kept) + 9 * span
-                assert 0.0 <= worth.deviation <= 10 * span
+                slack = 1e-6 * max(map(abs, kept))
+                assert min(kept) - slack <= worth.mean <= max(kept) + slack
+                assert 0.0 <= worth.deviation <= span
                 assert str(worth) in said["sentence"]
 
 
@@ -153,7 +124,7 @@ def test_a_forged_state_is_refused_or_gone_on_with(data: st.DataObject) -> None:
     strategy, _ = played(lambda leads, episode: float(episode % 7), 3, 20)
     meta = copy.deepcopy(strategy.state_dict())
     name = data.draw(st.sampled_from(sorted(meta)))
-    if name in ("planner", "learner", "starts"):
+    if name in ("planner", "learner"):
         meta[name][data.draw(st.sampled_from(sorted(meta[name])))] = data.draw(forged())
     else:
         meta[name] = data.draw(forged())
@@ -163,7 +134,6 @@ def test_a_forged_state_is_refused_or_gone_on_with(data: st.DataObject) -> None:
     except RunError:
         return
     for _ in range(3):
-        decided(other, 2.0)
         assert 0.0 <= other.rho <= 1.0
         json.dumps(other.evidence.as_dict(), allow_nan=False)
         other.end_episode(1.0, 10)
