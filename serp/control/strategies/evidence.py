@@ -20,8 +20,8 @@ from serp.planning.action_map import ActionForecast
 from serp.settings import Settings
 
 _FORGETTING: Final = 2
-"""An episode has the weight of the share of all env steps so far that had been made when it ended,
-to this power; so the evidence is as recent as that of the newer half of all env steps alone."""
+"""The k-th of n episodes has the weight k / n to this power; so the evidence is as recent as that
+of the newer half of all episodes alone."""
 
 _LARGEST: Final = 1e150
 """Larger returns have no finite square; such an episode is no evidence."""
@@ -156,8 +156,8 @@ class Evidence(Strategy):
     def _probability(self) -> float:
         """Return the probability that the learner's lead is better."""
         episodes = self.planner.episodes + self.learner.episodes
-        if not episodes:
-            return 0.0
+        if not episodes or self._steps <= self._settings.learner.learning_starts:
+            return 0.0  # the learner has learned nothing yet
         if not self._span > 1e-9 * max(abs(self._best), abs(self._worst)):
             # All returns are equal. By Laplace's rule of succession the next one differs with
             # probability 1 / (n + 2), and is better as probably as worse.
@@ -188,8 +188,9 @@ class Evidence(Strategy):
     def end_episode(self, return_: float, length: int) -> None:
         """Add the return to the evidence, and draw who leads the next episode."""
         if abs(return_) <= _LARGEST:
-            before, self._steps = self._steps, self._steps + length
-            kept = (before / self._steps) ** _FORGETTING if self._steps else 0.0
+            self._steps += length
+            before = self.planner.episodes + self.learner.episodes
+            kept = (before / (before + 1)) ** _FORGETTING
             self.planner.fade(kept)
             self.learner.fade(kept)
             self._worst, self._best = min(self._worst, return_), max(self._best, return_)

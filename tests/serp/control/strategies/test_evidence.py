@@ -23,11 +23,15 @@ RETURNS = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -200.0, 1e300, -1e200, 1e
 EPISODES = st.lists(st.tuples(RETURNS, st.integers(1, 500)), max_size=30)
 
 
+LEARNS = Settings().replace({"learner": {"learning_starts": 0}})
+"""The learner learns from the first step on."""
+
+
 def played(
     value: Callable[[bool, int], float], seed: int, episodes: int, noise: float = 0.0
 ) -> tuple[Evidence, list[bool]]:
     """A strategy after episodes worth `value(learner leads, number)`, and who led each."""
-    strategy, rng = Evidence(Settings(), seed), np.random.default_rng(seed)
+    strategy, rng = Evidence(LEARNS, seed), np.random.default_rng(seed)
     led = []
     for episode in range(episodes):
         led.append(learner_acts(strategy))
@@ -83,7 +87,7 @@ def test_a_lead_that_becomes_better_is_found(learner: bool) -> None:
 def test_evidence_of_any_returns_is_finite_and_a_resumed_run_equals_another(
     episodes: list[tuple[float, int]], seed: int
 ) -> None:
-    strategy, resumed = Evidence(Settings(), seed), Evidence(Settings(), seed + 1)
+    strategy, resumed = Evidence(LEARNS, seed), Evidence(LEARNS, seed + 1)
     for value, length in episodes:
         strategy.end_episode(value, length)
         resumed.load_state_dict(json.loads(json.dumps(strategy.state_dict())))
@@ -107,7 +111,7 @@ def test_evidence_of_any_returns_is_finite_and_a_resumed_run_equals_another(
 def test_the_unit_and_the_zero_of_the_reward_do_not_matter(
     values: list[float], scale: float
 ) -> None:
-    plain, scaled = Evidence(Settings(), 1), Evidence(Settings(), 1)
+    plain, scaled = Evidence(LEARNS, 1), Evidence(LEARNS, 1)
     for value in np.round(values, 3):
         plain.end_episode(float(value), 5)
         scaled.end_episode(float(value) * scale + 7.0 * scale, 5)
@@ -128,7 +132,7 @@ def test_a_forged_state_is_refused_or_gone_on_with(data: st.DataObject) -> None:
         meta[name][data.draw(st.sampled_from(sorted(meta[name])))] = data.draw(forged())
     else:
         meta[name] = data.draw(forged())
-    other = Evidence(Settings(), 0)
+    other = Evidence(LEARNS, 0)
     try:
         other.load_state_dict(meta)
     except RunError:
@@ -141,7 +145,7 @@ def test_a_forged_state_is_refused_or_gone_on_with(data: st.DataObject) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_learner_imitates_the_planner_as_long_as_that_is_better(seed: int) -> None:
-    strategy, rng = Evidence(Settings(), seed), np.random.default_rng(seed)
+    strategy, rng = Evidence(LEARNS, seed), np.random.default_rng(seed)
     assert strategy.margin_weight == 1.0  # nothing is known of the learner
     for episode in range(200):
         learner = 0.0 if episode < 60 else 20.0
@@ -154,7 +158,17 @@ def test_the_learner_imitates_the_planner_as_long_as_that_is_better(seed: int) -
 
 def test_a_planner_without_a_reason_is_not_imitated() -> None:
     """Its choice is the first in the file, and means nothing."""
-    strategy = Evidence(Settings())
+    strategy = Evidence(LEARNS)
     for values, imitated in (([1.0, 0.0], 0), ([1.0, 1.0], -1), ([0.0, 1.0], 1)):
         assert told(strategy, 0, values).action == imitated
         assert told(strategy, 0, values, [1.0, 1.0]).action == imitated
+
+
+def test_a_learner_that_has_learned_nothing_yet_never_leads() -> None:
+    strategy = Evidence(Settings().replace({"learner": {"learning_starts": 90}}), 0)
+    rng = np.random.default_rng(0)
+    for _ in range(9):
+        assert strategy.rho == 0.0 and not learner_acts(strategy)
+        strategy.end_episode(rng.normal(), 10)
+    strategy.end_episode(rng.normal(), 10)
+    assert strategy.rho > 0.0
