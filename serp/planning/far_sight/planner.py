@@ -45,7 +45,8 @@ class NearPlanner(Protocol):
 class FarSightPlanner:
     """Plans on the closed graph where the best policy stays inside it, else by a lookahead.
 
-    In continuous domains the lookahead has values of cells at its leaves. Every decision earns a
+    Where the lookahead is indifferent in a continuous domain, it is asked again with values of cells
+    at its leaves. They come from interpolation, so they do not decide against what it sees. Every decision earns a
     fraction of the steps of the model that a lookahead predicts. Graph and cells are paid for with
     what was saved: so the mean cost of a decision is bounded, and what is built grows with
     experience. They are kept until the model has changed noticeably.
@@ -139,15 +140,20 @@ class FarSightPlanner:
         near, visited, cells = self._near, self.visited, self.cells
         if cells is None or visited is None or not isinstance(near, Lookahead):
             return near.forecast(state)
+        near.leaves = np.zeros(0)
+        found = near.forecast(state)
+        self._ahead = near.followed
+        if not found.indifferent:
+            return found
         if visited.seen >= self._cells_at and self._saved >= self._price:
             there_are = cells.build(state, visited.next_states, self._saved)
             self._price = min(_SAVED, cells.needed if there_are else 2 * self._saved)
             self._saved -= cells.steps
             self._cells_at = 1 + int(_GROWN * visited.seen)
+        if not cells.values.size:
+            return found
         near.leaves = cells.values
-        found = near.forecast(state)
-        self._ahead = near.followed
-        return found._replace(bound=Bound.CELLS) if cells.values.size else found
+        return near.forecast(state)._replace(bound=Bound.CELLS)
 
     def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
