@@ -45,11 +45,12 @@ class NearPlanner(Protocol):
 class FarSightPlanner:
     """Plans on the closed graph where the best policy stays inside it, else by a lookahead.
 
-    Where the lookahead is indifferent in a continuous domain, it is asked again with values of cells
-    at its leaves. They come from interpolation, so they do not decide against what it sees. Every decision earns a
-    fraction of the steps of the model that a lookahead predicts. Graph and cells are paid for with
-    what was saved: so the mean cost of a decision is bounded, and what is built grows with
-    experience. They are kept until the model has changed noticeably.
+    Where the lookahead is indifferent in a continuous domain, it is asked again with values of
+    cells at its leaves. They come from interpolation, so they do not decide against what it sees.
+    Every decision earns a fraction of the steps of the model that a lookahead predicts, or more
+    where graphs close. Graph and cells are paid for with what was saved: so the mean cost of a
+    decision is bounded, and what is built grows with experience. They are kept until the model has
+    changed noticeably.
 
     Args:
         model: The transition model.
