@@ -107,17 +107,16 @@ def stack_room(typing_context):  # type: ignore[no-untyped-def]
 
 
 @cached_njit(nogil=True)
-def step_batch(  # type: ignore[no-untyped-def]
-    address, states, actions, theta, dt, out, flags
-):
-    """Step a batch.
+def step_batch(model, states, actions, out, flags):  # type: ignore[no-untyped-def]
+    """Step a batch of a model, see `TransitionModel.machine_code`.
 
     States are flat `[B * F]`, actions `[B]`. `out`, flat `[B * (F + 1)]`, receives the next states,
     each followed by its reward; `flags`, `[B]`, the flags.
     """
     batch = actions.shape[0]
     width = states.shape[0] // max(batch, 1)
-    parameters = pointer_to(theta, 0)
+    address, data, dt = model
+    parameters = pointer_to(data, 0)
     for row in range(batch):
         state, target = pointer_to(states, row * width), pointer_to(out, row * (width + 1))
         for column in range(width):

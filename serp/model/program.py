@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
 MAX_NATIVE_SIZE = 400
 """Largest size of a model that has machine code of its own; larger ones run as bytecode."""
-MAX_BYTECODE_SIZE = 2_000_000
-"""Largest size of a model that runs as bytecode; larger ones run in CPython."""
 # numba recurses over the branches of one expression: long ones overflow its stack.
 MAX_NATIVE_TEST = 200
 
@@ -153,20 +151,14 @@ class Program:
 
     @property
     def machine(self) -> Machine | None:
-        """The bytecode of a model that runs as such; None for any other."""
-        if self.has_own_code or self._sizes[0] > MAX_BYTECODE_SIZE:
-            return None
-        return self._machine
+        """The bytecode of a model that runs as such; None for one with code of its own."""
+        return None if self.has_own_code else self._machine
 
     @functools.cached_property
-    def _machine(self) -> Machine | None:
-        from serp.model.bytecode.translation import TooManyVariables
+    def _machine(self) -> Machine:
         from serp.model.bytecode.virtual_machine import Machine
 
-        try:
-            return Machine.of_step(self.ground)
-        except TooManyVariables:
-            return None
+        return Machine.of_step(self.ground)
 
     @property
     def compiled(self) -> bool:
@@ -178,11 +170,6 @@ class Program:
         """Whether the model is small enough to be compiled to machine code in reasonable time."""
         size, most = self._sizes
         return size <= MAX_NATIVE_SIZE and most <= MAX_NATIVE_TEST
-
-    @property
-    def compiles(self) -> bool:
-        """Whether steps run as machine code, of the model's own or of the virtual machine."""
-        return self.has_own_code or self.machine is not None
 
     @functools.cached_property
     def _sizes(self) -> tuple[int, int]:

@@ -170,18 +170,11 @@ class TransitionModel(StateSpace):
 
     def _step_batch(self, states: Vector, actions: NDArray[np.int64]) -> Outcome:
         batch, width = states.shape
-        if not self.compiles:
-            pairs = zip(states.tolist(), actions.tolist(), strict=True)
-            rows = [self.transition(state, action) for state, action in pairs]
-            out = np.array([row for row, _ in rows])
-            flags = np.array([flag for _, flag in rows], dtype=np.int64)
-        else:
-            from serp.model.native import address_of, step_batch
+        from serp.model.native import step_batch
 
-            flat = np.ascontiguousarray(states).reshape(-1)
-            out, flags = np.empty(batch * (width + 1)), np.empty(batch, dtype=np.int64)
-            address, chosen = address_of(self.native_step()), np.ascontiguousarray(actions)
-            step_batch(address, flat, chosen, self.data, self.dt, out, flags)
+        flat = np.ascontiguousarray(states).reshape(-1)
+        out, flags = np.empty(batch * (width + 1)), np.empty(batch, dtype=np.int64)
+        step_batch(self.machine_code, flat, np.ascontiguousarray(actions), out, flags)
         table = out.reshape(batch, width + 1)
         applicable = (flags & APPLICABLE) != 0
         return Outcome(
@@ -206,11 +199,6 @@ class TransitionModel(StateSpace):
         return self._bytecode
 
     @property
-    def compiles(self) -> bool:
-        """Whether steps run as machine code; models too large for it run in CPython."""
-        return self._program.compiles
-
-    @property
     def has_own_code(self) -> bool:
         """Whether the model is small enough to be compiled to machine code in reasonable time.
 
@@ -222,6 +210,13 @@ class TransitionModel(StateSpace):
     def compiled(self) -> bool:
         """Whether `native_step` is compiled already."""
         return self._program.compiled
+
+    @property
+    def machine_code(self) -> tuple[np.intp, Vector, float]:
+        """What compiled loops take: the address of `native_step`, its data, and Δt."""
+        from serp.model.native import address_of
+
+        return address_of(self.native_step()), self.data, self.dt
 
     def native_step(self) -> Any:
         """Return the compiled C callback of `step` (numba), compiling it when first called."""

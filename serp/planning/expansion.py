@@ -1,4 +1,4 @@
-"""Evaluation of the edges out of states, in batches: compiled, or in CPython for large domains."""
+"""Evaluation of the edges out of states, in batches."""
 
 from __future__ import annotations
 
@@ -7,16 +7,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, joined
+from serp.model.flags import APPLICABLE, UNDEFINED
 from serp.model.transition_model import TransitionModel
-from serp.planning.preference import hazard, marked, rank_of
 from serp.settings import PlannerSettings
 
 State = tuple[float, ...]
 
-_NATIVE_EDGES = 4096
-_INTERPRETED_EDGES = 256
-"""Edges that are evaluated between two readings of the clock: some tens of milliseconds."""
+_EDGES = 4096
+"""Edges that are evaluated between two readings of the clock."""
 
 
 class Followed(NamedTuple):
@@ -72,21 +70,14 @@ def follow(
     model: TransitionModel, settings: PlannerSettings, nodes: Sequence[int], states: list[State]
 ) -> Iterator[Followed]:
     """Follow every edge out of some nodes, given by their positions in `states`, in batches."""
-    if model.compiles:
-        size = max(1, _NATIVE_EDGES // max(1, len(model.actions)))
-        for start in range(0, len(nodes), size):
-            yield _follow_native(model, settings, nodes[start : start + size], states)
-        return
-    for node in nodes:
-        for start in range(0, len(model.actions), _INTERPRETED_EDGES):
-            actions = range(start, min(start + _INTERPRETED_EDGES, len(model.actions)))
-            yield _follow_interpreted(model, settings, node, actions, states[node])
+    size = max(1, _EDGES // max(1, len(model.actions)))
+    for start in range(0, len(nodes), size):
+        yield _follow(model, settings, nodes[start : start + size], states)
 
 
-def _follow_native(
+def _follow(
     model: TransitionModel, settings: PlannerSettings, nodes: Sequence[int], states: list[State]
 ) -> Followed:
-    from serp.model.native import address_of
     from serp.planning.edge_kernels import expand
     from serp.planning.kernel_records import Rules
 
@@ -99,7 +90,7 @@ def _follow_native(
     flags, rank, periods, first_flags = np.empty((4, tried), dtype=np.int64)
     columns = (reward, weight, flags, rank, periods, risk, first_reward, first_flags)
     expand(
-        (address_of(model.native_step()), model.data, model.dt),
+        model.machine_code,
         tuple(Rules(actions, 1, settings.repeat, settings.discount, settings.accepted_risk)),
         len(nodes), rows.reshape(-1), out.reshape(-1),
         columns,
@@ -114,40 +105,3 @@ def _follow_native(
     return Followed(
         edges, list(map(tuple, out[there, :width].tolist())), np.asarray(nodes)[undefined].tolist()
     )
-
-
-def _follow_interpreted(
-    model: TransitionModel, settings: PlannerSettings, node: int, actions: range, state: State
-) -> Followed:
-    edges, reached, undefined = Edges.none(), [], False
-    source = list(state)
-    for action in actions:
-        target, flags = model.transition(source, action)
-        if not flags & APPLICABLE:
-            undefined = undefined or bool(flags & UNDEFINED)
-            continue
-        reward = first_reward = target.pop()
-        risk = hazard(flags, settings.accepted_risk)
-        flags = first_flags = marked(flags, risk)
-        weight = settings.discount
-        periods = 0 if risk > 0.0 else 1
-        for _ in range(settings.repeat - 1):
-            if flags & TERMINAL:
-                break
-            further, again = model.transition(target, action)
-            if not again & APPLICABLE:
-                break
-            more = hazard(again, settings.accepted_risk)
-            flags = joined(flags, marked(again, more))
-            risk += (1.0 - risk) * more
-            periods += risk == 0.0
-            reward += weight * further.pop()
-            weight *= settings.discount
-            target = further
-        rank = rank_of(first_flags)
-        edge = (node, action, reward, weight, flags, rank, periods, risk, first_reward, first_flags)
-        columns: tuple[list[Any], ...] = edges
-        for column, value in zip(columns, edge, strict=True):
-            column.append(value)
-        reached.append(tuple(target))
-    return Followed(edges, reached, [node] if undefined else [])

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from serp.planning.hash_table import table_size
+
 
 class CompiledModel(NamedTuple):
     """A transition model, for compiled loops: its function, its parameters, its control period."""
@@ -50,9 +52,7 @@ class Scratch(NamedTuple):
     @classmethod
     def allocate(cls, nodes: int, actions: int, width: int) -> Scratch:
         """Allocate memory for searches that expand at most `nodes` nodes."""
-        edges, size = nodes * actions, 2
-        while size < 2 * nodes:
-            size *= 2
+        edges = nodes * actions
         return cls(
             states=np.zeros((nodes + 2) * (width + 1)),
             reward=np.zeros(edges),
@@ -64,7 +64,7 @@ class Scratch(NamedTuple):
             best_value=np.zeros(nodes),
             best_risk=np.zeros(nodes),
             best_steps=np.zeros(nodes, np.int64),
-            table=np.zeros(size, np.int32),
+            table=np.zeros(table_size(nodes), np.int32),
         )
 
 
@@ -80,6 +80,7 @@ class FirstActions(NamedTuple):
     @classmethod
     def allocate(cls, count: int) -> FirstActions:
         """Allocate room for `count` actions."""
-        value, path_risk, reward = (np.empty(count) for _ in range(3))
-        steps, flags = (np.empty(count, dtype=np.int64) for _ in range(2))
-        return cls(value, path_risk, steps, reward, flags)
+        return cls(
+            np.empty(count), np.empty(count), np.empty(count, np.int64), np.empty(count),
+            np.empty(count, np.int64),
+        )  # fmt: skip

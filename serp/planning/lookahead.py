@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model.native import address_of
 from serp.model.transition_model import StateError, TransitionModel
+from serp.planning.far_sight.cell_values import NO_CELLS
 from serp.planning.forecast import Forecast
 from serp.planning.kernel_records import FirstActions, Rules, Scratch
 from serp.planning.limits import Bound, edge_budget, lookahead_nodes
@@ -27,18 +27,16 @@ class Lookahead:
         settings: Depth, discount and bounds.
 
     Attributes:
-        leaves: The value function of the states that the last layer leads to, see
-            `cell_values.pack`; empty: their values are 0, and all decisions
-            are those of the planning graph.
+        leaves: The values of the states that the last layer leads to. Without any they are 0, and
+            all decisions are those of the planning graph.
         followed: Edges that the newest forecast followed; before the first one, the most.
     """
 
     def __init__(self, model: TransitionModel, settings: PlannerSettings | None = None) -> None:
         self.model = model
         self.settings = settings or PlannerSettings()
-        self._callback = model.native_step()
-        self._address = address_of(self._callback)
-        self.leaves: NDArray[np.float64] = np.zeros(0)
+        self._address = model.machine_code[0]  # compiled now, so that no decision waits for it
+        self.leaves = NO_CELLS
         self._width = len(model.fluents)
         self._actions = len(model.actions)
         nodes = lookahead_nodes(self.settings, self._actions, self._width)
@@ -70,6 +68,6 @@ class Lookahead:
         found = FirstActions.allocate(self._actions)
         choice, depth, bound, self.followed = search(
             (self._address, self.model.data, self.model.dt), self._rules,
-            self.leaves, state, self._scratch, tuple(found),
+            tuple(self.leaves), state, self._scratch, tuple(found),
         )  # fmt: skip
         return Forecast(choice, *found, depth, _BOUNDS[bound])

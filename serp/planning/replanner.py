@@ -110,8 +110,7 @@ class MonitorReplanner:
         self.time_budget = None if time_budget is None else real(time_budget, infinite=True)
         if time_budget is not None and not (self.time_budget or 0.0) > 0:
             raise SettingsError(f"planner: time_budget must be positive, not {time_budget!r}")
-        if model.compiles:
-            model.native_step()  # compiled now, so that no decision waits for it
+        model.native_step()  # compiled now, so that no decision waits for it
 
     def plan(self, state: ArrayLike) -> Plan:
         """Plan from an observed state `[F]`.

@@ -13,8 +13,9 @@ from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import pointer_to
 from serp.planning.edge_kernels import edge
-from serp.planning.far_sight.cell_values import cell_value_at
+from serp.planning.far_sight.cell_values import CellValues, value_at
 from serp.planning.forecast import SAFE
+from serp.planning.hash_table import state_slot, table_size
 from serp.planning.kernel_records import CompiledModel, FirstActions, Rules, Scratch
 from serp.planning.limits import Bound
 from serp.planning.preference import path_score, rank_of
@@ -31,46 +32,20 @@ _path_score = cached_njit(nogil=True, forceinline=True)(path_score)
 _rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
 
 
-@cached_njit(nogil=True, forceinline=True)
-def _same_slot(states, row, width, table, mask, candidate):
-    """Return the table's slot of the state equal to row `candidate`, or the empty one for it."""
-    digest = np.uint64(0xCBF29CE484222325)
-    base = candidate * row
-    for i in range(width):
-        bits = np.float64(states[base + i] + 0.0).view(np.uint64)  # -0.0 equals 0.0
-        digest = (digest ^ bits) * np.uint64(0x9E3779B97F4A7C15)
-        digest ^= digest >> np.uint64(29)
-    digest ^= digest >> np.uint64(32)
-    digest *= np.uint64(0x9E3779B97F4A7C15)
-    digest ^= digest >> np.uint64(29)
-    slot = np.int64(digest & np.uint64(mask))
-    while table[slot] >= 0:
-        other = table[slot] * row
-        equal = True
-        for i in range(width):
-            if states[other + i] != states[base + i]:
-                equal = False
-                break
-        if equal:
-            break
-        slot = (slot + 1) & mask
-    return slot
-
-
 @cached_njit(nogil=True)
 def search(model, rules, leaves, state, scratch, found):
     """Expand the planning graph of one state and find the best path of every first action.
 
     Model, rules, scratch and found (which is written) are records of
-    `serp.planning.kernel_records` as plain tuples. `leaves` is the value function of the states
-    that the last layer leads to, see `serp.planning.far_sight.cell_values.pack`; empty: they are 0.
+    `serp.planning.kernel_records` as plain tuples. `leaves`, a `CellValues`, are the values of the
+    states that the last layer leads to; without any they are 0.
 
     Returns:
         Chosen action, layers expanded, bound, edges followed.
     """
     named, limits = CompiledModel(*model), Rules(*rules)
     room, first = Scratch(*scratch), FirstActions(*found)
-    return _search(named, limits, leaves, state, room, first)
+    return _search(named, limits, CellValues(*leaves), state, room, first)
 
 
 @cached_njit(nogil=True)
@@ -102,12 +77,9 @@ def _search(model, rules, leaves, state, scratch, found):
             break
         stored = end
         keep = expanded + 1 < depth
-        mask = 1
+        mask = 0
         if keep:
-            wanted = min(max_nodes, (end - start) * actions)
-            while mask < 2 * wanted:
-                mask *= 2
-            mask -= 1
+            mask = table_size(min(max_nodes, (end - start) * actions)) - 1
             for i in range(mask + 1):
                 table[i] = -1
         for node in range(start, end):
@@ -127,12 +99,12 @@ def _search(model, rules, leaves, state, scratch, found):
                 if not flags[e] & APPLICABLE or flags[e] & TERMINAL:
                     continue
                 if not keep:
-                    if leaves.shape[0] > 0:
-                        reward[e] += weight[e] * cell_value_at(leaves, states, slot * row, width)
+                    if leaves.value.shape[0] > 0:
+                        reward[e] += weight[e] * value_at(leaves, states, slot * row)
                     continue
                 if stored > max_nodes:
                     continue  # the next layer is too large to be expanded: all its nodes are leaves
-                place = _same_slot(states, row, width, table, mask, slot)
+                place = state_slot(table, mask, states, row, pointer_to(states, slot * row), width)
                 if table[place] < 0:
                     if stored < max_nodes:
                         table[place] = stored

@@ -208,7 +208,7 @@ def _run(
     out = np.empty((batch, width + 1))
     flags = np.empty(batch, dtype=np.int64)
     step_batch(
-        address_of(callback), np.ascontiguousarray(states).reshape(-1),
-        np.ascontiguousarray(actions), model.data, model.dt, out.reshape(-1), flags,
+        (address_of(callback), model.data, model.dt), np.ascontiguousarray(states).reshape(-1),
+        np.ascontiguousarray(actions), out.reshape(-1), flags,
     )  # fmt: skip
     return out, flags

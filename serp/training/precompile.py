@@ -34,9 +34,8 @@ def precompile(agent: Agent) -> None:
     predicates = [k for k, fluent in enumerate(fluents) if not fluent.numeric]
     states[:, predicates] = states[:, predicates] > 0
     states[: _WHOLE + 1] = np.round(states[: _WHOLE + 1])
-    if agent.task.model.compiles:
-        with agent.undisturbed():
-            _precompile_learning(agent, states[0])
+    with agent.undisturbed():
+        _precompile_learning(agent, states[0])
     if agent.task.model.compiled and agent.task.model.actions:
         _precompile_adaptation(agent, states)
 

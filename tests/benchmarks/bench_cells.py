@@ -17,7 +17,7 @@ import numpy as np
 
 import serp
 from serp.planning.far_sight.cell_graph import CellGraph
-from serp.planning.far_sight.cell_values import cell_value_at
+from serp.planning.far_sight.cell_values import value_at
 from serp.settings import PlannerSettings
 
 DRIFT = """
@@ -55,7 +55,7 @@ def main() -> None:
     flat = states.ravel()
     begin = perf_counter()
     for k in range(len(states)):
-        cell_value_at(graph.values, flat, 2 * k, 2)
+        value_at(graph.values, flat, 2 * k)
     print(f"look-up, called from Python: {(perf_counter() - begin) / len(states) * 1e6:.2f} µs")
 
 

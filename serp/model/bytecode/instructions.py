@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 Table = NDArray[np.int32]
 
-REGISTERS: Final = 4096
+REGISTERS: Final = 32_768
+"""They lie on the stack: 256 KB, of which few are used."""
 SHIFT: Final = 24
 """An operand is `memory << SHIFT | position`."""
 

@@ -31,10 +31,6 @@ _COMPARISONS: Final[dict[type, tuple[Code, bool, bool]]] = {
 _NEGATED: Final = Code.UNLESS_LESS - Code.IF_LESS
 
 
-class TooManyVariables(SerpError):
-    """A function has more variables than there are registers."""
-
-
 @dataclass(frozen=True)
 class Shape:
     """The instructions of functions that differ only in positions.
@@ -134,7 +130,10 @@ class _Translation:
         if self.free:
             return self.free.pop()
         if self.used == REGISTERS:
-            raise TooManyVariables(f"more than {REGISTERS} variables")
+            raise SerpError(
+                f"the domain is too large to be planned in: an action, or the events together, has "
+                f"more than {REGISTERS:,} intermediate results; write fewer conditional effects"
+            )
         self.used += 1
         return self.used - 1
 

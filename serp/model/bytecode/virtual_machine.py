@@ -196,7 +196,7 @@ class Machine:
         actions: Statements of each action, without a return.
 
     Raises:
-        TooManyVariables: It does not fit into the registers.
+        SerpError: It does not fit into the registers.
     """
 
     def __init__(

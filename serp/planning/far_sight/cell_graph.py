@@ -11,13 +11,13 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from serp.model.native import OUTCOMES, address_of
+from serp.model.native import OUTCOMES
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import cell_kernels as kernels
-from serp.planning.far_sight.cell_kernels import HeldEdges
+from serp.planning.far_sight.array_graph import DONE, ENDED, ArrayGraph, GraphArrays
+from serp.planning.far_sight.cell_kernels import CellArrays
 from serp.planning.far_sight.cell_solution import begin_values, solve_cells
-from serp.planning.far_sight.cell_values import Cells, areas_of, pack
-from serp.planning.far_sight.closed_kernels import DONE, ENDED, Counters, GraphArrays
+from serp.planning.far_sight.cell_values import NO_CELLS, Cells, CellValues, cells_of
 from serp.settings import PlannerSettings
 
 MAX_EDGES: Final = 60_000
@@ -33,7 +33,6 @@ FINEST: Final = 100.0
 COARSEST: Final = 4.0
 _FINER: Final = 1.4
 """Bins in the range of a fluent: most, least, and the ratio from one attempt to the next."""
-_AT = Counters()
 
 
 class Visited(Protocol):
@@ -50,16 +49,16 @@ class Visited(Protocol):
         """`[N, F]`, the oldest first."""
 
 
-class CellGraph:
+class CellGraph(ArrayGraph):
     """A planning graph over cells.
 
     Args:
-        model: The transition model, which is compiled.
+        model: The transition model.
         settings: Discount and accepted risk.
         max_edges: Most edges.
 
     Attributes:
-        values: The values of the cells, for `Lookahead.leaves`; empty if there is no graph.
+        values: The values of the cells, for `Lookahead.leaves`.
         explores: Whether the plan leads to what is not known.
         bins: Number of bins in the range of a fluent at the next attempt; 0 before the first.
         steps: Steps of the model that the newest build predicted.
@@ -69,14 +68,11 @@ class CellGraph:
     def __init__(
         self, model: TransitionModel, settings: PlannerSettings, max_edges: int = MAX_EDGES
     ) -> None:
-        self._model = model
-        self._settings = settings
-        self._width = len(model.fluents)
-        self._actions = len(model.actions)
+        super().__init__(model, settings)
         self._edges = max(self._actions, max_edges)
         self._room = np.empty(2 * (self._width + 1))
         self._allocate(self._actions)
-        self.values: Vector = np.zeros(0)
+        self.values = NO_CELLS
         self.explores = False
         self.bins = 0.0
         self.steps = self.needed = 0
@@ -86,11 +82,10 @@ class CellGraph:
     def _precompile(self) -> None:
         """Call every compiled loop once, so that no decision waits for a compilation."""
         zeros = np.zeros(self._width)
-        known = areas_of(zeros[None], zeros, zeros)
-        cells = Cells(zeros, zeros, zeros, known)
+        cells = cells_of(zeros, zeros, zeros, zeros)
         self._expand(zeros, cells, 1)
         self._solve(cells)
-        self.values = np.zeros(0)
+        self.values = NO_CELLS
 
     def build(self, state: Vector, states: Vector, limit: int) -> bool:
         """Build the graph for a state `[F]` and visited states `[N, F]`.
@@ -115,12 +110,11 @@ class CellGraph:
         if len(self._arrays.action) < self._edges:
             self._allocate(self._edges)
 
-        area = unit * AREAS
-        known = areas_of(states, low, area)
         roots = np.concatenate((state, sample.ravel()))
+        division = cells_of(low, unit, unit * AREAS, states)
 
         def divided_into(bins: float) -> Cells:
-            return Cells(low, unit * bins, area, known)
+            return division._replace(scale=unit * bins)
 
         bins, first = self.bins or COARSEST, not self.bins
         while (used := self._expand(roots, divided_into(bins), limit)) < 0:
@@ -140,25 +134,14 @@ class CellGraph:
         self.bins = bins * _FINER if used < room and bins * _FINER <= FINEST else bins
         return True
 
-    @property
-    def edges(self) -> int:
-        """Number of edges of the newest graph."""
-        return int(self._arrays.counters[_AT.edges])
-
-    @property
-    def nodes(self) -> int:
-        """Number of its cells."""
-        return int(self._arrays.counters[_AT.nodes])
-
     def _expand(self, roots: Vector, cells: Cells, limit: int) -> int:
         """Expand the graph; return the steps that were predicted, -1 if these were too many."""
         arrays, division = self._arrays, tuple(cells)
         arrays.counters[:] = 0
         arrays.table[:] = -1
-        model = self._model
-        kernels.add_roots(self._arrays_tuple, division, roots)
+        kernels.add_roots(self._arrays_tuple, division, self._held, roots)
         ended, steps = kernels.expand_cells(
-            (address_of(model.native_step()), model.data, model.dt),
+            self._model.machine_code,
             (self._actions, self._settings.discount, self._settings.accepted_risk, limit),
             self._arrays_tuple, division, self._held, self._room,
         )  # fmt: skip
@@ -185,21 +168,22 @@ class CellGraph:
         alike = most - middle <= 1e-6 * max(abs(most), abs(middle))
         if most == least == 0.0:
             hoped = 1.0
-        known = self.values[:0] if self.explores else self.values
-        begin_values(self._arrays_tuple, self._width, known, middle * ages)
+        former = NO_CELLS if self.explores else self.values
+        begin_values(self._arrays_tuple, self._width, tuple(former), middle * ages)
         solve_cells(self._arrays_tuple, self._held, discount, worst, worst)
         margin = 1e-3 * (hoped - worst)
         self.explores = bool(alike and hoped > going_on and arrays.value[0] <= going_on + margin)
         if self.explores:
             solve_cells(self._arrays_tuple, self._held, discount, worst, hoped)
         elsewhere = hoped if self.explores else worst
-        states = arrays.states[: nodes * self._width]
-        self.values = pack(tuple(cells[:3]), states, arrays.value[:nodes], elsewhere)
+        self.values = CellValues.of(
+            cells.low, cells.scale, cells.area,
+            arrays.states[: nodes * self._width].copy(), np.append(arrays.value[:nodes], elsewhere),
+        )  # fmt: skip
 
     def _allocate(self, edges: int) -> None:
         nodes = edges // max(1, self._actions) + self._actions
         edges += self._actions
-        self._arrays = GraphArrays.allocate(nodes, edges, edges * OUTCOMES, self._width)
-        self._arrays_tuple = tuple(self._arrays)
-        self._edges_held = HeldEdges.allocate(edges, self._width)
+        self._hold(GraphArrays.allocate(nodes, edges, edges * OUTCOMES, self._width))
+        self._edges_held = CellArrays.allocate(nodes, edges, self._width)
         self._held = tuple(self._edges_held)

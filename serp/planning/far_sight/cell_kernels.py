@@ -15,14 +15,9 @@ from numpy.typing import NDArray
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, joined
 from serp.model.native import OUTCOMES, call_step, pointer_to
-from serp.planning.far_sight.cell_values import Cells, cell_of, is_known, nearness
-from serp.planning.far_sight.closed_kernels import (
-    DONE,
-    ENDED,
-    FULL,
-    Counters,
-    GraphArrays,
-)
+from serp.planning.far_sight.array_graph import DONE, ENDED, FULL, Counters, GraphArrays
+from serp.planning.far_sight.cell_values import Cells, digest_of, is_known, nearness
+from serp.planning.hash_table import key_slot
 from serp.planning.preference import hazard, marked
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -41,10 +36,11 @@ _marked = cached_njit(nogil=True, forceinline=True)(marked)
 _joined = cached_njit(nogil=True, forceinline=True)(joined)
 
 
-class HeldEdges(NamedTuple):
-    """Edges that hold their action for several control periods.
+class CellArrays(NamedTuple):
+    """What a graph over cells has beside `GraphArrays`; its edges hold their actions.
 
     Attributes:
+        cell: `[N]` digests of the cells of nodes.
         reward: `[E]` discounted sums of rewards.
         periods: `[E]` discounted numbers of control periods.
         weight: `[E]` discount, but that of one period, of what follows.
@@ -53,6 +49,7 @@ class HeldEdges(NamedTuple):
         node: `[E]` the nodes of their cells, or `ENDED`.
     """
 
+    cell: NDArray[np.uint64]
     reward: NDArray[np.float64]
     periods: NDArray[np.float64]
     weight: NDArray[np.float64]
@@ -61,45 +58,36 @@ class HeldEdges(NamedTuple):
     node: NDArray[np.int64]
 
     @classmethod
-    def allocate(cls, edges: int, width: int) -> HeldEdges:
-        """Allocate room for `edges` edges."""
+    def allocate(cls, nodes: int, edges: int, width: int) -> CellArrays:
+        """Allocate room for so many nodes and edges."""
+        cell = np.zeros(nodes, dtype=np.uint64)
         reward, periods, weight, beyond = (np.zeros(edges) for _ in range(4))
         target, node = np.zeros(edges * width), np.zeros(edges, dtype=np.int64)
-        return cls(reward, periods, weight, beyond, target, node)
+        return cls(cell, reward, periods, weight, beyond, target, node)
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _node_in(graph, digest):
-    """Return the slot of the node of a cell, or the empty slot for it."""
-    mask = graph.table.shape[0] - 1
-    slot = np.int64(digest & np.uint64(mask))
-    while graph.table[slot] >= 0 and graph.digest[graph.table[slot]] != digest:
-        slot = (slot + 1) & mask
-    return slot
-
-
-@cached_njit(nogil=True, forceinline=True)
-def _add_node(graph, slot, digest, row, width):
+def _add_node(graph, cell, slot, digest, row, width):
     node = graph.counters[_NODES]
     graph.counters[_NODES] = node + 1
     graph.table[slot] = node
-    graph.digest[node] = digest
+    cell[node] = digest
     for i in range(width):
         graph.states[node * width + i] = row[i]
     return node
 
 
 @cached_njit(nogil=True)
-def add_roots(arrays, division, states):
+def add_roots(arrays, division, found, states):
     """Add the cells of states, flat `[N * F]`, as far as there is room."""
-    graph, cells = GraphArrays(*arrays), Cells(*division)
+    graph, cells, known = GraphArrays(*arrays), Cells(*division), CellArrays(*found).cell
     width = cells.low.shape[0]
     for k in range(states.shape[0] // width):
         row = pointer_to(states, k * width)
-        digest = cell_of(row, cells.low, cells.scale, -1, 0)
-        slot = _node_in(graph, digest)
-        if graph.table[slot] < 0 and graph.counters[_NODES] < graph.digest.shape[0]:
-            _add_node(graph, slot, digest, row, width)
+        digest = digest_of(row, cells.low, cells.scale, True, -1, 0)
+        slot = key_slot(graph.table, known, digest)
+        if graph.table[slot] < 0 and graph.counters[_NODES] < graph.layer.shape[0]:
+            _add_node(graph, known, slot, digest, row, width)
 
 
 @cached_njit(nogil=True)
@@ -111,7 +99,7 @@ def expand_cells(model, rules, arrays, division, found, room):
         rules: Number of actions, discount, accepted risk, most steps to predict.
         arrays: Values of `GraphArrays`.
         division: Values of `Cells`.
-        found: Values of `HeldEdges`, written.
+        found: Values of `CellArrays`, written.
         room: `[2 (F + 1)]`, scratch memory.
 
     Returns:
@@ -119,7 +107,7 @@ def expand_cells(model, rules, arrays, division, found, room):
     """
     graph, cells = GraphArrays(*arrays), Cells(*division)
     steps = 0
-    held_edges = HeldEdges(*found)
+    held_edges = CellArrays(*found)
     seen, beyond, periods = held_edges.reward, held_edges.beyond, held_edges.periods
     address, data, dt = model
     actions, discount, accepted, most = rules
@@ -130,7 +118,7 @@ def expand_cells(model, rules, arrays, division, found, room):
     while count[_EXPANDED] < count[_NODES]:
         node = count[_EXPANDED]
         if (
-            count[_NODES] + actions > graph.digest.shape[0]
+            count[_NODES] + actions > graph.layer.shape[0]
             or count[_EDGES] + actions > graph.action.shape[0]
             or steps >= most
         ):
@@ -175,7 +163,6 @@ def expand_cells(model, rules, arrays, division, found, room):
                     break
             if held == 0:
                 continue
-            digest = cell_of(now, cells.low, cells.scale, -1, 0)
             edge = count[_EDGES]
             count[_EDGES] = edge + 1
             graph.action[edge], graph.flags[edge], graph.hazard[edge] = action, flags, danger
@@ -186,11 +173,12 @@ def expand_cells(model, rules, arrays, division, found, room):
                 held_edges.target[edge * width + i] = now[i]
             if ended:
                 continue
-            slot = _node_in(graph, digest)
+            digest = digest_of(now, cells.low, cells.scale, True, -1, 0)
+            slot = key_slot(graph.table, held_edges.cell, digest)
             if graph.table[slot] >= 0:
                 held_edges.node[edge] = graph.table[slot]
             elif is_known(cells, now, width):
-                held_edges.node[edge] = _add_node(graph, slot, digest, now, width)
+                held_edges.node[edge] = _add_node(graph, held_edges.cell, slot, digest, now, width)
             else:
                 beyond[edge] = weight
         count[_EXPANDED] = node + 1
@@ -208,9 +196,9 @@ def interpolate(arrays, division, found):
     Args:
         arrays: Values of `GraphArrays`, expanded.
         division: Values of `Cells`.
-        found: Values of `HeldEdges`.
+        found: Values of `CellArrays`.
     """
-    graph, cells, edges = GraphArrays(*arrays), Cells(*division), HeldEdges(*found)
+    graph, cells, edges = GraphArrays(*arrays), Cells(*division), CellArrays(*found)
     width = cells.low.shape[0]
     outcome = 0
     graph.first_outcome[0] = 0
@@ -226,8 +214,9 @@ def interpolate(arrays, division, found):
             for k in range(2 * width):
                 if cells.scale[k // 2] == 0.0 or outcome - first == OUTCOMES:
                     continue
-                digest = cell_of(row, cells.low, cells.scale, k // 2, 1 - 2 * (k % 2))
-                node = graph.table[_node_in(graph, digest)]
+                by = 1 - 2 * (k % 2)
+                digest = digest_of(row, cells.low, cells.scale, True, k // 2, by)
+                node = graph.table[key_slot(graph.table, edges.cell, digest)]
                 if node >= 0:
                     near = nearness(row, 0, graph.states, node * width, cells.scale)
                     if near > SMALL * total:

@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from serp._util.compilation import cached_njit
-from serp.planning.far_sight.cell_kernels import HeldEdges
-from serp.planning.far_sight.cell_values import cell_value_at
-from serp.planning.far_sight.closed_kernels import Counters, GraphArrays
+from serp.planning.far_sight.array_graph import Counters, GraphArrays
+from serp.planning.far_sight.cell_kernels import CellArrays
+from serp.planning.far_sight.cell_values import CellValues, value_at
 from serp.planning.preference import rank_of
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -81,20 +81,20 @@ def _evaluate(sources, edges, outcomes, values, backwards):
 
 
 @cached_njit(nogil=True)
-def begin_values(arrays, width, packed, otherwise):
-    """Begin with former values, see `serp.planning.far_sight.cell_values.pack`, if there are any.
+def begin_values(arrays, width, former, otherwise):
+    """Begin with former values, if there are any.
 
     Args:
         arrays: Values of `GraphArrays`.
         width: Fluents, F.
-        packed: The former values; empty if there are none.
+        former: Values of `CellValues`.
         otherwise: The value if there are none.
     """
-    graph = GraphArrays(*arrays)
+    graph, values = GraphArrays(*arrays), CellValues(*former)
     for node in range(graph.counters[_NODES]):
         graph.value[node] = otherwise
-        if packed.shape[0] > 0:
-            graph.value[node] = cell_value_at(packed, graph.states, node * width, width)
+        if values.value.shape[0] > 0:
+            graph.value[node] = value_at(values, graph.states, node * width)
 
 
 @cached_njit(nogil=True)
@@ -108,7 +108,7 @@ def solve_cells(arrays, found, discount, worst, beyond):
 
     Args:
         arrays: Values of `GraphArrays`, interpolated; `value` is continued from.
-        found: Values of `HeldEdges`.
+        found: Values of `CellArrays`.
         discount: Weight of a reward one control period later.
         worst: Least value.
         beyond: Value of what is not known.
@@ -116,7 +116,7 @@ def solve_cells(arrays, found, discount, worst, beyond):
     Returns:
         Number of sweeps over all edges.
     """
-    graph, held = GraphArrays(*arrays), HeldEdges(*found)
+    graph, held = GraphArrays(*arrays), CellArrays(*found)
     expanded, all_edges = graph.counters[_EXPANDED], graph.counters[_EDGES]
     # Plain arrays of what is left to choose among: the loops run over them a hundred times.
     node_of, first_edge = np.empty(expanded, np.int64), np.zeros(expanded + 1, np.int64)

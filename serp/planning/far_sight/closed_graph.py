@@ -14,12 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import Arrays
-from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import closed_kernels as kernels
 from serp.planning.far_sight import solution_kernels as solution
-from serp.planning.far_sight.closed_kernels import ENDED, NO_FLUENTS, Counters, GraphArrays
+from serp.planning.far_sight.array_graph import (
+    DONE,
+    ENDED,
+    FULL,
+    MANY,
+    NO_FLUENTS,
+    ArrayGraph,
+    GraphArrays,
+)
 from serp.planning.far_sight.inert import inert_fluents
 from serp.planning.far_sight.saved_graph import contents, restored
 from serp.planning.forecast import Forecast
@@ -35,10 +42,9 @@ _JUDGED_FROM, _NEVER_MET = 512, 0.98
 """Expansion ends if, after so many edges, this fraction of them leads to new states."""
 _SMALLEST: Final = 256
 """Nodes that the arrays have room for at first."""
-_AT = Counters()
 
 
-class ClosedGraph:
+class ClosedGraph(ArrayGraph):
     """A planning graph in which all equal states are one node.
 
     Args:
@@ -50,22 +56,19 @@ class ClosedGraph:
     def __init__(
         self, model: TransitionModel, settings: PlannerSettings, max_edges: int = MAX_EDGES
     ) -> None:
-        self._model = model
-        self._settings = settings
-        self._width = len(model.fluents)
-        self._actions = len(model.actions)
+        super().__init__(model, settings)
         self._max_edges = max_edges
         self._max_nodes = max(1, MAX_NUMBERS // max(1, self._width))
         self._room = np.empty(OUTCOMES * (self._width + 3))
         self.clear()
-        if model.compiles and self._actions:
+        if self._actions:
             self._precompile()
 
     def _precompile(self) -> None:
         """Call every compiled loop once, so that no decision waits for a compilation."""
         state = np.zeros(self._width)
         kernels.add_root(self._arrays_tuple, state)
-        self._expand_native(1)
+        self._expand(1)
         self._solve()
         self._look_up(0)
         kernels.hash_states(self._arrays_tuple)
@@ -78,21 +81,6 @@ class ClosedGraph:
         self._inert = inert_fluents(self._model.ground) if written else NO_FLUENTS
         self._allocate(_SMALLEST, _SMALLEST, _SMALLEST)
         self._unit, self._depth = 0.0, 0
-
-    @property
-    def nodes(self) -> int:
-        """Number of states."""
-        return int(self._arrays.counters[_AT.nodes])
-
-    @property
-    def expanded(self) -> int:
-        """Number of states whose actions were followed."""
-        return int(self._arrays.counters[_AT.expanded])
-
-    @property
-    def edges(self) -> int:
-        """Number of edges."""
-        return int(self._arrays.counters[_AT.edges])
 
     @property
     def complete(self) -> bool:
@@ -121,19 +109,18 @@ class ClosedGraph:
         roots = np.array(states, ndmin=2)
         least = 0 if self.nodes else len(roots)
         for state in roots:
-            if self.nodes == self._arrays.digest.shape[0]:
+            if self.nodes == len(self._arrays.layer):
                 self._enlarge()
             kernels.add_root(self._arrays_tuple, state)
         limit = min(limit, self._max_edges)
-        expand = self._expand_native if self._model.compiles else self._expand_interpreted
-        ended, most = kernels.MANY, _JUDGED_FROM
-        while ended != kernels.DONE and (
+        ended, most = MANY, _JUDGED_FROM
+        while ended != DONE and (
             self.expanded < least or (self.edges < limit and self.nodes < self._max_nodes)
         ):
             while most <= self.edges:
                 most *= 2
-            ended = expand(min(most, limit) if self.edges < limit else self.edges + 1)
-            if ended == kernels.FULL:
+            ended = self._expand(min(most, limit) if self.edges < limit else self.edges + 1)
+            if ended == FULL:
                 self._enlarge()
             elif self.edges >= most and self.spreads:
                 break
@@ -193,58 +180,27 @@ class ClosedGraph:
         choice = solution.look_up(self._arrays_tuple, node, discount, self._unit, tuple(found))
         return choice, found
 
-    # Expansion ---------------------------------------------------------------------------------
-
-    def _expand_native(self, most: int) -> int:
+    def _expand(self, most: int) -> int:
         """Expand nodes until there are `most` edges; return what ended it."""
-        model = self._model
-        outcomes = model.native_outcomes()
+        outcomes = self._model.native_outcomes()
         ended = kernels.expand(
-            (address_of(model.native_step()), model.data, model.dt),
+            self._model.machine_code,
             np.intp(0) if outcomes is None else address_of(outcomes),
             (self._actions, self._settings.accepted_risk), self._arrays_tuple, self._room, most,
         )  # fmt: skip
         return int(ended)
 
-    def _expand_interpreted(self, most: int) -> int:
-        """Do the same in CPython, for models too large to be compiled."""
-        arrays, accepted = self._arrays, self._settings.accepted_risk
-        counters, width = arrays.counters, self._width
-        while counters[_AT.expanded] < counters[_AT.nodes]:
-            node = int(counters[_AT.expanded])
-            if counters[_AT.edges] >= most:
-                return kernels.MANY
-            if not kernels.has_room(self._arrays_tuple, self._actions):
-                return kernels.FULL
-            state = arrays.states[node * width : (node + 1) * width].tolist()
-            layer = int(arrays.layer[node]) + 1
-            arrays.undefined[node] = 0
-            for action in range(self._actions):
-                target, flags = self._model.transition(state, action)
-                if not flags & APPLICABLE:
-                    arrays.undefined[node] |= bool(flags & UNDEFINED)
-                    continue
-                reward = target.pop()
-                kernels.add_edge(self._arrays_tuple, action, flags, accepted)
-                kernels.add_outcome(
-                    self._arrays_tuple, np.array(target), reward, flags & TERMINAL, 1.0, layer
-                )
-            kernels.close_node(self._arrays_tuple)
-        return kernels.DONE
-
     # Memory ------------------------------------------------------------------------------------
 
     def _allocate(self, nodes: int, edges: int, outcomes: int) -> None:
         most = self._actions * OUTCOMES
-        self._arrays = GraphArrays.allocate(
-            nodes + most, edges + self._actions, outcomes + most, self._width, self._inert
-        )
-        self._arrays_tuple = tuple(self._arrays)
+        room = (nodes + most, edges + self._actions, outcomes + most)
+        self._hold(GraphArrays.allocate(*room, self._width, self._inert))
 
     def _enlarge(self) -> None:
         """Double the arrays."""
         old = self._arrays
-        sizes = [2 * len(column) for column in (old.digest, old.action, old.target)]
+        sizes = [2 * len(column) for column in (old.layer, old.action, old.target)]
         self._allocate(*sizes)
         new = self._arrays
         new.counters[:] = old.counters
@@ -261,6 +217,5 @@ class ClosedGraph:
         self.clear()
         most = self._actions * OUTCOMES
         spare = (most + _SMALLEST, self._actions + _SMALLEST, most + _SMALLEST)
-        self._arrays = restored(arrays, self._width, self._actions, spare, self._inert)
-        self._arrays_tuple = tuple(self._arrays)
+        self._hold(restored(arrays, self._width, self._actions, spare, self._inert))
         self._measure()

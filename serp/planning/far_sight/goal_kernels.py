@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.native import call_step, pointer_to
-from serp.planning.far_sight.closed_kernels import hashed_node
+from serp.planning.far_sight.closed_kernels import state_node
 from serp.planning.far_sight.relaxation_kernels import relaxed_cost
+from serp.planning.hash_table import START, bits_of, finished, mixed, table_size
 from serp.planning.preference import hazard
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -43,7 +44,7 @@ class SearchArrays(NamedTuple):
 
     Attributes:
         counters: Nodes, expanded nodes, and edges that were followed.
-        table, inert, states, digest, layer: As in `closed_kernels.GraphArrays`.
+        table, inert, states: As in `array_graph.GraphArrays`.
         parent: `[N]` node that each was reached from; -1 of the root.
         left: `[N]` conditions of the goal that do not hold.
         done: `[N]` whether the node is expanded.
@@ -57,8 +58,6 @@ class SearchArrays(NamedTuple):
     table: NDArray[np.int32]
     inert: NDArray[np.int64]
     states: NDArray[np.float64]
-    digest: NDArray[np.uint64]
-    layer: NDArray[np.int32]
     parent: NDArray[np.int32]
     left: NDArray[np.int32]
     done: NDArray[np.uint8]
@@ -71,17 +70,12 @@ class SearchArrays(NamedTuple):
     @classmethod
     def allocate(cls, nodes: int, width: int, inert: NDArray[np.int64]) -> SearchArrays:
         """Allocate an empty tree; the memory is not touched before it is needed."""
-        size = 2
-        while size < 2 * nodes:
-            size *= 2
         queues = _BY_NOVELTY + _BY_COST
         return cls(
             counters=np.zeros(3, dtype=np.int64),
-            table=np.full(size, -1, dtype=np.int32),
+            table=np.full(table_size(nodes), -1, dtype=np.int32),
             inert=inert,
             states=np.zeros(nodes * width),
-            digest=np.zeros(nodes, dtype=np.uint64),
-            layer=np.zeros(nodes, dtype=np.int32),
             parent=np.zeros(nodes, dtype=np.int32),
             left=np.zeros(nodes, dtype=np.int32),
             done=np.zeros(nodes, dtype=np.uint8),
@@ -94,17 +88,9 @@ class SearchArrays(NamedTuple):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _mixed(one, other):
-    mixed = (one ^ (other + np.uint64(0x9E3779B97F4A7C15))) * np.uint64(0xBF58476D1CE4E5B9)
-    mixed ^= mixed >> np.uint64(29)
-    mixed *= np.uint64(0x94D049BB133111EB)
-    return mixed ^ (mixed >> np.uint64(32))
-
-
-@cached_njit(nogil=True, forceinline=True)
 def _atom(group, fluent, value):
     """Return the hash of a fluent's value, among the states that lack as many conditions."""
-    return _mixed(_mixed(group, np.uint64(fluent)), np.float64(value + 0.0).view(np.uint64))
+    return finished(mixed(mixed(group, np.uint64(fluent)), bits_of(value)))
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -123,7 +109,7 @@ def _novelty(tree, node, width):
     """Return the novelty of a node, and remember its values and pairs."""
     parent = np.int64(tree.parent[node])
     everything = parent < 0 or tree.left[parent] != tree.left[node]
-    group = _mixed(np.uint64(tree.left[node]), np.uint64(1))
+    group = mixed(np.uint64(START), np.uint64(tree.left[node]))
     count = 0
     for i in range(width):  # the values that changed come first
         value = tree.states[node * width + i]
@@ -143,7 +129,7 @@ def _novelty(tree, node, width):
     for k in range(changed):
         for j in range(k + 1, count):
             one, other = tree.atoms[k], tree.atoms[j]
-            pair = _is_new(tree, _mixed(min(one, other), max(one, other))) or pair
+            pair = _is_new(tree, finished(mixed(min(one, other), max(one, other)))) or pair
     return 1 if single else 2 if pair else 3
 
 
@@ -204,17 +190,17 @@ def search(model, counter, relaxed, rules, tree_arrays, root, limit):
     width = root.shape[0]
     out = np.empty(width + 1)
     theta, target, number = pointer_to(data, 0), pointer_to(out, 0), pointer_to(count_data, 0)
-    hashed_node(tree, root, width, 0)
+    state_node(tree, root, width)
     tree.parent[0] = -1
     call_step(count, pointer_to(root, 0), 0, number, dt, target)
     tree.left[0] = np.int64(min(target[width], MOST_LEFT))
     _enqueue(tree, relaxed, np.int64(0), width)
     while tree.counters[_TRIED] < limit:
         node = _dequeue(tree, tree.counters[_EXPANDED] % 2)
-        if node < 0 or tree.counters[_NODES] + actions > tree.digest.shape[0]:
+        if node < 0 or tree.counters[_NODES] + actions > tree.done.shape[0]:
             break
         tree.counters[_EXPANDED] += 1
-        source, layer = pointer_to(tree.states, node * width), tree.layer[node] + 1
+        source = pointer_to(tree.states, node * width)
         changed = True
         for action in range(actions):
             if changed:
@@ -233,7 +219,7 @@ def search(model, counter, relaxed, rules, tree_arrays, root, limit):
                     return node
                 continue
             before = tree.counters[_NODES]
-            reached = hashed_node(tree, target, width, layer)
+            reached = state_node(tree, target, width)
             if reached < before:
                 continue
             tree.parent[reached] = node

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Final
 
 import numpy as np
 
-from serp.model.bytecode.translation import TooManyVariables
 from serp.model.bytecode.virtual_machine import Machine, virtual_step
 from serp.model.native import address_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight.closed_kernels import NO_FLUENTS
+from serp.planning.far_sight.array_graph import NO_FLUENTS
 from serp.planning.far_sight.goal_count import goal_counter, ways_to_be_done
 from serp.planning.far_sight.goal_kernels import SearchArrays, search
 from serp.planning.far_sight.inert import inert_fluents
@@ -30,7 +28,7 @@ class GoalSearch:
     uncertain future is worth less than its values say.
 
     Args:
-        model: The transition model; in one that is not compiled nothing is searched for.
+        model: The transition model.
         settings: The accepted risk.
 
     Attributes:
@@ -43,9 +41,8 @@ class GoalSearch:
         self.steps = 0
         ground, theta = model.ground, model.theta.tolist()
         self._counter: Machine | None = None
-        with contextlib.suppress(TooManyVariables):
-            if model.compiles and model.actions and not ground.processes:
-                self._counter = goal_counter(ground, theta)
+        if model.actions and not ground.processes:
+            self._counter = goal_counter(ground, theta)
         if self._counter is not None:
             self._inert = inert_fluents(ground)
             self._relaxed = relaxed(ground, ways_to_be_done(ground, theta), theta, model.dt)
@@ -77,7 +74,7 @@ class GoalSearch:
         inert = self._inert if model.as_written else NO_FLUENTS
         tree = SearchArrays.allocate(nodes, width, inert)
         node = search(
-            (address_of(model.native_step()), model.data, model.dt),
+            model.machine_code,
             (address_of(virtual_step()), self._counter.data(model.theta)),
             (tuple(self._relaxed), tuple(RelaxedCosts.allocate(self._relaxed))),
             (actions, self._accepted), tuple(tree), state.copy(), limit,

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
-import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.cell_graph import COARSEST, FINEST, CellGraph, Visited
-from serp.planning.far_sight.cell_values import repacked
+from serp.planning.far_sight.cell_values import NO_CELLS, CellValues
 from serp.planning.far_sight.closed_graph import MAX_EDGES, ClosedGraph
 from serp.planning.far_sight.goal_search import GoalSearch
 from serp.planning.forecast import Forecast
@@ -35,13 +34,6 @@ _GROWN: Final = 1.1
 """The cells are found again when so many times as many states were visited."""
 
 
-class NearPlanner(Protocol):
-    """The planner that is asked outside of the graph."""
-
-    def forecast(self, state: Vector) -> Forecast:
-        """Return the forecast for a state `[F]`."""
-
-
 class FarSightPlanner:
     """Plans on the closed graph where the best policy stays inside it, else by a lookahead.
 
@@ -55,7 +47,6 @@ class FarSightPlanner:
     Args:
         model: The transition model.
         settings: The settings of the planner.
-        near: The planner that is asked outside of the graph. A `Lookahead` gets values of cells.
 
     Attributes:
         model: As above.
@@ -63,18 +54,16 @@ class FarSightPlanner:
         graph: The closed graph.
         search: The search for a way to the goal, where not everything that can be reached fits into
             the graph.
-        cells: The graph of cells; None where the model is not compiled.
+        cells: The graph of cells.
     """
 
-    def __init__(
-        self, model: TransitionModel, settings: PlannerSettings, near: NearPlanner
-    ) -> None:
+    def __init__(self, model: TransitionModel, settings: PlannerSettings) -> None:
         self.model = model
         self.visited: Visited | None = None
         self.graph = ClosedGraph(model, settings)
         self.search = GoalSearch(model, settings)
-        self.cells = CellGraph(model, settings) if isinstance(near, Lookahead) else None
-        self._near = near
+        self.cells = CellGraph(model, settings)
+        self._near = Lookahead(model, settings)
         actions = len(model.actions)
         self._ahead = lookahead_nodes(settings, actions, len(model.fluents)) * actions
         self._share = _SHARE * settings.repeat
@@ -139,28 +128,26 @@ class FarSightPlanner:
 
     def _forecast_by_cells(self, state: Vector) -> Forecast:
         near, visited, cells = self._near, self.visited, self.cells
-        if cells is None or visited is None or not isinstance(near, Lookahead):
-            return near.forecast(state)
-        near.leaves = np.zeros(0)
+        near.leaves = NO_CELLS
         found = near.forecast(state)
         self._ahead = near.followed
-        if not found.indifferent:
+        if visited is None or not found.indifferent:
             return found
         if visited.seen >= self._cells_at and self._saved >= self._price:
             there_are = cells.build(state, visited.next_states, self._saved)
             self._price = min(_SAVED, cells.needed if there_are else 2 * self._saved)
             self._saved -= cells.steps
             self._cells_at = 1 + int(_GROWN * visited.seen)
-        if not cells.values.size:
+        if not cells.values.value.size:
             return found
         near.leaves = cells.values
         return near.forecast(state)._replace(bound=Bound.CELLS)
 
     def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
-        arrays, cells = nested("graph", self.graph.state_dict()), self.cells
-        if cells is not None:
-            arrays["cells"] = cells.values.copy()
+        cells = self.cells
+        arrays = nested("graph", self.graph.state_dict())
+        arrays |= nested("cells", cells.values.state_dict())
         return arrays, {
             "saved": self._saved,
             "decisions": self._decisions,
@@ -171,8 +158,8 @@ class FarSightPlanner:
             "price": self._price,
             "closes": self._closes,
             "revision": self._revision,
-            "bins": 0.0 if cells is None else cells.bins,
-            "explores": cells is not None and cells.explores,
+            "bins": cells.bins,
+            "explores": cells.explores,
         }
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]], meta: Mapping[str, Any]) -> None:
@@ -189,13 +176,7 @@ class FarSightPlanner:
         self._limit, self._ahead = saved.whole("limit", 1, MAX_EDGES), saved.whole("ahead")
         self._price, self._closes = saved.whole("price", 0, _SAVED), saved.truth("closes")
         cells = self.cells
-        if cells is None:
-            return
         cells.bins, cells.explores = saved.real("bins", 0.0, FINEST), saved.truth("explores")
         if 0.0 < cells.bins < COARSEST:
             raise saved.wrong(f"bins is {cells.bins}")
-        packed = saved.array("cells", np.float64, (-1,))
-        try:
-            cells.values = repacked(packed, len(self.model.fluents)) if packed.size else packed
-        except ValueError as error:
-            raise saved.wrong(f"cells has {error}") from None
+        cells.values = CellValues.restored(part_of(arrays, "cells"), len(self.model.fluents))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import MOST, Arrays, Saved
 from serp.planning.far_sight import closed_kernels as kernels
-from serp.planning.far_sight.closed_kernels import ENDED, Counters, GraphArrays
+from serp.planning.far_sight.array_graph import ENDED, Counters, GraphArrays
 from serp.planning.forecast import SAFE
 
 _AT = Counters()

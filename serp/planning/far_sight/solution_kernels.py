@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from serp._util.compilation import cached_njit
-from serp.planning.far_sight.closed_kernels import Counters, GraphArrays
+from serp.planning.far_sight.array_graph import Counters, GraphArrays
 from serp.planning.forecast import SAFE
 from serp.planning.kernel_records import FirstActions
 from serp.planning.preference import path_score, rank_of

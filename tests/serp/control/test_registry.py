@@ -5,10 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from serp.control.planners import GraphPlanner
 from serp.control.registry import find_learner, find_strategy, make_planner, strategy_names
 from serp.errors import SettingsError
 from serp.learning.dqn import DQN
@@ -76,16 +74,3 @@ def test_planners_and_learners_are_found_alike() -> None:
     assert isinstance(make_planner(world(0), PlannerSettings()), Lookahead)
     with pytest.raises(SettingsError, match="planner.name: there is no planner `look`"):
         make_planner(world(0), PlannerSettings(name="look"))
-
-
-def test_a_model_too_large_to_be_compiled_is_planned_with_alike(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    model = world(1)
-    compiled = make_planner(model, PlannerSettings(depth=2))
-    monkeypatch.setattr(type(model), "compiles", False)
-    other = make_planner(model, PlannerSettings(depth=2))
-    assert isinstance(other, GraphPlanner)
-    state = np.zeros(len(model.fluents))
-    for one, another in zip(compiled.forecast(state), other.forecast(state), strict=True):
-        assert np.array_equal(one, another)

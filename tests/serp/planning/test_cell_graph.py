@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.control.planners import far_sight
+from serp.errors import RunError
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.cell_graph import CellGraph
-from serp.planning.far_sight.cell_values import (
-    Cells,
-    areas_of,
-    cell_of,
-    cell_value_at,
-    is_known,
-    pack,
-    repacked,
-)
+from serp.planning.far_sight.cell_values import CellValues, cells_of, digest_of, is_known, value_at
 from serp.planning.far_sight.planner import FarSightPlanner
 from serp.planning.limits import Bound
 from serp.settings import PlannerSettings
@@ -65,7 +60,7 @@ def test_an_end_far_beyond_the_lookahead_is_seen_where_it_is_known() -> None:
     planner = planner_after(along(-1.0, 4.999))
     near = planner.forecast(np.array([4.0]))
     far = planner.forecast(np.array([0.0]))
-    assert planner.cells is not None and not planner.cells.explores
+    assert not planner.cells.explores
     assert far.choice == near.choice == 1
     assert far.value[1] < near.value[1]
 
@@ -76,7 +71,7 @@ def test_where_nothing_is_known_to_reach_the_plan_leads_to_the_nearest_unknown(
 ) -> None:
     planner = planner_after(along(0.0, 2.0))
     assert planner.forecast(np.array([at])).choice == choice
-    assert planner.cells is not None and planner.cells.explores
+    assert planner.cells.explores
 
 
 def test_the_way_avoids_what_the_file_flags() -> None:
@@ -88,7 +83,7 @@ def test_the_way_avoids_what_the_file_flags() -> None:
 def test_what_was_found_is_restored_bit_for_bit() -> None:
     planner, other = planner_after(along(-1.0, 4.999)), planner_after(along(-1.0, 4.999))
     near = planner.forecast(np.array([0.1]))
-    assert planner.cells is not None and planner.cells.values.size
+    assert planner.cells.values.value.size
     other.load_state_dict(*planner.state_dict())
     for x in (0.1, 1.3, 4.1):
         one, again = planner.forecast(np.array([x])), other.forecast(np.array([x]))
@@ -99,7 +94,6 @@ def test_what_was_found_is_restored_bit_for_bit() -> None:
 def test_the_account_bounds_what_is_predicted() -> None:
     planner = planner_after(along(-1.0, 4.999), saved=0)
     cells = planner.cells
-    assert cells is not None
     spent, decisions = 0, 3_000
     assert planner.visited is not None
     for decision in range(decisions):
@@ -107,7 +101,7 @@ def test_the_account_bounds_what_is_predicted() -> None:
         planner.forecast(np.array([0.1 + 0.001 * decision]))
         spent += cells.steps
         planner.visited.seen += 1
-    assert cells.values.size
+    assert cells.values.value.size
     earned = 1 + 0.25 * (3 + 9 + 27) * SETTINGS.repeat
     # Coarser and finer attempts come on top of what was saved.
     assert spent <= 4 * earned * decisions
@@ -117,7 +111,7 @@ def test_without_continuous_fluents_or_experience_there_are_no_cells() -> None:
     graph = CellGraph(track(), SETTINGS)
     assert not graph.build(np.zeros(1), along(0.0, 2.0)[:5], 9_000)
     assert not graph.build(np.zeros(1), np.round(along(0.0, 9.0)), 9_000)
-    assert not graph.values.size
+    assert not graph.values.value.size
 
 
 @pytest.mark.parametrize("most", [30, 60, 300])
@@ -125,9 +119,9 @@ def test_a_graph_keeps_within_its_budget(most: int) -> None:
     graph = CellGraph(track(), SETTINGS, max_edges=most)
     if graph.build(np.zeros(1), along(-1.0, 4.999), 9_000):
         assert graph.edges <= most + 3
-        assert graph.values.size
+        assert graph.values.value.size
     else:
-        assert not graph.values.size
+        assert not graph.values.value.size
 
 
 @given(st.lists(st.floats(-3, 3), min_size=1, max_size=20), st.floats(-9, 9))
@@ -136,40 +130,41 @@ def test_a_value_lies_between_those_of_cells_or_is_that_of_the_unknown(
     visited: list[float], at: float
 ) -> None:
     low, scale, area = np.array([-3.0]), np.array([2.0]), np.array([1.0])
-    by_cell = {int(cell_of(np.array([x]), low, scale, -1, 0)): x for x in visited}
+    by_cell = {int(np.floor(2.0 * (x + 3.0))): x for x in visited}
     states = np.array(list(by_cell.values()))
-    values = states**2
-    packed = pack((low, scale, area), states, values, -7.0)
-    found = cell_value_at(packed, np.array([at]), 0, 1)
+    values = CellValues.of(low, scale, area, states, np.append(states**2, -7.0))
+    found = value_at(values, np.array([at]), 0)
     if (np.floor(states + 3.0) == np.floor(at + 3.0)).any():
-        assert values.min() - 1e-9 <= found <= values.max() + 1e-9
+        assert (states**2).min() - 1e-9 <= found <= (states**2).max() + 1e-9
     else:
         assert found == -7.0
-    assert np.array_equal(repacked(packed, 1), packed)
+    again = CellValues.restored(values.state_dict(), 1)
+    assert all(map(np.array_equal, again, values))
 
 
-@given(st.integers(0, 10_000), st.floats(allow_nan=True))
+@given(
+    st.sampled_from(["low", "scale", "area", "states", "value"]),
+    st.integers(0, 20),
+    st.floats(allow_nan=True),
+)
 @settings(max_examples=100, deadline=None)
-def test_values_of_cells_that_were_forged_are_refused(place: int, number: float) -> None:
-    states = np.linspace(0.0, 3.0, 20)
-    division = (np.zeros(1), np.full(1, 8.0), np.full(1, 2.0))
-    packed = pack(division, states, states, -1.0)
-    forged = packed.copy()
-    forged[place % len(forged)] = number
-    try:
-        found = repacked(forged, 1)
-    except ValueError:
-        return
-    assert np.array_equal(found, forged)
-    cell_value_at(found, np.array([1.0]), 0, 1)
+def test_values_of_cells_that_were_forged_are_refused_or_do_no_harm(
+    name: str, place: int, number: float
+) -> None:
+    states, one = np.linspace(0.0, 3.0, 20), np.ones(1)
+    saved = CellValues.of(0 * one, 8 * one, 2 * one, states, np.append(states, -1.0)).state_dict()
+    with pytest.raises(RunError):
+        CellValues.restored(saved | {name: saved[name][:-1]}, 1)
+    saved[name][place % len(saved[name])] = number
+    with contextlib.suppress(RunError):
+        value_at(CellValues.restored(saved, 1), np.array([1.0]), 0)
 
 
 @given(st.floats(-3, 3), st.floats(-3, 3))
 @settings(max_examples=50, deadline=None)
 def test_what_is_near_something_visited_is_known(visited: float, at: float) -> None:
     low, area = np.array([-3.0]), np.array([8.0 / 6.0])
-    known = areas_of(np.array([[visited]]), low, area)
-    cells = Cells(low, area, area, known)
+    cells = cells_of(low, area, area, np.array([[visited]]))
     if abs(visited - at) <= 6.0 / 8.0:
         assert is_known(cells, np.array([at]), 1)
     if abs(visited - at) > 2 * 6.0 / 8.0:
@@ -179,4 +174,4 @@ def test_what_is_near_something_visited_is_known(visited: float, at: float) -> N
 def test_numbers_that_are_not_finite_have_a_cell() -> None:
     low, scale = np.zeros(1), np.ones(1)
     for number in (np.nan, np.inf, -np.inf, 1e300):
-        cell_of(np.array([number]), low, scale, -1, 0)
+        digest_of(np.array([number]), low, scale, True, -1, 0)

@@ -176,16 +176,3 @@ def test_what_never_closes_is_left_to_the_lookahead_in_bounded_memory() -> None:
     forecast = far_sight(model, SETTINGS).forecast(np.zeros(2))
     near = Lookahead(model, SETTINGS).forecast(np.zeros(2))
     assert forecast.choice == near.choice and (forecast.value == near.value).all()
-
-
-def test_machine_code_and_interpreter_build_the_same_graph() -> None:
-    model = worlds.load(CORRIDOR.format(end=9))
-    native, interpreted = ClosedGraph(model, SETTINGS), ClosedGraph(model, SETTINGS)
-    interpreted._expand_native = interpreted._expand_interpreted  # type: ignore[method-assign]
-    state = np.array([4.0])
-    for graph in (native, interpreted):
-        graph.grow(state)
-    for x in range(9):
-        one, other = (graph.forecast(np.array([float(x)])) for graph in (native, interpreted))
-        assert one is not None and other is not None
-        assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))

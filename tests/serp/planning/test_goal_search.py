@@ -125,8 +125,8 @@ def test_what_is_left_of_the_goal_is_counted(seed: int) -> None:
         return
     out, flags = np.empty((len(states), states.shape[1] + 1)), np.empty(len(states), np.int64)
     step_batch(
-        address_of(virtual_step()), states.reshape(-1), np.zeros(len(states), dtype=np.int64),
-        counter.data(theta), 1.0, out.reshape(-1), flags,
+        (address_of(virtual_step()), counter.data(theta), 1.0), states.reshape(-1),
+        np.zeros(len(states), dtype=np.int64), out.reshape(-1), flags,
     )  # fmt: skip
     for state, left in zip(states, out[:, -1], strict=True):
         assert left == min(sum(not holds(test, state) for test in way) for way in ways)

@@ -1,4 +1,4 @@
-"""Arrays, planning graph and interpreter find the plan of plain recursion, bit for bit."""
+"""Arrays and planning graph find the plan of plain recursion, bit for bit; bytecode as well."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from serp.model.flags import RISKY, UNSAFE
 from serp.model.transition_model import StateError, TransitionModel, Vector
-from serp.planning.far_sight.cell_values import cell_of, cell_value_at, pack
+from serp.planning.far_sight.cell_values import NO_CELLS, CellValues, digest_of, value_at
 from serp.planning.forecast import SAFE, Forecast
 from serp.planning.limits import Bound
 from serp.planning.lookahead import Lookahead
@@ -67,12 +67,9 @@ def assert_all_forms_agree(
         assert bits(forecast) == bits(planned.forecast)
         assert type(forecast.choice) is int and type(forecast.bound) is Bound
     with pytest.MonkeyPatch.context() as patch:
-        for limit in ("MAX_NATIVE_SIZE", "MAX_BYTECODE_SIZE"):
-            assert model.compiles
-            patch.setattr(f"serp.model.program.{limit}", -1)
-            for state, planned in zip(states, plans, strict=True):
-                assert bits(plan(model, settings, state).forecast) == bits(planned.forecast)
-        assert not model.compiles
+        patch.setattr("serp.model.program.MAX_NATIVE_SIZE", -1)
+        for state, planned in zip(states, plans, strict=True):
+            assert bits(plan(model, settings, state).forecast) == bits(planned.forecast)
     return plans
 
 
@@ -211,18 +208,17 @@ def test_memory_is_bounded_whatever_the_depth() -> None:
 # Leaves that are worth something -----------------------------------------------------------------
 
 
-def leaves_of(model: TransitionModel, seed: int, size: float = 1.0) -> np.ndarray:
+def leaves_of(model: TransitionModel, seed: int, size: float = 1.0) -> CellValues:
     """Values of all states, from those of random cells; the larger `size`, the louder."""
     random, width = np.random.default_rng(seed), len(model.fluents)
     states = np.array(states_of(model, Random(seed), 40)).reshape(-1, width)
     low, span = states.min(axis=0), np.ptp(states, axis=0)
     unit = np.divide(1.0, span, out=np.zeros(width), where=span > 0.0)
     scale = 8.0 * unit
-    digests = [cell_of(state, low, scale, -1, 0) for state in states]
+    digests = [digest_of(state, low, scale, True, -1, 0) for state in states]
     _, first = np.unique(digests, return_index=True)
-    values = size * random.standard_normal(len(first))
-    elsewhere = size * random.standard_normal()
-    return pack((low, scale, unit), states[first].ravel(), values, elsewhere)
+    values = size * random.standard_normal(len(first) + 1)
+    return CellValues.of(low, scale, unit, states[first].ravel(), values)
 
 
 @examples(50)
@@ -233,12 +229,9 @@ def test_every_first_action_is_worth_what_it_earns_and_where_it_ends(
     settings = settings.replace(depth=min(settings.depth, 3))
     leaves, lookahead = leaves_of(model, other), Lookahead(model, settings)
     lookahead.leaves = leaves
-    width = len(model.fluents)
     for state in states_of(model, Random(other), 2):
         forecast = lookahead.forecast(state)
-        reference = Reference(
-            model, settings, lambda s: cell_value_at(leaves, np.array(s), 0, width)
-        )
+        reference = Reference(model, settings, lambda s: float(value_at(leaves, np.array(s), 0)))
         layers, bound = reference.layers(as_state(state))
         assert (forecast.depth, forecast.bound) == (layers, bound)
         if bound is not Bound.DEPTH:  # where there is no room, leaves are worth nothing
@@ -280,7 +273,7 @@ def test_leaves_decide_among_equals_and_are_never_worth_a_risk() -> None:
                 met["something worse is worth more"] += after.value.max() > after.value[chosen]
             met["leaves turn the choice"] += after.choice != before.choice
             met["indifferent"] += before.indifferent
-            valued.leaves = np.zeros(0)  # taken away, they leave no trace
+            valued.leaves = NO_CELLS  # taken away, they leave no trace
             assert bits(valued.forecast(state)) == bits(before)
 
     holds()
