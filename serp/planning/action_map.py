@@ -14,7 +14,7 @@ from serp._util.text import did_you_mean
 from serp.errors import TaskError
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of, risks_of
 from serp.model.transition_model import StateError, TransitionModel
-from serp.planning.forecast import SAFE, Forecast, all_alike, score_of
+from serp.planning.forecast import SAFE, Forecast, score_of
 from serp.planning.limits import Bound
 from serp.planning.preference import free_of_risk
 
@@ -28,7 +28,7 @@ class ActionForecast(NamedTuple):
             where the model does not know it.
         value, path_risk, safe_steps, reward, flags: `[E]` as in `Forecast`. An action that the
             model does not know has value -inf, risk 0, safe steps SAFE, reward 0 and flags 0.
-        depth, bound: As in `Forecast`.
+        depth, bound, indifferent: As in `Forecast`.
     """
 
     choice: int
@@ -40,11 +40,7 @@ class ActionForecast(NamedTuple):
     flags: NDArray[np.int64]
     depth: int
     bound: Bound
-
-    @property
-    def indifferent(self) -> bool:
-        """Whether the planner has no reason to prefer one action; see `all_alike`."""
-        return all_alike(self)
+    indifferent: bool
 
     @property
     def safe(self) -> NDArray[np.bool_]:
@@ -156,13 +152,13 @@ class ActionMap:
 
     def project(self, forecast: Forecast) -> ActionForecast:
         """Return a forecast over ground actions as one over environment actions."""
-        if self._identity:
-            return ActionForecast(
-                forecast.choice, self._first, forecast.value, forecast.path_risk,
-                forecast.safe_steps, forecast.reward, forecast.flags, forecast.depth,
-                forecast.bound,
-            )  # fmt: skip
         ground = self._first if self._one_to_one else self._choose(forecast)
+        if not self._identity:
+            forecast = self._projected(forecast, ground)
+        return ActionForecast(forecast[0], ground, *forecast[1:], forecast.indifferent)
+
+    def _projected(self, forecast: Forecast, ground: NDArray[np.int64]) -> Forecast:
+        """Return a forecast for the environment actions, given the ground action of each."""
         choice = self.environment_action[forecast.choice] if forecast.choice >= 0 else -1
         # Position -1 is that of the actions that the model does not know.
         value = np.append(forecast.value, -np.inf)[ground]
@@ -178,12 +174,10 @@ class ActionMap:
                     risk[action] = forecast.path_risk[together].max()
                     steps[action] = forecast.safe_steps[together].min()
                     reward[action] = forecast.reward[together].min()
-        found = ActionForecast(
-            choice, ground, value, risk, steps, reward, flags, forecast.depth, forecast.bound
-        )
+        found = Forecast(choice, value, risk, steps, reward, flags, *forecast[-2:])
         return found if self._one_to_one else found._replace(choice=self._best(found))
 
-    def _best(self, of: ActionForecast) -> int:
+    def _best(self, of: Forecast) -> int:
         """Return the best environment action, -1 where none is applicable.
 
         Ties are broken by the order of the ground actions in the file.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,41 +74,23 @@ class Forecast(NamedTuple):
 
     @property
     def indifferent(self) -> bool:
-        """Whether the planner has no reason to prefer one action; see `all_alike`."""
-        return all_alike(self)
+        """Whether there are two or more actions to choose from and all have the same score.
+
+        The actions to choose from are those of the best rank, see `serp.planning.preference`.
+        """
+        # Lists, because arrays of a few actions take ten times as long.
+        flags: list[int] = self.flags.tolist()
+        ranked = [(rank_of(flag), k) for k, flag in enumerate(flags) if flag & APPLICABLE]
+        best = min(ranked, default=(0, 0))[0]
+        chosen = [k for rank, k in ranked if rank == best]
+        if len(chosen) < 2:
+            return False
+        columns = self.value.tolist(), self.path_risk.tolist(), self.safe_steps.tolist()
+        first = chosen[0]
+        return all(column[k] == column[first] for column in columns for k in chosen)
 
 
-class _ScoreColumns(Protocol):
-    """The columns of a forecast by which actions are compared; see `Forecast`."""
-
-    @property
-    def value(self) -> NDArray[np.float64]: ...
-    @property
-    def path_risk(self) -> NDArray[np.float64]: ...
-    @property
-    def safe_steps(self) -> NDArray[np.int64]: ...
-    @property
-    def flags(self) -> NDArray[np.int64]: ...
-
-
-def score_of(of: _ScoreColumns, action: int) -> PathScore:
+def score_of(of: Forecast, action: int) -> PathScore:
     """Return the score of the best path that begins with an action."""
     rank, steps = rank_of(int(of.flags[action])), int(of.safe_steps[action])
     return path_score(rank, float(of.path_risk[action]), steps, float(of.value[action]))
-
-
-def all_alike(of: _ScoreColumns) -> bool:
-    """Return whether there are two or more actions to choose from and all have the same score.
-
-    The actions to choose from are those of the best rank, see `serp.planning.preference`.
-    """
-    # Lists, because arrays of a few actions take ten times as long.
-    flags: list[int] = of.flags.tolist()
-    ranked = [(rank_of(flag), k) for k, flag in enumerate(flags) if flag & APPLICABLE]
-    best = min(ranked, default=(0, 0))[0]
-    chosen = [k for rank, k in ranked if rank == best]
-    if len(chosen) < 2:
-        return False
-    columns = of.value.tolist(), of.path_risk.tolist(), of.safe_steps.tolist()
-    first = chosen[0]
-    return all(column[k] == column[first] for column in columns for k in chosen)

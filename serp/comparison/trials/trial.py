@@ -180,6 +180,7 @@ def _not_forecast(action: int, size: int) -> Decision:
         flags=np.zeros(size, dtype=np.int64),
         depth=0,
         bound=Bound.NODES,
+        indifferent=False,
     )
     return Decision(
         action=action,

@@ -29,7 +29,7 @@ DECISION = Decision(
     admissible=np.ones(1, bool),
     forecast=ActionForecast(
         0, np.zeros(1, int), np.zeros(1), np.zeros(1), np.full(1, SAFE), np.zeros(1),
-        np.full(1, APPLICABLE), 1, Bound.DEPTH,
+        np.full(1, APPLICABLE), 1, Bound.DEPTH, False,
     ),
 )  # fmt: skip
 

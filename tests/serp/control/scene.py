@@ -31,6 +31,7 @@ def forecast(values: Sequence[float]) -> ActionForecast:
         flags=np.full(count, APPLICABLE),
         depth=1,
         bound=Bound.DEPTH,
+        indifferent=count > 1 and bool((value == value[0]).all()),
     )
 
 
