@@ -158,7 +158,7 @@ class Program:
     def _machine(self) -> Machine:
         from serp.model.bytecode.virtual_machine import Machine
 
-        return Machine.of_step(self.ground)
+        return Machine(self.ground)
 
     @property
     def compiled(self) -> bool:

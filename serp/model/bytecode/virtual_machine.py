@@ -9,7 +9,6 @@ those of the generated functions in CPython, bit for bit.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -188,23 +187,19 @@ def virtual_step() -> Any:
 
 
 class Machine:
-    """The bytecode of a ground model.
+    """The bytecode of the whole step of a ground model.
 
     Args:
         ground: The model.
-        rest: Statements that follow those of any action, and return.
-        actions: Statements of each action, without a return.
 
     Raises:
         SerpError: It does not fit into the registers.
     """
 
-    def __init__(
-        self, ground: GroundModel, rest: Sequence[str], actions: Iterable[Sequence[str]]
-    ) -> None:
-        assembler = Assembler()
-        following = assembler.add(rest)
-        entries = [assembler.add(statements, following) for statements in actions]
+    def __init__(self, ground: GroundModel) -> None:
+        assembler, actions = Assembler(), range(len(ground.actions))
+        following = assembler.add(statements_of(ground, -1))
+        entries = [assembler.add(statements_of(ground, action), following) for action in actions]
         table = assembler.table()
         self._parameters = len(ground.parameters)
         self._constants = np.array(list(assembler.constants), dtype=np.float64)
@@ -220,12 +215,6 @@ class Machine:
         jumps = np.isin(table[:, 0], list(JUMPS))
         table[jumps, 3] *= table.shape[1]
         self._code = table.reshape(-1).view(np.float64)
-
-    @classmethod
-    def of_step(cls, ground: GroundModel) -> Machine:
-        """Return the bytecode of the whole step."""
-        actions = (statements_of(ground, action) for action in range(len(ground.actions)))
-        return cls(ground, statements_of(ground, -1), actions)
 
     def data(self, theta: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the data of `virtual_step` for parameters `[P]`."""

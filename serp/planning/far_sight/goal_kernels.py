@@ -146,9 +146,10 @@ def _append(tree, order, queue, node):
 
 @cached_njit(nogil=True, forceinline=True)
 def _enqueue(tree, relaxed, node, width):
-    novelty, left = _novelty(tree, node, width) - 1, np.int64(tree.left[node])
-    _append(tree, 0, novelty * (MOST_LEFT + 1) + left, node)
-    cost = relaxed_cost(relaxed[0], relaxed[1], pointer_to(tree.states, node * width))
+    cost, left = relaxed_cost(relaxed[0], relaxed[1], pointer_to(tree.states, node * width))
+    tree.left[node] = min(left, MOST_LEFT)
+    novelty = _novelty(tree, node, width) - 1
+    _append(tree, 0, novelty * (MOST_LEFT + 1) + np.int64(tree.left[node]), node)
     _append(tree, 1, _BY_NOVELTY + np.int64(min(cost, _BY_COST - 1)), node)
 
 
@@ -168,12 +169,11 @@ def _dequeue(tree, order):
 
 
 @cached_njit(nogil=True)
-def search(model, counter, relaxed, rules, tree_arrays, root, limit):
+def search(model, relaxed, rules, tree_arrays, root, limit):
     """Search for an edge that reaches the goal.
 
     Args:
         model: Values of `serp.planning.kernel_records.CompiledModel`.
-        counter: Address and data of the function that counts the conditions left.
         relaxed: Values of `RelaxedTables`, and of `RelaxedCosts`.
         rules: Number of actions A, accepted risk.
         tree_arrays: Values of `SearchArrays`, empty.
@@ -185,15 +185,12 @@ def search(model, counter, relaxed, rules, tree_arrays, root, limit):
     """
     tree = SearchArrays(*tree_arrays)
     address, data, dt = model
-    count, count_data = counter
     actions, accepted = rules
     width = root.shape[0]
     out = np.empty(width + 1)
-    theta, target, number = pointer_to(data, 0), pointer_to(out, 0), pointer_to(count_data, 0)
+    theta, target = pointer_to(data, 0), pointer_to(out, 0)
     state_node(tree, root, width)
     tree.parent[0] = -1
-    call_step(count, pointer_to(root, 0), 0, number, dt, target)
-    tree.left[0] = np.int64(min(target[width], MOST_LEFT))
     _enqueue(tree, relaxed, np.int64(0), width)
     while tree.counters[_TRIED] < limit:
         node = _dequeue(tree, tree.counters[_EXPANDED] % 2)
@@ -223,8 +220,5 @@ def search(model, counter, relaxed, rules, tree_arrays, root, limit):
             if reached < before:
                 continue
             tree.parent[reached] = node
-            row = pointer_to(tree.states, reached * width)
-            call_step(count, row, 0, number, dt, target)
-            tree.left[reached] = np.int64(min(target[width], MOST_LEFT))
             _enqueue(tree, relaxed, reached, width)
     return np.int64(-1)

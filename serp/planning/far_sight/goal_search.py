@@ -6,14 +6,11 @@ from typing import Final
 
 import numpy as np
 
-from serp.model.bytecode.virtual_machine import Machine, virtual_step
-from serp.model.native import address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.array_graph import NO_FLUENTS
-from serp.planning.far_sight.goal_count import goal_counter, ways_to_be_done
 from serp.planning.far_sight.goal_kernels import SearchArrays, search
 from serp.planning.far_sight.inert import inert_fluents
-from serp.planning.far_sight.relaxation import relaxed
+from serp.planning.far_sight.relaxation import RelaxedTables, relaxed
 from serp.planning.far_sight.relaxation_kernels import RelaxedCosts
 from serp.settings import PlannerSettings
 
@@ -39,19 +36,17 @@ class GoalSearch:
         self._model = model
         self._accepted = settings.accepted_risk
         self.steps = 0
-        ground, theta = model.ground, model.theta.tolist()
-        self._counter: Machine | None = None
-        if model.actions and not ground.processes:
-            self._counter = goal_counter(ground, theta)
-        if self._counter is not None:
-            self._inert = inert_fluents(ground)
-            self._relaxed = relaxed(ground, ways_to_be_done(ground, theta), theta, model.dt)
+        self._relaxed: RelaxedTables | None = None
+        if model.actions and not model.ground.processes:
+            self._relaxed = relaxed(model.ground, model.theta.tolist())
+        if self._relaxed is not None:
+            self._inert = inert_fluents(model.ground)
             self.way(np.zeros(len(model.fluents)), 1)  # compiled now, not at a decision
 
     @property
     def goal(self) -> bool:
         """Whether there is a goal to search for."""
-        return self._counter is not None
+        return self._relaxed is not None
 
     def way(self, state: Vector, limit: int) -> Vector | None:
         """Return the states `[N, F]` on a way to the goal, the first and all but the last.
@@ -66,7 +61,7 @@ class GoalSearch:
             None where there is no goal, or no way was found.
         """
         self.steps = 0
-        if self._counter is None:
+        if self._relaxed is None:
             return None
         model, width = self._model, len(self._model.fluents)
         actions = len(model.actions)
@@ -75,7 +70,6 @@ class GoalSearch:
         tree = SearchArrays.allocate(nodes, width, inert)
         node = search(
             model.machine_code,
-            (address_of(virtual_step()), self._counter.data(model.theta)),
             (tuple(self._relaxed), tuple(RelaxedCosts.allocate(self._relaxed))),
             (actions, self._accepted), tuple(tree), state.copy(), limit,
         )  # fmt: skip

@@ -8,10 +8,9 @@ subgoaling", IJCAI 2016). What cannot be said so is taken to be true: the relaxa
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from typing import NamedTuple, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,22 +18,23 @@ from numpy.typing import NDArray
 from serp.model import ground as g
 from serp.model.linear import Linear, linear
 from serp.pddl.syntax import Change
-from serp.planning.far_sight.goal_count import Ways
 
 Item = TypeVar("Item")
-_MINUS = Fraction(-1)
-_ONCE = 0.0
-"""In place of a gain: one application is enough."""
+
+_WAYS: Final = 1_000
+"""Most ways to be done that are considered."""
+_EVENT: Final = 2.0**-20
+"""The cost of an event: next to nothing, so that only what holds costs nothing."""
+_MINUS: Final = Fraction(-1)
+_NEVER: Final = Linear({}, _MINUS)
 
 
 class RelaxedTables(NamedTuple):
     """The facts and operators of a relaxed domain.
 
-    Facts `2 i` and `2 i + 1` say that predicate i is false, or true; comparisons follow from
-    `comparisons` on; the last fact is the goal.
+    Facts `2 i` and `2 i + 1` say that fluent i is 0, or is not; the others are comparisons.
 
     Attributes:
-        comparisons: `[2]` first fact that is a comparison; the fact that is the goal.
         term_first, term_fluent, term_factor, constant, strict: Comparisons: a sum of factors times
             fluents and a constant is at least 0, or positive where strict.
         user_first, user: Operators that need each fact.
@@ -42,9 +42,9 @@ class RelaxedTables(NamedTuple):
         cost: `[O]` cost of each operator.
         add_first, add_fact, add_gain: What each operator makes true; in a comparison, what one
             application adds to the sum, 0 where one is enough.
+        way_first, way_fact: Ways to reach the goal: the facts that each needs.
     """
 
-    comparisons: NDArray[np.int64]
     term_first: NDArray[np.int64]
     term_fluent: NDArray[np.int64]
     term_factor: NDArray[np.float64]
@@ -57,92 +57,93 @@ class RelaxedTables(NamedTuple):
     add_first: NDArray[np.int64]
     add_fact: NDArray[np.int64]
     add_gain: NDArray[np.float64]
+    way_first: NDArray[np.int64]
+    way_fact: NDArray[np.int64]
 
 
-def relaxed(ground: g.GroundModel, ways: Ways, theta: Sequence[float], dt: float) -> RelaxedTables:
-    """Return the relaxed domain of a model.
+def relaxed(ground: g.GroundModel, theta: Sequence[float]) -> RelaxedTables | None:
+    """Return the relaxed domain of a model without processes; None where there is no goal.
 
-    Args:
-        ground: The model.
-        ways: The conditions of each way to reach the goal.
-        theta: Parameters.
-        dt: Control period.
+    The goal is the problem's; a domain without one is done where an action or event ends the task
+    and increases the reward.
     """
-    return _Relaxation(ground, theta, dt).tables(ways)
+    if ground.goal is not None:
+        goal = ground.goal.operands if isinstance(ground.goal, g.AnyOf) else (ground.goal,)
+        ways: list[tuple[g.Test, ...]] = [(way,) for way in goal]
+    else:
+        schemas = (*ground.events, *ground.actions)
+        ways = [s.preconditions for s in schemas if _succeeds(s, theta)]
+    return _Relaxation(ground, theta).tables(ways[:_WAYS]) if ways else None
+
+
+def _succeeds(schema: g.GroundSchema, theta: Sequence[float]) -> bool:
+    """Whether a schema always ends the task and increases the reward by a number of the file."""
+    certain = [e for e in schema.effects if e.condition == g.Constant(True)]
+    ends = any(isinstance(e, g.SetBoolean) and e.target == g.TERMINAL_TARGET for e in certain)
+    return ends and any(
+        isinstance(effect, g.SetNumber)
+        and effect.target == g.REWARD_TARGET
+        and isinstance(effect.value, g.ParameterRef)
+        and (theta[effect.value.parameter] > 0.0) == (effect.change is Change.INCREASE)
+        for effect in certain
+    )
 
 
 class _Operator(NamedTuple):
+    """Facts that are needed, cost, facts that become true, known changes of fluents.
+
+    A change is None where it is not known.
+    """
+
     needs: list[int]
     cost: float
-    effects: Sequence[g.GroundEffect]
-    times: float
+    adds: list[int]
+    changes: dict[object, float | None]
 
 
 class _Relaxation:
-    def __init__(self, ground: g.GroundModel, theta: Sequence[float], dt: float) -> None:
-        self.theta, self.dt = theta, dt
-        self.ground = ground
+    """Collects facts and operators."""
+
+    def __init__(self, ground: g.GroundModel, theta: Sequence[float]) -> None:
+        self.theta = theta
         self.base = 2 * len(ground.fluents)
-        self.sums: dict[tuple[object, bool], int] = {}
-        self.forms: list[tuple[Linear, bool]] = []
+        self.comparisons: list[tuple[Linear, bool]] = []
+        self.known: dict[object, int] = {}
         self.operators: list[_Operator] = []
-        self.artificial: list[tuple[list[int], int]] = []
-        self.count = 0
-
-    def tables(self, ways: Ways) -> RelaxedTables:
-        ground = self.ground
-        for schemas, cost, times in (
-            (ground.actions, 1.0, 1.0),
-            (ground.processes, 1.0, self.dt),
-            (ground.events, 0.0, 1.0),
-        ):
+        for schemas, cost in ((ground.actions, 1.0), (ground.events, _EVENT)):
             for schema in schemas:
-                self._operators_of(schema, cost, times)
-        goal = self._new()
-        for way in ways:
-            self.artificial.append((self._all(way, True), goal))
-        comparisons = self.base
-        first_new = comparisons + len(self.forms)  # artificial facts come after all comparisons
+                self._read(schema, cost)
 
-        def place(fact: int) -> int:
-            return fact if fact >= 0 else first_new - fact - 1
-
-        needs = [[place(f) for f in o.needs] for o in self.operators]
-        needs += [[place(f) for f in conditions] for conditions, _ in self.artificial]
-        costs = [o.cost for o in self.operators] + [0.0] * len(self.artificial)
-        adds = [self._adds(o) for o in self.operators]
-        adds += [[(place(fact), _ONCE)] for _, fact in self.artificial]
-        total = first_new + self.count
-        users: list[list[int]] = [[] for _ in range(total)]
-        for k, facts in enumerate(needs):
-            for fact in set(facts):
+    def tables(self, ways: Iterable[Sequence[g.Test]]) -> RelaxedTables:
+        goals = [sorted(set(self._all(way, True))) for way in ways]
+        readers: dict[object, list[int]] = {}
+        for k, (form, _) in enumerate(self.comparisons):
+            for fluent in form.terms:
+                readers.setdefault(fluent, []).append(k)
+        users: list[list[int]] = [[] for _ in range(self.base + len(self.comparisons))]
+        for k, operator in enumerate(self.operators):
+            for fact in set(operator.needs):
                 users[fact].append(k)
-        terms = [
-            [(int(a), float(f)) for a, f in form.terms.items() if isinstance(a, int)]
-            for form, _ in self.forms
-        ]
         user_first, user = _flat(users)
-        add_first, added = _flat(adds)
-        term_first, factors = _flat(terms)
+        add_first, adds = _flat([self._adds(operator, readers) for operator in self.operators])
+        term_first, terms = _flat([list(form.terms.items()) for form, _ in self.comparisons])
+        way_first, way_fact = _flat(goals)
         return RelaxedTables(
-            comparisons=np.array([comparisons, place(goal)], dtype=np.int64),
             term_first=term_first,
-            term_fluent=np.array([a for a, _ in factors], dtype=np.int64),
-            term_factor=np.array([f for _, f in factors], dtype=np.float64),
-            constant=np.array([float(form.constant) for form, _ in self.forms]),
-            strict=np.array([strict for _, strict in self.forms], dtype=np.uint8),
+            term_fluent=np.array([fluent for fluent, _ in terms], dtype=np.int64),
+            term_factor=np.array([factor for _, factor in terms], dtype=np.float64),
+            constant=np.array([float(form.constant) for form, _ in self.comparisons]),
+            strict=np.array([strict for _, strict in self.comparisons], dtype=np.uint8),
             user_first=user_first,
             user=np.array(user, dtype=np.int64),
-            needs=np.array([len(set(facts)) for facts in needs], dtype=np.int64),
-            cost=np.array(costs),
+            needs=np.array([len(set(o.needs)) for o in self.operators], dtype=np.int64),
+            cost=np.array([o.cost for o in self.operators], dtype=np.float64),
             add_first=add_first,
-            add_fact=np.array([fact for fact, _ in added], dtype=np.int64),
-            add_gain=np.array([gain for _, gain in added], dtype=np.float64),
+            add_fact=np.array([fact for fact, _ in adds], dtype=np.int64),
+            add_gain=np.array([gain for _, gain in adds], dtype=np.float64),
+            way_first=way_first,
+            way_fact=np.array(way_fact, dtype=np.int64),
         )
-
-    def _new(self) -> int:
-        self.count += 1
-        return -self.count
 
     # Conditions --------------------------------------------------------------------------------
 
@@ -151,15 +152,15 @@ class _Relaxation:
 
     def _any(self, tests: Iterable[g.Test], wanted: bool) -> list[int]:
         """Return a fact that is true where one of some conditions is `wanted`."""
-        fact = self._new()
-        self.artificial += [(self._facts(test, wanted), fact) for test in tests]
+        fact = self._fact(_NEVER)
+        self.operators += [_Operator(self._facts(t, wanted), 0.0, [fact], {}) for t in tests]
         return [fact]
 
     def _facts(self, test: g.Test, wanted: bool) -> list[int]:
         """Return the facts that all have to hold for a condition to be `wanted`."""
         match test:
             case g.Constant(value):
-                return [] if value == wanted else [self._new()]
+                return [] if value == wanted else [self._fact(_NEVER)]
             case g.Holds(fluent):
                 return [2 * fluent + wanted] if fluent >= 0 else []
             case g.Not(operand):
@@ -172,76 +173,63 @@ class _Relaxation:
                 return self._comparison(test, wanted)
 
     def _comparison(self, test: g.Compare, wanted: bool) -> list[int]:
-        one, other = linear(test.left, self.theta), linear(test.right, self.theta)
-        above = one.plus(other, _MINUS)
+        above = linear(test.left, self.theta).plus(linear(test.right, self.theta), _MINUS)
+        below = Linear({}, Fraction(0)).plus(above, _MINUS)
         if not all(isinstance(atom, int) for atom in above.terms):
             return []
-        below = Linear({}, above.constant * 0).plus(above, _MINUS)
-        match test.operator, wanted:
-            case (">=", True) | ("<", False):
-                return [self._sum(above, strict=False)]
-            case (">", True) | ("<=", False):
-                return [self._sum(above, strict=True)]
-            case ("<=", True) | (">", False):
-                return [self._sum(below, strict=False)]
-            case ("<", True) | (">=", False):
-                return [self._sum(below, strict=True)]
-            case "=", True:
-                return [self._sum(above, strict=False), self._sum(below, strict=False)]
-        return []
+        if test.operator == "=":
+            return [self._fact(above), self._fact(below)] if wanted else []
+        up = (test.operator in (">", ">=")) == wanted
+        return [self._fact(above if up else below, (test.operator in (">", "<")) == wanted)]
 
-    def _sum(self, form: Linear, *, strict: bool) -> int:
-        fact = self.sums.setdefault((form.key, strict), self.base + len(self.forms))
-        if fact == self.base + len(self.forms):
-            self.forms.append((form, strict))
+    def _fact(self, form: Linear, strict: bool = False) -> int:
+        """Return the fact that a sum is at least 0, or positive; one that never holds is new."""
+        fact = self.base + len(self.comparisons)
+        if form is not _NEVER:
+            fact = self.known.setdefault((form.key, strict), fact)
+        if fact == self.base + len(self.comparisons):
+            self.comparisons.append((form, strict))
         return fact
 
     # Operators ---------------------------------------------------------------------------------
 
-    def _operators_of(self, schema: g.GroundSchema, cost: float, times: float) -> None:
+    def _read(self, schema: g.GroundSchema, cost: float) -> None:
+        """Add an operator for all effects of a schema that have the same condition."""
         needs = self._all(schema.preconditions, True)
-        groups: dict[int, tuple[g.Test, list[g.GroundEffect]]] = {}
+        operators: dict[int, _Operator] = {}
         for effect in schema.effects:
-            groups.setdefault(id(effect.condition), (effect.condition, []))[1].append(effect)
-        for condition, effects in groups.values():
-            facts = needs + self._facts(condition, True)
-            self.operators.append(_Operator(facts, cost, effects, times))
-
-    def _adds(self, operator: _Operator) -> list[tuple[int, float]]:
-        """Return the facts that an operator makes true, and the gains in comparisons."""
-        adds: list[tuple[int, float]] = []
-        changes: dict[int, float | None] = {}
-        for effect in operator.effects:
-            if effect.target < 0:
-                continue
+            if (condition := id(effect.condition)) not in operators:
+                facts = needs + self._facts(effect.condition, True)
+                operators[condition] = _Operator(facts, cost, [], {})
+            _, _, adds, changes = operators[condition]
             if isinstance(effect, g.SetBoolean):
-                adds.append((2 * effect.target + effect.value, _ONCE))
-                continue
-            amount = linear(effect.value, self.theta)
-            sign = {Change.INCREASE: 1.0, Change.DECREASE: -1.0}.get(effect.change)
-            known = changes.get(effect.target, 0.0)
-            if sign is None or amount.terms or known is None:
-                changes[effect.target] = None
-            else:
-                changes[effect.target] = known + sign * float(amount.constant) * operator.times
-        for k in sorted({k for fluent in changes for k in self._readers.get(fluent, ())}):
-            gain: float | None = 0.0
-            for fluent, factor in self.forms[k][0].terms.items():
-                change = changes.get(fluent, 0.0) if isinstance(fluent, int) else None
-                gain = None if gain is None or change is None else gain + float(factor) * change
-            if gain is None or gain > 0.0:
-                adds.append((self.base + k, _ONCE if gain is None else gain))
-        return adds
+                adds += [2 * effect.target + effect.value] if effect.target >= 0 else []
+            elif effect.target >= 0:
+                amount = linear(effect.value, self.theta)
+                sign = {Change.INCREASE: 1.0, Change.DECREASE: -1.0}.get(effect.change)
+                known = changes.get(effect.target, 0.0)
+                if sign is None or amount.terms or known is None:
+                    changes[effect.target] = None
+                else:
+                    changes[effect.target] = known + sign * float(amount.constant)
+        self.operators += operators.values()
 
-    @functools.cached_property
-    def _readers(self) -> dict[int, list[int]]:
-        """Fluent → comparisons that read it; complete when all conditions are known."""
-        readers: dict[int, list[int]] = {}
-        for k, (form, _) in enumerate(self.forms):
-            for fluent in form.terms:
-                if isinstance(fluent, int):
-                    readers.setdefault(fluent, []).append(k)
-        return readers
+    def _adds(
+        self, operator: _Operator, readers: dict[object, list[int]]
+    ) -> list[tuple[int, float]]:
+        """Return the facts that an operator makes true, and the gains in comparisons."""
+        adds = [(fact, 0.0) for fact in operator.adds]
+        changes = operator.changes
+        for k in sorted({k for fluent in changes for k in readers.get(fluent, ())}):
+            parts = [
+                (float(factor), changes.get(fluent, 0.0))
+                for fluent, factor in self.comparisons[k][0].terms.items()
+            ]
+            gain = sum(factor * change for factor, change in parts if change is not None)
+            unknown = any(change is None for _, change in parts)
+            if unknown or gain > 0.0:
+                adds.append((self.base + k, 0.0 if unknown else gain))
+        return adds
 
 
 def _flat(rows: Sequence[Sequence[Item]]) -> tuple[NDArray[np.int64], list[Item]]:

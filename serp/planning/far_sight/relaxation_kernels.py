@@ -69,7 +69,8 @@ def _apply(tables, work, operator, end):
         fact, gain = tables.add_fact[k], tables.add_gain[k]
         times = 1.0
         if gain > 0.0:
-            times = max(1.0, np.ceil(work.gap[fact - tables.comparisons[0]] / gain))
+            comparison = fact - work.cost.shape[0] + work.gap.shape[0]
+            times = max(1.0, np.ceil(work.gap[comparison] / gain))
         cost = work.sums[operator] + times * tables.cost[operator]
         if cost < work.cost[fact] - 1e-9:
             work.cost[fact] = cost
@@ -80,7 +81,7 @@ def _apply(tables, work, operator, end):
 @cached_njit(nogil=True, forceinline=True)
 def _begin(tables, work, state):
     """Set the costs of the facts that hold to 0; return the end of the ring."""
-    end, base = np.int64(0), tables.comparisons[0]
+    end, base = np.int64(0), work.cost.shape[0] - work.gap.shape[0]
     for fact in range(work.cost.shape[0]):
         work.cost[fact] = work.passed[fact] = np.inf
         work.queued[fact] = 0
@@ -93,7 +94,7 @@ def _begin(tables, work, state):
         work.gap[k] = -total
         if total > 0.0 or (total == 0.0 and not tables.strict[k]):
             work.cost[base + k] = 0.0
-    for fact in range(base + work.gap.shape[0]):
+    for fact in range(work.cost.shape[0]):
         if work.cost[fact] == 0.0 and tables.user_first[fact] < tables.user_first[fact + 1]:
             end = _push(work, fact, end)
     for operator in range(work.missing.shape[0]):
@@ -106,12 +107,16 @@ def _begin(tables, work, state):
 
 @cached_njit(nogil=True)
 def relaxed_cost(tables_arrays, work_arrays, state):
-    """Return the additive cost of the goal from a state (a pointer); infinite if unreachable.
+    """Find how far away the goal is.
 
     Args:
         tables_arrays: Values of `RelaxedTables`.
         work_arrays: Values of `RelaxedCosts`, scratch memory.
-        state: The state.
+        state: Pointer to the state.
+
+    Returns:
+        Its additive cost, infinite if it is unreachable; the least number of facts of a way to it
+        that do not hold.
     """
     tables, work = RelaxedTables(*tables_arrays), RelaxedCosts(*work_arrays)
     end, start = _begin(tables, work, state), np.int64(0)
@@ -132,4 +137,11 @@ def relaxed_cost(tables_arrays, work_arrays, state):
                 work.sums[operator] += cost - before
             if work.missing[operator] == 0:
                 end = _apply(tables, work, operator, end)
-    return work.cost[tables.comparisons[1]]
+    least, left = np.inf, np.int64(work.cost.shape[0])
+    for way in range(tables.way_first.shape[0] - 1):
+        cost, lacks = 0.0, np.int64(0)
+        for k in range(tables.way_first[way], tables.way_first[way + 1]):
+            cost += work.cost[tables.way_fact[k]]
+            lacks += work.cost[tables.way_fact[k]] > 0.0
+        least, left = min(least, cost), min(left, lacks)
+    return least, left

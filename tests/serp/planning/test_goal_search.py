@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterator
 from pathlib import Path
 from random import Random
 
@@ -10,15 +11,14 @@ import numpy as np
 import pytest
 
 from serp.control.planners import far_sight
-from serp.model.bytecode.virtual_machine import virtual_step
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.ground import All, AnyOf, Constant, Holds, Not, Test, comparisons_of
 from serp.model.loading import load_domain
-from serp.model.native import address_of, step_batch
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.far_sight.goal_count import goal_counter, ways_to_be_done
 from serp.planning.far_sight.goal_search import GoalSearch
 from serp.planning.far_sight.inert import inert_fluents
+from serp.planning.far_sight.relaxation import relaxed
+from serp.planning.far_sight.relaxation_kernels import RelaxedCosts, relaxed_cost
 from serp.planning.limits import Bound
 from serp.settings import PlannerSettings
 from tests.generated import FULL, PLANNABLE, Texts, generate, load_texts, random_states
@@ -118,18 +118,32 @@ def test_a_way_is_safe_and_a_domain_without_a_goal_has_none() -> None:
 def test_what_is_left_of_the_goal_is_counted(seed: int) -> None:
     random = Random(f"left {seed}")
     model = generate(random, PLANNABLE if seed % 2 else FULL).model
-    ground, theta, states = model.ground, model.theta, random_states(random, model, 6, exact=True)
-    counter, ways = goal_counter(ground, theta.tolist()), ways_to_be_done(ground, theta.tolist())
-    assert (counter is None) == (not ways)
-    if counter is None or any(any(comparisons_of(test)) for way in ways for test in way):
+    goal, tables = model.ground.goal, relaxed(model.ground, model.theta.tolist())
+    if goal is None or any(comparisons_of(goal)):
         return
-    out, flags = np.empty((len(states), states.shape[1] + 1)), np.empty(len(states), np.int64)
-    step_batch(
-        (address_of(virtual_step()), counter.data(theta), 1.0), states.reshape(-1),
-        np.zeros(len(states), dtype=np.int64), out.reshape(-1), flags,
-    )  # fmt: skip
-    for state, left in zip(states, out[:, -1], strict=True):
-        assert left == min(sum(not holds(test, state) for test in way) for way in ways)
+    assert tables is not None
+    ways = goal.operands if isinstance(goal, AnyOf) else (goal,)
+    for state in random_states(random, model, 6, exact=True):
+        cost, left = relaxed_cost(tuple(tables), tuple(RelaxedCosts.allocate(tables)), state)
+        assert left == min(len(set(lacking(way, True, state))) for way in ways)
+        assert (cost == 0.0) == (left == 0)
+
+
+def lacking(test: Test, wanted: bool, state: Vector) -> Iterator[object]:
+    """Yield the conditions that keep a test from being `wanted`."""
+    match test:
+        case Not(operand):
+            yield from lacking(operand, not wanted, state)
+        case All(operands) if wanted:
+            yield from (each for operand in operands for each in lacking(operand, True, state))
+        case AnyOf(operands) if not wanted:
+            yield from (each for operand in operands for each in lacking(operand, False, state))
+        case Holds(fluent):
+            if fluent >= 0 and bool(state[fluent]) != wanted:
+                yield fluent
+        case _:
+            if holds(test, state) != wanted:
+                yield object()
 
 
 def holds(test: Test, state: Vector) -> bool:
