@@ -23,7 +23,7 @@ def edge(model, rules, state, action, target, scratch, width):
     States are pointers to rows of `width` numbers; `target` has one more, for the reward.
 
     Returns:
-        The columns of `serp.planning.expansion.Edges` from `reward` on.
+        What `serp.planning.graph.Edge` has from `reward` on; reward and flags of the first period.
     """
     address, dt, accepted = model.address, model.dt, rules.accepted_risk
     theta = pointer_to(model.data, 0)
@@ -62,10 +62,10 @@ def edge(model, rules, state, action, target, scratch, width):
 def expand(model, rules, nodes, states, out, found):
     """Follow every edge of the `nodes` rows of `states`; rows are flat, of F + 1 numbers.
 
-    `out` receives the states reached, a row an edge and one to work in; `found`, eight arrays, what
-    `edge` returns.
+    `out` receives the states reached, a row an edge and one to work in; `found`, six arrays, what
+    `edge` returns first.
     """
-    reward, weight, flags, rank, periods, risk, first_reward, first_flags = found
+    reward, weight, flags, rank, periods, risk = found
     named, limits = CompiledModel(*model), Rules(*rules)
     actions, row = limits.actions, states.shape[0] // nodes
     scratch = pointer_to(out, nodes * actions * row)
@@ -73,9 +73,6 @@ def expand(model, rules, nodes, states, out, found):
         state = pointer_to(states, node * row)
         for action in range(actions):
             e = node * actions + action
-            (
-                reward[e], weight[e], flags[e], rank[e], periods[e], risk[e], first_reward[e],
-                first_flags[e],
-            ) = edge(
+            reward[e], weight[e], flags[e], rank[e], periods[e], risk[e], _, _ = edge(
                 named, limits, state, action, pointer_to(out, e * row), scratch, row - 1
-            )  # fmt: skip
+            )

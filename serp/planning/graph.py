@@ -1,46 +1,61 @@
-"""The planning graph: layered, rooted, states as nodes, actions as edges (paper, section 3.2)."""
+"""The planning graph: layered, rooted, states as nodes, actions as edges (paper, section 3.2).
+
+`Lookahead` expands and evaluates it on arrays. Here its edges are followed once more, as objects.
+"""
 
 from __future__ import annotations
 
+import functools
+import math
 import time
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import networkx as nx
 import numpy as np
 
-from serp.model.flags import RISKY, TERMINAL, UNSAFE, risk_of
+from serp.model.flags import APPLICABLE, RISKY, TERMINAL, UNSAFE, risk_of
 from serp.model.transition_model import TransitionModel, Vector
-from serp.planning.expansion import Edges, State, follow
-from serp.planning.forecast import SAFE, Forecast
-from serp.planning.limits import Bound, edge_budget, node_budget
+from serp.planning.edge_kernels import expand
+from serp.planning.forecast import SAFE
+from serp.planning.kernel_records import Rules
+from serp.planning.limits import Bound
+from serp.planning.lookahead import Lookahead
 from serp.planning.preference import PathScore, path_score
 from serp.settings import PlannerSettings
 
-_END = path_score(0, 0.0, SAFE, 0.0)
-_UNKNOWN = path_score(0, 1.0, 0, 0.0)
+State = tuple[float, ...]
+
+_EDGES: Final = 4096
+"""Edges that are followed between two readings of the clock."""
 
 
 class Edge(NamedTuple):
-    """One edge: positions of its nodes and action, discounted reward, flags of the whole edge."""
+    """An edge: positions of its nodes and action, and what `serp.planning.edge_kernels` finds.
+
+    Attributes:
+        source, action, target: Positions.
+        reward: Discounted sum of the rewards of its control periods.
+        weight: Weight of the rewards after it.
+        flags: Flags of the whole edge.
+        rank: `serp.planning.preference.rank_of` its first control period.
+        periods: Its control periods; those before the first with a risk, if any has one.
+        risk: Probability that it is unsafe, without the steps whose risk is accepted.
+    """
 
     source: int
     action: int
     target: int
     reward: float
+    weight: float
     flags: int
-
-
-class _GraphLayer(NamedTuple):
-    """The edges out of the nodes of one layer, and the node that each leads to."""
-
-    nodes: list[int]
-    edges: Edges
-    target: list[int]
+    rank: int
+    periods: int
+    risk: float
 
 
 class PlanningGraph:
-    """Expands the graph of one state layer by layer and evaluates it by a backward pass.
+    """The graph of one state.
 
     Equal states of one layer are one node. A state in which the task has ended is not expanded, and
     is a different node from the same state in which the task goes on.
@@ -49,145 +64,108 @@ class PlanningGraph:
         model: The transition model.
         settings: Depth, discount and bounds.
         state: The root, `[F]`.
+        deadline: When to end (`time.perf_counter`): the last complete layer counts. The first one
+            is always completed.
+
+    Attributes:
+        forecast: The forecast for the root.
+        states: The states of all nodes.
     """
 
-    def __init__(self, model: TransitionModel, settings: PlannerSettings, state: Vector) -> None:
+    def __init__(
+        self,
+        model: TransitionModel,
+        settings: PlannerSettings,
+        state: Vector,
+        deadline: float = math.inf,
+    ) -> None:
+        lookahead = Lookahead(model, settings)
         self.model = model
         self.settings = settings
-        self.bound = Bound.DEPTH
+        self.forecast = lookahead.forecast(state)
         self.states: list[State] = [tuple(state.tolist())]
+        self._ended = [False]
         self._layer_of = [0]
-        self._ended: set[int] = set()
-        self._unpredictable: set[int] = set()
-        self._layers: list[_GraphLayer] = []
-        self._scores: list[PathScore] = []
-        self._best: list[int] = []
+        self._edges: list[list[Edge]] = [[]]
+        nodes = [0]
+        rows: list[int] = []  # the node of each row of the lookahead's arrays
+        for layer in range(1, self.forecast.depth + 1):
+            first = len(self.states)
+            rows += nodes
+            if not self._expand(nodes, layer, deadline):
+                rows = rows[: -len(nodes)]
+                lookahead = Lookahead(model, settings.replace(depth=layer - 1))
+                self.forecast = lookahead.forecast(state)._replace(bound=Bound.TIME)
+                break
+            nodes = [node for node in range(first, len(self.states)) if not self._ended[node]]
+        self._scores = [path_score(0, 0.0, SAFE, 0.0)] * len(self.states)
+        for node, score in zip(rows, lookahead.scores(len(rows)), strict=True):
+            self._scores[node] = score
 
-    @property
-    def depth(self) -> int:
-        """Number of expanded layers."""
-        return len(self._layers)
+    def _expand(self, nodes: list[int], layer: int, deadline: float) -> bool:
+        """Add the edges out of some nodes, a layer; return whether there was time for it.
 
-    def grow(self, deadline: float | None = None) -> None:
-        """Expand until the depth, a budget or the deadline (`time.perf_counter`) is reached.
-
-        An incomplete layer is dropped; the first layer is always completed.
+        If not, nothing is added.
         """
-        budget = node_budget(self.settings.max_nodes, len(self.model.actions))
-        open_nodes = [0]
-        expanded = 0
-        while self.depth < self.settings.depth:
-            if not open_nodes:
-                self.bound = Bound.EXHAUSTED
-                return
-            expanded += len(open_nodes)
-            if self.depth and expanded > budget:
-                self.bound = Bound.NODES
-                return
-            if isinstance(reached := self._expand(open_nodes, deadline), Bound):
-                self.bound = reached
-                return
-            open_nodes = reached
+        first, known = len(self.states), dict[tuple[State, bool], int]()
+        size = max(1, _EDGES // max(1, len(self.model.actions)))
+        for start in range(0, len(nodes), size):
+            if layer > 1 and time.perf_counter() >= deadline:
+                for column in (self.states, self._ended, self._layer_of, self._edges):
+                    del column[first:]
+                for node in nodes:
+                    self._edges[node] = []
+                return False
+            for state, edge in self._follow(nodes[start : start + size]):
+                ended = (edge.flags & TERMINAL) != 0
+                target = known.setdefault((state, ended), len(self.states))
+                if target == len(self.states):
+                    self.states.append(state)
+                    self._ended.append(ended)
+                    self._layer_of.append(layer)
+                    self._edges.append([])
+                self._edges[edge.source].append(edge._replace(target=target))
+        return True
 
-    def _expand(self, nodes: list[int], deadline: float | None) -> list[int] | Bound:
-        """Add the layer of edges out of some nodes and return the nodes to expand next.
-
-        If a bound is reached, nothing is added and the bound returned.
-        """
-        first, bounded = len(self.states), bool(self._layers)
-        edges_left = edge_budget(len(self.model.fluents)) - sum(
-            len(layer.target) for layer in self._layers
-        )
-        layer = _GraphLayer(nodes, Edges.none(), [])
-        going_on: dict[State, int] = {}
-        ended: dict[State, int] = {}
-        states, targets = self.states, layer.target
-        undefined: set[int] = set()
-        for edges, reached, doubtful in follow(self.model, self.settings, nodes, states):
-            undefined.update(doubtful)
-            for state, flags in zip(reached, edges.flags, strict=True):
-                known = ended if flags & TERMINAL else going_on
-                target = known.get(state)
-                if target is None:
-                    target = known[state] = len(states)
-                    states.append(state)
-                targets.append(target)
-            layer.edges.extend(edges)
-            met = None
-            if len(targets) > edges_left:
-                met = Bound.NODES
-            elif deadline is not None and time.perf_counter() >= deadline:
-                met = Bound.TIME
-            if met is not None and bounded:
-                del states[first:]
-                return met
-        self._layers.append(layer)
-        # Where only actions with an undefined result are left, no action is known to be safe.
-        self._unpredictable |= undefined.difference(layer.edges.source)
-        self._layer_of += [self.depth] * (len(states) - first)
-        self._ended.update(ended.values())
-        return list(going_on.values())
-
-    def evaluate(self) -> Forecast:
-        """Evaluate every node from the last layer back to the root.
-
-        `networkx.dag_longest_path` is not applicable: it has no root and drops prefixes with a
-        negative sum.
-        """
-        size = len(self.states)
-        self._scores = scores = [_END] * size
-        self._best = best = [-1] * size  # position of an edge in its layer
-        for node in self._unpredictable:
-            scores[node] = _UNKNOWN
-        for layer in reversed(self._layers):
-            for k, (source, found) in enumerate(
-                zip(layer.edges.source, self._through(layer), strict=True)
-            ):
-                if best[source] < 0 or found > scores[source]:
-                    scores[source], best[source] = found, k
-        return self._forecast()
-
-    def _through(self, layer: _GraphLayer) -> Iterator[PathScore]:
-        """Yield the score of the best path that begins with each edge."""
-        edges, scores = layer.edges, self._scores
-        for target, rank, reward, weight, risk, safe in zip(
-            layer.target, edges.rank, edges.reward, edges.weight, edges.risk, edges.periods,
+    def _follow(self, nodes: list[int]) -> Iterator[tuple[State, Edge]]:
+        """Yield the applicable edges out of some nodes, and the states that they lead to."""
+        settings, actions, width = self.settings, len(self.model.actions), len(self.model.fluents)
+        tried = len(nodes) * actions
+        rows = np.zeros((len(nodes), width + 1))
+        rows[:, :width] = [self.states[node] for node in nodes]
+        out = np.empty((tried + 1, width + 1))
+        reward, weight, risk = np.empty((3, tried))
+        flags, rank, periods = np.empty((3, tried), dtype=np.int64)
+        columns = (reward, weight, flags, rank, periods, risk)
+        expand(
+            self.model.machine_code,
+            tuple(Rules(actions, 1, settings.repeat, settings.discount, settings.accepted_risk)),
+            len(nodes), rows.reshape(-1), out.reshape(-1), columns,
+        )  # fmt: skip
+        there = np.flatnonzero(flags & APPLICABLE)
+        for e, state, *found in zip(
+            there.tolist(), out[there, :width].tolist(), *(c[there].tolist() for c in columns),
             strict=True,
         ):  # fmt: skip
-            _, spared, following, value = scores[target]
-            if risk == 0.0:
-                safe = SAFE if following == SAFE else following + safe
-            yield path_score(rank, risk - (1.0 - risk) * spared, safe, reward + weight * value)
+            yield tuple(state), Edge(nodes[e // actions], e % actions, -1, *found)
 
-    def _forecast(self) -> Forecast:
-        root, count = self._layers[0], len(self.model.actions)
-        value = np.full(count, -np.inf)
-        path_risk = np.ones(count)
-        steps = np.full(count, -1, dtype=np.int64)
-        reward = np.zeros(count)
-        flags = np.zeros(count, dtype=np.int64)
-        edges = root.edges
-        for k, (action, found) in enumerate(zip(edges.action, self._through(root), strict=True)):
-            _, spared, steps[action], value[action] = found
-            path_risk[action] = 0.0 - spared
-            reward[action], flags[action] = edges.first_reward[k], edges.first_flags[k]
-        choice = edges.action[self._best[0]] if self._best[0] >= 0 else -1
-        state = list(self.states[0])
-        for action in np.flatnonzero(flags == 0).tolist():
-            flags[action] = self.model.transition(state, action)[1]
-        return Forecast(choice, value, path_risk, steps, reward, flags, self.depth, self.bound)
-
+    @functools.cached_property
     def best_path(self) -> list[Edge]:
-        """Return the edges of the best path from the root, after `evaluate`."""
-        path: list[Edge] = []
-        node = 0
-        for layer in self._layers:
-            k, edges = self._best[node], layer.edges
-            if k < 0:
-                break
-            source, node = node, layer.target[k]
-            path.append(Edge(source, edges.action[k], node, edges.reward[k], edges.flags[k]))
+        """The edges of the best path from the root."""
+        path, edges = list[Edge](), self._edges[0]
+        while edges:
+            path.append(max(edges, key=self._through))
+            edges = self._edges[path[-1].target]
         return path
+
+    def _through(self, edge: Edge) -> PathScore:
+        """Return the score of the best path that begins with an edge."""
+        _, spared, safe, value = self._scores[edge.target]
+        steps = edge.periods if edge.risk > 0.0 or safe != SAFE else SAFE
+        if edge.risk == 0.0 and safe != SAFE:
+            steps += safe
+        risk = edge.risk - (1.0 - edge.risk) * spared
+        return path_score(edge.rank, risk, steps, edge.reward + edge.weight * value)
 
     def to_networkx(self) -> nx.MultiDiGraph:
         """Return the graph as a `networkx.MultiDiGraph`.
@@ -205,27 +183,23 @@ class PlanningGraph:
                 node,
                 layer=self._layer_of[node],
                 state=self.states[node],
-                ended=node in self._ended,
+                ended=self._ended[node],
                 value=value,
                 path_risk=0.0 - spared,
                 safe_steps=None if steps == SAFE else steps,
             )
-        for layer in self._layers:
-            edges = layer.edges
-            for source, action, target, reward, flags in zip(
-                edges.source, edges.action, layer.target, edges.reward, edges.flags, strict=True
-            ):
-                graph.add_edge(
-                    source,
-                    target,
-                    action,
-                    action=names[action],
-                    reward=reward,
-                    unsafe=(flags & UNSAFE) != 0,
-                    risk=risk_of(flags),
-                    risky=(flags & RISKY) != 0,
-                    chosen=False,
-                )
-        for edge in self.best_path():
+        for edge in (edge for edges in self._edges for edge in edges):
+            graph.add_edge(
+                edge.source,
+                edge.target,
+                edge.action,
+                action=names[edge.action],
+                reward=edge.reward,
+                unsafe=(edge.flags & UNSAFE) != 0,
+                risk=risk_of(edge.flags),
+                risky=(edge.flags & RISKY) != 0,
+                chosen=False,
+            )
+        for edge in self.best_path:
             graph.edges[edge.source, edge.target, edge.action]["chosen"] = True
         return graph

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,7 @@ from serp.planning.far_sight.cell_values import NO_CELLS
 from serp.planning.forecast import Forecast
 from serp.planning.kernel_records import FirstActions, Rules, Scratch
 from serp.planning.limits import Bound, edge_budget, lookahead_nodes
+from serp.planning.preference import PathScore, path_score
 from serp.planning.search_kernels import search
 from serp.settings import PlannerSettings
 
@@ -52,7 +55,21 @@ class Lookahead:
             )
         )
         self.followed = nodes * self._actions
-        self._scratch = tuple(Scratch.allocate(nodes, self._actions, self._width))
+        self._memory = Scratch.allocate(nodes, self._actions, self._width)
+        self._scratch = tuple(self._memory)
+
+    def scores(self, count: int) -> Iterator[PathScore]:
+        """Yield the score of the best path from each of the first states of the newest forecast.
+
+        They are in the order in which they were found; those in which the task has ended are left
+        out.
+        """
+        found = self._memory
+        for risk, steps, value in zip(
+            found.best_risk[:count].tolist(), found.best_steps[:count].tolist(),
+            found.best_value[:count].tolist(), strict=True,
+        ):  # fmt: skip
+            yield path_score(0, risk, steps, value)
 
     def forecast(self, state: NDArray[np.float64]) -> Forecast:
         """Return the forecast for one state `[F]`.

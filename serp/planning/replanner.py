@@ -6,6 +6,7 @@ Paper, section 3.2, after Russell & Norvig's execution monitoring and replanning
 from __future__ import annotations
 
 import functools
+import math
 import time
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -119,9 +120,9 @@ class MonitorReplanner:
             StateError: The state does not fit the model.
         """
         start = time.perf_counter()
-        graph = PlanningGraph(self.model, self.settings, self.model.check_state(state))
-        graph.grow(None if self.time_budget is None else start + self.time_budget)
-        forecast = graph.evaluate()
+        deadline = math.inf if self.time_budget is None else start + self.time_budget
+        graph = PlanningGraph(self.model, self.settings, self.model.check_state(state), deadline)
+        forecast = graph.forecast
         names = [action.name for action in self.model.actions]
         path = tuple(
             PlannedStep(
@@ -131,7 +132,7 @@ class MonitorReplanner:
                 risk_of(e.flags),
                 graph.states[e.target],
             )
-            for e in graph.best_path()
+            for e in graph.best_path
         )
         chosen = forecast.choice if forecast.choice >= 0 else None
         return Plan(
