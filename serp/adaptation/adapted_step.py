@@ -164,7 +164,7 @@ def _settle_outcomes(buffer, action, state, flow_flags, dt, out):
     width = int(buffer[b.WIDTH])
     size = 3 * (width + 1) + room_for(width)
     if size <= STACK:
-        return _settle_within(buffer, action, state, flow_flags, dt, out, stack_room())
+        return _settle_within(buffer, action, state, flow_flags, dt, out, stack_room(STACK))
     return _settle_on_heap(buffer, action, state, flow_flags, dt, out, np.empty(size))
 
 

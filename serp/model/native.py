@@ -28,7 +28,7 @@ OUTCOMES: Final = 16
 """Most outcomes of one step, see `TransitionModel.native_outcomes`; callers make room for them."""
 
 STACK: Final = 256
-"""Most numbers that compiled code keeps on the stack, see `stack_room`: 2 KB."""
+"""Most numbers that loops over fluents keep on the stack, see `stack_room`: 2 KB."""
 
 
 def structure_digest(generated: Generated) -> str:
@@ -95,15 +95,15 @@ def advanced(typing_context, pointer, count):  # type: ignore[no-untyped-def]
     return _POINTER(pointer, count), generate
 
 
-@_intrinsic
-def stack_room(typing_context):  # type: ignore[no-untyped-def]
-    """Return a pointer to `STACK` numbers on the stack, valid until the function returns."""
+@_intrinsic(prefer_literal=True)
+def stack_room(typing_context, size):  # type: ignore[no-untyped-def]
+    """Return a pointer to `size` (a constant) numbers, valid until the function returns."""
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         with builder.goto_entry_block():
-            return builder.alloca(ir.DoubleType(), size=STACK)
+            return builder.alloca(ir.DoubleType(), size=size.literal_value)
 
-    return _POINTER(), generate
+    return _POINTER(size), generate
 
 
 @cached_njit(nogil=True)

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from serp._util.compilation import cached_njit
-from serp.model.flags import APPLICABLE, TERMINAL, joined
+from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.native import call_step, pointer_to
 from serp.planning.kernel_records import CompiledModel, Rules
-from serp.planning.preference import hazard, marked, rank_of
+from serp.planning.preference import compiled_joined, compiled_rank_of, hazard, marked
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
-_hazard = cached_njit(nogil=True, forceinline=True)(hazard)
-_marked = cached_njit(nogil=True, forceinline=True)(marked)
-_rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
-_joined = cached_njit(nogil=True, forceinline=True)(joined)
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -32,10 +27,10 @@ def edge(model, rules, state, action, target, scratch, width):
     flags = call_step(address, state, action, theta, dt, target)
     reward = target[width]
     first_reward = reward
-    risk = _hazard(flags, accepted)
-    flags = _marked(flags, risk)
+    risk = hazard(flags, accepted)
+    flags = marked(flags, risk)
     first_flags = flags
-    rank = _rank_of(flags)
+    rank = compiled_rank_of(flags)
     weight = rules.discount
     periods = 0 if risk > 0.0 else 1
     for _ in range(rules.repeat - 1):
@@ -48,8 +43,8 @@ def edge(model, rules, state, action, target, scratch, width):
             for i in range(width):
                 target[i] = scratch[i]
             break
-        further = _hazard(again, accepted)
-        flags = _joined(flags, _marked(again, further))
+        further = hazard(again, accepted)
+        flags = compiled_joined(flags, marked(again, further))
         risk += (1.0 - risk) * further
         if risk == 0.0:
             periods += 1

@@ -4,7 +4,7 @@ An action that the file does not flag and whose risk is accepted comes first, th
 does not flag, then one that it flags. Among equals the path with the least risk comes first, then
 the one that is free of risk for longest, then the one with the largest value.
 
-The first four functions run in CPython and are also compiled by numba; none calls another.
+Compiled loops use the first two functions, and the compiled forms of others.
 """
 
 from __future__ import annotations
@@ -12,12 +12,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from serp.model.flags import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, UNSAFE
+from serp._util.compilation import cached_njit
+from serp.model.flags import APPLICABLE, RISK_SHIFT, RISK_UNIT, RISKY, UNSAFE, joined
+
+_inlined = cached_njit(nogil=True, forceinline=True)
 
 PathScore = tuple[int, float, int, float]
 """The score of a path: (-rank, -risk, steps, value); a better path has a larger one."""
 
 
+@_inlined
 def hazard(flags: int, accepted: float) -> float:
     """Return the risk of one step, `serp.model.flags.risk_of`; 0 where it is accepted."""
     risk = (flags >> RISK_SHIFT) * RISK_UNIT
@@ -26,6 +30,7 @@ def hazard(flags: int, accepted: float) -> float:
     return risk if risk > accepted else 0.0
 
 
+@_inlined
 def marked(flags: int, risk: float) -> int:
     """Return the flags of a step, with RISKY where its risk by `hazard` is above 0."""
     return flags | RISKY if risk > 0.0 and not flags & UNSAFE else flags
@@ -41,6 +46,11 @@ def rank_of(flags: int) -> int:
 def path_score(rank: int, risk: float, steps: int, value: float) -> PathScore:
     """Return the score of a path: `rank` is that of its first control period."""
     return -rank, -risk, steps, value
+
+
+compiled_rank_of = _inlined(rank_of)
+compiled_path_score = _inlined(path_score)
+compiled_joined = _inlined(joined)
 
 
 def free_of_risk(flags: NDArray[np.int64]) -> NDArray[np.bool_]:

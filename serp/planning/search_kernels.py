@@ -18,7 +18,7 @@ from serp.planning.forecast import SAFE
 from serp.planning.hash_table import state_slot, table_size
 from serp.planning.kernel_records import CompiledModel, FirstActions, Rules, Scratch
 from serp.planning.limits import Bound
-from serp.planning.preference import path_score, rank_of
+from serp.planning.preference import compiled_path_score
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -27,9 +27,6 @@ _NODES = int(Bound.NODES)
 _EXHAUSTED = int(Bound.EXHAUSTED)
 _BITS, _RANK = 0x1F, 6
 """Stored flags of an edge: their bits, and above these the rank of its first period."""
-
-_path_score = cached_njit(nogil=True, forceinline=True)(path_score)
-_rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
 
 
 @cached_njit(nogil=True)
@@ -123,7 +120,7 @@ def _search(model, rules, leaves, state, scratch, found):
     for node in range(start - 1, -1, -1):
         chosen = -1
         top_risk, top_steps, top_value = 0.0, SAFE, 0.0
-        best = _path_score(0, top_risk, top_steps, top_value)
+        best = compiled_path_score(0, top_risk, top_steps, top_value)
         undefined = 0
         for action in range(actions):
             e = node * actions + action
@@ -148,7 +145,7 @@ def _search(model, rules, leaves, state, scratch, found):
                 value[action] = total
                 path_risk[action] = danger
                 steps[action] = safe
-            score = _path_score(np.int64(flags[e] >> _RANK), danger, safe, total)
+            score = compiled_path_score(np.int64(flags[e] >> _RANK), danger, safe, total)
             if chosen < 0 or score > best:
                 chosen, best = action, score
                 top_risk, top_steps, top_value = danger, safe, total

@@ -11,7 +11,7 @@ import numpy as np
 from serp._util.compilation import cached_njit
 from serp.adaptation import parameter_buffer as b
 from serp.adaptation.residual import parameters as r
-from serp.model.native import advanced, stack_room
+from serp.model.native import STACK, advanced, stack_room
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -91,7 +91,7 @@ def add_residual(buffer, action, state, out):
     """Add the residual to `out`, the fluents after effects and processes."""
     table = int(buffer[b.TABLE]) + 2 * action
     group = int(buffer[table + 1])
-    u = stack_room()
+    u = stack_room(STACK)
     z, scratch = advanced(u, r.MAX_INPUTS), advanced(u, r.MAX_INPUTS + _CHUNK)
     for _ in range(int(buffer[table])):
         part = int(buffer[int(buffer[group + b.G_SHARED]) + b.S_REGRESSION])

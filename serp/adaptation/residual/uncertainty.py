@@ -12,7 +12,7 @@ from serp._util.compilation import cached_njit
 from serp.adaptation import parameter_buffer as b
 from serp.adaptation.residual import parameters as r
 from serp.adaptation.residual.prediction import features_of, normalise, row_of
-from serp.model.native import advanced, pointer_to, stack_room
+from serp.model.native import STACK, advanced, pointer_to, stack_room
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -54,7 +54,7 @@ def uncertainty_of(buffer, action, state, out):
     """Do what `uncertainty` does, with pointers; `out` begins with zeros."""
     table = int(buffer[b.TABLE]) + 2 * action
     group, unknown = int(buffer[table + 1]), 0.0
-    u = stack_room()
+    u = stack_room(STACK)
     z = advanced(u, r.MAX_INPUTS)
     for _ in range(int(buffer[table])):
         shared = int(buffer[group + b.G_SHARED])

@@ -34,13 +34,15 @@ from serp.model.bytecode.instructions import (
 from serp.model.codegen import statements_of
 from serp.model.flags import TERMINAL, UNSAFE
 from serp.model.ground import GroundModel
-from serp.model.native import STEP_SIGNATURE, advanced
+from serp.model.native import STEP_SIGNATURE, advanced, stack_room
 
 # mypy: disable-error-code="no-untyped-def, no-untyped-call, untyped-decorator, no-any-return"
 
 _HEAD: Final = 3
 _CONSTANTS, _ENTRIES, _CODE = range(_HEAD)
 """Positions in the data of the positions of its parts; θ follows them."""
+
+_MEMORIES: Final = len(Memory)
 
 _POINTER = types.CPointer(types.float64)
 _INTEGERS = types.CPointer(types.int32)
@@ -50,28 +52,6 @@ _JUMP_IF, _JUMP_UNLESS, _MOVE, _JUMP, _RETURN = 0, 1, 2, 3, 4
 _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _NEGATE = 5, 6, 7, 8, 9
 _LESS, _LESS_OR_EQUAL, _EQUAL = 10, 11, 12
 _NOT_LESS, _NOT_LESS_OR_EQUAL, _NOT_EQUAL = 13, 14, 15
-
-
-@_intrinsic
-def _memories(typing_context):
-    """Return room on the stack for the addresses of the memories."""
-
-    def generate(context, builder, signature, arguments):
-        with builder.goto_entry_block():
-            return builder.alloca(ir.DoubleType(), size=len(Memory))
-
-    return _POINTER(), generate
-
-
-@_intrinsic
-def _registers(typing_context):
-    """Return room on the stack for the registers."""
-
-    def generate(context, builder, signature, arguments):
-        with builder.goto_entry_block():
-            return builder.alloca(ir.DoubleType(), size=REGISTERS)
-
-    return _POINTER(), generate
 
 
 def _address(builder, memories, position):
@@ -113,7 +93,7 @@ def _as_integers(typing_context, pointer):
 
 def _run(state, action, data, dt, out):
     """Execute the instructions of an action; see `serp.model.codegen` for the arguments."""
-    memories, registers = _memories(), _registers()
+    memories, registers = stack_room(_MEMORIES), stack_room(REGISTERS)
     _put(memories, 0, registers)
     _put(memories, 1, state)
     _put(memories, 2, out)

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.compilation import cached_njit
-from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED, joined
+from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import OUTCOMES, call_step, pointer_to
 from serp.planning.far_sight.array_graph import DONE, ENDED, FULL, Counters, GraphArrays
 from serp.planning.far_sight.cell_values import Cells, digest_of, is_known, nearness
 from serp.planning.hash_table import key_slot
-from serp.planning.preference import hazard, marked
+from serp.planning.preference import compiled_joined, hazard, marked
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -30,10 +30,6 @@ HOLD = 16
 SMALL = 0.01
 """Weights in an interpolation that are a smaller fraction of the others are left out."""
 _NODES, _EXPANDED, _EDGES, _OUTCOMES = Counters()
-
-_hazard = cached_njit(nogil=True, forceinline=True)(hazard)
-_marked = cached_njit(nogil=True, forceinline=True)(marked)
-_joined = cached_njit(nogil=True, forceinline=True)(joined)
 
 
 class CellArrays(NamedTuple):
@@ -140,9 +136,9 @@ def expand_cells(model, rules, arrays, division, found, room):
                     if held == 0 and step & UNDEFINED:
                         graph.undefined[node] = 1
                     break
-                further = _hazard(step, accepted)
-                step = _marked(step, further)
-                flags = step if held == 0 else np.int64(_joined(flags, step))
+                further = hazard(step, accepted)
+                step = marked(step, further)
+                flags = step if held == 0 else np.int64(compiled_joined(flags, step))
                 danger += (1.0 - danger) * further
                 total += weight * out[width]
                 length += weight

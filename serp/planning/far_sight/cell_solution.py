@@ -12,7 +12,7 @@ from serp._util.compilation import cached_njit
 from serp.planning.far_sight.array_graph import Counters, GraphArrays
 from serp.planning.far_sight.cell_kernels import CellArrays
 from serp.planning.far_sight.cell_values import CellValues, value_at
-from serp.planning.preference import rank_of
+from serp.planning.preference import compiled_rank_of
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -23,8 +23,6 @@ SWEEPS = 30
 _EVALUATIONS = 4
 """Sweeps over the best edges after each of them."""
 _NODES, _EXPANDED, _EDGES, _OUTCOMES = Counters()
-
-_rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
 
 
 @cached_njit(nogil=True)
@@ -131,9 +129,9 @@ def solve_cells(arrays, found, discount, worst, beyond):
             continue
         lowest = np.int64(3)
         for edge in range(start, end):
-            lowest = min(lowest, np.int64(_rank_of(graph.flags[edge])))
+            lowest = min(lowest, np.int64(compiled_rank_of(graph.flags[edge])))
         for edge in range(start, end):
-            if np.int64(_rank_of(graph.flags[edge])) > lowest:
+            if np.int64(compiled_rank_of(graph.flags[edge])) > lowest:
                 continue
             danger, weight = graph.hazard[edge], discount * held.weight[edge]
             reward[edge_count] = held.reward[edge] + (

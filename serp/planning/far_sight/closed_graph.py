@@ -127,10 +127,7 @@ class ClosedGraph(ArrayGraph):
         self._solve()
 
     def _solve(self) -> None:
-        allowed = np.empty(self._arrays.action.shape[0], dtype=np.uint8)
-        solution.solve(
-            self._arrays_tuple, self._settings.discount, solution.EXACT, solution.SWEEPS, allowed
-        )
+        solution.solve(self._arrays_tuple, self._settings.discount)
         self._measure()
 
     def _measure(self) -> None:

@@ -20,9 +20,6 @@ from serp.planning.preference import hazard, marked
 
 _NODES, _EXPANDED, _EDGES, _OUTCOMES = Counters()
 
-_hazard = cached_njit(nogil=True, forceinline=True)(hazard)
-_marked = cached_njit(nogil=True, forceinline=True)(marked)
-
 
 @cached_njit(nogil=True, forceinline=True)
 def state_node(graph, row, width):
@@ -133,9 +130,9 @@ def expand(model, branches, rules, arrays, room, most):
                 continue
             edge = graph.counters[_EDGES]
             graph.counters[_EDGES] = edge + 1
-            danger = _hazard(flags, accepted)
+            danger = hazard(flags, accepted)
             graph.action[edge], graph.hazard[edge], graph.reward[edge] = action, danger, 0.0
-            graph.flags[edge] = _marked(flags, danger)
+            graph.flags[edge] = marked(flags, danger)
             graph.first_outcome[edge + 1] = graph.counters[_OUTCOMES]
             if branches == 0:
                 _add_outcome(graph, out, width, out[width], flags & TERMINAL, 1.0, layer)

@@ -36,8 +36,6 @@ _BY_COST = 2_000
 _SEEN_BITS = 26
 _NODES, _EXPANDED, _TRIED = 0, 1, 2
 
-_hazard = cached_njit(nogil=True, forceinline=True)(hazard)
-
 
 class SearchArrays(NamedTuple):
     """A search tree of up to N nodes.
@@ -209,7 +207,7 @@ def search(model, relaxed, rules, tree_arrays, root, limit):
             if not flags & APPLICABLE:
                 continue
             tree.counters[_TRIED] += 1
-            if _hazard(flags, accepted) > 0.0:
+            if hazard(flags, accepted) > 0.0:
                 continue
             if flags & TERMINAL:
                 if target[width] > 0.0:

@@ -11,22 +11,19 @@ from serp._util.compilation import cached_njit
 from serp.planning.far_sight.array_graph import Counters, GraphArrays
 from serp.planning.forecast import SAFE
 from serp.planning.kernel_records import FirstActions
-from serp.planning.preference import path_score, rank_of
+from serp.planning.preference import compiled_path_score, compiled_rank_of
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
-EXACT = 1e-9
+_EXACT = 1e-9
 """Precision of the values of states: value iteration ends where none changed by more than this
 fraction of the largest."""
 ALIKE = 1e-7
 """Values that differ by less than this fraction of the largest are equal."""
-SWEEPS = 3_000
+_SWEEPS = 3_000
 """Most sweeps of value iteration, and of each of its parts."""
 _TINY = 1e-9
 _NODES, _EXPANDED, _EDGES, _ = Counters()
-
-_rank_of = cached_njit(nogil=True, forceinline=True)(rank_of)
-_path_score = cached_njit(nogil=True, forceinline=True)(path_score)
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -76,12 +73,12 @@ def _steps_through(graph, edge):
 def _best_rank(graph, node):
     rank = np.int64(3)
     for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
-        rank = min(rank, np.int64(_rank_of(graph.flags[edge])))
+        rank = min(rank, np.int64(compiled_rank_of(graph.flags[edge])))
     return rank
 
 
 @cached_njit(nogil=True)
-def solve(arrays, discount, precision, sweeps, allowed):
+def solve(arrays, discount):
     """Find the best policy of every node, by value iteration.
 
     The order of preferences is that of `serp.planning.preference`; the risks of later steps are
@@ -91,12 +88,10 @@ def solve(arrays, discount, precision, sweeps, allowed):
     Args:
         arrays: Values of `GraphArrays`; values and risks are continued from.
         discount: Weight of a reward one control period later.
-        precision: Where the iteration ends, see `EXACT`.
-        sweeps: Most sweeps, see `SWEEPS`.
-        allowed: `[E]` uint8, scratch memory.
     """
     graph = GraphArrays(*arrays)
     nodes, expanded = graph.counters[_NODES], graph.counters[_EXPANDED]
+    allowed = np.empty(graph.counters[_EDGES], dtype=np.uint8)
     for node in range(nodes):
         graph.best[node] = -1
         graph.risk[node] = 0.0
@@ -108,18 +103,18 @@ def solve(arrays, discount, precision, sweeps, allowed):
         lowest = _best_rank(graph, node)
         start, end = graph.first_edge[node], graph.first_edge[node + 1]
         for edge in range(start, end):
-            allowed[edge] = np.int64(_rank_of(graph.flags[edge])) == lowest
+            allowed[edge] = np.int64(compiled_rank_of(graph.flags[edge])) == lowest
         if start == end:
             graph.value[node] = 0.0
             graph.risk[node] = 1.0 if graph.undefined[node] else 0.0
             graph.steps[node] = 0 if graph.undefined[node] else SAFE
-    _solve_risks(graph, expanded, discount, precision, sweeps, allowed)
-    _solve_values(graph, expanded, discount, precision, sweeps, allowed)
+    _solve_risks(graph, expanded, discount, allowed)
+    _solve_values(graph, expanded, discount, allowed)
     _mark_inside(graph, expanded)
 
 
 @cached_njit(nogil=True)
-def _solve_risks(graph, expanded, discount, precision, sweeps, allowed):
+def _solve_risks(graph, expanded, discount, allowed):
     """Find the least risks, and leave only the edges that have them."""
     risky = False
     for edge in range(graph.counters[_EDGES]):
@@ -128,7 +123,7 @@ def _solve_risks(graph, expanded, discount, precision, sweeps, allowed):
         risky = risky or graph.risk[node] > 0.0
     if not risky:
         return
-    for sweep in range(sweeps):
+    for sweep in range(_SWEEPS):
         change = 0.0
         for k in range(expanded):
             node = k if sweep % 2 else expanded - 1 - k
@@ -141,7 +136,7 @@ def _solve_risks(graph, expanded, discount, precision, sweeps, allowed):
                     least = min(least, _risk_through(graph, edge, node, discount))
             change = max(change, abs(least - graph.risk[node]))
             graph.risk[node] = least
-        if change <= precision:
+        if change <= _EXACT:
             break
     for node in range(expanded):
         for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
@@ -150,7 +145,7 @@ def _solve_risks(graph, expanded, discount, precision, sweeps, allowed):
                 allowed[edge] = danger <= graph.risk[node] + ALIKE
         if graph.risk[node] <= ALIKE:
             graph.risk[node] = 0.0
-    for sweep in range(sweeps):
+    for sweep in range(_SWEEPS):
         changed = False
         for k in range(expanded):
             node = k if sweep % 2 else expanded - 1 - k
@@ -169,8 +164,8 @@ def _solve_risks(graph, expanded, discount, precision, sweeps, allowed):
 
 
 @cached_njit(nogil=True)
-def _solve_values(graph, expanded, discount, precision, sweeps, allowed):
-    for sweep in range(sweeps):
+def _solve_values(graph, expanded, discount, allowed):
+    for sweep in range(_SWEEPS):
         change, largest = 0.0, 0.0
         for k in range(expanded):
             node = k if sweep % 2 else expanded - 1 - k
@@ -184,7 +179,7 @@ def _solve_values(graph, expanded, discount, precision, sweeps, allowed):
             change = max(change, abs(most - graph.value[node]))
             largest = max(largest, abs(most))
             graph.value[node] = most
-        if change <= precision * largest:
+        if change <= _EXACT * largest:
             break
     unit = ALIKE * largest
     for node in range(expanded):
@@ -236,7 +231,7 @@ def look_up(arrays, node, discount, unit, found):
         first.reward[action] = 0.0
         first.flags[action] = 0
     choice = np.int64(-1)
-    best = _path_score(0, 0.0, SAFE, 0.0)
+    best = compiled_path_score(0, 0.0, SAFE, 0.0)
     for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
         action = graph.action[edge]
         value = _value_through(graph, edge, node, discount)
@@ -249,7 +244,7 @@ def look_up(arrays, node, discount, unit, found):
         first.value[action], first.path_risk[action] = value, danger
         first.safe_steps[action], first.flags[action] = steps, flags
         first.reward[action] = graph.reward[edge]
-        score = _path_score(np.int64(_rank_of(flags)), danger, steps, value)
+        score = compiled_path_score(np.int64(compiled_rank_of(flags)), danger, steps, value)
         if choice < 0 or score > best:
             choice, best = np.int64(action), score
     return choice
