@@ -5,7 +5,7 @@ from __future__ import annotations
 from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL
 from serp.model.native import call_step, pointer_to
-from serp.planning.kernel_records import CompiledModel, Rules
+from serp.planning.kernel_records import Rules
 from serp.planning.preference import compiled_joined, compiled_rank_of, hazard, marked
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -20,8 +20,8 @@ def edge(model, rules, state, action, target, scratch, width):
     Returns:
         What `serp.planning.graph.Edge` has from `reward` on; reward and flags of the first period.
     """
-    address, dt, accepted = model.address, model.dt, rules.accepted_risk
-    theta = pointer_to(model.data, 0)
+    address, data, dt = model
+    theta, accepted = pointer_to(data, 0), rules.accepted_risk
     for i in range(width):
         target[i] = state[i]
     flags = call_step(address, state, action, theta, dt, target)
@@ -61,7 +61,7 @@ def expand(model, rules, nodes, states, out, found):
     `edge` returns first.
     """
     reward, weight, flags, rank, periods, risk = found
-    named, limits = CompiledModel(*model), Rules(*rules)
+    limits = Rules(*rules)
     actions, row = limits.actions, states.shape[0] // nodes
     scratch = pointer_to(out, nodes * actions * row)
     for node in range(nodes):
@@ -69,5 +69,5 @@ def expand(model, rules, nodes, states, out, found):
         for action in range(actions):
             e = node * actions + action
             reward[e], weight[e], flags[e], rank[e], periods[e], risk[e], _, _ = edge(
-                named, limits, state, action, pointer_to(out, e * row), scratch, row - 1
+                model, limits, state, action, pointer_to(out, e * row), scratch, row - 1
             )

@@ -9,7 +9,7 @@ import functools
 import math
 import time
 from collections.abc import Iterator
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import networkx as nx
 import numpy as np
@@ -116,19 +116,19 @@ class PlanningGraph:
                 for node in nodes:
                     self._edges[node] = []
                 return False
-            for state, edge in self._follow(nodes[start : start + size]):
-                ended = (edge.flags & TERMINAL) != 0
+            for source, action, state, columns in self._follow(nodes[start : start + size]):
+                ended = (columns[2] & TERMINAL) != 0
                 target = known.setdefault((state, ended), len(self.states))
                 if target == len(self.states):
                     self.states.append(state)
                     self._ended.append(ended)
                     self._layer_of.append(layer)
                     self._edges.append([])
-                self._edges[edge.source].append(edge._replace(target=target))
+                self._edges[source].append(Edge(source, action, target, *columns))
         return True
 
-    def _follow(self, nodes: list[int]) -> Iterator[tuple[State, Edge]]:
-        """Yield the applicable edges out of some nodes, and the states that they lead to."""
+    def _follow(self, nodes: list[int]) -> Iterator[tuple[int, int, State, tuple[Any, ...]]]:
+        """Yield node, action, state reached and what else is known of the edges out of nodes."""
         settings, actions, width = self.settings, len(self.model.actions), len(self.model.fluents)
         tried = len(nodes) * actions
         rows = np.zeros((len(nodes), width + 1))
@@ -143,11 +143,10 @@ class PlanningGraph:
             len(nodes), rows.reshape(-1), out.reshape(-1), columns,
         )  # fmt: skip
         there = np.flatnonzero(flags & APPLICABLE)
-        for e, state, *found in zip(
-            there.tolist(), out[there, :width].tolist(), *(c[there].tolist() for c in columns),
-            strict=True,
-        ):  # fmt: skip
-            yield tuple(state), Edge(nodes[e // actions], e % actions, -1, *found)
+        found = zip(*(column[there].tolist() for column in columns), strict=True)
+        states = map(tuple, out[there, :width].tolist())
+        for e, state, numbers in zip(there.tolist(), states, found, strict=True):
+            yield nodes[e // actions], e % actions, state, numbers
 
     @functools.cached_property
     def best_path(self) -> list[Edge]:

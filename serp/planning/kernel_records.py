@@ -14,14 +14,6 @@ from numpy.typing import NDArray
 from serp.planning.hash_table import table_size
 
 
-class CompiledModel(NamedTuple):
-    """A transition model, for compiled loops: its function, its parameters, its control period."""
-
-    address: np.intp
-    data: NDArray[np.float64]
-    dt: float
-
-
 class Rules(NamedTuple):
     """Limits of a search, and its treatment of rewards and risks; see `PlannerSettings`."""
 

@@ -16,7 +16,7 @@ from serp.planning.edge_kernels import edge
 from serp.planning.far_sight.cell_values import CellValues, value_at
 from serp.planning.forecast import SAFE
 from serp.planning.hash_table import state_slot, table_size
-from serp.planning.kernel_records import CompiledModel, FirstActions, Rules, Scratch
+from serp.planning.kernel_records import FirstActions, Rules, Scratch
 from serp.planning.limits import Bound
 from serp.planning.preference import compiled_path_score
 
@@ -33,16 +33,15 @@ _BITS, _RANK = 0x1F, 6
 def search(model, rules, leaves, state, scratch, found):
     """Expand the planning graph of one state and find the best path of every first action.
 
-    Model, rules, scratch and found (which is written) are records of
-    `serp.planning.kernel_records` as plain tuples. `leaves`, a `CellValues`, are the values of the
-    states that the last layer leads to; without any they are 0.
+    `model` is `TransitionModel.machine_code`. Rules, scratch and found (which is written) are
+    records of `serp.planning.kernel_records` as plain tuples. So are `leaves`, a `CellValues`, the
+    values of the states that the last layer leads to; without any they are 0.
 
     Returns:
         Chosen action, layers expanded, bound, edges followed.
     """
-    named, limits = CompiledModel(*model), Rules(*rules)
     room, first = Scratch(*scratch), FirstActions(*found)
-    return _search(named, limits, CellValues(*leaves), state, room, first)
+    return _search(model, Rules(*rules), CellValues(*leaves), state, room, first)
 
 
 @cached_njit(nogil=True)

@@ -157,14 +157,10 @@ class _Translation:
         match statement:
             case ast.Assign([target], value):
                 self._assign(target, value)
-            case ast.If(test, body, orelse):
-                otherwise, end = self._label(), self._label()
-                self._jump_if(test, False, otherwise)
+            case ast.If(test, body, []):
+                end = self._label()
+                self._jump_if(test, False, end)
                 self._block(body)
-                if orelse:
-                    self._jump(Code.JUMP, end)
-                self._here(otherwise)
-                self._block(orelse)
                 self._here(end)
             case ast.While(test, body):
                 begin, end = self._label(), self._label()

@@ -91,7 +91,7 @@ def expand_cells(model, rules, arrays, division, found, room):
     """Expand nodes until all are expanded, the arrays are full, or enough steps were predicted.
 
     Args:
-        model: Values of `serp.planning.kernel_records.CompiledModel`.
+        model: `TransitionModel.machine_code`.
         rules: Number of actions, discount, accepted risk, most steps to predict.
         arrays: Values of `GraphArrays`.
         division: Values of `Cells`.

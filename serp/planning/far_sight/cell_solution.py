@@ -12,6 +12,7 @@ from serp._util.compilation import cached_njit
 from serp.planning.far_sight.array_graph import Counters, GraphArrays
 from serp.planning.far_sight.cell_kernels import CellArrays
 from serp.planning.far_sight.cell_values import CellValues, value_at
+from serp.planning.far_sight.solution_kernels import best_rank
 from serp.planning.preference import compiled_rank_of
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -127,9 +128,7 @@ def solve_cells(arrays, found, discount, worst, beyond):
         if start == end:
             graph.value[node] = worst if graph.undefined[node] else 0.0
             continue
-        lowest = np.int64(3)
-        for edge in range(start, end):
-            lowest = min(lowest, np.int64(compiled_rank_of(graph.flags[edge])))
+        lowest = best_rank(graph, node)
         for edge in range(start, end):
             if np.int64(compiled_rank_of(graph.flags[edge])) > lowest:
                 continue

@@ -87,7 +87,7 @@ def expand(model, branches, rules, arrays, room, most):
     """Expand nodes until all are expanded, the arrays are full, or there are enough edges.
 
     Args:
-        model: Values of `serp.planning.kernel_records.CompiledModel`.
+        model: `TransitionModel.machine_code`.
         branches: Address of the compiled function that gives all outcomes of a step, see
             `TransitionModel.native_outcomes`; 0 where the model has one outcome a step.
         rules: Number of actions A, accepted risk.

@@ -171,7 +171,7 @@ def search(model, relaxed, rules, tree_arrays, root, limit):
     """Search for an edge that reaches the goal.
 
     Args:
-        model: Values of `serp.planning.kernel_records.CompiledModel`.
+        model: `TransitionModel.machine_code`.
         relaxed: Values of `RelaxedTables`, and of `RelaxedCosts`.
         rules: Number of actions A, accepted risk.
         tree_arrays: Values of `SearchArrays`, empty.

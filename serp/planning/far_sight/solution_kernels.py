@@ -70,7 +70,8 @@ def _steps_through(graph, edge):
 
 
 @cached_njit(nogil=True, forceinline=True)
-def _best_rank(graph, node):
+def best_rank(graph, node):
+    """Return the least rank of the edges of a node."""
     rank = np.int64(3)
     for edge in range(graph.first_edge[node], graph.first_edge[node + 1]):
         rank = min(rank, np.int64(compiled_rank_of(graph.flags[edge])))
@@ -100,7 +101,7 @@ def solve(arrays, discount):
         if node >= expanded:
             graph.value[node] = 0.0
     for node in range(expanded):
-        lowest = _best_rank(graph, node)
+        lowest = best_rank(graph, node)
         start, end = graph.first_edge[node], graph.first_edge[node + 1]
         for edge in range(start, end):
             allowed[edge] = np.int64(compiled_rank_of(graph.flags[edge])) == lowest
