@@ -268,31 +268,18 @@ def step_row(buffer, action, state, dt, out):
 
 
 @cached_njit(nogil=True)
-def predict_all(buffer, action, state, dt, rows):
-    """Predict one step in four variants, into the rows of a flat array `[4 · (F + 1)]`.
+def flow_and_settle(buffer, action, state, dt, rows):
+    """Predict effects and processes with the parameters in use, and the same after events.
 
-    The step of the file; effects and processes with the parameters in use (the flow); the same
-    after events; and the adapted step. `buffer` is an array.
-
-    Returns:
-        Flags of the file's step, of the flow and of the adapted step.
+    `buffer` is an array; `rows` `[2, F + 1]` receives both. Returns the flags of the former.
     """
     width = state.shape[0]
-    row = width + 1
     base, source = pointer_to(buffer, 0), pointer_to(state, 0)
-    for k in range(4):
-        for i in range(width):
-            rows[k * row + i] = state[i]
-        rows[k * row + width] = 0.0
-    written = call_step(
-        int(base[b.STEP]), source, action, advanced(base, int(base[b.WRITTEN])), dt,
-        pointer_to(rows, 0),
-    )  # fmt: skip
     parameters = advanced(base, int(base[b.PARAMETERS]))
-    flow = call_step(int(base[b.FLOW]), source, action, parameters, dt, pointer_to(rows, row))
-    for i in range(row):
-        rows[2 * row + i] = rows[row + i]
+    rows[0, :width] = state
+    rows[0, width] = 0.0
+    flow = call_step(int(base[b.FLOW]), source, action, parameters, dt, pointer_to(rows[0], 0))
+    rows[1] = rows[0]
     if flow & APPLICABLE:
-        call_step(int(base[b.SETTLE]), source, flow, parameters, dt, pointer_to(rows, 2 * row))
-    adapted = adapted_row(source, action, base, dt, pointer_to(rows, 3 * row))
-    return written, flow, adapted
+        call_step(int(base[b.SETTLE]), source, flow, parameters, dt, pointer_to(rows[1], 0))
+    return flow

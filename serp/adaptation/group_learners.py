@@ -85,14 +85,12 @@ class GroupLearners:
         """Whether anything learned is used."""
         return self._buffer.stochastic or any(self._used.values())
 
-    def adoption(self, skills: Mapping[str, float | None]) -> tuple[FluentAdoption, ...]:
-        """Return what predicts each function and predicate that can change.
-
-        `skills` are the forecast skills by their names.
-        """
-        residuals: dict[str, list[TrackRecord]] = {symbol: [] for symbol in skills}
-        outcomes: dict[str, list[TrackRecord]] = {symbol: [] for symbol in skills}
+    def adoption(self) -> tuple[FluentAdoption, ...]:
+        """Return what predicts each function and predicate that can change."""
         fluents, changing = self._model.fluents, set[str]()
+        symbols = dict.fromkeys(fluent.symbol for fluent in fluents)
+        residuals: dict[str, list[TrackRecord]] = {symbol: [] for symbol in symbols}
+        outcomes: dict[str, list[TrackRecord]] = {symbol: [] for symbol in symbols}
         for key, group in self._groups.items():
             schema, counts = key[0], self._counts[key].track_record(key[0])
             numbers = [fluents[column].symbol for column in group.targets]
@@ -110,8 +108,8 @@ class GroupLearners:
             for symbol in predicates:
                 outcomes[symbol].append(counts)
         return tuple(
-            adoption_of(symbol, residuals[symbol], outcomes[symbol], skill)
-            for symbol, skill in skills.items()
+            adoption_of(symbol, residuals[symbol], outcomes[symbol])
+            for symbol in symbols
             if symbol in changing
         )
 
