@@ -144,7 +144,10 @@ def chances(
     cost: float = 1.0,
 ) -> StochasticEffect:
     place = next(a.place for a in model.actions if a.schema == schema)
-    told = tuple(ObservedOutcome(tuple(c.items()), p, 0.02, written) for c, p, written in outcomes)
+    told = tuple(
+        ObservedOutcome(tuple(c.items()), p, 0.02, written, schema if written else "")
+        for c, p, written in outcomes
+    )
     return StochasticEffect(schema, place, told, samples=412, cost=cost)
 
 
