@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.adapted_step import flow_and_settle
 from serp.adaptation.adoption import ModelAdoption, parameters_in_use
+from serp.adaptation.file_step import observed_step
 from serp.adaptation.group_learners import GroupLearners, Meta
-from serp.model.flags import APPLICABLE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
 from serp.sysid.transitions import OVER, TransitionMemory
@@ -58,7 +57,6 @@ class ModelAdaptation:
         elif settings.mode != "off" and width:
             self._adapted = adapted = AdaptedModel(written)
             self._alike = _alike_actions(adapted)
-            self._rows = np.zeros((2, width + 1))
             if settings.residual:
                 self._learners = GroupLearners(adapted, seed, settings.nonlinear)
                 self.notice = self._learners.notice
@@ -110,11 +108,10 @@ class ModelAdaptation:
     def _learn(
         self, adapted: AdaptedModel, state: Vector, action: int, next_state: Vector, over: bool
     ) -> None:
-        """Learn from a step, unless the file says that its action is not applicable there."""
         assert self._learners is not None
-        if flow_and_settle(adapted.data, action, state, adapted.dt, self._rows) & APPLICABLE:
-            flow, settled = self._rows[:, :-1]
-            self._learners.learn(state, action, next_state, flow, settled, over)
+        step = observed_step(adapted.data, adapted.dt, state, action, next_state, over)
+        if step is not None:
+            self._learners.learn(step)
 
     @property
     def _revision(self) -> int:

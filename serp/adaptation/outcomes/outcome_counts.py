@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from serp._util.saved_state import LARGEST, MOST, Saved
 from serp.adaptation.adoption import TrackRecord
 from serp.adaptation.feature_groups import FeatureGroup
+from serp.adaptation.file_step import ObservedStep
 from serp.adaptation.moving_average import rate_of
 from serp.adaptation.outcomes import table_kernels as c
 from serp.adaptation.outcomes.counting_kernels import count
@@ -32,8 +33,8 @@ _MAX_STRAY, _STRAY_FROM = 0.2, 50
 """Fraction of outcomes that are not distinguished at which counting ends, and the samples needed to
 determine it."""
 
-Place = tuple[Vector, int, int, float]
-"""Buffer of the model, ground action, position of the group among its own, and control period."""
+Place = tuple[Vector, int, float]
+"""Buffer of the model, position of the group among those of the action, and control period."""
 
 
 class OutcomeCounts:
@@ -116,16 +117,20 @@ class OutcomeCounts:
         self,
         place: Place,
         inputs: NDArray[np.int64],
-        state: Vector,
-        written: Vector,
-        observed: Vector,
+        step: ObservedStep,
         whole: NDArray[np.bool_],
     ) -> bool:
         """Count a sample; return False where there are too many different outcomes to count.
 
-        `inputs` `[d]` are columns of the feature group in states `[F]`: before, `written` (as the
-        file predicts) and `observed`. `whole` `[F]`: whether a fluent has always been whole.
+        `inputs` `[d]` are columns of the feature group in states `[F]`. `whole` `[F]`: whether a
+        fluent has always been whole. The end of an episode is counted as one of the outcomes that
+        end it, if there are any.
         """
+        if step.over:
+            if self.table is not None:
+                self.samples += 1
+                self._count(place, step)
+            return True
         if self._given_up:
             return False
         numbers = self._numbers[whole[inputs[self._numbers]]]
@@ -137,16 +142,16 @@ class OutcomeCounts:
         self.samples += 1
         if self.table is None:
             # While the file is right there is nothing to count.
-            if (observed[columns] == written[columns]).all():
+            if (step.next_state[columns] == step.settled[columns]).all():
                 return True
             self._others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._context)
             self.table = new_table(self.places, self._context, self._others)
-            _parts(self.table)["ranges"][:] = state[columns, None]
+            _parts(self.table)["ranges"][:] = step.state[columns, None]
             # All samples so far were as in the file.
             sets, totals = int(self.table[c.T_ALTERNATIVES]), int(self.table[c.T_TOTALS])
             self.table[c.T_SETS], self.table[sets : sets + 2] = 1, (1, self.samples - 1)
             self.table[int(self.table[c.T_COUNTS])] = self.table[totals] = self.samples - 1
-        if not self._count(place, state, observed, False):
+        if not self._count(place, step):
             self._strays += 1
             if self.samples >= _STRAY_FROM and self._strays > _MAX_STRAY * self.samples:
                 # Without the numbers, the predicates may have few outcomes.
@@ -155,18 +160,12 @@ class OutcomeCounts:
                 return False
         return True
 
-    def learn_end(self, place: Place, state: Vector, observed: Vector) -> None:
-        """Count the end of an episode as one of the outcomes that end it, if there are any."""
-        if self.table is not None:
-            self.samples += 1
-            self._count(place, state, observed, True)
-
-    def _count(self, place: Place, state: Vector, observed: Vector, over: bool) -> bool:
-        buffer, action, position, dt = place
+    def _count(self, place: Place, step: ObservedStep) -> bool:
+        buffer, position, dt = place
         assert self.table is not None
         rate = rate_of(self.samples - 1, _MEMORY)
-        sample = action, state, observed, over
-        return bool(count(buffer, position, self.table, sample, dt, self._scores, rate))
+        flow = step.flowed, step.flags
+        return bool(count(buffer, position, self.table, step[:4], flow, dt, self._scores, rate))
 
     def _begin(self, places: NDArray[np.int64]) -> None:
         self.places = places

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.adaptation.adapted_model import AdaptedModel, same_arguments
-from serp.adaptation.adapted_step import flow_and_settle
 from serp.adaptation.feature_groups import FeatureGroup, Key
+from serp.adaptation.file_step import observed_step
 from serp.adaptation.outcomes.outcome_counts import OutcomeCounts
-from serp.model.flags import APPLICABLE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.regression_data import predicted_steps
 
@@ -110,16 +109,14 @@ def _learn(
     transitions: Transitions,
     whole: Mask,
 ) -> None:
-    rows, whole = np.zeros((2, len(whole) + 1)), whole.copy()
+    whole = whole.copy()
     for state, action, after, over in zip(*transitions, strict=True):
-        if not flow_and_settle(adapted.data, int(action), state, adapted.dt, rows) & APPLICABLE:
+        step = observed_step(adapted.data, adapted.dt, state, int(action), after, bool(over))
+        if step is None:
             continue
         for position, group in enumerate(groups[action]):
             counts, inputs = found[group.key].counts, np.array(group.inputs, dtype=np.int64)
-            place = adapted.data, int(action), position, adapted.dt
-            if over:
-                counts.learn_end(place, state, after)
-            elif not counts.learn(place, inputs, state, rows[1, :-1], after, whole):
+            if not counts.learn((adapted.data, position, adapted.dt), inputs, step, whole):
                 whole[list(group.targets)] = False
 
 
