@@ -58,7 +58,7 @@ class ModelAdaptation:
             self._adapted = adapted = AdaptedModel(written)
             self._alike = _alike_actions(adapted)
             if settings.residual:
-                self._learners = GroupLearners(adapted, seed, settings.nonlinear)
+                self._learners = GroupLearners(adapted, seed)
                 self.notice = self._learners.notice
             if settings.parameters:
                 from serp.adaptation.online_parameters import ParameterEstimation

@@ -29,11 +29,10 @@ class GroupLearners:
     file.
     """
 
-    def __init__(self, model: AdaptedModel, seed: np.random.SeedSequence, nonlinear: bool) -> None:
+    def __init__(self, model: AdaptedModel, seed: np.random.SeedSequence) -> None:
         self._model = model
         self._buffer = model.buffer
         self._seed = seed
-        self._nonlinear = nonlinear
         self._groups = {group.key: group for groups in model.feature_groups for group in groups}
         self._columns = [
             [(g.key, np.array(g.inputs, np.int64), np.array(g.targets, np.int64)) for g in groups]
@@ -56,7 +55,7 @@ class GroupLearners:
         first = {key[1:]: group for key, group in reversed(self._groups.items())}
         regressions = self._buffer.regressions
         self._residuals = {
-            roles: ResidualRegression(first[roles], parameters, own, self._nonlinear)
+            roles: ResidualRegression(first[roles], parameters, own)
             for (roles, parameters), own in zip(
                 regressions.items(), seed.spawn(len(regressions)), strict=True
             )

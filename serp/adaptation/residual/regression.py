@@ -56,11 +56,10 @@ class ResidualRegression:
         group: FeatureGroup,
         parameters: RegressionParameters,
         seed: np.random.SeedSequence,
-        nonlinear: bool,
     ) -> None:
         p = self._parameters = parameters
         depth, count, rows = p.depth, p.count, p.rows
-        self._nonlinear, self._bits, self._seed = nonlinear, group.bits, seed
+        self._bits, self._seed = group.bits, seed
         self._places = np.array([group.inputs.index(t) for t in group.targets], dtype=np.int64)
         self._published = (
             p.centre, p.shrink, p.frequency, p.phase, p.linear, p.amplitude, p.kinds, p.inverse,
@@ -264,7 +263,7 @@ class ResidualRegression:
         """Publish the weights; without a finite solution they are unchanged."""
         p = self._parameters
         self._since_solved = 0
-        if self._nonlinear and not p.features and self._unexplained():
+        if not p.features and self._unexplained():
             p.draw(self._seed)
             self._loss[r.LINEAR + 1 :] = self._loss[r.LINEAR]
             self._refit()
