@@ -36,7 +36,7 @@ PAIR = """(define (domain pair)
 """
 
 Saved = tuple[dict[str, Any], dict[str, Any]]
-Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], bool]
+Step = tuple[np.ndarray[Any, Any], int, np.ndarray[Any, Any], int]
 
 
 def bits(saved: Saved) -> tuple[dict[str, bytes], str]:
@@ -49,18 +49,18 @@ def bits(saved: Saved) -> tuple[dict[str, bytes], str]:
 
 
 def steps_of(of: ModelAdaptation, count: int, seed: int) -> list[Step]:
-    """Steps of a nonlinear world: predicates that flip, noise, outliers, unknown actions.
+    """Steps of a nonlinear world: predicates that flip, noise, outliers, unknown actions, ends.
 
-    On `GRID` numbers are whole, so that outcomes are counted.
+    On `GRID` numbers are whole, so that outcomes are counted. At last the world changes.
     """
     whole = any(fluent.name == "row" for fluent in of.model.fluents)
     rng = np.random.default_rng(seed)
     numeric = np.array([fluent.numeric for fluent in of.model.fluents])
     mixing = np.random.default_rng(1).normal(size=(len(numeric), len(numeric)))
     steps: list[Step] = []
-    for _ in range(count):
+    for k in range(count):
         state, action = any_state(of.model, rng), int(rng.integers(-1, len(of.model.actions)))
-        moved = state + 0.1 * np.sin(mixing @ state) + 0.05 * action
+        moved = state + 0.1 * np.sin(mixing @ state) + 0.05 * action + 0.5 * (k > 200)
         after = np.where(numeric, moved + 0.01 * rng.normal(size=len(state)), state)
         if whole:
             state, after = np.round(state), np.round(state) + rng.integers(2, size=len(state))
@@ -69,7 +69,8 @@ def steps_of(of: ModelAdaptation, count: int, seed: int) -> list[Step]:
         after[flips] = 1.0 - after[flips]
         if rng.random() < 0.02:
             after[rng.integers(len(state))] = rng.choice([1e3, np.nan, np.inf])
-        steps.append((state, action, after, bool(rng.random() < 0.1)))
+        ending = int(rng.choice([GOES_ON, CUT_OFF, OVER], p=[0.9, 0.05, 0.05]))
+        steps.append((state, action, after, ending))
     return steps
 
 

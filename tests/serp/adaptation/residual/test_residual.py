@@ -208,28 +208,6 @@ def test_a_change_that_was_none_is_taken_back() -> None:
     assert typical(of, pendulum)[1] < 3.0 * before + 1e-2
 
 
-@pytest.mark.parametrize("samples", [5, 70, 620])
-def test_what_is_saved_goes_on_as_if_it_had_not_been(samples: int) -> None:
-    """Before and after random features, and after a change of the world."""
-
-    def world(count: int) -> World:
-        return (lambda s, a: plus(pendulum(s, a), 0.0, 0.5)) if count > 600 else pendulum
-
-    one, other = adaptation(PLANE), adaptation(PLANE)
-    rngs = [np.random.default_rng(1), np.random.default_rng(1)]
-    for of, rng in zip((one, other), rngs, strict=True):
-        teach(of, pendulum, rng, min(samples, 600))
-        teach(of, world(samples), rng, max(0, samples - 600))
-    fresh = adaptation(PLANE)
-    fresh.load_state_dict(*other.state_dict())
-    for of, rng in zip((one, fresh), rngs, strict=True):
-        teach(of, world(samples), rng, 150)
-    states = np.random.default_rng(4).normal(size=(50, 2))
-    for action in (PUSH, REST):
-        expected = one.model.step(states, action).state
-        assert fresh.model.step(states, action).state.tobytes() == expected.tobytes()
-
-
 # No regret -------------------------------------------------------------------------------------
 
 
