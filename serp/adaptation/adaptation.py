@@ -11,16 +11,11 @@ from numpy.typing import NDArray
 
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
 from serp.adaptation.adapted_model import AdaptedModel
-from serp.adaptation.adapted_step import predict_all
 from serp.adaptation.adoption import ModelAdoption, parameters_in_use
-from serp.adaptation.forecast_skill import ForecastSkill
+from serp.adaptation.file_step import observed_step
 from serp.adaptation.group_learners import GroupLearners, Meta
-from serp.adaptation.recording_kernels import record, record_adapted, record_by_file
-from serp.model.flags import APPLICABLE, TERMINAL
-from serp.model.native import address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.settings import AdaptationSettings
-from serp.sysid.monitor import Monitor
 from serp.sysid.transitions import OVER, TransitionMemory
 
 if TYPE_CHECKING:
@@ -33,15 +28,13 @@ _RELEARNED: Final = 500
 
 
 class ModelAdaptation:
-    """Records every env step, compares it with the model, and adapts the model.
+    """Records every env step, and adapts the model to what was observed.
 
     Attributes:
         model: The model to plan with: the adapted one, or `written` where nothing is adapted.
         experience: The newest transitions.
-        monitor: Predictions compared with observations.
         visits: `[A]` how often each ground action, or an equivalent one of its schema, was observed
             since the last `reset_visits`.
-        forecast_skill: Recent accuracy of the model in use.
         notice: A message on what is not adapted despite the settings; None if there is none.
     """
 
@@ -50,15 +43,13 @@ class ModelAdaptation:
     ) -> None:
         width = len(written.fluents)
         self.experience = TransitionMemory.of(written)
-        self.monitor = Monitor(written)
         self.visits = np.zeros(len(written.actions), dtype=np.int64)
-        self.forecast_skill = ForecastSkill(width)
         self.notice: str | None = None
+        self._alike = np.arange(len(written.actions))
         self._written = written
         self._adapted: AdaptedModel | None = None
         self._learners: GroupLearners | None = None
         self._estimation: ParameterEstimation | None = None
-        self._step = np.zeros((3, width + 2))
         if settings.mode != "off" and not written.has_own_code:
             self.notice = (
                 "the domain has too many ground actions to adapt its model; it is used as written"
@@ -66,10 +57,8 @@ class ModelAdaptation:
         elif settings.mode != "off" and width:
             self._adapted = adapted = AdaptedModel(written)
             self._alike = _alike_actions(adapted)
-            self._rows = np.zeros(4 * (width + 1))
-            self._flow, self._settled = self._rows.reshape(4, -1)[1:3, :-1]
             if settings.residual:
-                self._learners = GroupLearners(adapted, seed, settings.nonlinear)
+                self._learners = GroupLearners(adapted, seed)
                 self.notice = self._learners.notice
             if settings.parameters:
                 from serp.adaptation.online_parameters import ParameterEstimation
@@ -84,13 +73,15 @@ class ModelAdaptation:
 
         `next_state` is that before any reset, the reward in the unit of the file's rewards.
         """
-        ending = int(ending)  # one type for compiled code
-        if action < 0:
-            self.experience.add(state, action, next_state, ending, reward)
-        elif self._adapted is None:
-            self._record((state, action, next_state, ending, reward))
-        else:
-            self._record_and_learn(self._adapted, (state, action, next_state, ending, reward))
+        self.experience.add(state, action, next_state, ending, reward)
+        adapted = self._adapted
+        if action >= 0:
+            self.visits[self._alike == self._alike[action]] += 1
+            if adapted is not None:
+                if self._learners is not None:
+                    self._learn(adapted, state, action, next_state, ending == OVER)
+                    adapted.buffer.active = self._learners.active or adapted.buffer.revised
+                adapted.revision = self._revision if adapted.buffer.active else 0
         if self._estimation is not None and self._estimation.due(self.experience.seen):
             self._estimate_parameters()
 
@@ -99,60 +90,28 @@ class ModelAdaptation:
         """Which parts of the model are in use, and why others are not."""
         adapted = self._adapted
         if adapted is None:
-            return ModelAdoption(adapts=False, reliable=self.forecast_skill.reliable)
-        skills = self.forecast_skill.by_symbol([fluent.symbol for fluent in adapted.fluents])
+            return ModelAdoption(adapts=False)
         return ModelAdoption(
             adapts=True,
-            reliable=self.forecast_skill.reliable,
             parameters=parameters_in_use(
                 adapted.ground.parameters,
                 self._written.theta.tolist(),
                 adapted.buffer.parameters.tolist(),
             ),
-            fluents=() if self._learners is None else self._learners.adoption(skills),
+            fluents=() if self._learners is None else self._learners.adoption(),
         )
 
     def reset_visits(self) -> None:
         """Treat all actions as unknown."""
         self.visits[:] = 0
 
-    def _record(self, transition: tuple[Vector, int, Vector, int, float]) -> None:
-        state, action = transition[:2]
-        row, skill, model = self.monitor.row_of(action), self.forecast_skill, self._written
-        log = self._step, self.experience.ring, self.monitor.tables, skill.means
-        head = self.experience.advance()
-        if model.compiled:  # by a planner; without one, compilation would take too long
-            address = address_of(model.native_step())
-            compared, followed = record_by_file(
-                address, model.data, model.dt, self.visits, log, transition, head, row,
-                skill.steps,
-            )  # fmt: skip
-        else:
-            self.visits[action] += 1
-            out, flags = model.transition(state.tolist(), action)
-            ends = bool(flags & TERMINAL)
-            self._step[:] = [*out, ends] if flags & APPLICABLE else [*state, 0.0, 0.0]
-            compared, followed = record(log, transition, head, row, skill.steps)
-        self.monitor.skipped += not compared
-        skill.steps += followed
-
-    def _record_and_learn(
-        self, adapted: AdaptedModel, transition: tuple[Vector, int, Vector, int, float]
+    def _learn(
+        self, adapted: AdaptedModel, state: Vector, action: int, next_state: Vector, over: bool
     ) -> None:
-        state, action, next_state = transition[:3]
-        row, skill = self.monitor.row_of(action), self.forecast_skill
-        log = self._step, self.experience.ring, self.monitor.tables, skill.means
-        compared, followed, flows = record_adapted(
-            adapted.data, adapted.dt, self._rows, self._alike, self.visits, log, transition,
-            self.experience.advance(), row, skill.steps,
-        )  # fmt: skip
-        self.monitor.skipped += not compared
-        skill.steps += followed
-        if self._learners is not None and flows:
-            over = transition[3] == OVER
-            self._learners.learn(state, action, next_state, self._flow, self._settled, over)
-            adapted.buffer.active = self._learners.active or adapted.buffer.revised
-        adapted.revision = self._revision if adapted.buffer.active else 0
+        assert self._learners is not None
+        step = observed_step(adapted.data, adapted.dt, state, action, next_state, over)
+        if step is not None:
+            self._learners.learn(step)
 
     @property
     def _revision(self) -> int:
@@ -175,12 +134,7 @@ class ModelAdaptation:
         states, next_states = self.experience.states, self.experience.next_states
         actions, over = self.experience.actions, self.experience.over
         for k in _newest_of_each(actions, _RELEARNED):
-            flags = predict_all(adapted.data, actions[k], states[k], adapted.dt, self._rows)
-            if flags[1] & APPLICABLE:
-                self._learners.learn(
-                    states[k], int(actions[k]), next_states[k], self._flow, self._settled,
-                    bool(over[k]),
-                )  # fmt: skip
+            self._learn(adapted, states[k], int(actions[k]), next_states[k], bool(over[k]))
 
     def state_dict(self) -> tuple[Arrays, Meta]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
@@ -206,12 +160,7 @@ class ModelAdaptation:
 
     def _parts(self) -> dict[str, Any]:
         """Return the saved parts by name."""
-        parts = {
-            "experience": self.experience,
-            "monitor": self.monitor,
-            "forecast_skill": self.forecast_skill,
-            "learners": self._learners,
-        }
+        parts = {"experience": self.experience, "learners": self._learners}
         return {name: part for name, part in parts.items() if part is not None}
 
 

@@ -46,7 +46,7 @@ class AdaptedModel(TransitionModel):
         events = (effect for event in self.ground.events for effect in event.effects)
         self.buffer = ParameterBuffer(
             self.feature_groups,
-            _others(self.actions),
+            same_arguments(self.actions),
             len(self.fluents),
             self.theta,
             any(effect.target == UNSAFE_TARGET for effect in events),
@@ -131,7 +131,7 @@ class AdaptedModel(TransitionModel):
         return self._trace(state, action, self.buffer.parameters.tolist(), adapt)
 
 
-def _others(actions: Sequence[GroundSchema]) -> NDArray[np.int64]:
+def same_arguments(actions: Sequence[GroundSchema]) -> NDArray[np.int64]:
     """Return `[A, S]` the ground action of each schema with the same arguments.
 
     It is -1 where there is none, and for the action itself.

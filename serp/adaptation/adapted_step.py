@@ -13,6 +13,7 @@ import numpy as np
 
 from serp._util.compilation import cached_cfunc, cached_njit
 from serp.adaptation import parameter_buffer as b
+from serp.adaptation.file_step import flow, settle
 from serp.adaptation.outcomes import table_kernels as o
 from serp.adaptation.outcomes.prediction_kernels import likeliest, put, room_for, table_of
 from serp.adaptation.residual import parameters as r
@@ -103,7 +104,6 @@ def _settle_within(buffer, action, state, flow_flags, dt, out, room):
         Flags of the likeliest outcome, and the probability that events flag the step unsafe.
     """
     width = int(buffer[b.WIDTH])
-    parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
     # The result with the likeliest outcomes, before and after one of them is replaced.
     usual, other = room, advanced(room, width + 1)
     # The probabilities, what the outcomes predict, and the result of effects and processes.
@@ -114,7 +114,7 @@ def _settle_within(buffer, action, state, flow_flags, dt, out, room):
     )
     for i in range(width + 1):
         usual[i] = out[i]
-    flags = call_step(int(buffer[b.SETTLE]), state, flow_flags, parameters, dt, out)
+    flags = settle(buffer, state, flow_flags, dt, out)
     unsafe = flags & UNSAFE != 0
     if counted == 0 or not flags & APPLICABLE:
         return flags, 1.0 if unsafe else 0.0
@@ -138,7 +138,7 @@ def _settle_within(buffer, action, state, flow_flags, dt, out, room):
                 for i in range(width + 1):
                     other[i] = usual[i]
                 put(buffer, counts, kind, inputs, probabilities, other)
-                changed = call_step(int(buffer[b.SETTLE]), state, flow_flags, parameters, dt, other)
+                changed = settle(buffer, state, flow_flags, dt, other)
                 undefined = changed & UNDEFINED != 0
                 flagged = changed & UNSAFE != 0
                 if flagged != unsafe and (flagged or not undefined):
@@ -169,6 +169,17 @@ def _settle_outcomes(buffer, action, state, flow_flags, dt, out):
 
 
 @cached_njit(nogil=True, forceinline=True)
+def flow_and_residual(buffer, action, state, dt, out):
+    """Do what `flow` does, and add the residual; ignore it where the result is not finite."""
+    flags = flow(buffer, action, state, dt, out)
+    if flags & APPLICABLE:
+        add_residual(buffer, action, state, out)
+        if not finite(out, int(buffer[b.WIDTH])):
+            flags = flow(buffer, action, state, dt, out)
+    return flags
+
+
+@cached_njit(nogil=True, forceinline=True)
 def adapted_row(state, action, buffer, dt, out):
     """Predict the adapted step."""
     revised = buffer[b.REVISED] != 0.0
@@ -176,7 +187,6 @@ def adapted_row(state, action, buffer, dt, out):
         return call_step(
             int(buffer[b.STEP]), state, action, advanced(buffer, int(buffer[b.WRITTEN])), dt, out
         )
-    width = int(buffer[b.WIDTH])
     known = revised or buffer[b.FLAGGING] != 0.0
     flagged = 0
     if known:
@@ -185,22 +195,11 @@ def adapted_row(state, action, buffer, dt, out):
         flagged = UNSAFE & call_step(
             int(buffer[b.STEP]), state, action, advanced(buffer, int(buffer[b.WRITTEN])), dt, out
         )
-        for i in range(width):
-            out[i] = state[i]
-        out[width] = 0.0
-    parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
-    flags = call_step(int(buffer[b.FLOW]), state, action, parameters, dt, out)
+    flags = flow_and_residual(buffer, action, state, dt, out)
     risk = 0.0
     if flags & APPLICABLE:
-        add_residual(buffer, action, state, out)
-        if not finite(out, width):
-            # A residual is ignored where the result is not finite.
-            for i in range(width):
-                out[i] = state[i]
-            out[width] = 0.0
-            flags = call_step(int(buffer[b.FLOW]), state, action, parameters, dt, out)
         if buffer[b.STOCHASTIC] == 0.0:
-            flags = call_step(int(buffer[b.SETTLE]), state, flags, parameters, dt, out)
+            flags = settle(buffer, state, flags, dt, out)
             risk = 1.0 if flags & UNSAFE else 0.0
         else:
             flags, risk = _settle_outcomes(buffer, action, state, flags, dt, out)
@@ -244,11 +243,9 @@ def _weigh_row(buffer, action, state, dt, position, room, flowed):
     base, source = pointer_to(buffer, 0), pointer_to(state, 0)
     group = int(base[int(base[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
     if base[b.STOCHASTIC] != 0.0 and table_of(base, group) != 0:
-        flow = pointer_to(flowed, 0)
-        parameters = advanced(base, int(base[b.PARAMETERS]))
-        call_step(int(base[b.FLOW]), source, action, parameters, dt, flow)
-        add_residual(base, action, source, flow)
-        likeliest(base, action, group, source, flow, dt, pointer_to(room, 0))
+        after = pointer_to(flowed, 0)
+        flow_and_residual(base, action, source, dt, after)
+        likeliest(base, action, group, source, after, dt, pointer_to(room, 0))
 
 
 @cached_njit(nogil=True)
@@ -256,7 +253,6 @@ def weigh_row(buffer, action, state, dt, position):
     """Return the probability of each outcome `[KINDS]` of the group at a position, on arrays."""
     width = state.shape[0]
     room, flowed = np.zeros(room_for(width)), np.zeros(width + 1)
-    flowed[:width] = state
     _weigh_row(buffer, action, state, dt, position, room, flowed)
     return room[: o.KINDS]
 
@@ -265,34 +261,3 @@ def weigh_row(buffer, action, state, dt, position):
 def step_row(buffer, action, state, dt, out):
     """Predict the adapted step on arrays; `out` `[F + 1]` begins with the state, then 0."""
     return adapted_row(pointer_to(state, 0), action, pointer_to(buffer, 0), dt, pointer_to(out, 0))
-
-
-@cached_njit(nogil=True)
-def predict_all(buffer, action, state, dt, rows):
-    """Predict one step in four variants, into the rows of a flat array `[4 · (F + 1)]`.
-
-    The step of the file; effects and processes with the parameters in use (the flow); the same
-    after events; and the adapted step. `buffer` is an array.
-
-    Returns:
-        Flags of the file's step, of the flow and of the adapted step.
-    """
-    width = state.shape[0]
-    row = width + 1
-    base, source = pointer_to(buffer, 0), pointer_to(state, 0)
-    for k in range(4):
-        for i in range(width):
-            rows[k * row + i] = state[i]
-        rows[k * row + width] = 0.0
-    written = call_step(
-        int(base[b.STEP]), source, action, advanced(base, int(base[b.WRITTEN])), dt,
-        pointer_to(rows, 0),
-    )  # fmt: skip
-    parameters = advanced(base, int(base[b.PARAMETERS]))
-    flow = call_step(int(base[b.FLOW]), source, action, parameters, dt, pointer_to(rows, row))
-    for i in range(row):
-        rows[2 * row + i] = rows[row + i]
-    if flow & APPLICABLE:
-        call_step(int(base[b.SETTLE]), source, flow, parameters, dt, pointer_to(rows, 2 * row))
-    adapted = adapted_row(source, action, base, dt, pointer_to(rows, 3 * row))
-    return written, flow, adapted

@@ -44,8 +44,6 @@ class FluentAdoption(NamedTuple):
         residual: Action schemas after which a residual is in use.
         outcomes: Action schemas after which counted outcomes are in use.
         steps: Steps that the learned parts were judged by.
-        skill: Share of its squared change that the model in use predicted lately; None if it did
-            not change, or is predicted by outcomes.
         why: Why learned parts are in use, or are not.
     """
 
@@ -53,7 +51,6 @@ class FluentAdoption(NamedTuple):
     residual: tuple[str, ...]
     outcomes: tuple[str, ...]
     steps: int
-    skill: float | None
     why: str
 
     @property
@@ -81,13 +78,11 @@ class ModelAdoption(NamedTuple):
 
     Attributes:
         adapts: Whether the model adapts at all.
-        reliable: Whether it has predicted nine tenths of what changed lately.
         parameters: The parameters that are not used as written.
         fluents: What predicts each function and predicate that can change.
     """
 
     adapts: bool
-    reliable: bool
     parameters: tuple[AdoptedParameter, ...] = ()
     fluents: tuple[FluentAdoption, ...] = ()
 
@@ -101,7 +96,6 @@ class ModelAdoption(NamedTuple):
         return {
             "adapts": self.adapts,
             "in_use": self.in_use,
-            "reliable": self.reliable,
             "sentence": str(self),
             "parameters": [parameter._asdict() for parameter in self.parameters],
             "fluents": [fluent.as_dict() for fluent in self.fluents],
@@ -138,10 +132,7 @@ def parameters_in_use(
 
 
 def adoption_of(
-    fluent: str,
-    residuals: Sequence[TrackRecord],
-    outcomes: Sequence[TrackRecord],
-    skill: float | None,
+    fluent: str, residuals: Sequence[TrackRecord], outcomes: Sequence[TrackRecord]
 ) -> FluentAdoption:
     """Return what predicts a function or predicate, given the track_records after each action."""
     residual, counted = (
@@ -154,7 +145,7 @@ def adoption_of(
     ]
     steps = max((sum(j.steps for j in kind) for kind in (residuals, outcomes)), default=0)
     why = "; ".join(reasons) or "no step has been compared"
-    return FluentAdoption(fluent, residual, counted, steps, None if counted else skill, why)
+    return FluentAdoption(fluent, residual, counted, steps, why)
 
 
 def _reason(what: str, track_records: Sequence[TrackRecord]) -> str:

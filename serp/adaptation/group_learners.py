@@ -12,10 +12,10 @@ from serp._util.saved_state import Arrays, Saved, nested
 from serp.adaptation.adapted_model import AdaptedModel
 from serp.adaptation.adoption import FluentAdoption, TrackRecord, adoption_of
 from serp.adaptation.feature_groups import Key
+from serp.adaptation.file_step import ObservedStep
 from serp.adaptation.outcomes.outcome_counts import OutcomeCounts
 from serp.adaptation.residual.evidence import update_whole
 from serp.adaptation.residual.regression import ResidualRegression
-from serp.model.transition_model import Vector
 
 _TOO_WIDE: Final = "it can depend on more fluents than the adaptation can learn from"
 
@@ -29,11 +29,10 @@ class GroupLearners:
     file.
     """
 
-    def __init__(self, model: AdaptedModel, seed: np.random.SeedSequence, nonlinear: bool) -> None:
+    def __init__(self, model: AdaptedModel, seed: np.random.SeedSequence) -> None:
         self._model = model
         self._buffer = model.buffer
         self._seed = seed
-        self._nonlinear = nonlinear
         self._groups = {group.key: group for groups in model.feature_groups for group in groups}
         self._columns = [
             [(g.key, np.array(g.inputs, np.int64), np.array(g.targets, np.int64)) for g in groups]
@@ -56,7 +55,7 @@ class GroupLearners:
         first = {key[1:]: group for key, group in reversed(self._groups.items())}
         regressions = self._buffer.regressions
         self._residuals = {
-            roles: ResidualRegression(first[roles], parameters, own, self._nonlinear)
+            roles: ResidualRegression(first[roles], parameters, own)
             for (roles, parameters), own in zip(
                 regressions.items(), seed.spawn(len(regressions)), strict=True
             )
@@ -85,14 +84,12 @@ class GroupLearners:
         """Whether anything learned is used."""
         return self._buffer.stochastic or any(self._used.values())
 
-    def adoption(self, skills: Mapping[str, float | None]) -> tuple[FluentAdoption, ...]:
-        """Return what predicts each function and predicate that can change.
-
-        `skills` are the forecast skills by their names.
-        """
-        residuals: dict[str, list[TrackRecord]] = {symbol: [] for symbol in skills}
-        outcomes: dict[str, list[TrackRecord]] = {symbol: [] for symbol in skills}
+    def adoption(self) -> tuple[FluentAdoption, ...]:
+        """Return what predicts each function and predicate that can change."""
         fluents, changing = self._model.fluents, set[str]()
+        symbols = dict.fromkeys(fluent.symbol for fluent in fluents)
+        residuals: dict[str, list[TrackRecord]] = {symbol: [] for symbol in symbols}
+        outcomes: dict[str, list[TrackRecord]] = {symbol: [] for symbol in symbols}
         for key, group in self._groups.items():
             schema, counts = key[0], self._counts[key].track_record(key[0])
             numbers = [fluents[column].symbol for column in group.targets]
@@ -110,61 +107,44 @@ class GroupLearners:
             for symbol in predicates:
                 outcomes[symbol].append(counts)
         return tuple(
-            adoption_of(symbol, residuals[symbol], outcomes[symbol], skill)
-            for symbol, skill in skills.items()
+            adoption_of(symbol, residuals[symbol], outcomes[symbol])
+            for symbol in symbols
             if symbol in changing
         )
 
-    def learn(
-        self,
-        state: Vector,
-        action: int,
-        next_state: Vector,
-        flow: Vector,
-        settled: Vector,
-        over: bool,
-    ) -> None:
+    def learn(self, step: ObservedStep) -> None:
         """Learn from an env step, unless it holds NaN or huge numbers.
 
-        All states are `[F]`; `flow` is predicted by effects and processes, with the parameters in
-        use, and `settled` is the same after events. Where the episode is `over`, `next_state` need
-        not be what the file says: only the outcomes that ended it are learned.
+        After the end of an episode the state need not be what the file says: only the outcomes that
+        ended it are learned.
         """
+        state, action, next_state, over, flowed, settled, _ = step
         if over:
-            self._learn_end(state, action, next_state)
-            return
-        if not update_whole(state, next_state, self._numeric, self._whole):
-            return
-        self._share_wholeness()
+            for residual in self._residuals.values():
+                residual.begin_episode()
+            if not np.isfinite(state).all():
+                return
+        else:
+            if not update_whole(state, next_state, self._numeric, self._whole):
+                return
+            self._share_wholeness()
         # Where an event changes a fluent, the result of effects and processes is not observed.
-        observed = flow == settled
+        observed = flowed == settled
         for position, (key, inputs, targets) in enumerate(self._columns[action]):
-            counts = self._counts[key]
-            place = (self._model.data, action, position, self._model.dt)
-            if not counts.learn(place, inputs, state, settled, next_state, self._whole):
+            place = self._model.data, position, self._model.dt
+            if not self._counts[key].learn(place, inputs, step, self._whole):
                 self._whole[targets] = False
                 self._share_wholeness()
             self._publish_counts(key)
-            residual = self._residuals.get(key[1:])
-            if residual is not None:
-                self._used[key[1:]] = residual.learn(
+            if key[1:] in self._residuals and not over:
+                self._used[key[1:]] = self._residuals[key[1:]].learn(
                     self._buffer.shared[key].head,
                     state[inputs],
-                    next_state[targets] - flow[targets],
+                    next_state[targets] - flowed[targets],
                     observed[targets],
                     next_state[targets] - state[targets],
                     ~self._whole[targets],
                 )
-
-    def _learn_end(self, state: Vector, action: int, next_state: Vector) -> None:
-        for residual in self._residuals.values():
-            residual.begin_episode()
-        if not np.isfinite(state).all():
-            return
-        for position, (key, _, _) in enumerate(self._columns[action]):
-            place = (self._model.data, action, position, self._model.dt)
-            self._counts[key].learn_end(place, state, next_state)
-            self._publish_counts(key)
 
     def _share_wholeness(self) -> None:
         """Treat a function as whole-numbered only if it is so for all objects."""

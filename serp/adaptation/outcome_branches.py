@@ -9,12 +9,12 @@ import numpy as np
 
 from serp._util.compilation import cached_cfunc, cached_njit
 from serp.adaptation import parameter_buffer as b
-from serp.adaptation.adapted_step import adapted_row, finite
+from serp.adaptation.adapted_step import adapted_row, finite, flow_and_residual
+from serp.adaptation.file_step import settle
 from serp.adaptation.outcomes import table_kernels as o
 from serp.adaptation.outcomes.prediction_kernels import RARE, likeliest, put, room_for, table_of
-from serp.adaptation.residual.prediction import add_residual
 from serp.model.flags import APPLICABLE, TERMINAL
-from serp.model.native import OUTCOMES, STEP_SIGNATURE, advanced, call_step, pointer_to
+from serp.model.native import OUTCOMES, STEP_SIGNATURE, advanced, pointer_to
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -69,15 +69,8 @@ def _outcomes_within(state, action, buffer, dt, out, scratch):
             counted = counted or table_of(buffer, first + v * b.GROUP) != 0
     if not counted:
         return _one_outcome(state, action, buffer, dt, out, width)
-    parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
-    for i in range(width):
-        out[i] = state[i]
-    out[width] = 0.0
-    flow = call_step(int(buffer[b.FLOW]), state, action, parameters, dt, out)
-    if not flow & APPLICABLE:
-        return _one_outcome(state, action, buffer, dt, out, width)
-    add_residual(buffer, action, state, out)
-    if not finite(out, width):
+    before = flow_and_residual(buffer, action, state, dt, out)
+    if not before & APPLICABLE or not finite(out, width):
         return _one_outcome(state, action, buffer, dt, out, width)
     out[width + 2] = 1.0
     count = 1
@@ -95,11 +88,11 @@ def _outcomes_within(state, action, buffer, dt, out, scratch):
             continue
         for i in range(row):
             target[i] = source[i]
-        flags = call_step(int(buffer[b.SETTLE]), state, flow, parameters, dt, target)
+        flags = settle(buffer, state, before, dt, target)
         if not flags & APPLICABLE:
             for i in range(width + 1):
                 target[i] = source[i]
-            flags = flow & ~TERMINAL
+            flags = before & ~TERMINAL
         target[width + 1] = flags
         total += target[width + 2]
         kept += 1

@@ -16,9 +16,12 @@ from numpy.typing import NDArray
 from serp.diagnosis.patched_model import PatchedForecast
 from serp.model import ground as g
 from serp.model.transition_model import TransitionModel, Vector
-from serp.sysid.monitor import END, REWARD
 from serp.sysid.regression_data import RegressionData, predicted_steps, regression_data
 from serp.sysid.transitions import TransitionMemory
+
+REWARD: Final = "reward"
+END: Final = "terminal"
+"""Names of the quantities beside the fluents."""
 
 _ROUNDING: Final = 1e-9
 """A change below this fraction of a value's size counts as rounding."""

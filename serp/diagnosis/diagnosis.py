@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from serp.diagnosis.accuracy import Quantity, Steps, quantities_of
+from serp.diagnosis.accuracy import END, REWARD, Quantity, Steps, quantities_of
 from serp.diagnosis.analysis import findings
 from serp.diagnosis.findings import Findings
 from serp.diagnosis.patched_model import forecast_with
@@ -17,8 +17,15 @@ from serp.diagnosis.relevance import without, worthwhile
 from serp.diagnosis.remarks import Remark, remarks
 from serp.diagnosis.verdict import unexplained, verdict
 from serp.model.transition_model import TransitionModel, Vector
-from serp.sysid.monitor import END, REWARD, MonitorRow
 from serp.sysid.regression_data import RegressionData
+
+
+class Worst(NamedTuple):
+    """The step with the largest error of the file as written, from a state `[F]`."""
+
+    predicted: float
+    observed: float
+    state: Vector
 
 
 class FitRow(NamedTuple):
@@ -32,6 +39,10 @@ class FitRow(NamedTuple):
         rmse_written: Root mean squared error of the file as written.
         rmse_found: The same of the file patched with the findings worth mentioning.
         cost: Cost of the error of the file, see `serp.diagnosis.findings`.
+        predicted: Steps with a predicted change of a predicate, or a predicted end; 0 for numbers.
+        happened: Those of these in which it was observed.
+        unpredicted: Steps in which it was observed and not predicted.
+        worst: The step predicted worst; None where there is no error.
     """
 
     action: str
@@ -42,6 +53,15 @@ class FitRow(NamedTuple):
     rmse_written: float
     rmse_found: float
     cost: float
+    predicted: int
+    happened: int
+    unpredicted: int
+    worst: Worst | None
+
+    @property
+    def missed(self) -> int:
+        """Steps in which a change came or was predicted, but not both."""
+        return self.predicted - self.happened + self.unpredicted
 
 
 @dataclass(frozen=True)
@@ -58,7 +78,6 @@ class Diagnosis:
         others: Remarks on the other findings.
         quantities: The accuracy for each symbol, the reward and the end.
         fits: The accuracy for each ground action and fluent, reward and end, the most costly first.
-        observed: The monitor's statistics of the whole run.
     """
 
     recorded: Recorded
@@ -70,7 +89,6 @@ class Diagnosis:
     others: tuple[Remark, ...]
     quantities: tuple[Quantity, ...]
     fits: tuple[FitRow, ...]
-    observed: tuple[MonitorRow, ...]
 
     @property
     def sample(self) -> RegressionData:
@@ -130,27 +148,42 @@ def make_diagnosis(recorded: Recorded, found: Findings) -> Diagnosis:
         others=tuple(remarks(without(found, worthy), model.ground)),
         quantities=quantities,
         fits=tuple(_fits(model, steps, expected)),
-        observed=tuple(recorded.monitor.rows()),
     )
 
 
 def _fits(model: TransitionModel, steps: Steps, expected: Vector) -> list[FitRow]:
     names = [*(fluent.name for fluent in model.fluents), REWARD, END]
+    numeric = np.array([*(fluent.numeric for fluent in model.fluents), True, False])
     rows: list[FitRow] = []
     count = len(steps.sample)
     if not count:
         return rows
     scale = np.ptp(np.concatenate((steps.before, steps.after)), axis=0)
     for position, action in enumerate(model.actions):
-        done = steps.sample.actions == position
-        number = int(done.sum())
+        done = np.flatnonzero(steps.sample.actions == position)
+        number = len(done)
         if not number:
             continue
+        before, after, predicted = steps.before[done], steps.after[done], steps.predicted[done]
         change, off, left = (
-            np.sqrt(np.nanmean((steps.after[done] - other[done]) ** 2, axis=0))
-            for other in (steps.before, steps.predicted, expected)
+            np.sqrt(np.nanmean((after - other) ** 2, axis=0))
+            for other in (before, predicted, expected[done])
         )
         costs = number * (off / steps.units) ** 2 / count
-        columns = zip(names, scale, change, off, left, costs, strict=True)
-        rows += [FitRow(action.name, name, number, *map(float, c)) for name, *c in columns]
+        said, came = (np.abs(to - before) > 0.5 for to in (predicted, after))
+        counts = np.stack([said.sum(axis=0), (said & came).sum(axis=0), (came & ~said).sum(axis=0)])
+        counts[:, numeric] = 0
+        errors = np.nan_to_num(np.abs(after - predicted))
+        worst = [
+            Worst(float(predicted[k, f]), float(after[k, f]), steps.sample.states[done[k]])
+            if errors[k, f]
+            else None
+            for f, k in enumerate(errors.argmax(axis=0).tolist())
+        ]
+        numbers = np.stack((scale, change, off, left, costs)).T.tolist()
+        columns = zip(names, numbers, counts.T.tolist(), worst, strict=True)
+        rows += [
+            FitRow._make((action.name, name, number, *own, *counted, case))
+            for name, own, counted, case in columns
+        ]
     return sorted(rows, key=lambda row: -row.cost)

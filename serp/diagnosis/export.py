@@ -6,11 +6,10 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
-from serp.diagnosis.diagnosis import Diagnosis
+from serp.diagnosis.diagnosis import Diagnosis, Worst
 from serp.model.ground import Parameter
 from serp.model.transition_model import TransitionModel
 from serp.pddl.source import Place
-from serp.sysid.monitor import Case
 
 
 def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -41,20 +40,15 @@ def as_dict(diagnosis: Diagnosis) -> dict[str, Any]:
             for remark in remarks
         ],
         "parameters": _plain(diagnosis.findings.parameters),
-        "fits": _plain(diagnosis.fits),
-        "monitor": [
-            {**_plain(row), "worst": _worst(row.worst, recorded.model)}
-            for row in diagnosis.observed
+        "fits": [
+            {**_plain(row), "worst": _worst(row.worst, recorded.model)} for row in diagnosis.fits
         ],
         "model_in_use": recorded.adoption.as_dict(),
-        "monitor_skipped": recorded.monitor.skipped,
     }
 
 
-def _worst(case: Case | None, model: TransitionModel) -> dict[str, Any] | None:
-    if case is None:
-        return None
-    return {**_plain(case), "state": None if case.state is None else model.values(case.state)}
+def _worst(worst: Worst | None, model: TransitionModel) -> dict[str, Any] | None:
+    return None if worst is None else {**worst._asdict(), "state": model.values(worst.state)}
 
 
 def _plain(value: Any) -> Any:

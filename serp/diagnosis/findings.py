@@ -85,12 +85,15 @@ class ObservedOutcome:
         probability: Its probability, 0 to 1.
         error: Standard error of the probability.
         written: Whether it is the effect in the file.
+        like: Name of the action schema whose effect in the file it is, with its conditions, such as
+            walls; empty for a change.
     """
 
     changes: tuple[tuple[str, float], ...]
     probability: float
     error: float
     written: bool
+    like: str = ""
 
 
 @dataclass(frozen=True)

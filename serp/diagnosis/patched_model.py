@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,7 @@ from serp.diagnosis.findings import Findings, ObservedOutcome
 from serp.model.transition_model import TransitionModel, Vector
 from serp.sysid.added_effects import AddedEffect, with_effects
 from serp.sysid.lifted_features import LiftedFluent, LiftedModel
-from serp.sysid.regression_data import predicted_steps, predictions
-
-_MOST_ACTIONS: Final = 40
-_STATES: Final = 500
-"""Number of states from which the usual change of an action is determined."""
+from serp.sysid.regression_data import predicted_steps
 
 
 class PatchedForecast(NamedTuple):
@@ -76,54 +72,34 @@ def _average(
     forecast: PatchedForecast,
 ) -> None:
     """Write mean and variance of stochastic effects into a forecast."""
-    likely = _usual_changes(model, states) if len(model.actions) <= _MOST_ACTIONS else {}
     width = states.shape[1]
+    instances = {(a.schema, a.arguments): k for k, a in enumerate(model.actions)}
     for finding in findings.stochastic:
         for action, binding in lifted.schema(finding.schema).bindings.items():
             rows = np.flatnonzero(actions == action)
-            outcomes = [(o.probability, _columns(lifted, o, binding)) for o in finding.outcomes]
+            outcomes = [(o, _columns(lifted, o, binding)) for o in finding.outcomes]
             changed = sorted({column for _, changes in outcomes for column in changes})
+            arguments = model.actions[action].arguments
             if not len(rows) or not changed:
                 continue
             columns = np.array([*changed, width, width + 1])
             # Outcomes too rare to be listed count as no change; reward and end are then as usual.
             usual = forecast.mean[np.ix_(rows, columns)]
             usual[:, :-2] = states[rows][:, changed]
-            kinds = [(1.0 - sum(probability for probability, _ in outcomes), usual)]
-            for probability, changes in outcomes:
-                # An outcome that equals the usual effect of another action follows that action's
-                # conditions, such as walls.
-                like = likely.get(tuple(sorted(changes.items())))
+            kinds = [(1.0 - sum(outcome.probability for outcome, _ in outcomes), usual)]
+            for outcome, changes in outcomes:
                 after = usual.copy()
                 after[:, :-2] += [changes.get(column, 0.0) for column in changed]
+                like = instances.get((outcome.like, arguments))
                 if like is not None:
                     others = np.full(len(rows), like)
                     said = predicted_steps(model, states[rows], others)[:, columns]
                     after = np.where(np.isfinite(said), said, usual)
-                kinds.append((probability, after))
+                kinds.append((outcome.probability, after))
             mean = sum(probability * after for probability, after in kinds)
             spread = sum(probability * (after - mean) ** 2 for probability, after in kinds)
             forecast.mean[np.ix_(rows, columns)] = mean
             forecast.variance[np.ix_(rows, columns)] = spread
-
-
-def _usual_changes(
-    model: TransitionModel, states: Vector
-) -> dict[tuple[tuple[int, float], ...], int]:
-    """Return the usual changes of the actions: (column, change) … → the first such action."""
-    few = states[:: max(1, len(states) // _STATES)]
-    usual: dict[tuple[tuple[int, float], ...], int] = {}
-    for action in range(len(model.actions)):
-        change = np.round(predictions(model, few, np.full(len(few), action)) - few, 9)
-        change = change[np.isfinite(change).all(1)]
-        if not len(change):
-            continue
-        rows, counts = np.unique(change, axis=0, return_counts=True)
-        most = rows[counts.argmax()]
-        key = tuple((int(k), float(most[k])) for k in np.flatnonzero(most))
-        if key:
-            usual.setdefault(key, action)
-    return usual
 
 
 def _columns(

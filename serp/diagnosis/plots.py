@@ -12,9 +12,9 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from serp._util.figures import FAINT, INK, PLANNER, STYLE, render
 from serp._util.number_format import number
+from serp.diagnosis.accuracy import END, REWARD
 from serp.diagnosis.diagnosis import Diagnosis, FitRow
 from serp.model.transition_model import Vector
-from serp.sysid.monitor import END, REWARD
 
 PANELS: Final = 12
 """Most panels of a picture."""

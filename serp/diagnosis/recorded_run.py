@@ -15,7 +15,6 @@ from serp.errors import RunError
 from serp.model.loading import Domain, load_domain
 from serp.model.transition_model import TransitionModel
 from serp.runs.folder import RunFolder
-from serp.sysid.monitor import Monitor
 from serp.sysid.transitions import TransitionMemory
 from serp.training.run_metadata import read_run_metadata, refuse_changes
 
@@ -30,7 +29,6 @@ class Recorded:
         files: Name of the copy in the folder → name of the original file.
         model: The domain's transition model as written, with the task's control period.
         experience: The newest transitions.
-        monitor: Predictions compared with observations, over the whole run.
         adoption: Which parts of the adapted model were in use, and why others were not.
         env_steps: Env steps of the run.
         learned_from: The reward that its learner used: `domain`, `environment` or `sum`.
@@ -42,7 +40,6 @@ class Recorded:
     files: Mapping[str, str]
     model: TransitionModel
     experience: TransitionMemory
-    monitor: Monitor
     adoption: ModelAdoption
     env_steps: int
     learned_from: str
@@ -75,7 +72,7 @@ def read_recorded(run: Path) -> Recorded:
     unused = np.random.SeedSequence(made.seed)
     adaptation = ModelAdaptation(model, made.settings.adaptation, unused)
     adaptation.load_state_dict(*agent.part("adaptation"))
-    experience, monitor = adaptation.experience, adaptation.monitor
+    experience = adaptation.experience
     if not len(experience):
         raise RunError(
             f"{run} has no env step in its last checkpoint; train it for a while: "
@@ -88,7 +85,6 @@ def read_recorded(run: Path) -> Recorded:
         files={str(k): str(v) for k, v in folder.metadata["domain_files"].items()},
         model=model,
         experience=experience,
-        monitor=monitor,
         adoption=adaptation.adoption,
         env_steps=whole.whole("env_steps"),
         learned_from=str(folder.metadata["config"].get("learned_from", "")),

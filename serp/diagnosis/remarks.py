@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from serp._util.number_format import measured, number, percent_measured, plain, rounded
 from serp._util.text import plural
+from serp.diagnosis.accuracy import END
 from serp.diagnosis.findings import (
     EffectTerm,
     Finding,
@@ -21,7 +22,6 @@ from serp.diagnosis.findings import (
 from serp.diagnosis.relevance import differs
 from serp.model.ground import GroundModel
 from serp.pddl.source import Place
-from serp.sysid.monitor import END
 
 _DIFFERS = 2.0
 """Standard errors by which a parameter differs from its estimate at least."""

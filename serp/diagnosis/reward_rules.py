@@ -14,13 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from serp.diagnosis.accuracy import Steps
+from serp.diagnosis.accuracy import END, REWARD, Steps
 from serp.diagnosis.findings import RuleFinding
 from serp.model import ground as g
 from serp.model.emit import Site
 from serp.model.transition_model import StateError, TransitionModel, Vector
 from serp.pddl.source import Place
-from serp.sysid.monitor import END, REWARD
 
 _EQUAL = 0.1
 """A reward is as predicted if it differs by at most this fraction of the usual reward."""

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from serp._util.number_format import number, percent
-from serp.diagnosis.accuracy import WELL, Quantity
-from serp.sysid.monitor import END, REWARD
+from serp.diagnosis.accuracy import END, REWARD, WELL, Quantity
 
 _EXACT = 1e-9
 

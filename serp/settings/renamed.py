@@ -20,6 +20,7 @@ _REMOVED: Final = {
     ("arbiter", "exploration_slack"): "exploration is among the actions that no veto refuses",
     ("arbiter", "indifferent"): _BY_EVIDENCE,
     ("arbiter", "imitation"): _BY_EVIDENCE,
+    ("adaptation", "nonlinear"): "random features are used where they have predicted better",
     ("learner", "protected_share"): "batches are drawn from all samples alike",
 }
 _VALUES: Final = {("adaptation", "mode", "literals"): "parameters"}

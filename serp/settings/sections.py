@@ -53,10 +53,6 @@ class AdaptationSettings(Section):
     mode: Literal["off", "parameters", "residual", "full"] = "off"
     """`off`: the errors are only recorded. `parameters`: the numbers in effects and rates are
     estimated. `residual`: a model of the remaining one-step error is learned. `full`: both."""
-    nonlinear: bool = True
-    """Whether a residual may use random Fourier features where a linear one leaves something
-    unexplained."""
-
     min_visits: Count = 0
     """In training, when it is the planner's turn, it prefers actions observed fewer times than
     this that are predicted safe. 0, or mode `off`: never."""

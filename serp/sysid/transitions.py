@@ -8,7 +8,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.compilation import cached_njit
 from serp._util.saved_state import Saved
 from serp.model.transition_model import TransitionModel, Vector
 
@@ -18,21 +17,6 @@ GOES_ON, CUT_OFF, OVER = 0, 1, 2
 _CAPACITY: Final = 20_000
 _MAX_NUMBERS: Final = 8_000_000
 """Most transitions that are kept, and most numbers in their states and next states: 64 MB."""
-
-Ring = tuple[NDArray[Any], ...]
-
-
-@cached_njit(nogil=True)
-def store(transition, head, ring):  # type: ignore[no-untyped-def]
-    """Write a transition, see `TransitionMemory.add`, at a position of `TransitionMemory.ring`."""
-    state, action, next_state, ending, reward = transition
-    states, actions, next_states, endings, rewards = ring
-    for f in range(state.shape[0]):
-        states[head, f] = state[f]
-        next_states[head, f] = next_state[f]
-    actions[head] = action
-    endings[head] = ending
-    rewards[head] = reward
 
 
 class TransitionMemory:
@@ -48,14 +32,13 @@ class TransitionMemory:
 
     Attributes:
         seen: Transitions added, including those overwritten.
-        ring: States, actions, next states, endings and rewards, which `store` fills.
     """
 
     def __init__(self, capacity: int, fluents: int, actions: int) -> None:
         self.seen = 0
         self._actions_known = actions
         self._capacity = capacity
-        self.ring: Ring = (
+        self._ring: tuple[NDArray[Any], ...] = (
             np.empty((capacity, fluents)), np.empty(capacity, np.int64),
             np.empty((capacity, fluents)), np.zeros(capacity, np.int8), np.zeros(capacity),
         )  # fmt: skip
@@ -79,14 +62,11 @@ class TransitionMemory:
             ending: How the step ended: `GOES_ON`, `CUT_OFF` or `OVER`.
             reward: Reward of the step.
         """
-        head = self.advance()
-        for part, value in zip(self.ring, (state, action, next_state, ending, reward), strict=True):
+        head = self.seen % self._capacity
+        row = state, action, next_state, ending, reward
+        for part, value in zip(self._ring, row, strict=True):
             part[head] = value
-
-    def advance(self) -> int:
-        """Return the position at which the caller writes the next transition."""
         self.seen += 1
-        return (self.seen - 1) % self._capacity
 
     def __len__(self) -> int:
         return min(self.seen, self._capacity)
@@ -125,7 +105,7 @@ class TransitionMemory:
 
     def _in_order(self, part: int) -> NDArray[Any]:
         """Return a copy of the rows in use, the oldest first."""
-        ring, count = self.ring[part], len(self)
+        ring, count = self._ring[part], len(self)
         head = self.seen % self._capacity if count == self._capacity else 0
         ordered: NDArray[Any] = np.concatenate((ring[head:count], ring[:head]))
         return ordered
@@ -145,11 +125,11 @@ class TransitionMemory:
         bounds = {"actions": (-1, self._actions_known - 1), "endings": (GOES_ON, OVER)}
         parts = [
             saved.array(name, ring.dtype, (count, *ring.shape[1:]), *bounds.get(name, (None,)))
-            for name, ring in zip(self._NAMES, self.ring, strict=True)
+            for name, ring in zip(self._NAMES, self._ring, strict=True)
         ]
         # The oldest row lies where the next one will be written.
         rows = (np.arange(count) + (seen if count == capacity else 0)) % capacity
-        for ring, part in zip(self.ring, parts, strict=True):
+        for ring, part in zip(self._ring, parts, strict=True):
             ring[rows] = part
         self.seen = seen
 

@@ -43,11 +43,12 @@ def precompile(agent: Agent) -> None:
 def _precompile_adaptation(agent: Agent, states: np.ndarray[Any, np.dtype[np.float64]]) -> None:
     seed = np.random.SeedSequence(0)
     adaptation = ModelAdaptation(agent.task.model, agent.settings.adaptation, seed)
-    model, often = adaptation.model, 0
-    if isinstance(model, AdaptedModel):
-        changed = [sum(len(group.targets) for group in groups) for groups in model.feature_groups]
-        often = changed.index(max(changed))
-        model.precompile(states[0])
+    model = adaptation.model
+    if not isinstance(model, AdaptedModel):
+        return
+    changed = [sum(len(group.targets) for group in groups) for groups in model.feature_groups]
+    often = changed.index(max(changed))
+    model.precompile(states[0])
     for step, (state, following) in enumerate(pairwise(states)):
         action = often if step % 2 else step // 2 % len(model.actions)
         ending = OVER if step == _OBSERVED - 1 else GOES_ON

@@ -13,6 +13,7 @@ import numpy as np
 
 from serp._util.compilation import cached_njit
 from serp.adaptation import parameter_buffer as b
+from serp.adaptation.file_step import settle
 from serp.adaptation.outcomes import table_kernels as c
 from serp.adaptation.outcomes.prediction_kernels import (
     CHANGE,
@@ -26,7 +27,7 @@ from serp.adaptation.outcomes.prediction_kernels import (
     room_for,
 )  # fmt: skip
 from serp.model.flags import APPLICABLE, TERMINAL
-from serp.model.native import advanced, call_step, pointer_to
+from serp.model.native import advanced, pointer_to
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -60,8 +61,7 @@ def _compare(buffer, table, kind, inputs, state, flow, observed, dt, room):
     for i in range(width + 1):
         out[i] = flowed[i]
     put(buffer, table, kind, inputs, room, out)
-    parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
-    settled = call_step(int(buffer[b.SETTLE]), state, flags, parameters, dt, out)
+    settled = settle(buffer, state, flags, dt, out)
     if not settled & APPLICABLE:
         return False, False
     places = int(table[c.T_PLACES])
@@ -193,24 +193,17 @@ def _add(table, rows, room):
 
 
 @cached_njit(nogil=True)
-def _count(buffer, group, table, sample, dt, losses, rate, room, flowed):
+def _count(buffer, group, table, sample, flow, dt, losses, rate, room):
     # Pointers into an array keep it alive only where the array is an argument.
-    action, state, observed, over = sample
+    state, action, observed, over = sample
+    flowed, flags = flow
     base, counts = pointer_to(buffer, 0), pointer_to(table, 0)
     source, target = pointer_to(state, 0), pointer_to(observed, 0)
-    scratch, flow = pointer_to(room, 0), pointer_to(flowed, 0)
+    scratch, seen = pointer_to(room, 0), (pointer_to(flowed, 0), flags)
     inputs, width = advanced(base, int(base[group + b.G_INPUTS])), state.shape[0]
-    for i in range(width):
-        flow[i] = source[i]
-    flow[width] = 0.0
-    parameters = advanced(base, int(base[b.PARAMETERS]))
-    flags = call_step(int(base[b.FLOW]), source, action, parameters, dt, flow)
-    if not flags & APPLICABLE:
-        return True
     _extend(counts, inputs, source)
     if not over:
         _extend(counts, inputs, target)
-    seen = (flow, flags)
     fitting = _fit_all(base, action, counts, inputs, source, seen, target, over, dt, scratch)
     fits, before = advanced(scratch, FIT * c.KINDS), int(counts[c.T_KINDS])
     rows = (
@@ -234,18 +227,18 @@ def _count(buffer, group, table, sample, dt, losses, rate, room, flowed):
 
 
 @cached_njit(nogil=True)
-def count(buffer, position, table, sample, dt, losses, rate):
+def count(buffer, position, table, sample, flow, dt, losses, rate):
     """Update the losses with a new sample, and then count it; all arguments are arrays.
 
-    `position` is that of the group among those of the action. `sample` is (action, state `[F]`, the
-    observed next state, whether the episode is over). `losses` `[2]` are moving averages of the
+    `position` is that of the group among those of the action. `sample` is (state `[F]`, action, the
+    observed next state, whether the episode is over), `flow` (state and reward after effects and
+    processes, the flags of these). `losses` `[2]` are moving averages of the
     Brier scores (Monthly Weather Review 78, 1950) of the file and of the counts, `rate` the weight
     of this sample in them.
 
     Returns:
         False where it is no outcome, and there is no room for another.
     """
-    width, action = sample[1].shape[0], sample[0]
-    group = int(buffer[int(buffer[b.TABLE]) + 2 * action + 1]) + position * b.GROUP
-    room, flowed = np.empty(room_for(width)), np.empty(width + 1)
-    return _count(buffer, group, table, sample, dt, losses, rate, room, flowed)
+    group = int(buffer[int(buffer[b.TABLE]) + 2 * sample[1] + 1]) + position * b.GROUP
+    room = np.empty(room_for(sample[0].shape[0]))
+    return _count(buffer, group, table, sample, flow, dt, losses, rate, room)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from serp._util.saved_state import LARGEST, MOST, Saved
 from serp.adaptation.adoption import TrackRecord
 from serp.adaptation.feature_groups import FeatureGroup
+from serp.adaptation.file_step import ObservedStep
 from serp.adaptation.moving_average import rate_of
 from serp.adaptation.outcomes import table_kernels as c
 from serp.adaptation.outcomes.counting_kernels import count
@@ -32,8 +33,8 @@ _MAX_STRAY, _STRAY_FROM = 0.2, 50
 """Fraction of outcomes that are not distinguished at which counting ends, and the samples needed to
 determine it."""
 
-Place = tuple[Vector, int, int, float]
-"""Buffer of the model, ground action, position of the group among its own, and control period."""
+Place = tuple[Vector, int, float]
+"""Buffer of the model, position of the group among those of the action, and control period."""
 
 
 class OutcomeCounts:
@@ -46,6 +47,8 @@ class OutcomeCounts:
     Attributes:
         table: The counts, see `serp.adaptation.outcomes.table_kernels`; None before the first
             error.
+        places: Positions of the counted fluents within the inputs.
+        samples: Number of samples since counting began.
     """
 
     def __init__(self, group: FeatureGroup, schemas: int) -> None:
@@ -56,9 +59,9 @@ class OutcomeCounts:
         self._numbers = np.array([where[column] for column in group.targets], dtype=np.int64)
         self._context = np.array(group.predicate_inputs, dtype=np.int64)
         self.table: Vector | None = None
-        self._places = self._others = np.zeros(0, dtype=np.int64)
+        self.places = self._others = np.zeros(0, dtype=np.int64)
         self._scores = np.zeros(2)
-        self._samples = self._strays = 0
+        self.samples = self._strays = 0
         self._given_up = False
 
     @property
@@ -67,7 +70,7 @@ class OutcomeCounts:
         return (
             self.table is not None
             and not self._given_up
-            and self._samples >= _MIN_SAMPLES
+            and self.samples >= _MIN_SAMPLES
             and bool(self._scores[1] < _BETTER * self._scores[0])
         )
 
@@ -75,81 +78,112 @@ class OutcomeCounts:
         """Return what is known of the counts, after actions of a schema."""
         written, learned = self._scores.tolist()
         hindrance = "too many different outcomes to count" if self._given_up else ""
-        return TrackRecord(schema, self.used, self._samples, written, learned, 0.0, hindrance)
+        return TrackRecord(schema, self.used, self.samples, written, learned, 0.0, hindrance)
+
+    def count_again(self) -> None:
+        """Forget all counts; keep the outcomes, with "nothing changes" among them."""
+        if self.table is None:
+            return
+        old, kinds = _parts(self.table), int(self.table[c.T_KINDS])
+        self._begin(self.places)
+        self.table = new_table(self.places, self._context, self._others)
+        nothing = (old["schemas"] == CHANGE) & (old["changes"] == 0.0).all(axis=1)
+        self.table[c.T_KINDS] = min(c.KINDS, kinds + (not nothing[1:].any()))
+        new = _parts(self.table)
+        new["ranges"][:] = old["ranges"]
+        for name in ("schemas", "changes"):
+            new[name][:kinds] = old[name]
+
+    def explanations(self) -> tuple[NDArray[np.bool_], Vector]:
+        """Return sets of outcomes `[S, K]`, and how often each explained an observation `[S]`."""
+        assert self.table is not None
+        members, number = _parts(self.table)["sets"].T
+        kinds = range(int(self.table[c.T_KINDS]))
+        return np.stack([members.astype(np.int64) >> k & 1 for k in kinds], axis=1) == 1, number
+
+    def outcomes(self) -> tuple[Vector, NDArray[np.int64], Vector]:
+        """Return the K outcomes: probabilities over all contexts, schemas and changes.
+
+        The probabilities are `[K]`; `[K]` are positions of action schemas, -1 for the file's
+        prediction (the first) and for a change; changes are `[K, places]`.
+        """
+        assert self.table is not None
+        parts = _parts(self.table)
+        counts = parts["counts"][0, : len(parts["schemas"])]
+        shares = counts / max(1.0, parts["totals"][0])
+        return shares, parts["schemas"].astype(np.int64), parts["changes"]
 
     def learn(
         self,
         place: Place,
         inputs: NDArray[np.int64],
-        state: Vector,
-        written: Vector,
-        observed: Vector,
+        step: ObservedStep,
         whole: NDArray[np.bool_],
     ) -> bool:
         """Count a sample; return False where there are too many different outcomes to count.
 
-        `inputs` `[d]` are columns of the feature group in states `[F]`: before, `written` (as the
-        file predicts) and `observed`. `whole` `[F]`: whether a fluent has always been whole.
+        `inputs` `[d]` are columns of the feature group in states `[F]`. `whole` `[F]`: whether a
+        fluent has always been whole. The end of an episode is counted as one of the outcomes that
+        end it, if there are any.
         """
+        if step.over:
+            if self.table is not None:
+                self.samples += 1
+                self._count(place, step)
+            return True
         if self._given_up:
             return False
         numbers = self._numbers[whole[inputs[self._numbers]]]
-        if len(numbers) + len(self._predicates) != len(self._places):
+        if len(numbers) + len(self._predicates) != len(self.places):
             self._begin(np.sort(np.concatenate((self._predicates, numbers))))
-        if not len(self._places):
+        if not len(self.places):
             return True
-        columns = inputs[self._places]
-        self._samples += 1
+        columns = inputs[self.places]
+        self.samples += 1
         if self.table is None:
             # While the file is right there is nothing to count.
-            if (observed[columns] == written[columns]).all():
+            if (step.next_state[columns] == step.settled[columns]).all():
                 return True
             self._others = np.setdiff1d(np.flatnonzero(whole[inputs]), self._context)
-            self.table = new_table(self._places, self._context, self._others)
-            _parts(self.table)["ranges"][:] = state[columns, None]
+            self.table = new_table(self.places, self._context, self._others)
+            _parts(self.table)["ranges"][:] = step.state[columns, None]
             # All samples so far were as in the file.
             sets, totals = int(self.table[c.T_ALTERNATIVES]), int(self.table[c.T_TOTALS])
-            self.table[c.T_SETS], self.table[sets : sets + 2] = 1, (1, self._samples - 1)
-            self.table[int(self.table[c.T_COUNTS])] = self.table[totals] = self._samples - 1
-        if not self._count(place, state, observed, False):
+            self.table[c.T_SETS], self.table[sets : sets + 2] = 1, (1, self.samples - 1)
+            self.table[int(self.table[c.T_COUNTS])] = self.table[totals] = self.samples - 1
+        if not self._count(place, step):
             self._strays += 1
-            if self._samples >= _STRAY_FROM and self._strays > _MAX_STRAY * self._samples:
+            if self.samples >= _STRAY_FROM and self._strays > _MAX_STRAY * self.samples:
                 # Without the numbers, the predicates may have few outcomes.
                 self._given_up = not len(numbers)
                 self._begin(self._predicates)
                 return False
         return True
 
-    def learn_end(self, place: Place, state: Vector, observed: Vector) -> None:
-        """Count the end of an episode as one of the outcomes that end it, if there are any."""
-        if self.table is not None:
-            self._samples += 1
-            self._count(place, state, observed, True)
-
-    def _count(self, place: Place, state: Vector, observed: Vector, over: bool) -> bool:
-        buffer, action, position, dt = place
+    def _count(self, place: Place, step: ObservedStep) -> bool:
+        buffer, position, dt = place
         assert self.table is not None
-        rate = rate_of(self._samples - 1, _MEMORY)
-        sample = action, state, observed, over
-        return bool(count(buffer, position, self.table, sample, dt, self._scores, rate))
+        rate = rate_of(self.samples - 1, _MEMORY)
+        flow = step.flowed, step.flags
+        return bool(count(buffer, position, self.table, step[:4], flow, dt, self._scores, rate))
 
     def _begin(self, places: NDArray[np.int64]) -> None:
-        self._places = places
+        self.places = places
         self.table = None
         self._scores[:] = 0.0
-        self._samples = self._strays = 0
+        self.samples = self._strays = 0
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
         arrays: dict[str, NDArray[Any]] = {
-            "places": self._places.copy(),
+            "places": self.places.copy(),
             "others": self._others.copy(),
             "scores": self._scores.copy(),
         }
         if self.table is not None:
             arrays |= {name: part.copy() for name, part in _parts(self.table).items()}
         return arrays, {
-            "samples": self._samples,
+            "samples": self.samples,
             "strays": self._strays,
             "given_up": self._given_up,
         }
@@ -162,10 +196,10 @@ class OutcomeCounts:
         samples, given_up = saved.whole("samples"), saved.truth("given_up")
         strays = saved.whole("strays", 0, samples)
         table = self._table_of(saved, places, others) if saved.has("codes") else None
-        self._places, self._others = places, others
+        self.places, self._others = places, others
         self._scores[:] = scores
         self.table = table
-        self._samples, self._strays, self._given_up = samples, strays, given_up
+        self.samples, self._strays, self._given_up = samples, strays, given_up
 
     def _positions(self, saved: Saved, name: str) -> NDArray[np.int64]:
         positions = saved.array(name, np.int64, (-1,), 0, self._depth - 1)

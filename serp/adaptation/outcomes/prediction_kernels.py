@@ -12,9 +12,10 @@ from __future__ import annotations
 
 from serp._util.compilation import cached_njit
 from serp.adaptation import parameter_buffer as b
+from serp.adaptation.file_step import flow
 from serp.adaptation.outcomes import table_kernels as c
 from serp.model.flags import APPLICABLE
-from serp.model.native import advanced, call_step
+from serp.model.native import advanced
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
 
@@ -51,13 +52,7 @@ def _by_schema(buffer, action, schema, table, inputs, state, dt, values, step):
     other = int(buffer[int(buffer[b.OTHERS]) + action * int(buffer[b.SCHEMAS]) + schema])
     if other < 0:
         return False
-    width = int(buffer[b.WIDTH])
-    for i in range(width):
-        step[i] = state[i]
-    step[width] = 0.0
-    parameters = advanced(buffer, int(buffer[b.PARAMETERS]))
-    flags = call_step(int(buffer[b.FLOW]), state, other, parameters, dt, step)
-    if not flags & APPLICABLE:
+    if not flow(buffer, other, state, dt, step) & APPLICABLE:
         return False
     places = int(table[c.T_PLACES])
     for k in range(int(table[c.T_COLUMNS])):

@@ -17,8 +17,7 @@ from serp.cli.output import examples, open_console, print_json, print_table
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from serp.diagnosis.diagnosis import Diagnosis
-    from serp.sysid.monitor import Side
+    from serp.diagnosis.diagnosis import Diagnosis, FitRow, Worst
 
 _ROWS = 10  # of each table, without --all
 _NAMED = 6  # fluents of a state that is shown
@@ -118,32 +117,29 @@ def _fit_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
             yield row.action, row.fluent, f"{row.steps:,}", *texts
 
 
-def _missed(side: Side) -> int:
-    """Return in how many steps a change came or was predicted, but not both."""
-    return side.predicted - side.happened + side.unpredicted
-
-
 def _predicate_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
-    missed = [row for row in diagnosis.observed if not row.numeric and _missed(row.written)]
-    for row in sorted(missed, key=lambda row: -_missed(row.written)):
-        side = row.written
-        counts = row.samples, side.predicted, side.happened, side.unpredicted, _missed(row.adapted)
-        yield row.action, row.fluent, *(f"{count:,}" for count in counts)
+    for row in sorted(diagnosis.fits, key=lambda row: -row.missed):
+        if row.missed:
+            counts = row.steps, row.predicted, row.happened, row.unpredicted
+            yield row.action, row.fluent, *(f"{count:,}" for count in counts)
 
 
 def _worst_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
     """Yield the worst step of each pair of action and fluent, most of the range first."""
-    cases = [(row, row.worst) for row in diagnosis.observed if row.worst is not None]
-    for row, case in sorted(cases, key=lambda pair: -pair[1].error / (pair[0].scale or 1.0)):
-        state = ""
-        if case.state is not None:
-            values = list(diagnosis.recorded.model.values(case.state).items())
-            shown = [
-                f"{name}={str(value).lower() if isinstance(value, bool) else readable(value, 3)}"
-                for name, value in values[:_NAMED]
-            ]
-            state = ", ".join(shown) + (", …" if len(values) > _NAMED else "")
-        yield row.action, row.fluent, readable(case.written), readable(case.observed), state
+    cases = [(row, row.worst) for row in diagnosis.fits if row.worst is not None]
+
+    def size(case: tuple[FitRow, Worst]) -> float:
+        row, worst = case
+        return abs(worst.observed - worst.predicted) / (row.scale or 1.0)
+
+    for row, worst in sorted(cases, key=size, reverse=True):
+        values = list(diagnosis.recorded.model.values(worst.state).items())
+        shown = [
+            f"{name}={str(value).lower() if isinstance(value, bool) else readable(value, 3)}"
+            for name, value in values[:_NAMED]
+        ]
+        state = ", ".join(shown) + (", …" if len(values) > _NAMED else "")
+        yield row.action, row.fluent, readable(worst.predicted), readable(worst.observed), state
 
 
 def _adoption_rows(diagnosis: Diagnosis) -> Iterator[tuple[str, ...]]:
@@ -163,13 +159,12 @@ _TABLES = (
         _fit_rows, range(2, 7),
     ),
     (
-        "Predicates and ends, over the whole run",
-        ("after", "predicate", "steps", "predicted changes", "happened", "unpredicted",
-         "wrong if adapted"),
-        _predicate_rows, range(2, 7),
+        "Predicates and ends",
+        ("after", "predicate", "steps", "predicted changes", "happened", "unpredicted"),
+        _predicate_rows, range(2, 6),
     ),
     (
-        "Predicted worst, over the whole run",
+        "Predicted worst",
         ("after", "fluent", "predicted", "observed", "in the state"),
         _worst_rows, range(2, 4),
     ),

@@ -173,19 +173,6 @@ def shift(model: AdaptedModel, action: str, fluent: str, by: float) -> None:
     model.buffer.active = True
 
 
-def test_where_only_the_file_flags_a_step_the_reason_is_the_files() -> None:
-    model = AdaptedModel(worlds.edge())
-    state = model.state({"x": -2.5, "y": 0.0, "wet": False})
-    shift(model, "left", "x", 5.0)
-    outcome = model.step(state, "left")
-    assert outcome.unsafe
-    # By the adaptation alone nothing would happen.
-    assert model.values(outcome.state)["x"] == 1.5 and not outcome.terminal
-    sites, flags = model.trace(state, model.action_index("left"))
-    assert flags & UNSAFE
-    assert "pit" in {site.schema.schema for site in sites if site.schema is not None}
-
-
 def test_the_lookahead_sees_a_change_at_once_and_both_forms_agree() -> None:
     model = AdaptedModel(worlds.edge())
     settings = PlannerSettings(depth=3)

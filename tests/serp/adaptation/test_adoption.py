@@ -31,7 +31,7 @@ def test_each_fluent_says_whether_it_is_adapted_and_why() -> None:
     assert (position.fluent, speed.fluent) == ("p", "v")
     assert not position.adapted and "the file was right in 200 steps" in position.why
     assert set(speed.residual) == {"push", "rest"} and "in use" in speed.why
-    assert speed.skill is not None and speed.skill > 0.9 and adoption.in_use
+    assert adoption.in_use
     assert str(adoption) == "adapted: residual for `v`; as written: `p`"
     said = json.dumps(adoption.as_dict(), allow_nan=False)
     assert json.loads(said)["fluents"][1]["adapted"] is True
@@ -71,7 +71,6 @@ def test_counted_outcomes_and_their_score_are_named() -> None:
         state = np.clip(after, -3, 3)
     counted = [fluent for fluent in of.adoption.fluents if fluent.outcomes]
     assert counted and all("counted outcomes in use" in fluent.why for fluent in counted)
-    assert all(fluent.skill is None for fluent in counted)
 
 
 def test_a_model_that_does_not_adapt_says_so() -> None:

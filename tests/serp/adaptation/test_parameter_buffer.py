@@ -24,16 +24,6 @@ def new(name: str) -> AdaptedModel:
     return AdaptedModel(worlds.generated(1) if name == "1" else worlds.shipped(name))
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_what_was_published_can_be_published_again_elsewhere(name: str) -> None:
-    one, other = new(name), new(name)
-    publish(one, np.random.default_rng(1), MILD)
-    publish(other, np.random.default_rng(2), MILD)
-    saved = one.buffer.contents()
-    other.buffer.restore(saved)
-    assert bits(other) == bits(one)
-
-
 def test_what_is_saved_holds_no_addresses_of_this_process() -> None:
     model = new("cartpole")
     saved = model.buffer.contents()

@@ -29,7 +29,6 @@ from serp.diagnosis.recorded_run import Recorded
 from serp.diagnosis.repair.repair import Repaired, repair
 from serp.model.loading import Domain
 from serp.model.transition_model import TransitionModel, Vector
-from serp.sysid.monitor import Monitor, accumulate
 from serp.sysid.parameter_dependencies import parameter_dependencies
 from serp.sysid.regression_data import predicted_steps
 from serp.sysid.transitions import GOES_ON, OVER, TransitionMemory
@@ -74,12 +73,12 @@ def states_of(
 
 
 def taken(domain: Domain, experience: TransitionMemory, dt: float = 1.0) -> Recorded:
-    """What a run has recorded, but for its monitor."""
+    """What a run has recorded."""
     model = domain.model.replace(dt=dt)
     return Recorded(
         run=Path("runs/seven"), domain=domain, files={}, model=model, experience=experience,
-        monitor=Monitor(model), adoption=ModelAdoption(False, False),
-        env_steps=len(experience), learned_from="domain", notice=None,
+        adoption=ModelAdoption(adapts=False), env_steps=len(experience), learned_from="domain",
+        notice=None,
     )  # fmt: skip
 
 
@@ -97,14 +96,10 @@ def recorded(
     predicted = predicted_steps(model, states, actions)
     rewards = predicted[:, -2] if rewards is None else rewards
     over = predicted[:, -1] != 0.0 if over is None else over
-    after = np.column_stack((next_states, rewards, over))
     run = taken(domain or from_text(ROBOTS), experience, model.dt)
     for k, action in enumerate(actions.tolist()):
         ending = OVER if over[k] else GOES_ON
         experience.add(states[k], action, next_states[k], int(ending), rewards[k])
-        if action >= 0:
-            step = np.stack([predicted[k], predicted[k], after[k]])
-            accumulate(states[k], step, run.monitor.row_of(action), run.monitor.tables)
     return dataclasses.replace(run, model=model, env_steps=len(states))
 
 
@@ -149,7 +144,10 @@ def chances(
     cost: float = 1.0,
 ) -> StochasticEffect:
     place = next(a.place for a in model.actions if a.schema == schema)
-    told = tuple(ObservedOutcome(tuple(c.items()), p, 0.02, written) for c, p, written in outcomes)
+    told = tuple(
+        ObservedOutcome(tuple(c.items()), p, 0.02, written, schema if written else "")
+        for c, p, written in outcomes
+    )
     return StochasticEffect(schema, place, told, samples=412, cost=cost)
 
 

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from serp.model.transition_model import TransitionModel
@@ -45,9 +47,9 @@ def test_what_happens_instead_stops_at_walls_as_the_action_that_does_it() -> Non
     model = from_text(GRID).model
     rng = np.random.default_rng(0)
     states = rng.integers(0, 4, size=(200, 2)).astype(np.float64)
-    findings = found(
-        chances(model, "down", ({"row": 1.0}, 0.5, True), ({"column": -1.0}, 0.5, False))
-    )
+    finding = chances(model, "down", ({"row": 1.0}, 0.5, True), ({"column": -1.0}, 0.5, False))
+    own, other = finding.outcomes
+    findings = found(replace(finding, outcomes=(own, replace(other, like="left"))))
     actions = np.zeros(len(states), np.int64)
     truth = (model.step(states, 0).state + model.step(states, 1).state) / 2
     np.testing.assert_allclose(predictions_with(model, findings, states, actions), truth)

@@ -45,8 +45,6 @@ def test_what_a_run_saw_is_read_from_its_folder_alone(made: Path) -> None:
     assert recorded.model.dt == run.config["control_period"]
     assert list(recorded.files) == ["domain.pddl"]
     assert recorded.learned_from == "domain"  # so what is compared is what the file says
-    rows = [row for row in recorded.monitor.rows() if row.fluent == "reward"]
-    assert sum(row.samples for row in rows) == steps
     assert recorded.experience.over.sum() == run.metrics["terminated"].sum()
     assert recorded.experience.rewards.sum() == pytest.approx(run.metrics["domain_return"].sum())
 
@@ -54,7 +52,7 @@ def test_what_a_run_saw_is_read_from_its_folder_alone(made: Path) -> None:
 def test_a_run_of_a_task_that_is_not_installed_can_be_read(copy: Path) -> None:
     config = copy / "config.json"
     config.write_text(config.read_text().replace('"task": "cartpole"', '"task": "juggling"'))
-    assert read_recorded(copy).monitor.rows()
+    assert len(read_recorded(copy).experience)
 
 
 def test_a_damaged_checkpoint_is_told(copy: Path) -> None:

@@ -20,13 +20,13 @@ OUTSIDE: dict[str, list[Any]] = {
     "planner.depth": [0, 2.0, True, "5", 10_001, 10**30],
     "planner.discount": [0.0, 1.01, math.nan, "high"],
     "planner.accepted_risk": [-0.1, 1.0],
-    "adaptation.nonlinear": [1, "yes"],
     "adaptation.min_visits": [-1, 1.5, True, 2**70],
     "arbiter.rho": [-0.1, 1.1, "high", None, True, math.nan],
     "arbiter.r_min": ["low", math.nan, math.inf, True],
     "learner.hidden": [(0,), (64, 1.5), 64, "64", (True,), [2**70], np.ones((2, 2))],
     "learner.learning_rate": [0.0, math.nan, math.inf],
     "learner.discount": [1.0, -0.1, "0.9", False],
+    "learner.double": [1, "yes"],
     "learner.loss": ["mae", ["mse"], np.array(["mse", "huber"])],
     "training.inputs": ["pixels", ["both"], np.array(["both", "state"])],
     "training.checkpoint_seconds": ["15", math.nan, -1.0],
@@ -116,7 +116,7 @@ def test_sections_presets_and_settings_of_a_task_are_what_they_are_called() -> N
 def test_numpys_numbers_are_taken_over_as_pythons_and_nothing_changes_in_place() -> None:
     changes: dict[str, dict[str, Any]] = {
         "planner": {"depth": np.int64(3), "discount": np.float64(0.5)},
-        "adaptation": {"min_visits": np.int8(2), "nonlinear": np.False_},
+        "adaptation": {"min_visits": np.int8(2)},
         "arbiter": {"rho": np.float32(0.5), "r_min": np.int16(-1)},
         "learner": {"hidden": np.array([8, 8]), "double": np.True_, "members": np.uint8(2)},
     }

@@ -319,26 +319,6 @@ def test_the_table_is_laid_out_anew_from_what_was_counted() -> None:
     assert sum(array.nbytes for name, array in arrays.items() if "outcome_counts" in name) < 20_000
 
 
-def test_what_is_resumed_goes_on_as_if_never_stopped_also_after_an_end() -> None:
-    model = from_text(LAKE).model
-    whole, resumed = adaptation_of(model), adaptation_of(model)
-    random = np.random.default_rng(8)
-    for step in range(60):
-        state = somewhere(random)
-        after = moved(state, int(random.choice([LEFT, UP])))
-        ending = OVER if after[1:].tolist() == HOLE or step == 40 else GOES_ON
-        whole.observe(state, LEFT, after, ending)
-        if step < 41:
-            resumed.load_state_dict(*whole.state_dict())
-        else:
-            resumed.observe(state, LEFT, after, ending)
-    (mine, _), (theirs, _) = whole.state_dict(), resumed.state_dict()
-    assert all(np.array_equal(array, theirs[name]) for name, array in mine.items())
-    for row in range(SIZE):
-        state = np.array([1.0, row, 3.0])
-        assert chances(whole, state, LEFT) == chances(resumed, state, LEFT)
-
-
 def test_damaged_counts_are_refused() -> None:
     model = from_text(GRID).model
     adaptation = adaptation_of(model)

@@ -117,26 +117,3 @@ def test_signs_go_into_the_word_where_that_says_the_same(
     effect: str, new: list[str], text: str
 ) -> None:
     assert with_numbers(effect, *new) == text
-
-
-def test_an_assignment_that_adds_is_an_increase() -> None:
-    for effect, text in (
-        ("(assign (f) 3)", "(increase (f) 3)"),
-        ("(assign (f) -3)", "(decrease (f) 3)"),
-        ("(assign (f) (- (g) 3))", "(increase (f) (- (g) 3))"),
-    ):
-        found = edit_of(effect)
-        found.make_increase()
-        assert text_of(found) == text
-    found = edit_of("(assign (f) 3)")
-    found.set_number(numbers(found.effect.value)[0].place, "-2")
-    found.make_increase()
-    assert text_of(found) == "(decrease (f) 2)"
-
-
-def test_terms_are_added_to_an_assignment() -> None:
-    found = edit_of("(assign (f) 3)")
-    found.add_terms([EffectTerm(-0.5, 0.01, ("g",)), EffectTerm(2.0, 1e-9, ())])
-    assert text_of(found) == "(assign (f) (+ (- 3 (* 0.50 (g))) 2))"
-    found.set_number(numbers(found.effect.value)[0].place, "-4")
-    assert text_of(found) == "(assign (f) (+ (- -4 (* 0.50 (g))) 2))"
