@@ -157,7 +157,7 @@ class _Trial:
 
     def _greedy(self, state: Vector, x: Vector) -> Decision:
         """Decide by the learner, without a forecast, which would take most of the time."""
-        return _not_forecast(self._contestant.greedy(state, x), self._bound.actions.size)
+        return without_forecast(self._contestant.greedy(state, x), self._bound.actions.size)
 
     def _greedy_forecast(self, state: Vector, x: Vector) -> Decision:
         """Decide by the learner, with a forecast."""
@@ -168,7 +168,7 @@ class _Trial:
         return self._guarded.plan(state)
 
 
-def _not_forecast(action: int, size: int) -> Decision:
+def without_forecast(action: int, size: int) -> Decision:
     """Return the decision for a choice of the learner without a forecast."""
     forecast = ActionForecast(
         choice=-1,
