@@ -20,6 +20,16 @@ _REMOVED: Final = {
     ("arbiter", "exploration_slack"): "exploration is among the actions that no veto refuses",
     ("arbiter", "indifferent"): _BY_EVIDENCE,
     ("arbiter", "imitation"): _BY_EVIDENCE,
+    **dict.fromkeys(
+        (
+            ("guide", "jump_stages"),
+            ("guide", "jump_tolerance"),
+            ("guide", "restrict_slack"),
+            ("guide", "imitation_steps"),
+            ("guide", "margin"),
+        ),
+        "the strategies that read it are gone; `evidence` and `mixture` remain",
+    ),
     ("learner", "protected_share"): "batches are drawn from all samples alike",
 }
 _VALUES: Final = {("adaptation", "mode", "literals"): "parameters"}

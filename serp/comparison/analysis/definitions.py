@@ -67,8 +67,7 @@ MEASURES: Final = (
             "Share of the evaluations after that one that reach the threshold, too.",
             "share", "higher", "times"),
     Measure("final_learner", "final learner alone",
-            "Mean return of the learner alone (greedy, no planner, no veto) at the end of "
-            "training. `residual` keeps the planner's values, which are a part of its Q.",
+            "Mean return of the learner alone (greedy, no planner, no veto) after training.",
             "return", "higher", "returns", True),
     Measure("final_vetoed", "final policy within the vetoes",
             "The same within the vetoes: the planner's action replaces a refused proposal.",
