@@ -143,6 +143,13 @@ def test_nothing_unsafe_is_done_by_a_guided_one_while_it_can_be_avoided(
         assert all(row.vetoes == 0 for row in rows)
 
 
+def test_who_leads_after_training_is_kept_of_those_that_plan_and_learn(once: Once) -> None:
+    leads = {name: once(name).lead for name in OWN}
+    assert {name for name, lead in leads.items() if lead is not None} == set(GUIDED)
+    assert leads["serp"] is not None and leads["serp"]["evidence"]["planner"]["episodes"] > 0
+    assert leads["serp-paper"] is not None and leads["serp-paper"]["evidence"] is None
+
+
 def test_the_planner_alone_is_the_planner_whatever_is_set(tmp_path: Path) -> None:
     changes: Any = {
         "arbiter": {"rho": 1.0},
