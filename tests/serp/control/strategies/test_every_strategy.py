@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from pathlib import Path
 from random import Random
@@ -15,9 +14,7 @@ from serp.control.decision import Actor
 from serp.control.registry import find_strategy, strategy_names
 from serp.control.step_record import StepRecord
 from serp.control.strategies.strategy import Strategy
-from serp.runs.checkpoint import NEWEST, load
 from serp.settings import resolve
-from serp.training.plan_and_learn import plan_and_learn
 from serp.training.trainer import Trainer
 from tests.serp.control.scene import Known, learner_acts, situation
 from tests.serp.sample_tasks import corridor
@@ -79,32 +76,6 @@ def test_a_restored_strategy_goes_on_as_the_saved_one(name: str) -> None:
         for _ in range(30):
             assert episode(strategy, one) == episode(other, another)
         assert strategy.state_dict() == other.state_dict()
-
-
-def train(folder: Path, out: Path, strategy: str, **options: Any) -> tuple[Any, ...]:
-    """Train, and return whatever the run has left behind, but for the time it took."""
-    given: Any = {} if options.get("resume") else {"settings": changes(strategy), "seed": 3}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("serp._util.figures.render", lambda figure, kind: b"")
-        plan_and_learn(corridor(folder), out=out, quiet=True, **given, **options)
-    with open(out / "metrics.csv", newline="") as file:
-        rows = [{**row, "wall_time": ""} for row in csv.DictReader(file)]
-    arrays, meta = load(out / NEWEST)
-    del meta["wall_time"], meta["tables"]
-    return (
-        rows,
-        (out / "decisions.csv").read_bytes(),
-        {name: (a.dtype, a.shape, a.tobytes()) for name, a in sorted(arrays.items())},
-        json.dumps(meta, sort_keys=True),
-    )
-
-
-@pytest.mark.parametrize("strategy", strategy_names())
-def test_a_resumed_training_equals_an_uninterrupted_one(tmp_path: Path, strategy: str) -> None:
-    whole = train(tmp_path, tmp_path / "whole", strategy, episodes=EPISODES)
-    train(tmp_path, tmp_path / "run", strategy, episodes=3)
-    resumed = train(tmp_path, tmp_path / "run", strategy, episodes=EPISODES, resume=True)
-    assert resumed == whole
 
 
 @pytest.mark.parametrize("strategy", strategy_names())
