@@ -178,7 +178,7 @@ def test_an_extension_is_found_by_its_entry_points(tmp_path: Path) -> None:
     source = shutil.copytree(EXAMPLES / "extension", tmp_path / "source")
     where = ["--no-build-isolation", "--target", str(tmp_path / "site"), str(source)]
     subprocess.run([*pip, *where], check=True, timeout=120)
-    names = ["guide.strategy=planner-first", "guide.imitation_steps=40", "planner.name=one-step"]
+    names = ["guide.strategy=planner-first", "learner.learning_starts=40", "planner.name=one-step"]
     done = subprocess.run(
         [sys.executable, "-m", "serp", "plan-and-learn", "--domain=cartpole", "--env-steps=80",
          "--out=run", "--quiet", *(f"--set={name}" for name in [*names, "learner.name=linear"])],

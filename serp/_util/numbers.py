@@ -50,18 +50,10 @@ def seed_of(value: Any) -> int:
     return seed
 
 
-def best_of(values: NDArray[np.floating[Any]], among: NDArray[np.bool_] | None = None) -> int:
-    """Return the first action with the largest of the values `[E]`; NaN is less than any number.
-
-    `among` `[E]` limits the choice to some actions; if that is none, the result is -1.
-    """
-    allowed = np.arange(len(values)) if among is None else np.flatnonzero(among)
-    if not len(allowed):
-        return -1
-    chosen = values[allowed]
-    best = int(chosen.argmax())
-    if chosen[best] != chosen[best]:  # argmax takes the first NaN
-        numbers = ~np.isnan(chosen)
-        if numbers.any():
-            return int(allowed[numbers][chosen[numbers].argmax()])
-    return int(allowed[best])
+def best_of(values: NDArray[np.floating[Any]]) -> int:
+    """Return the first action with the largest of the values `[E]`; NaN is less than any number."""
+    best = int(values.argmax())
+    if values[best] == values[best]:
+        return best
+    # argmax takes the first NaN
+    return best if np.isnan(values).all() else int(np.nanargmax(values))

@@ -85,20 +85,11 @@ class Algorithm:
         return self.kind in ("guided", "planner")
 
 
-def _guided(name: str, description: str, learner: Mapping[str, Any] | None = None) -> Algorithm:
-    """Return an algorithm with the strategy of its name."""
-    changes = {"guide": {"strategy": name}, "learner": learner or {}}
-    return Algorithm(name, description, "guided", changes=changes)
-
-
 _NO_GUIDE: Final[Changes] = {
     "guide": {"strategy": "mixture"},  # whose planner does not influence the learner
 }
 _BASELINE: Final[Changes] = {**_NO_GUIDE, "adaptation": {"mode": "off"}}
 """A baseline uses no model, so none adapts."""
-
-_EXPLORATION: Final = {"epsilon_start": 1.0}
-"""For learners that do not begin with the planner's performance."""
 
 _OWN: Final = (
     Algorithm("serp", "preset default", "guided"),
@@ -123,7 +114,7 @@ _OWN: Final = (
         "dqn",
         "the learner of preset default alone, more exploration: no planner, no veto",
         "baseline",
-        changes={**_BASELINE, "learner": _EXPLORATION},
+        changes={**_BASELINE, "learner": {"epsilon_start": 1.0}},
     ),
     Algorithm(
         "dqn-paper",
@@ -131,18 +122,6 @@ _OWN: Final = (
         "baseline",
         "paper",
         changes=_BASELINE,
-    ),
-    _guided(
-        "jump-start", "the planner begins each episode, the learner ends it (JSRL)", _EXPLORATION
-    ),
-    _guided("argmax-q", "whichever of both proposals the learner values more (IBRL)", _EXPLORATION),
-    _guided("restrict", "the learner chooses among the actions of good plans (DARLING)"),
-    _guided("imitate-then-learn", "the learner copies the planner, then learns alone (LOKI)"),
-    _guided("residual", "Q is the planner's value plus a network"),
-    _guided(
-        "dqfd",
-        "demonstrations of the planner with a margin loss (DQfD), Q-filter",
-        _EXPLORATION,
     ),
 )
 

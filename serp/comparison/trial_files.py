@@ -82,6 +82,7 @@ def write_trial(
         **metadata,
         "characteristics": measured.characteristics,
         "seconds": measured.seconds,
+        "lead": measured.lead,
         "counters": counters,
     }
     write_durably(place / _DONE, json_text(finite(content)))

@@ -94,7 +94,8 @@ class Record:
         evaluations: Columns `EVALUATION_COLUMNS`.
         metadata: JSON values: `characteristics` (name → text: those of the algorithm), `settings`
             (section → setting → value; null for an external algorithm), `seconds` ({"training": …,
-            "evaluation": …}), `made_of` (digests, see `PreparedComparison.made_of`).
+            "evaluation": …}), `lead` (who leads after training, see `Measured`), `made_of`
+            (digests, see `PreparedComparison.made_of`).
     """
 
     trial: Trial

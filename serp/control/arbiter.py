@@ -109,7 +109,7 @@ class Arbiter:
     def execute_baseline(self, state: Vector, learner: Proposer) -> Decision:
         """Execute the learner's greedy choice without a veto. The guarantee does not hold."""
         situation = self._situation(self.forecast(state))
-        return self._accept(situation, self.strategy.propose_baseline(situation, learner))
+        return self._accept(situation, learner.propose_greedily())
 
     def plan(self, state: Vector) -> Decision:
         """Decide by the planner, whatever ρ is."""

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from serp.learning.dqn import Proposal
-from serp.learning.guidance import Guidance, GuidedLearning
 from serp.learning.symmetry_group import SymmetryGroup
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.cell_graph import Visited
@@ -64,24 +63,11 @@ MakePlanner = Callable[[TransitionModel, PlannerSettings], Planner]
 class Proposer(Protocol):
     """A learner with an input, in the form that strategies use."""
 
-    def propose(
-        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
-    ) -> Proposal:
-        """Propose an action, with exploration.
+    def propose(self, explorable: Mask | None) -> Proposal:
+        """Propose an action; explore among `explorable` `[E]`, None for all."""
 
-        Args:
-            explorable: `[E]` actions to explore among; None for all.
-            among: `[E]` actions that the greedy choice is limited to; None for all.
-            base: `[E]` values added to Q before the choice; None for zeros.
-        """
-
-    def propose_greedily(
-        self, *, among: Mask | None = None, base: Values | None = None
-    ) -> Proposal:
-        """Propose the action with the largest value; arguments as in `propose`."""
-
-    def target_q(self) -> Values:
-        """Return `[E]` the values of the target network."""
+    def propose_greedily(self) -> Proposal:
+        """Propose the action with the largest value."""
 
 
 class Learner(Protocol):
@@ -95,16 +81,16 @@ class Learner(Protocol):
         action_count: Number of environment actions, E.
         settings: The settings.
         symmetry: The symmetries in use; None for none.
-        guided: How the planner's guidance is used; None for not at all.
-        margin_weight: Weight of the imitation loss in the next updates.
+        imitates: Whether it can imitate the planner.
+        imitation_weight: Weight of the imitation loss in the next updates.
     """
 
     input_size: int
     action_count: int
     settings: LearnerSettings
     symmetry: SymmetryGroup | None
-    guided: GuidedLearning | None
-    margin_weight: float
+    imitates: bool
+    imitation_weight: float
 
     @property
     def updates(self) -> int:
@@ -114,14 +100,11 @@ class Learner(Protocol):
     def epsilon(self) -> float:
         """The probability that the next proposal explores."""
 
-    def propose(self, x: Vector, explorable: Mask | None, base: Values | None) -> Proposal:
+    def propose(self, x: Vector, explorable: Mask | None) -> Proposal:
         """Propose an action for an input `[F]`, with exploration; see `Proposer.propose`."""
 
-    def propose_greedily(self, x: Vector, base: Values | None = None) -> Proposal:
+    def propose_greedily(self, x: Vector) -> Proposal:
         """Propose the action with the largest value for an input `[F]`."""
-
-    def target_q(self, x: Vector) -> Values:
-        """Return `[E]` the values of the target network."""
 
     def remember(
         self,
@@ -132,7 +115,7 @@ class Learner(Protocol):
         terminated: bool,
         truncated: bool,
         next_allowed: Mask | None = None,
-        guidance: Guidance | None = None,
+        imitated: int = -1,
     ) -> None:
         """Store an env step in the replay memory.
 
@@ -145,7 +128,7 @@ class Learner(Protocol):
             truncated: Whether the episode was cut off.
             next_allowed: `[E]` actions that the value of the next state is maximised over; None
                 for all.
-            guidance: The planner's guidance for the step, if `guided` uses it.
+            imitated: The planner's action, to be imitated; -1: none.
         """
 
     def learn(self) -> float | None:
@@ -171,6 +154,6 @@ class MakeLearner(Protocol):
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
         symmetry: SymmetryGroup | None = None,
-        guided: GuidedLearning | None = None,
+        imitates: bool = False,
     ) -> Learner:
         """Return a learner; equal seeds give equal bits."""

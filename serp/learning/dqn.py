@@ -24,7 +24,6 @@ from serp._util.numbers import FLOAT32_MAX, best_of
 from serp._util.saved_state import LARGEST, Saved, nested
 from serp.errors import LearningFailure, RunError
 from serp.learning.export import module_of
-from serp.learning.guidance import Guidance, GuidedLearning
 from serp.learning.learning import QLearning
 from serp.learning.mean_q import MeanQ
 from serp.learning.replay import ReplayBuffer
@@ -40,7 +39,7 @@ class Proposal(NamedTuple):
     Attributes:
         action: Index of the action.
         exploratory: Whether it was drawn at random.
-        q: Q-values ``[A]`` of a greedy choice, `base` included; None if it was drawn at random.
+        q: Q-values ``[A]`` of a greedy choice; None if it was drawn at random.
     """
 
     action: int
@@ -51,25 +50,21 @@ class Proposal(NamedTuple):
 class DQN:
     """Deep Q-network (Mnih et al. 2015) on one CPU core.
 
-    For residual learning every method that computes Q takes `base`, the guide's values ``[A]`` or
-    ``[B, A]`` in units of Q, which are added to the network's outputs; None: nothing is added.
-
     Args:
         input_size: Numbers in one input, F ≥ 1.
         action_count: Actions, A ≥ 1.
         settings: The learner's settings.
         seed: Equal seeds give bitwise equal results. A `SeedSequence` is not changed.
         symmetry: Symmetries of inputs and actions, used if `settings.symmetry` is set.
-        guided: How it learns from a guide; None: it does not.
+        imitates: Whether samples hold actions to be imitated.
 
     Attributes:
         symmetry: The symmetries in use; None if there are none.
-        guided: As given if it is in use, else None; then `remember` needs no guidance.
+        imitates: As given.
         learning: The networks and their gradient updates.
         replay: The replay memory.
         env_steps: Number of env steps remembered.
-        margin_weight: Current weight of imitation, ≥ 0. Its initial value is that of `guided`. It
-            must be 0 for a learner without guidance or with a residual, and is not saved.
+        imitation_weight: Current weight of imitation, ≥ 0, at first 0; it is not saved.
     """
 
     def __init__(
@@ -79,17 +74,17 @@ class DQN:
         settings: LearnerSettings,
         seed: np.random.SeedSequence | int,
         symmetry: SymmetryGroup | None = None,
-        guided: GuidedLearning | None = None,
+        imitates: bool = False,
     ) -> None:
-        self.guided = guided if guided is not None and guided.in_use else None
-        self.margin_weight = 0.0 if self.guided is None else self.guided.margin_weight
+        self.imitates = imitates
+        self.imitation_weight = 0.0
         self.symmetry = symmetry if settings.symmetry and symmetry and len(symmetry) > 1 else None
         self.input_size = input_size
         self.action_count = action_count
         self.settings = settings
         start_rng, sample_rng, explore_rng = _generators(seed)
-        self.learning = QLearning(input_size, action_count, settings, start_rng, self.guided)
-        spec = SampleSpec(input_size, action_count, guided=self.guided is not None)
+        self.learning = QLearning(input_size, action_count, settings, start_rng)
+        spec = SampleSpec(input_size, action_count, imitates)
         self.replay = ReplayBuffer(spec, settings, sample_rng, self.symmetry)
         self._bounds = ReturnBounds(settings.discount)
         self._explore_rng = explore_rng
@@ -111,34 +106,22 @@ class DQN:
         done = self.env_steps / settings.epsilon_steps
         return settings.epsilon_start + (settings.epsilon_end - settings.epsilon_start) * done
 
-    def q_values(
-        self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
-    ) -> type_F32:
+    def q_values(self, x: npt.NDArray[np.floating]) -> type_F32:
         """Return Q of every action, the mean of members and mirror images.
 
         Args:
             x: One input ``[F]`` or a batch ``[B, F]``.
-            base: As for all methods.
 
         Returns:
             ``[A]`` or ``[B, A]``, float32, in units of reward × `reward_scale`; a new array.
 
         Raises:
-            ValueError: The input or `base` has another shape.
+            ValueError: The input has another shape.
         """
-        return self._mean_q.of(self.learning.online, x, base)
-
-    def target_q(
-        self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
-    ) -> type_F32:
-        """Return Q as `q_values`, of the target network; without one, of the network itself."""
-        return self._mean_q.of(self.learning.target, x, base)
+        return self._mean_q.of(x)
 
     def propose(
-        self,
-        x: npt.NDArray[np.floating],
-        explorable: npt.NDArray[np.bool_] | None = None,
-        base: npt.NDArray[np.floating] | None = None,
+        self, x: npt.NDArray[np.floating], explorable: npt.NDArray[np.bool_] | None = None
     ) -> Proposal:
         """Choose an action ε-greedily.
 
@@ -148,26 +131,23 @@ class DQN:
         Args:
             x: One input ``[F]``.
             explorable: ``[A]``; None, or none True: all.
-            base: The guide's values ``[A]``, added to Q; None: none.
 
         Raises:
-            ValueError: The input or `base` has another shape.
+            ValueError: The input has another shape.
         """
         rng = self._explore_rng
         if rng.random() >= self.epsilon:
-            return self.propose_greedily(x, base)
+            return self.propose_greedily(x)
         actions = np.arange(self.action_count)
         if explorable is not None and explorable.any():
             actions = np.flatnonzero(explorable)
         return Proposal(int(actions[rng.integers(len(actions))]), True, None)
 
-    def propose_greedily(
-        self, x: npt.NDArray[np.floating], base: npt.NDArray[np.floating] | None = None
-    ) -> Proposal:
+    def propose_greedily(self, x: npt.NDArray[np.floating]) -> Proposal:
         """Choose the action with the largest Q for one input ``[F]``; draw nothing at random."""
         if x.ndim != 1:
             raise ValueError(f"an input must have shape ({self.input_size},), not {x.shape}")
-        q = self._mean_q.of(self.learning.online, x, base)
+        q = self._mean_q.of(x)
         return Proposal(best_of(q), False, q)
 
     def remember(
@@ -179,7 +159,7 @@ class DQN:
         terminated: bool,
         truncated: bool,
         next_allowed: npt.NDArray[np.bool_] | None = None,
-        guidance: Guidance | None = None,
+        imitated: int = -1,
     ) -> None:
         """Store one env step with the *executed* action; see `ReplayBuffer.add`.
 
@@ -197,7 +177,7 @@ class DQN:
         allowed = next_allowed if self.settings.mask_targets else None
         self.replay.add(
             observation, action, scaled, next_observation, terminated, truncated,
-            allowed, guidance,
+            allowed, imitated,
         )  # fmt: skip
         self._bounds.observe(scaled, terminated)
         self.env_steps += 1
@@ -239,7 +219,7 @@ class DQN:
         bounds = (-math.inf, math.inf)
         if self.settings.clip_targets:
             bounds = (self._bounds.lower, self._bounds.upper)
-        return self.learning.update(batch, bounds, self.margin_weight, self.env_steps)
+        return self.learning.update(batch, bounds, self.imitation_weight, self.env_steps)
 
     def module(self) -> torch.nn.Module:
         """Return a copy of the network for export, with the symmetries as a part of it."""

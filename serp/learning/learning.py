@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from serp.errors import LearningFailure
-from serp.learning.guidance import GuidedLearning
 from serp.learning.loss import TDGradient
 from serp.learning.network import QNetwork
 from serp.learning.optimizer import Adam
@@ -31,15 +30,12 @@ class QLearning:
         action_count: int,
         settings: LearnerSettings,
         rng: np.random.Generator,
-        guided: GuidedLearning | None = None,
     ) -> None:
         self._period = settings.target_period
         self.updates = 0
         sizes = (input_size, *settings.hidden, action_count)
         norm, members = settings.layer_norm, settings.members
         self.online = QNetwork(sizes, layer_norm=norm, members=members, rng=rng)
-        if guided is not None and guided.residual:
-            self.online.zero_output()  # Q is the guide's value at first
         # Without a target network the network itself values the next state (paper, equation 3).
         self.target = self.online
         if settings.has_target:
@@ -54,7 +50,7 @@ class QLearning:
             self.target.parameters if follows else None,
             settings.target_polyak or 0.0,
         )
-        self._td = TDGradient(self.online, self.target, settings, guided)
+        self._td = TDGradient(self.online, self.target, settings)
 
     def update(
         self,

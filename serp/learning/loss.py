@@ -1,4 +1,10 @@
-"""From a batch of samples to the gradient of the loss (paper, equations 2 and 3)."""
+"""From a batch of samples to the gradient of the loss (paper, equations 2 and 3).
+
+Where a sample names an action of the planner, the loss of imitation is added: the value of that
+action should exceed all others by a margin (DQfD, Hester et al. 2018, arXiv 1704.03732). The margin
+is the standard deviation of the values in the batch, so that it is independent of the unit of
+rewards.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from serp.learning.guidance import GuidedLearning
 from serp.learning.kernels import compiled
 from serp.learning.network import QNetwork, Workspace
 from serp.learning.samples import Samples
@@ -29,24 +34,17 @@ class TDGradient:
         online: QNetwork,
         target: QNetwork,
         settings: LearnerSettings,
-        guided: GuidedLearning | None,
     ) -> None:
         self._online = online
         self._target = target
-        self._guided = guided
         self._huber = settings.loss == "huber"
         apart = target is not online
         self._chooses = settings.double and apart
-        self._filters = apart and guided is not None and guided.q_filter
         self._work = Workspace(online, settings.batch_size)
         self._next_work = Workspace(online, settings.batch_size)
         self._choice_work = Workspace(online, settings.batch_size if self._chooses else 0)
-        self._filter_work = Workspace(online, settings.batch_size if self._filters else 0)
-        q, next_q = self._work.q, self._next_work.q
-        self._values = (
-            q, next_q, self._choice_work.q if self._chooses else next_q,
-            self._filter_work.q if self._filters else q,
-        )  # fmt: skip
+        next_q = self._next_work.q
+        self._values = (self._work.q, next_q, self._choice_work.q if self._chooses else next_q)
 
     def gradient(
         self, batch: Samples, bounds: tuple[float, float], imitation_weight: float
@@ -55,22 +53,17 @@ class TDGradient:
 
         `bounds` are the smallest and the largest possible value of a state.
         """
-        if self._filters and imitation_weight > 0.0:
-            self._target.forward(batch.observation, self._filter_work)
         self._target.forward(batch.next_observation, self._next_work)
         if self._chooses:
             self._online.forward(batch.next_observation, self._choice_work)
         self._online.forward(batch.observation, self._work)
-        how, guide, guided = None, None, self._guided
-        if guided is not None:
-            guide, unit = tuple(batch[6:]), _spread(self._work.q) if guided.relative else 1.0
-            how = (
-                guided.bootstrap_guide, guided.residual, guided.q_filter,
-                np.float32(guided.margin * unit), np.float32(imitation_weight * unit),
-            )  # fmt: skip
+        imitation = None
+        if batch.imitated.size:
+            unit = _spread(self._work.q)
+            imitation = batch.imitated, np.float32(unit), np.float32(imitation_weight * unit)
         loss: float = td_gradient(
             self._values, (batch.action, batch.reward, batch.discount, batch.forbidden),
-            (np.float32(bounds[0]), np.float32(bounds[1])), self._huber, guide, how,
+            (np.float32(bounds[0]), np.float32(bounds[1])), self._huber, imitation,
             self._work.q_gradient,
         )  # fmt: skip
         self._online.backward(self._work)
@@ -105,34 +98,29 @@ def _within(value: Any, lower: Any, upper: Any) -> Any:
 
 @compiled
 def td_gradient(
-    values: Any, batch: Any, bounds: Any, huber: bool, guide: Any, how: Any, q_gradient: Any
+    values: Any, batch: Any, bounds: Any, huber: bool, imitation: Any, q_gradient: Any
 ) -> float:
     """Write the gradient of each member's mean loss; return the mean loss over members and batch.
 
     The target of a sample is reward + discount × next_q[best], with best the action of largest
     choice_q among those not forbidden (the lowest index in a tie), and next_q[best] clipped to
-    the bounds. With a guide the loss of a sample is this TD loss + weight × (max over a of
-    (q[a] + margin·[a ≠ g]) − q[g]) with g the guide's action; the second part only if there is such
-    an action and the filter accepts it.
+    the bounds. With an action g to be imitated, weight × (max over a of (q[a] + margin·[a ≠ g]) −
+    q[g]) is added to the loss of the sample.
 
     Args:
         values: ``[E, B, A]`` each: q of the current states; next_q, the values of the next states;
-            choice_q, which selects the next action; filter_q of the current states.
+            choice_q, which selects the next action.
         batch: Action, reward, discount and forbidden of `Samples`.
         bounds: Smallest and largest possible value of a state.
         huber: The Huber loss with threshold 1 instead of the squared error.
-        guide: The fields of `Samples` for the guide; None without one. The loop is then compiled
-            without the parts for a guide.
-        how: The fields of `GuidedLearning`: whether the next state may be valued by the guide's
-            action; whether the guide's values are added; whether to filter; margin; weight.
+        imitation: Imitated of `Samples`, margin and weight; None: the loop is compiled without it.
         q_gradient: ``[E, B, A]``, written.
     """
-    q, next_q, choice_q, filter_q = values
+    q, next_q, choice_q = values
     action, reward, discount, forbidden = batch
     lower, upper = bounds
-    if guide is not None:
-        guide_action, guide_value, guide_next_action, guide_next_values = guide
-        bootstrap, residual, filtered, margin, weight = how
+    if imitation is not None:
+        imitated, margin, weight = imitation
     members, batch_size, actions = q.shape
     share = _ONE / np.float32(batch_size)
     loss = 0.0
@@ -143,26 +131,11 @@ def td_gradient(
             for k in range(actions):
                 if not forbidden[e, i, k]:
                     choice = choice_q[e, i, k]
-                    if guide is not None and residual:
-                        choice += guide_next_values[e, i, k]
                     if best < 0 or choice > largest:
                         best, largest = k, choice
-            value = next_q[e, i, best]
-            if guide is not None:
-                if residual:
-                    value += guide_next_values[e, i, best]
-                then = guide_next_action[e, i]
-                if bootstrap and then >= 0 and not forbidden[e, i, then]:
-                    other = next_q[e, i, then]
-                    if residual:
-                        other += guide_next_values[e, i, then]
-                    if other > value:
-                        value = other
-            value = _within(value, lower, upper)
+            value = _within(next_q[e, i, best], lower, upper)
             chosen = action[e, i]
             error = q[e, i, chosen] - (reward[e, i] + discount[e, i] * value)
-            if guide is not None and residual:
-                error += guide_value[e, i]
             q_gradient[e, i, :] = _ZERO
             if huber:
                 clipped = min(max(error, -_ONE), _ONE)
@@ -171,19 +144,16 @@ def td_gradient(
             else:
                 loss += error * error
                 q_gradient[e, i, chosen] = _TWO * error * share
-            if guide is not None:
-                said = guide_action[e, i]
+            if imitation is not None:
+                said = imitated[e, i]
                 if weight <= _ZERO or said < 0:
                     continue
-                # In a tie the guide's action is first: there the gradient of the loss is 0.
-                rival, above, greedy = said, q[e, i, said], 0
+                # In a tie that action is first: there the gradient of the loss is 0.
+                rival, above = said, q[e, i, said]
                 for k in range(actions):
-                    if q[e, i, k] > q[e, i, greedy]:
-                        greedy = k
                     if k != said and q[e, i, k] + margin > above:
                         rival, above = k, q[e, i, k] + margin
-                refused = filtered and filter_q[e, i, said] < filter_q[e, i, greedy]
-                if rival != said and not refused:
+                if rival != said:
                     loss += weight * (above - q[e, i, said])
                     q_gradient[e, i, rival] += weight * share
                     q_gradient[e, i, said] -= weight * share

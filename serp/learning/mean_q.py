@@ -14,47 +14,38 @@ from serp.learning.symmetry_group import SymmetryGroup
 
 
 class MeanQ:
-    """Computes Q of networks of one shape, averaged over a group; None: no averaging."""
+    """Computes Q of a network, averaged over a group; None: no averaging."""
 
     def __init__(self, network: QNetwork, symmetry: SymmetryGroup | None) -> None:
+        self._network = network
         self._input_size, self._action_count = network.sizes[0], network.sizes[-1]
         self._group = symmetry or SymmetryGroup(self._input_size, self._action_count)
         self._images = self._group.averaged
         self._single = Workspace(network, self._images)
         self._many = Workspace(network, 0)
 
-    def of(
-        self,
-        network: QNetwork,
-        x: npt.NDArray[np.floating],
-        base: npt.NDArray[np.floating] | None,
-    ) -> type_F32:
-        """Return Q of every action plus `base`; see `DQN.q_values`."""
+    def of(self, x: npt.NDArray[np.floating]) -> type_F32:
+        """Return Q of every action; see `DQN.q_values`."""
         if x.ndim not in (1, 2) or x.shape[-1] != self._input_size:
             raise ValueError(
                 f"an input must have shape ({self._input_size},) or (batch, {self._input_size}), "
                 f"not {x.shape}"
             )
         rows = np.atleast_2d(x)
-        of_each = self._of_each(network, rows)
+        of_each = self._of_each(rows)
         q: type_F32
         if self._images > 1:
             q = np.empty((len(rows), self._action_count), np.float32)
             _mean_over_images(of_each, self._group.actions, q)
         else:
-            q = of_each[0].copy() if network.members == 1 else of_each.mean(axis=0)
-        q = q if x.ndim == 2 else q[0]
-        if base is not None:
-            if base.shape != q.shape and base.shape != (self._action_count,):
-                raise ValueError(f"the guide's values must have shape {q.shape}, not {base.shape}")
-            q += base.astype(np.float32, copy=False)
-        return q
+            q = of_each[0].copy() if self._network.members == 1 else of_each.mean(axis=0)
+        return q if x.ndim == 2 else q[0]
 
-    def _of_each(self, network: QNetwork, x: npt.NDArray[np.floating]) -> type_F32:
+    def _of_each(self, x: npt.NDArray[np.floating]) -> type_F32:
         """Return Q ``[E, K · B, A]`` by each member of each of K images of B inputs."""
         rows = self._images * len(x)
         if len(x) != 1 and self._many.batch != rows:
-            self._many = Workspace(network, rows)
+            self._many = Workspace(self._network, rows)
         work = self._single if len(x) == 1 else self._many
         inputs = x.astype(np.float32, copy=False)
         if self._images > 1:
@@ -63,7 +54,7 @@ class MeanQ:
                 np.ascontiguousarray(inputs), self._group.columns, self._group.signs, images
             )
             inputs = images
-        return network.forward(inputs, work)
+        return self._network.forward(inputs, work)
 
 
 @compiled

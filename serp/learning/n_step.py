@@ -21,8 +21,7 @@ class PendingStep:
 
     observation: type_F32
     action: int
-    guide_action: int = -1
-    guide_value: float = 0.0
+    imitated: int = -1
     reward: float = 0.0
 
 
@@ -59,9 +58,8 @@ class PendingSteps:
             "pending_action": [int(step.action) for step in self.steps],
             "pending_return": [float(step.reward) for step in self.steps],
         }
-        if spec.guided:
-            meta["pending_guide"] = [int(step.guide_action) for step in self.steps]
-            meta["pending_value"] = [float(step.guide_value) for step in self.steps]
+        if spec.imitates:
+            meta["pending_imitated"] = [int(step.imitated) for step in self.steps]
         return observations, meta
 
     def checked(self, saved: Saved, spec: SampleSpec) -> deque[PendingStep]:
@@ -78,8 +76,7 @@ class PendingSteps:
         columns = (
             [row.copy() for row in observations],
             saved.wholes("pending_action", count, 0, most),
-            saved.wholes("pending_guide", count, -1, most) if spec.guided else [-1] * count,
-            saved.reals("pending_value", count) if spec.guided else [0.0] * count,
+            saved.wholes("pending_imitated", count, -1, most) if spec.imitates else [-1] * count,
             saved.reals("pending_return", count),
         )
         return deque(PendingStep(*entry) for entry in zip(*columns, strict=True))

@@ -141,10 +141,6 @@ class QNetwork:
             if layer.normalized:
                 self._flat[:, gain:shift] = 1.0
 
-    def zero_output(self) -> None:
-        """Make every Q-value zero by the last layer; the hidden layers are unchanged."""
-        self._flat[:, self.layers[-1].start :] = 0.0
-
     def forward(self, inputs: type_F32, work: Workspace) -> type_F32:
         """Compute the Q-values of a batch.
 

@@ -13,7 +13,6 @@ import numpy.typing as npt
 
 from serp._util.saved_state import LARGEST, Saved
 from serp.errors import RunError
-from serp.learning.guidance import NO_GUIDANCE, Guidance, checked
 from serp.learning.n_step import PendingStep, PendingSteps
 from serp.learning.samples import Samples, SampleSpec, type_Bool
 from serp.learning.sampling import Sampler
@@ -61,7 +60,7 @@ class ReplayBuffer:
         terminated: bool,
         truncated: bool,
         next_allowed: npt.NDArray[np.bool_] | None = None,
-        guidance: Guidance | None = None,
+        imitated: int = -1,
     ) -> None:
         """Add one env step.
 
@@ -74,10 +73,11 @@ class ReplayBuffer:
             terminated: The episode ended in a terminal state, whose value is 0.
             truncated: The episode was cut off; the value of its last state is estimated.
             next_allowed: ``[A]``, which actions may be chosen next; None, or none True: all.
-            guidance: The guide's advice on the step; required by a guided buffer.
+            imitated: Action to be imitated in the state before the step; -1: none. A buffer that
+                does not hold it takes -1 only.
 
         Raises:
-            ValueError: An observation or the guidance does not fit, or there is no such action.
+            ValueError: An observation does not fit, or there is no such action.
         """
         shape, actions = (self._spec.input_size,), self._spec.action_count
         if observation.shape != shape or next_observation.shape != shape:
@@ -87,11 +87,9 @@ class ReplayBuffer:
             )
         if not 0 <= action < actions:
             raise ValueError(f"an action must be in 0 ... {actions - 1}, not {action}")
-        guidance = checked(guidance, actions) if self._spec.guided else NO_GUIDANCE
-        step = PendingStep(
-            np.array(observation, np.float32), action, guidance.action, guidance.value
-        )
-        self._pending.push(step, reward)
+        if not -1 <= imitated < (actions if self._spec.imitates else 0):
+            raise ValueError(f"no action {imitated} can be imitated")
+        self._pending.push(PendingStep(np.array(observation, np.float32), action, imitated), reward)
 
         if next_allowed is None:
             self._next_forbidden.fill(False)
@@ -102,11 +100,9 @@ class ReplayBuffer:
 
         ended = terminated or truncated
         while self._pending.steps and (ended or self._pending.complete):
-            self._emit(next_observation, terminated, guidance)
+            self._emit(next_observation, terminated)
 
-    def _emit(
-        self, next_observation: npt.NDArray[np.floating], terminated: bool, guidance: Guidance
-    ) -> None:
+    def _emit(self, next_observation: npt.NDArray[np.floating], terminated: bool) -> None:
         """Turn the oldest pending step into a sample."""
         row, store = self._head, self._store
         self._head = (row + 1) % self._settings.buffer_size
@@ -118,10 +114,8 @@ class ReplayBuffer:
         store.reward[row] = step.reward
         store.next_observation[row] = next_observation
         store.forbidden[row] = self._next_forbidden
-        if self._spec.guided:
-            store.guide_action[row], store.guide_value[row] = step.guide_action, step.guide_value
-            store.guide_next_action[row] = guidance.next_action
-            store.guide_next_values[row] = guidance.next_values
+        if self._spec.imitates:
+            store.imitated[row] = step.imitated
 
     def sample(self) -> Samples:
         """Draw a batch for each member, uniformly and with replacement.
@@ -184,12 +178,11 @@ class ReplayBuffer:
         shapes = Saved("replay memory", {}, saved.part("shapes")[1])
         for name, here in self._shapes().items():
             shapes.equal(name, here, "continue with the task and the settings it was saved with")
-        guided = self._spec.guided
-        if guided != saved.has("pending_guide"):
+        imitates = self._spec.imitates
+        if imitates != saved.has("pending_imitated"):
             raise RunError(
-                f"the saved replay memory is that of a learner {'without' if guided else 'with'} a "
-                f"guide to learn from, this learner has {'one' if guided else 'none'}; continue "
-                "with the settings it was saved with"
+                f"the saved replay memory is that of a learner {'without' if imitates else 'with'} "
+                "a planner to imitate; continue with the settings it was saved with"
             )
 
     def _saved_place(self, saved: Saved) -> tuple[int, int]:
@@ -209,5 +202,5 @@ class ReplayBuffer:
         return size, head
 
 
-_LEAST_ACTION = {"action": 0, "guide_action": -1, "guide_next_action": -1}
+_LEAST_ACTION = {"action": 0, "imitated": -1}
 """Fields that hold actions → the least valid value."""

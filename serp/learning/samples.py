@@ -13,18 +13,17 @@ type_Bool = npt.NDArray[np.bool_]
 
 
 class SampleSpec(NamedTuple):
-    """The shape of a learner's samples: F inputs, A actions, and whether they hold guidance."""
+    """The shape of a learner's samples: F inputs, A actions, and whether some imitate."""
 
     input_size: int
     action_count: int
-    guided: bool = False
+    imitates: bool = False
 
 
 class Samples(NamedTuple):
     """Samples, one array per field; the leading axes N are the same in all.
 
-    The fields of the guide have no rows for a learner without one; see
-    `serp.learning.guidance.Guidance`.
+    The last field has no rows for a learner that does not imitate.
 
     Attributes:
         observation: float32 ``[*N, F]`` before the action.
@@ -33,10 +32,7 @@ class Samples(NamedTuple):
         next_observation: float32 ``[*N, F]`` after the last of them.
         discount: float32 ``[*N]``, γᵏ for k rewards; 0 where the episode terminated.
         forbidden: bool ``[*N, A]``, actions that may not be chosen next; never all.
-        guide_action: int64 ``[*N]``, to be imitated in the current state; -1: none.
-        guide_value: float32 ``[*N]``, of the executed action in the current state.
-        guide_next_action: int64 ``[*N]``, in the state after the last reward; -1: none.
-        guide_next_values: float32 ``[*N, A]``, of the actions in that state.
+        imitated: int64 ``[*N]``, action to be imitated in the current state; -1: none.
     """
 
     observation: type_F32
@@ -45,15 +41,11 @@ class Samples(NamedTuple):
     next_observation: type_F32
     discount: type_F32
     forbidden: type_Bool
-    guide_action: type_I64
-    guide_value: type_F32
-    guide_next_action: type_I64
-    guide_next_values: type_F32
+    imitated: type_I64
 
     @staticmethod
     def zeros(count: int, spec: SampleSpec) -> Samples:
         """Allocate `count` samples."""
-        told = count if spec.guided else 0
         return Samples(
             observation=np.zeros((count, spec.input_size), np.float32),
             action=np.zeros(count, np.int64),
@@ -61,10 +53,7 @@ class Samples(NamedTuple):
             next_observation=np.zeros((count, spec.input_size), np.float32),
             discount=np.zeros(count, np.float32),
             forbidden=np.zeros((count, spec.action_count), np.bool_),
-            guide_action=np.zeros(told, np.int64),
-            guide_value=np.zeros(told, np.float32),
-            guide_next_action=np.zeros(told, np.int64),
-            guide_next_values=np.zeros((told, spec.action_count), np.float32),
+            imitated=np.zeros(count if spec.imitates else 0, np.int64),
         )
 
     def arrays(self) -> dict[str, npt.NDArray[np.generic]]:

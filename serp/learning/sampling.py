@@ -62,15 +62,12 @@ def _take_images(rows: Any, elements: Any, symmetries: Any, store: Any, out: Any
         out: Likewise, N samples, written.
     """
     columns, signs, images = symmetries
-    (
-        observation, action, reward, next_observation, discount, forbidden,
-        said, value, then, next_values,
-    ) = store  # fmt: skip
+    observation, action, reward, next_observation, discount, forbidden, imitated = store
     (
         to_observation, to_action, to_reward, to_next_observation, to_discount, to_forbidden,
-        to_said, to_value, to_then, to_next_values,
+        to_imitated,
     ) = out  # fmt: skip
-    guided = len(said) > 0
+    imitates = len(imitated) > 0
     for i in range(len(rows)):
         row, g = rows[i], elements[i]
         for j in range(columns.shape[1]):
@@ -82,9 +79,5 @@ def _take_images(rows: Any, elements: Any, symmetries: Any, store: Any, out: Any
         to_discount[i] = discount[row]
         for k in range(images.shape[1]):
             to_forbidden[i, images[g, k]] = forbidden[row, k]
-        if guided:
-            to_said[i] = images[g, said[row]] if said[row] >= 0 else said[row]
-            to_value[i] = value[row]
-            to_then[i] = images[g, then[row]] if then[row] >= 0 else then[row]
-            for k in range(images.shape[1]):
-                to_next_values[i, images[g, k]] = next_values[row, k]
+        if imitates:
+            to_imitated[i] = images[g, imitated[row]] if imitated[row] >= 0 else -1

@@ -21,6 +21,16 @@ _REMOVED: Final = {
     ("arbiter", "indifferent"): _BY_EVIDENCE,
     ("arbiter", "imitation"): _BY_EVIDENCE,
     ("adaptation", "nonlinear"): "random features are used where they have predicted better",
+    **dict.fromkeys(
+        (
+            ("guide", "jump_stages"),
+            ("guide", "jump_tolerance"),
+            ("guide", "restrict_slack"),
+            ("guide", "imitation_steps"),
+            ("guide", "margin"),
+        ),
+        "the strategies that read it are gone; `evidence` and `mixture` remain",
+    ),
     ("learner", "protected_share"): "batches are drawn from all samples alike",
 }
 _VALUES: Final = {("adaptation", "mode", "literals"): "parameters"}

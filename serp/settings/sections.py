@@ -104,19 +104,6 @@ class GuideSettings(Section):
     strategy: str = "mixture"
     """The strategy, by the name of its entry point in the group `serp.strategies`. `mixture` is
     Algorithm 1, with the learner probability ρ of section `arbiter`."""
-    jump_stages: PositiveCount = 10
-    """`jump-start`: number of stages in which the planner's part of an episode decreases to 0."""
-    jump_tolerance: Nonnegative = 0.1
-    """`jump-start`: the next stage begins where the mean return is at most this fraction below the
-    best mean return."""
-    restrict_slack: Nonnegative = 0.2
-    """`restrict`: how much worse than the best plan a plan may be, as a fraction of the best
-    plan's value."""
-    imitation_steps: PositiveCount = 1_000
-    """`imitate-then-learn`: most env steps of imitation. `dqfd`: env steps of demonstration."""
-    margin: Nonnegative = 0.8
-    """`imitate-then-learn`, `dqfd`: margin by which the Q-value of the planner's action should
-    exceed the others, in units of Q."""
 
 
 class LearnerSettings(Section):

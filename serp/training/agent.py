@@ -29,7 +29,6 @@ from serp.control.veto import NoVeto, VetoPolicy
 from serp.errors import EnvironmentFailure, TaskError
 from serp.learning.dqn import Proposal
 from serp.model.transition_model import Vector
-from serp.planning.action_map import ActionForecast
 from serp.settings import Settings
 from serp.sysid.transitions import CUT_OFF, GOES_ON, OVER
 from serp.tasks.bound_task import BoundTask
@@ -122,7 +121,7 @@ class Agent:
             settings.learner,
             learner_seed,
             group,
-            guided=strategy.guided,
+            imitates=strategy.imitates,
         )
         self._random = np.random.default_rng(random_seed)
 
@@ -208,23 +207,20 @@ class Agent:
 
         `following` is the decision in the next state, None if the episode ended.
         """
-        strategy, decision = self.strategy, step.decision
-        ahead: ActionForecast | None = None
+        decision = step.decision
         allowed: Mask | None = None
         if following is not None:
-            ahead = following.forecast
-            allowed = strategy.allowed(ahead, following.admissible)
+            allowed = following.admissible
         elif not step.terminated:
-            ahead = self.arbiter.forecast(step.next_state)
-            allowed = strategy.allowed(ahead, self.arbiter.vetoes.admissible(ahead))
+            allowed = self.arbiter.vetoes.admissible(self.arbiter.forecast(step.next_state))
         self.learner.remember(
             step.x, decision.action, step.reward, step.next_x, step.terminated, step.truncated,
-            allowed, strategy.guidance(decision.forecast, decision.action, ahead),
+            allowed, self.strategy.imitated(decision.forecast),
         )  # fmt: skip
 
     def learn(self) -> float | None:
         """Make the learner's updates of one env step; return their mean loss, None for none."""
-        self.learner.margin_weight = self.strategy.margin_weight
+        self.learner.imitation_weight = self.strategy.imitation_weight
         return self.learner.learn()
 
     def state_dict(self) -> tuple[Arrays, Meta]:

@@ -185,7 +185,7 @@ def meaning_of(agent: Agent, policy: Policy) -> str:
     if policy == "planner":
         return "the planner alone"
     if policy == "learner":
-        return f"{strategy.baseline} alone, no veto"
+        return "the learner's choice alone, no veto"
     chosen = strategy.choice if policy == "serp" else f"as in training: {strategy.turns}"
     return f"{chosen}, within the vetoes: a vetoed choice is replaced by the planner's"
 

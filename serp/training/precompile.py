@@ -60,16 +60,14 @@ def _precompile_learning(agent: Agent, state: np.ndarray[tuple[int], np.dtype[np
     forecast = arbiter.forecast(state)
     settings = learner.settings.replace(buffer_size=_ROOM, learning_starts=0)
     stand_in = find_learner(settings.name)(
-        learner.input_size, learner.action_count, settings, 0, learner.symmetry, learner.guided
+        learner.input_size, learner.action_count, settings, 0, learner.symmetry, learner.imitates
     )
-    stand_in.margin_weight = strategy.margin_weight
+    stand_in.imitation_weight = strategy.imitation_weight
     x = np.zeros(learner.input_size)
-    guidance = strategy.guidance(forecast, 0, forecast)
-    allowed = strategy.allowed(forecast, arbiter.vetoes.admissible(forecast))
+    imitated, allowed = strategy.imitated(forecast), arbiter.vetoes.admissible(forecast)
     for step in range(_REMEMBERED):
         ended = step == _REMEMBERED - 1
-        stand_in.remember(x, 0, 0.0, x, ended, False, None if ended else allowed, guidance)
+        stand_in.remember(x, 0, 0.0, x, ended, False, None if ended else allowed, imitated)
         stand_in.propose_greedily(x)
-    stand_in.target_q(x)
     if settings.updates_per_step > 0:
         stand_in.pretrain(1)

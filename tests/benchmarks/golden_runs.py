@@ -28,10 +28,7 @@ from safetensors import safe_open
 TASKS = {"cartpole": 1500, "cliff": 1500, "corner-kick": 900, "hill": 1500, "landing": 1500,
          "soccer": 1500, "swing-up": 1500}  # fmt: skip
 POLICIES = ("serp", "planner", "learner", "training")
-ALGORITHMS = (
-    "serp,serp-paper,mrp,dqn,dqn-paper,jump-start,argmax-q,restrict,imitate-then-learn,residual,"
-    "dqfd,sb3-dqn,ppo"
-)
+ALGORITHMS = "serp,serp-paper,mrp,dqn,dqn-paper,sb3-dqn,ppo"
 TIMES = ("time", "seconds", "per_second")
 
 

@@ -1,127 +1,249 @@
-"""What the trained policy is worth beside planner and learner, at several times of a training.
+"""What the trained policy is worth beside planner, learner and other algorithms, as training goes.
 
-    python tests/benchmarks/study_hand_over.py cliff taxi --seeds 0-9 --points 500,1000,2000,5000
-    python tests/benchmarks/study_hand_over.py soccer --seeds 0-4 --set learner.members=3
+    python tests/benchmarks/study_hand_over.py cliff --set learner.members=3 --out runs/cliff.jsonl
+    python tests/benchmarks/study_hand_over.py all variants --algorithms serp,dqn,ppo \\
+        --seeds 0-9 --out runs/all.jsonl
+    python tests/benchmarks/study_hand_over.py --table runs/all.jsonl runs/cliff.jsonl
 
-Every training stops at each number of env steps; the policies `planner`, `serp` and `learner` are
-evaluated on the same episodes, and the training goes on as if they had not been. A row a task and
-time: mean over the seeds with the half width of its 95 % interval (Student's t), in brackets the
-lowest; the mean return of the training so far; env steps per second of processor time of the
-training; milliseconds of a decision of the planner. With `--out` every seed is a JSON line.
+A task is what `--domain` takes: its name, that of a model variant (`cartpole-reversed`), or a file;
+`all` stands for all installed tasks, `variants` for the shipped model variants of them.
+Algorithms are those of `serp compare`. One that uses no model trains on the base task alone, and
+stands in the rows of its variants too.
+
+Every training is evaluated after exactly each number of env steps, on the same episodes, and goes
+on as if it had not been: of `serp` the policies `planner`, `serp` and `learner`; of other
+algorithms the greedy choice of the learner (of `mrp` the planner's). With `--out` every algorithm,
+seed and point is a JSON line; what the file has is not run again, and the table shows it too.
+
+A row of the table is a task and point: means over the seeds ± half the width of the 95 % interval
+(Student's t), in brackets the lowest. *hand-over* is serp − max(planner, learner), *others* serp −
+the best mean of the other algorithms, seed by seed, in per cent of the range from random actions
+to the best evaluation on the task and its variants; bold where its mean is below −5. *training* is
+the mean return of all training episodes so far, *steps/s* env steps per second of processor time of
+the training, *ms* the time of an evaluated step that the planner decides (medians over the seeds).
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import sys
 import time
+import traceback
 import warnings
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-import torch
 
+from serp._util.threads import one_thread
 from serp.cli.options import parse_settings
-from serp.settings import resolve
-from serp.tasks.registry import find_task
-from serp.training.evaluation import evaluate
-from serp.training.policies import Policy
-from serp.training.trainer import Trainer
+from serp.comparison.algorithms import SERP, Algorithm, find_algorithm, merged
+from serp.comparison.trials.arena import Arena
+from serp.comparison.trials.contestant import Contestant, make_contestant
+from serp.comparison.trials.trial import without_forecast
+from serp.control.decision import Decision
+from serp.control.step_record import StepRecord
+from serp.model.transition_model import Vector
+from serp.settings import Changes
+from serp.tasks.registry import find_task, task_entries
+from serp.training.rollout import Decide
+from serp_adapters.domains import domain_file
 
 Row = dict[str, Any]
-SHOWN: tuple[Policy, ...] = ("planner", "serp", "learner")
+ALONE: Final = ("baseline", "external")
+"""Kinds of algorithms without a model; they train on the base task alone."""
+SHORT: Final[Changes] = {"planner": {"name": "lookahead", "depth": 1, "repeat": 1}}
+"""For learners alone: their steps are forecast only to count what is unsafe."""
 
 
-def rows_of(name: str, seed: int, points: list[int], episodes: int, changes: Any) -> list[Row]:
-    """Train on a task with a seed, and evaluate at every point."""
-    torch.set_num_threads(1)
+class Training(NamedTuple):
+    """One training; its JSON lines have the same fields."""
+
+    task: str
+    algorithm: str
+    seed: int
+    changes: str
+    episodes: int
+
+
+def policies(algorithm: Algorithm, contestant: Contestant) -> dict[str, Decide]:
+    """Return the policies to evaluate, by the name of their column."""
+    agent, size = contestant.agent, contestant.agent.task.actions.size
+
+    def planner(state: Vector, x: Vector) -> Decision:
+        return agent.guarded.plan(state)
+
+    def learner(state: Vector, x: Vector) -> Decision:
+        return without_forecast(contestant.greedy(state, x), size)
+
+    if algorithm.name == SERP:
+        return {"planner": planner, SERP: agent.decide_greedily, "learner": learner}
+    own = {"guided": agent.decide_greedily, "planner": planner}
+    return {algorithm.name: own.get(algorithm.kind, learner)}
+
+
+def rows_of(training: Training, points: Sequence[int], budget: int) -> list[Row]:
+    """Train for a number of env steps, and evaluate at every point."""
     warnings.simplefilter("ignore")
-    task = find_task(name)
-    settings = resolve("default", task.settings, changes)
-    with task.bind() as bound, task.bind() as other:
-        trainer = Trainer(bound, settings, seed)
-        trainer.prepare()
-        return list(_rows(trainer, other, name, seed, points, episodes))
+    algorithm, task = find_algorithm(training.algorithm), find_task(training.task)
+    changes: Changes = parse_settings(training.changes.split())
+    changes = merged(changes, SHORT) if algorithm.kind in ALONE else changes
+    settings = algorithm.settings(task, changes)
+    rows: list[Row] = []
+    episodes: list[tuple[int, float, int]] = []
+    env_steps, paused = 0, 0.0
 
+    def evaluate() -> None:
+        nonlocal paused
+        pause = time.process_time()
+        row: Row = {**training._asdict(), "point": env_steps}
+        row |= {"base": bound.name, "alone": algorithm.kind in ALONE}
+        row["steps_per_second"] = env_steps / (pause - begun - paused)
+        row |= {"training": [*episodes], "rho": contestant.agent.strategy.rho}
+        shown = policies(algorithm, contestant)
+        if algorithm.name == SERP and not rows:
+            random, size = np.random.default_rng(training.seed), bound.actions.size
+            shown["random"] = lambda *_: without_forecast(int(random.integers(size)), size)
+        for name, decide in shown.items():
+            start = time.process_time()
+            played = arena.play(
+                decide, training.episodes, policy=name, env_steps=env_steps, trained_in=bound
+            )
+            row[name] = float(np.mean([each.return_ for each in played]))
+            steps = sum(each.length for each in played)
+            row[f"{name}_ms"] = 1e3 * (time.process_time() - start) / steps
+        rows.append(row)
+        paused += time.process_time() - pause
 
-def _rows(
-    trainer: Trainer, other: Any, name: str, seed: int, points: list[int], episodes: int
-) -> Iterator[Row]:
-    spent, returns = 0.0, []
-    for point in points:
-        begun = time.process_time()
-        while trainer.env_steps < point:
-            returns.append(float(trainer.run_episode().return_))
-        spent += time.process_time() - begun
-        saved = trainer.state_dict()
-        row: Row = {"task": name, "seed": seed, "point": point, "env_steps": trainer.env_steps}
-        row |= {"training": float(np.mean(returns)), "steps_per_second": trainer.env_steps / spent}
-        for policy in SHOWN:
+    def on_step(step: StepRecord) -> None:
+        nonlocal env_steps
+        env_steps += 1
+        totals = step.episode
+        if step.last:
+            episodes.append((env_steps, totals.return_, totals.decisions.unsafe_executed))
+        if env_steps in points and (env_steps < budget or algorithm.kind != "external"):
+            evaluate()
+
+    with one_thread(), task.bind() as bound:
+        contestant = make_contestant(algorithm, bound, settings, training.seed)
+        with contextlib.closing(Arena(task, contestant.agent, seed=1_000)) as arena:
             begun = time.process_time()
-            result = evaluate(trainer.agent, other, policy, episodes=episodes, seed=1_000)
-            steps = sum(result.lengths)
-            row[policy] = result.mean
-            row[f"{policy}_ms"] = 1e3 * (time.process_time() - begun) / steps
-        row["rho"] = trainer.agent.strategy.rho
-        trainer.load_state_dict(*saved)
-        yield row
+            contestant.train(budget, on_step)
+            if algorithm.kind == "external" and budget in points:
+                evaluate()  # it has learned from its last steps too
+    return rows
 
 
-def spread(values: list[float]) -> str:
-    """Mean ± half width of its 95 % interval (lowest)."""
+def named(tasks: Iterable[str]) -> list[str]:
+    """Return names of tasks, `all` and `variants` replaced by what they stand for."""
+    own = sorted(task_entries())
+    files = sorted(path.stem for path in domain_file("cartpole").parent.glob("*-*.pddl"))
+    others = [name for name in files if name not in own and not name.endswith("-problem")]
+    groups = {"all": own, "variants": others}
+    return [each for name in tasks for each in groups.get(name, [name])]
+
+
+def mean(values: Sequence[float]) -> float:
+    """Return the mean; −∞ of nothing."""
+    return float(np.mean(values)) if values else -np.inf
+
+
+def cell(values: Sequence[float], lowest: bool = True, digits: int = 4) -> str:
+    """Return mean ± half width of its 95 % interval, and the lowest in brackets."""
     from scipy.stats import t
 
-    mean = float(np.mean(values))
     if len(values) < 2:
-        return f"{mean:.4g}"
-    half = float(t.ppf(0.975, len(values) - 1)) * float(np.std(values, ddof=1)) / len(values) ** 0.5
-    return f"{mean:.4g} ± {half:.2g} ({min(values):.4g})"
+        return f"{values[0]:.{digits}g}" if values else "–"
+    half = t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / len(values) ** 0.5
+    text = f"{mean(values):.{digits}g} ± {half:.2g}"
+    return f"{text} ({min(values):.4g})" if lowest else text
 
 
-def main() -> None:
-    """Print the table."""
+def share(pairs: Iterable[tuple[float, float]], span: float) -> str:
+    """Return the difference of pairs in per cent of a range."""
+    percent = [100.0 * (own - other) / span for own, other in pairs]
+    text = cell(percent, lowest=False, digits=2)
+    return f"**{text}**" if percent and mean(percent) < -5.0 else text
+
+
+def table(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the lines of the Markdown table."""
+    beside = sorted({row["algorithm"] for row in rows} - {SERP})
+    shown = ["planner", SERP, "learner", *beside]
+    heads = ["task", "env steps", "seeds", *shown, "hand-over", "others", "training", "steps/s"]
+    yield "| " + " | ".join([*heads, "ms"]) + " |"
+    yield "|---" * (len(heads) + 1) + "|"
+    names = ("base", "task", "changes", "point")
+    for group in sorted({tuple(row[k] for k in names) for row in rows if SERP in row}):
+        base, task, changes, point = group
+        of_base = [row for row in rows if row["base"] == base]
+        low = mean([row["random"] for row in of_base if "random" in row])
+        span = abs(max(row[k] for row in of_base for k in shown if k in row) - low) or 1.0
+        alike = ({**row, "task": task} if row["alone"] else row for row in rows)
+        here = [row for row in alike if tuple(row[k] for k in names) == group]
+        own = [row for row in here if SERP in row]
+        values = {k: {row["seed"]: row[k] for row in here if k in row} for k in shown}
+        ahead = max((values[k] for k in beside), key=lambda one: mean([*one.values()]), default={})
+        training = [mean([each[1] for each in r["training"]]) for r in own if r["training"]]
+        cells = [f"{task} {changes}".strip(), f"{point:,}", f"{len(own)}"]
+        cells += [cell([*values[k].values()]) for k in shown]
+        cells.append(share([(r[SERP], max(r["planner"], r["learner"])) for r in own], span))
+        cells.append(share([(r[SERP], ahead[r["seed"]]) for r in own if r["seed"] in ahead], span))
+        cells += [cell(training), f"{np.median([row['steps_per_second'] for row in own]):.0f}"]
+        yield "| " + " | ".join([*cells, f"{np.median([r['planner_ms'] for r in own]):.2g}"]) + " |"
+
+
+def asked(options: argparse.Namespace) -> Iterator[Training]:
+    """Yield the trainings of a command, seed by seed; algorithms without a model on base tasks."""
+    first, _, last = options.seeds.partition("-")
+    for seed in range(int(first), int(last or first) + 1):
+        for task in named(options.tasks):
+            for name in options.algorithms.split(","):
+                on = find_task(task).name if find_algorithm(name).kind in ALONE else task
+                yield Training(on or task, name, seed, options.changes, options.episodes)
+
+
+def main() -> int:
+    """Run what is not in the file, and print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("tasks", nargs="+")
+    parser.add_argument("tasks", nargs="*")
+    parser.add_argument("--algorithms", default=SERP)
     parser.add_argument("--seeds", default="0-4", help="first-last")
     parser.add_argument("--points", default="500,1000,2000,5000,10000")
     parser.add_argument("--episodes", type=int, default=50, help="of an evaluation")
     parser.add_argument("--set", action="append", default=[], dest="changes")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--table", type=Path, nargs="+", help="only print the table of these files")
     options = parser.parse_args()
-    first, _, last = options.seeds.partition("-")
-    seeds = range(int(first), int(last or first) + 1)
-    points = [int(point) for point in options.points.split(",")]
-    changes = parse_settings(options.changes)
-    print("| task | env steps | planner | serp | learner | training | steps/s | planner, ms |")
-    print("|---|---|---|---|---|---|---|---|")
-    with ProcessPoolExecutor(options.jobs) as pool:
-        for task in options.tasks:
-            under_way = [
-                pool.submit(rows_of, task, seed, points, options.episodes, changes)
-                for seed in seeds
-            ]
-            rows = [row for job in under_way for row in job.result()]
+    options.changes = " ".join(options.changes)
+    points = sorted({int(point) for point in options.points.split(",")})
+    files = options.table or ([options.out] if options.out and options.out.exists() else [])
+    rows: list[Row] = [json.loads(line) for file in files for line in file.open()]
+    there = {(*(row[k] for k in Training._fields), row["point"]) for row in rows}
+    # New processes now and then, because memory of compiled code is never given back.
+    with ProcessPoolExecutor(options.jobs, get_context("spawn"), max_tasks_per_child=8) as pool:
+        jobs = {}
+        for training in dict.fromkeys([] if options.table else asked(options)):
+            if missing := [point for point in points if (*training, point) not in there]:
+                jobs[pool.submit(rows_of, training, missing, points[-1])] = training
+        for job in as_completed(jobs):
+            if error := job.exception():
+                error.add_note(str(jobs[job]))
+                traceback.print_exception(error)
+                continue
+            rows += job.result()
             if options.out is not None:
                 with options.out.open("a") as file:
-                    file.writelines(json.dumps(row) + "\n" for row in rows)
-            for point in points:
-                here = [row for row in rows if row["point"] == point]
-                cells = [spread([row[policy] for row in here]) for policy in SHOWN]
-                speed, ms = (
-                    float(np.median([row[key] for row in here]))
-                    for key in ("steps_per_second", "planner_ms")
-                )
-                training = spread([row["training"] for row in here])
-                print(
-                    f"| {task} | {point} | {' | '.join(cells)} | {training} | {speed:.0f} "
-                    f"| {ms:.2g} |",
-                    flush=True,
-                )
+                    file.writelines(json.dumps(row) + "\n" for row in job.result())
+    print("\n".join(table(rows)))
+    return int(any(job.exception() for job in jobs))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -9,18 +9,16 @@ import serp
 
 
 class PlannerFirst(serp.Strategy):
-    """The planner acts in the first env steps, the learner afterwards.
+    """The planner acts until the learner begins to learn.
 
     Args:
         settings: All settings.
         seed: Seed of its draws; it draws nothing.
     """
 
-    reads = ("guide.imitation_steps",)  # the settings of its own
-
     def __init__(self, settings: serp.Settings, seed: Any) -> None:
         super().__init__(settings, seed)
-        self._left = settings.guide.imitation_steps
+        self._left = settings.learner.learning_starts
 
     def propose(self, situation: Any, learner: Any) -> Any:
         """Return the learner's proposal, or None where it is the planner's turn."""

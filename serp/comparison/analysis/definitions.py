@@ -15,7 +15,7 @@ class Measure(NamedTuple):
         meaning: Its definition, in a sentence or two.
         unit: `return`, `env steps`, `episodes`, `steps`, `seconds`, `share` or `count`.
         better: Which way is better; None where neither is.
-        table: The table of the report that has it: `returns`, `times`, `safety` or `cost`.
+        table: The table of the report that has it: `returns`, `lead`, `times`, `safety` or `cost`.
         compared: Whether the report has the differences between algorithms.
     """
 
@@ -24,7 +24,7 @@ class Measure(NamedTuple):
     meaning: str
     unit: str
     better: Literal["higher", "lower"] | None
-    table: Literal["returns", "times", "safety", "cost"]
+    table: Literal["returns", "lead", "times", "safety", "cost"]
     compared: bool = False
 
     @property
@@ -67,15 +67,25 @@ MEASURES: Final = (
             "Share of the evaluations after that one that reach the threshold, too.",
             "share", "higher", "times"),
     Measure("final_learner", "final learner alone",
-            "Mean return of the learner alone (greedy, no planner, no veto) at the end of "
-            "training. `residual` keeps the planner's values, which are a part of its Q.",
+            "Mean return of the learner alone (greedy, no planner, no veto) after training.",
             "return", "higher", "returns", True),
     Measure("final_vetoed", "final policy within the vetoes",
-            "The same within the vetoes: the planner's action replaces a refused proposal.",
+            "Mean return of the trained policy after training: the choice of the strategy, of the "
+            "learner where there is none; the planner's action replaces a refused proposal.",
             "return", "higher", "returns"),
     Measure("planner", "planner alone",
             "Mean return of the planner alone, evaluated at the end of training.",
             "return", "higher", "returns"),
+    Measure("rho", "ρ",
+            "Probability after training that the learner leads an episode (`evidence`: that its "
+            "lead is worth more, by the returns) or makes a proposal (`mixture`).",
+            "share", None, "lead"),
+    Measure("planner_led", "an episode that the planner leads",
+            "What it is worth by the evidence of the training.",
+            "return", "higher", "lead"),
+    Measure("learner_led", "an episode that the learner leads",
+            "What it is worth by the evidence of the training.",
+            "return", "higher", "lead"),
     Measure("episodes", "episodes",
             "Complete training episodes.",
             "episodes", None, "cost"),

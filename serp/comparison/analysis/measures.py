@@ -42,6 +42,7 @@ def measure(record: Record, env_steps: int, threshold: float | None) -> dict[str
         "final_learner": _final(record, "learner", "return"),
         "final_vetoed": _final(record, "vetoed", "return"),
         "planner": _final(record, "planner", "return"),
+        **_lead(record),
         "episodes": float(len(returns)),
         "terminated": float(episodes["terminated"].sum()),
         "unsafe": float(episodes["unsafe"].sum()),
@@ -104,6 +105,15 @@ def _learner_threshold(
         steps = float(points.env_steps[first]) if good.any() else NEVER
         held = _mean(good[first + 1 :].astype(np.float64)) if good.any() else np.nan
     return {"learner_threshold_env_steps": steps, "learner_threshold_held": held}
+
+
+def _lead(record: Record) -> dict[str, float]:
+    """Return who leads after training, and the evidence for it."""
+    lead = record.metadata.get("lead") or {}
+    evidence = lead.get("evidence") or {}
+    worth = {f"{who}_led": evidence.get(who) or {} for who in ("planner", "learner")}
+    values = {name: float(each.get("mean", np.nan)) for name, each in worth.items()}
+    return {"rho": float(lead.get("rho", np.nan)), **values}
 
 
 def _final(record: Record, policy: str, column: str) -> float:

@@ -31,6 +31,7 @@ def overview(results: Results) -> tuple[list[str], list[list[str]]]:
             results.estimate(a, "training_area")
         ),
         "final learner alone": lambda a: estimate_text(results.estimate(a, "final_learner")),
+        "final policy": lambda a: estimate_text(results.estimate(a, "final_vetoed")),
         "env steps to the threshold": lambda a: times_text(results.times(a, "threshold_env_steps")),
         "unsafe executed, all seeds": lambda a: number(float(results.values(a, "unsafe").sum())),
     }
@@ -48,13 +49,15 @@ def overview_table(results: Results) -> str:
 def values_table(results: Results, name: str) -> str:
     """Return the measures of a table: interquartile mean with its interval, mean ± deviation.
 
-    Measures that no algorithm has are left out.
+    Measures that no algorithm has are left out; the text is empty if none is left.
     """
     shown = [
         measure for measure in results.table
         if measure.table == name
         and any(len(results.known(algorithm, measure.name)) for algorithm in results.algorithms)
     ]  # fmt: skip
+    if not shown:
+        return ""
     rows = []
     for algorithm in results.algorithms:
         values = [results.known(algorithm, measure.name) for measure in shown]

@@ -72,10 +72,7 @@ class _Own:
             self._trainer.run_episode()
 
     def greedy(self, state: Vector, x: Vector) -> int:
-        strategy, base = self.agent.strategy, None
-        if strategy.guided is not None and strategy.guided.residual:
-            base = strategy.base(self.agent.guarded.forecast(state))
-        return self.agent.learner.propose_greedily(x, base).action
+        return self.agent.learner.propose_greedily(x).action
 
     def vetoed(self, state: Vector, x: Vector) -> Decision:
         return self.agent.guarded.decide_greedily(state, self.agent.proposer(x))

@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -42,12 +43,22 @@ class _Spent(BaseException):
 
 @dataclass(frozen=True)
 class Measured:
-    """The results of a trial: the log of its training, and the episodes of all evaluations."""
+    """The results of a trial.
+
+    Attributes:
+        log: The log of its training.
+        evaluations: The episodes of all evaluations.
+        characteristics: Name → text.
+        seconds: `training` and `evaluation` → their wall time.
+        lead: JSON values on who leads after training: `rho`, and the `evidence` of the strategy, if
+            it goes by any; None for algorithms without planner or learner.
+    """
 
     log: Log
     evaluations: list[EvaluationRow]
     characteristics: dict[str, str]
     seconds: dict[str, float]
+    lead: dict[str, Any] | None
 
 
 def unit_of(task: Task) -> str:
@@ -104,7 +115,15 @@ class _Trial:
             self._arena.close()
         log = self._log
         seconds = {"training": log.seconds, "evaluation": log.pauses}
-        return Measured(log, self._evaluations, dict(self._contestant.characteristics), seconds)
+        characteristics = dict(self._contestant.characteristics)
+        return Measured(log, self._evaluations, characteristics, seconds, self._lead())
+
+    def _lead(self) -> dict[str, Any] | None:
+        if self._algorithm.kind != "guided":
+            return None
+        strategy = self._contestant.agent.strategy
+        evidence = strategy.evidence
+        return {"rho": strategy.rho, "evidence": None if evidence is None else evidence.as_dict()}
 
     def _train(self) -> None:
         budget = self._protocol.env_steps
@@ -157,7 +176,7 @@ class _Trial:
 
     def _greedy(self, state: Vector, x: Vector) -> Decision:
         """Decide by the learner, without a forecast, which would take most of the time."""
-        return _not_forecast(self._contestant.greedy(state, x), self._bound.actions.size)
+        return without_forecast(self._contestant.greedy(state, x), self._bound.actions.size)
 
     def _greedy_forecast(self, state: Vector, x: Vector) -> Decision:
         """Decide by the learner, with a forecast."""
@@ -168,7 +187,7 @@ class _Trial:
         return self._guarded.plan(state)
 
 
-def _not_forecast(action: int, size: int) -> Decision:
+def without_forecast(action: int, size: int) -> Decision:
     """Return the decision for a choice of the learner without a forecast."""
     forecast = ActionForecast(
         choice=-1,

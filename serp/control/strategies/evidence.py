@@ -15,7 +15,6 @@ from serp.control.lead_evidence import LeadEvidence, Worth
 from serp.control.protocols import Proposer
 from serp.control.strategies.strategy import Seed, Situation, Strategy
 from serp.learning.dqn import Proposal
-from serp.learning.guidance import Guidance, GuidedLearning
 from serp.planning.action_map import ActionForecast
 from serp.settings import Settings
 
@@ -77,7 +76,7 @@ class Evidence(Strategy):
     is the lead that is more probably the better one.
     """
 
-    guided = GuidedLearning(margin=1.0, margin_weight=1.0, relative=True, q_filter=False)
+    imitates = True
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         super().__init__(settings, seed)
@@ -94,16 +93,13 @@ class Evidence(Strategy):
         return self._rho
 
     @property
-    def margin_weight(self) -> float:
+    def imitation_weight(self) -> float:
         """The weight of imitation: the probability that the planner is the better one."""
         return 1.0 - self._rho
 
-    def guidance(
-        self, forecast: ActionForecast, action: int, following: ActionForecast | None
-    ) -> Guidance:
+    def imitated(self, forecast: ActionForecast) -> int:
         """Return the planner's choice, to be imitated where it leads and has a reason."""
-        said = -1 if self._leads or forecast.indifferent else forecast.choice
-        return Guidance(said, 0.0, -1, np.zeros(len(forecast.value), np.float32))
+        return -1 if self._leads or forecast.indifferent else forecast.choice
 
     @property
     def evidence(self) -> LeadEvidence:

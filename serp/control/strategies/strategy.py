@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from serp.control.lead_evidence import LeadEvidence
-from serp.control.protocols import Mask, Proposer, Values
+from serp.control.protocols import Mask, Proposer
 from serp.learning.dqn import Proposal
 from serp.planning.action_map import ActionForecast
 
 if TYPE_CHECKING:
-    from serp.learning.guidance import Guidance, GuidedLearning
     from serp.settings import Settings
 
 
@@ -44,12 +43,13 @@ class Strategy:
         seed: Seed of random draws.
 
     Attributes:
-        reads: Settings that only this strategy reads, such as `guide.margin`.
-        guided: How the learner uses the planner's guidance; None for not at all.
+        reads: Settings that only this strategy reads, such as `arbiter.rho_max`.
+        imitates: Whether the learner imitates the planner: the action `imitated`, with the weight
+            `imitation_weight`.
     """
 
     reads: ClassVar[tuple[str, ...]] = ()
-    guided: GuidedLearning | None = None
+    imitates: ClassVar[bool] = False
 
     def __init__(self, settings: Settings, seed: Seed = 0) -> None:
         self._settings = settings
@@ -65,11 +65,6 @@ class Strategy:
         return "the learner's choice"
 
     @property
-    def baseline(self) -> str:
-        """In words: what `propose_baseline` returns."""
-        return "the learner's choice"
-
-    @property
     def turns(self) -> str:
         """In words: what `propose` returns now, without exploration."""
         return self.choice
@@ -80,9 +75,9 @@ class Strategy:
         return None
 
     @property
-    def margin_weight(self) -> float:
+    def imitation_weight(self) -> float:
         """Weight of the learner's imitation loss in the next updates."""
-        return 0.0 if self.guided is None else self.guided.margin_weight
+        return 0.0
 
     def propose(self, situation: Situation, learner: Proposer) -> Proposal | None:
         """Return the learner's proposal, or None if it is the planner's turn."""
@@ -92,10 +87,6 @@ class Strategy:
         """Return the trained policy's proposal, without exploration or random draws."""
         return learner.propose_greedily()
 
-    def propose_baseline(self, situation: Situation, learner: Proposer) -> Proposal:
-        """Return the learner's greedy choice, for execution without planner and veto."""
-        return learner.propose_greedily(base=self.base(situation.forecast))
-
     def forked(self, seed: np.random.SeedSequence) -> Strategy:
         """Return an independent copy for the beginning of an episode.
 
@@ -104,25 +95,9 @@ class Strategy:
         """
         return copy.copy(self)
 
-    def base(self, forecast: ActionForecast) -> Values | None:
-        """Return `[E]` values that are added to the network's output; None for zeros."""
-        return None
-
-    def allowed(self, forecast: ActionForecast, admissible: Mask) -> Mask:
-        """Return `[E]` the actions over which the value of a state is maximised."""
-        return admissible
-
-    def guidance(
-        self, forecast: ActionForecast, action: int, following: ActionForecast | None
-    ) -> Guidance | None:
-        """Return the planner's guidance for an env step; None if the learner uses none.
-
-        Args:
-            forecast: Forecast for the state before the step.
-            action: The executed environment action.
-            following: Forecast for the next state; None if the episode ended there.
-        """
-        return None
+    def imitated(self, forecast: ActionForecast) -> int:
+        """Return the planner's action that the learner is to imitate in a state; -1: none."""
+        return -1
 
     def end_unit(self, unit: str) -> None:
         """Handle the end of a unit: `step`, `episode` or a counter of the environment."""

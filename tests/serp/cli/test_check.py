@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from serp.errors import MissingExtra
-from tests.serp.cli.conftest import QUICK, WALK, WALK_PROBLEM, Run
+from tests.serp.cli.conftest import WALK, WALK_PROBLEM, Run
 
 DOMAINS = Path(__file__).resolve().parents[3] / "domains"
 MISSPELT = WALK.replace("(increase (walked) 1)", "(increase (walkd) 1)")
@@ -163,13 +163,3 @@ def test_the_option_that_the_message_names_raises_the_limit(run: Run, walk: Path
     for command in (["check", "cartpole"], ["plan", *asked], ["plan-and-learn", *asked]):
         refused = run(*command, "--max-ground-schemas", "2", expect=1)
         assert "more than 2 ground actions" in refused.stderr
-
-
-def test_the_limit_of_a_file_can_be_raised_for_a_training(
-    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("serp.model.loading.MAX_GROUND_SCHEMAS", 2)
-    Path("cartpole.pddl").write_text((DOMAINS / "cartpole.pddl").read_text())
-    train = ("plan-and-learn", "--domain=cartpole.pddl", "--env-steps=1", "--quiet", *QUICK)
-    assert "more than 2 ground actions" in run(*train, expect=1).stderr
-    run(*train, "--max-ground-schemas=99")

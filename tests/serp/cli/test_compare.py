@@ -144,21 +144,6 @@ def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
     assert list(Path().iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--domain=cartpol"], "did you mean `cartpole`?"),
-        (["--domain=cartpole", "--algorithms=srep"], "no algorithm `srep`; did you mean `serp`"),
-        (["--domain=cartpole", "--set=planer.depth=3"], "did you mean `planner`?"),
-        (["--domain=cartpole", "--model-variants=nosuch-*.pddl"], "nosuch-*.pddl"),
-        (["--domain=cartpole", "--max-ground-schemas=2"], "more than 2 ground actions"),
-    ],
-)
-def test_mistakes_leave_nothing_behind(arguments: list[str], message: str, run: Run) -> None:
-    assert message in run("compare", *arguments, expect=1).stderr
-    assert list(Path().iterdir()) == []
-
-
 def test_an_extra_that_is_missing_is_named(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     import importlib.util
     import sys

@@ -90,19 +90,6 @@ def test_usage_errors(arguments: list[str], message: str, run: Run) -> None:
     assert message in run("plan-and-learn", *arguments, expect=2).stderr
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--domain=cartpol"], "did you mean `cartpole`?"),
-        (["--domain=cartpole", "--set=planner.depth=deep"], "planner.depth must be a whole number"),
-        (["--resume=nosuch"], "no such folder"),
-    ],
-)
-def test_mistakes_leave_nothing_behind(arguments: list[str], message: str, run: Run) -> None:
-    assert message in run("plan-and-learn", *arguments, expect=1).stderr
-    assert list(Path().iterdir()) == []
-
-
 def fail() -> None:
     raise EnvironmentFailure("the cable came loose")
 

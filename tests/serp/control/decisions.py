@@ -12,7 +12,7 @@ import numpy as np
 from serp._util.numbers import best_of
 from serp.control.arbiter import Arbiter
 from serp.control.proposers import LearnerProposer
-from serp.control.protocols import Mask, Values
+from serp.control.protocols import Mask
 from serp.control.registry import find_strategy
 from serp.learning.dqn import Proposal
 from serp.model.flags import APPLICABLE, UNDEFINED, UNSAFE, risk_of
@@ -57,27 +57,22 @@ class Wild:
         self.explorable: Mask | None = None
         self.asked = False
 
-    def propose(self, x: Vector, explorable: Mask | None, base: Values | None = None) -> Proposal:
+    def propose(self, x: Vector, explorable: Mask | None) -> Proposal:
         self.explorable, self.asked = explorable, True
         if self.random.random() < 0.5:
-            return self.propose_greedily(x, base)
+            return self.propose_greedily(x)
         allowed = np.arange(self.actions)
         if explorable is not None and explorable.any():
             allowed = np.flatnonzero(explorable)
         return Proposal(int(self.random.choice(allowed)), True, None)
 
-    def propose_greedily(self, x: Vector, base: Values | None = None) -> Proposal:
-        q = self.target_q(x)
-        if base is not None:
-            q = (q + base).astype(np.float32)
-        return Proposal(best_of(q), False, q)
-
-    def target_q(self, x: Vector) -> Values:
+    def propose_greedily(self, x: Vector) -> Proposal:
         wild = self.random.choice([math.inf, -math.inf, math.nan, -1e39], self.actions)
         values = np.where(
             self.random.random(self.actions) < 0.2, wild, self.random.normal(size=self.actions)
         )
-        return values.astype(np.float32)
+        q = values.astype(np.float32)
+        return Proposal(best_of(q), False, q)
 
 
 @dataclass(frozen=True)
@@ -172,7 +167,7 @@ def arbiter_of(actions: ActionMap, random: Random, strategy: str = "mixture") ->
             repeat=random.choice((1, 1, 2)),
             accepted_risk=random.choice((0.0, 0.02, 0.3)),
         ),
-        guide=GuideSettings(strategy=strategy, imitation_steps=2),
+        guide=GuideSettings(strategy=strategy),
     )
     planner = Lookahead(actions.model, settings.planner)
     strategies = find_strategy(strategy)(settings, random.randrange(10**6))

@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from serp.control.protocols import Mask, Values
+from serp.control.protocols import Mask
 from serp.control.strategies.strategy import Situation, Strategy
 from serp.learning.dqn import Proposal
-from serp.learning.guidance import Guidance
 from serp.model.flags import APPLICABLE
 from serp.planning.action_map import ActionForecast
 from serp.planning.forecast import SAFE
 from serp.planning.limits import Bound
-from serp.settings import Settings
 
 
 def forecast(values: Sequence[float]) -> ActionForecast:
@@ -48,54 +46,24 @@ class Known:
     """A learner whose values are given; it explores where an action to be explored is given.
 
     Attributes:
-        explorable, among: What it was last asked with.
+        explorable: What it was last asked with.
     """
 
-    def __init__(
-        self,
-        q: Sequence[float],
-        target: Sequence[float] | None = None,
-        explored: int | None = None,
-    ) -> None:
+    def __init__(self, q: Sequence[float], explored: int | None = None) -> None:
         self.q = np.array(q, dtype=np.float32)
-        self.target = self.q if target is None else np.array(target, dtype=np.float32)
         self.explored = explored
         self.explorable: Mask | None = None
-        self.among: Mask | None = None
 
-    def propose(
-        self, explorable: Mask | None, *, among: Mask | None = None, base: Values | None = None
-    ) -> Proposal:
+    def propose(self, explorable: Mask | None) -> Proposal:
         self.explorable = explorable
         if self.explored is not None:
             return Proposal(self.explored, True, None)
-        return self.propose_greedily(among=among, base=base)
+        return self.propose_greedily()
 
-    def propose_greedily(
-        self, *, among: Mask | None = None, base: Values | None = None
-    ) -> Proposal:
-        self.among = among
-        q = self.q if base is None else (self.q + base).astype(np.float32)
-        choice = q if among is None or not among.any() else np.where(among, q, -np.inf)
-        return Proposal(int(choice.argmax()), False, q)
-
-    def target_q(self) -> Values:
-        return self.target
+    def propose_greedily(self) -> Proposal:
+        return Proposal(int(self.q.argmax()), False, self.q)
 
 
 def learner_acts(strategy: Strategy) -> bool:
     """Whether the learner is asked next, all else equal."""
     return strategy.propose(situation([1.0, 0.0]), Known([0.0, 1.0])) is not None
-
-
-def told(strategy: Strategy, action: int, *values: Sequence[float]) -> Guidance:
-    """What the learner is told after an action, of one state or two; the second is the next."""
-    ahead = forecast(values[1]) if len(values) > 1 else None
-    said = strategy.guidance(forecast(values[0]), action, ahead)
-    assert said is not None
-    return said
-
-
-def guide(**values: object) -> Settings:
-    """Settings with these of section `guide`."""
-    return Settings().replace({"guide": values})

@@ -104,7 +104,7 @@ def test_nothing_unsafe_is_executed_while_there_is_an_alternative() -> None:
 
 @pytest.mark.parametrize(
     ("name", "steps", "strategy"),
-    [("lava", 500, "mixture"), ("lava", 300, "restrict"), ("cliff", 500, "mixture")],
+    [("lava", 500, "mixture"), ("lava", 300, "evidence"), ("cliff", 500, "mixture")],
 )
 def test_every_decision_of_a_training_is_judged_again_by_the_file_as_written(
     name: str, steps: int, strategy: str

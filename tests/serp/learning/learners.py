@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from serp.learning.dqn import DQN
-from serp.learning.guidance import Guidance, GuidedLearning
 from serp.learning.symmetry_group import Element, SymmetryGroup
 from serp.settings import LearnerSettings
 
@@ -17,15 +16,6 @@ TARGETS: dict[str, dict[str, Any]] = {
     "none": {"target_period": None},
     "copy": {"target_period": 7},
     "polyak": {"target_period": None, "target_polyak": 0.05},
-}
-GUIDES: dict[str, GuidedLearning | None] = {
-    "none": None,
-    "imitation": GuidedLearning(margin_weight=0.7),
-    "imitation without filter": GuidedLearning(margin_weight=0.7, q_filter=False),
-    "bootstrap": GuidedLearning(bootstrap_guide=True),
-    "both": GuidedLearning(margin_weight=0.7, margin=0.3, bootstrap_guide=True),
-    "residual": GuidedLearning(residual=True),
-    "residual and bootstrap": GuidedLearning(residual=True, bootstrap_guide=True),
 }
 MIRROR = Element((1, 0, 2, 3), (1.0, 1.0, -1.0, 1.0), (2, 1, 0))
 TURN = Element((1, 2, 0, 3), (1.0,) * F, (1, 2, 0))
@@ -38,7 +28,7 @@ GROUPS = {
 
 def learner(
     seed: int | np.random.SeedSequence = 0,
-    guided: GuidedLearning | None = None,
+    imitates: bool = False,
     group: SymmetryGroup | None = None,
     **settings: Any,
 ) -> DQN:
@@ -46,29 +36,28 @@ def learner(
         "hidden": (8, 8), "batch_size": 8, "buffer_size": 64, "learning_starts": 1,
         "symmetry": group is not None,
     }  # fmt: skip
-    return DQN(F, A, LearnerSettings(**{**small, **settings}), seed, group, guided)
+    made = DQN(F, A, LearnerSettings(**{**small, **settings}), seed, group, imitates)
+    made.imitation_weight = 0.7
+    return made
 
 
 def live(
     agent: DQN, rng: np.random.Generator, steps: int, image: Element | None = None
 ) -> list[Any]:
-    """Take random env steps with random guidance, or their images; return what the learner said."""
+    """Take random env steps with random advice, or their images; return what the learner said."""
     image = image or Element.identity(F, A)
     said: list[Any] = []
     for _ in range(steps):
         x, next_x = (image.of_input(row.astype(np.float32)) for row in rng.standard_normal((2, F)))
-        base, next_base = (image.of_actions(row) for row in rng.standard_normal((2, A)))
-        proposal = agent.propose(x, image.of_actions(rng.random(A) < 0.5), base)
+        proposal = agent.propose(x, image.of_actions(rng.random(A) < 0.5))
         said.append((proposal.action, proposal.exploratory, agent.epsilon))
-        said.append(agent.target_q(x, base).tolist())
-        action, guide_action, guide_next = (
-            image.actions[a] if a >= 0 else a
-            for a in (int(rng.integers(A)), *map(int, rng.integers(-1, A, 2)))
-        )
+        said.append(agent.q_values(x).tolist())
+        action = image.actions[int(rng.integers(A))]
+        imitated = int(rng.integers(-1, A)) if agent.imitates else -1
+        imitated = image.actions[imitated] if imitated >= 0 else -1
         end = rng.random(2) < 0.1
-        guidance = Guidance(guide_action, float(base[action]), guide_next, next_base)
         reward, allowed = float(rng.standard_normal()), image.of_actions(rng.random(A) < 0.7)
-        agent.remember(x, action, reward, next_x, bool(end[0]), bool(end[1]), allowed, guidance)
+        agent.remember(x, action, reward, next_x, bool(end[0]), bool(end[1]), allowed, imitated)
         said.append(agent.learn())
     return said
 

@@ -12,11 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from serp.errors import RunError
-from serp.learning.guidance import Guidance, GuidedLearning
 from serp.learning.symmetry_group import SymmetryGroup
 from tests.serp.learning.learners import (
     GROUPS,
-    GUIDES,
     TARGETS,
     A,
     F,
@@ -112,23 +110,6 @@ def test_an_input_of_another_shape_is_refused(shape: tuple[int, ...]) -> None:
         agent.propose(np.zeros((2, F), np.float32))  # one choice is made for one input
 
 
-def test_a_residual_learner_starts_as_its_guide() -> None:
-    agent = learner(guided=GUIDES["residual"], members=2, **GREEDY)
-    x = np.random.default_rng(0).standard_normal((5, F))
-    base = np.random.default_rng(1).standard_normal((5, A)).astype(np.float32)
-    np.testing.assert_array_equal(agent.q_values(x, base), base)
-    np.testing.assert_array_equal(agent.target_q(x, base), base)
-    for row, values in zip(x, base, strict=True):
-        proposal = agent.propose(row, None, values)
-        assert proposal.q is not None
-        np.testing.assert_array_equal(proposal.q, values)
-        assert proposal.action == values.argmax()
-    np.testing.assert_array_equal(agent.q_values(x, base[0]), np.repeat(base[:1], 5, 0))
-    for wrong in (np.zeros(A + 1), np.zeros((2, A))):
-        with pytest.raises(ValueError, match="guide's values must have shape"):
-            agent.q_values(x, wrong)
-
-
 # --- when it learns ------------------------------------------------------------------------------
 
 
@@ -156,70 +137,47 @@ def test_learning_and_pretraining_start_when_the_settings_say() -> None:
 # --- symmetry ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("guide", ["none", "both", "residual"])
+@pytest.mark.parametrize("imitates", [False, True])
 @pytest.mark.parametrize("name", GROUPS)
-def test_q_of_a_mirror_image_is_the_mirror_image_of_q(name: str, guide: str) -> None:
+def test_q_of_a_mirror_image_is_the_mirror_image_of_q(name: str, imitates: bool) -> None:
     group = GROUPS[name]
-    agent = learner(guided=GUIDES[guide], group=group, members=2)
+    agent = learner(imitates=imitates, group=group, members=2)
     live(agent, np.random.default_rng(0), 40)
     x = np.random.default_rng(1).standard_normal((20, F)).astype(np.float32)
-    base = np.random.default_rng(2).standard_normal((20, A))
     for element in group.elements[: group.averaged]:
-        for q in (agent.q_values, agent.target_q):
-            np.testing.assert_allclose(
-                q(element.of_input(x), element.of_actions(base)),
-                element.of_actions(q(x, base)),
-                atol=1e-5,
-            )
+        np.testing.assert_allclose(
+            agent.q_values(element.of_input(x)), element.of_actions(agent.q_values(x)), atol=1e-5
+        )
 
 
 # --- what changes nothing ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("group", "changes", "guided"),
+    ("group", "changes"),
     [
-        (GROUPS["mirror"], {"symmetry": False}, None),
-        (SymmetryGroup(F, A), {}, None),
-        (None, {"symmetry": True}, None),
-        (None, {}, GuidedLearning()),
+        (GROUPS["mirror"], {"symmetry": False}),
+        (SymmetryGroup(F, A), {}),
+        (None, {"symmetry": True}),
     ],
 )
 def test_what_is_not_in_use_changes_no_bit(
-    group: SymmetryGroup | None, changes: dict[str, Any], guided: GuidedLearning | None
+    group: SymmetryGroup | None, changes: dict[str, Any]
 ) -> None:
-    agent, plain = learner(0, guided, group, **changes), learner()
+    agent, plain = learner(0, group=group, **changes), learner()
     said = [live(one, np.random.default_rng(0), 60) for one in (agent, plain)]
     assert said[0] == said[1]
-    assert agent.symmetry is None and agent.guided is None
+    assert agent.symmetry is None
     assert_same_state(agent, plain)
 
 
-def test_guidance_is_needed_where_something_is_learned_from_it() -> None:
-    learner(guided=GuidedLearning()).remember(HERE, 0, 0.0, HERE, False, False)
-    with pytest.raises(ValueError, match="needs guidance for every step"):
-        learner(guided=GUIDES["bootstrap"]).remember(HERE, 0, 0.0, HERE, False, False)
-    with pytest.raises(ValueError, match="margin_weight must be 0"):
-        GuidedLearning(residual=True, margin_weight=0.5)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"action": A}, "cannot be"),
-        ({"next_action": -2}, "cannot be"),
-        ({"value": float("nan")}, "finite"),
-        ({"next_values": np.array([0.0, np.inf, 0.0])}, "finite"),
-        ({"next_values": np.zeros(A + 1)}, "cannot be"),
-    ],
-)
-def test_guidance_that_does_not_fit_is_refused_and_changes_nothing(
-    wrong: dict[str, Any], message: str
+@pytest.mark.parametrize(("imitates", "action"), [(False, 0), (True, A), (True, -2)])
+def test_an_action_that_cannot_be_imitated_is_refused_and_changes_nothing(
+    imitates: bool, action: int
 ) -> None:
-    agent, same = learner(guided=GUIDES["both"]), learner(guided=GUIDES["both"])
-    guidance = Guidance(0, 0.0, 0, np.zeros(A))._replace(**wrong)
-    with pytest.raises(ValueError, match=message):
-        agent.remember(HERE, 0, 0.0, HERE, False, False, guidance=guidance)
+    agent, same = learner(imitates=imitates), learner(imitates=imitates)
+    with pytest.raises(ValueError, match="can be imitated"):
+        agent.remember(HERE, 0, 0.0, HERE, False, False, imitated=action)
     assert_same_state(agent, same)
 
 
@@ -241,7 +199,7 @@ def test_equal_seeds_give_equal_bits_and_leave_the_sequence_alone() -> None:
 VARIANTS = st.fixed_dictionaries(
     {
         "target": st.sampled_from(sorted(TARGETS)),
-        "guide": st.sampled_from(sorted(GUIDES)),
+        "imitates": st.booleans(),
         "group": st.none() | st.sampled_from(sorted(GROUPS)),
         "hidden": st.sampled_from([(), (8,), (8, 5)]),
         "layer_norm": st.booleans(),
@@ -267,12 +225,12 @@ VARIANTS = st.fixed_dictionaries(
 def test_resume_equals_uninterrupted(
     variant: dict[str, Any], before: int, after: int, seed: int
 ) -> None:
-    target, guide, group = (variant.pop(name) for name in ("target", "guide", "group"))
+    target, group = variant.pop("target"), variant.pop("group")
     variant |= TARGETS[target] | {
         "epsilon_steps": 50, "buffer_size": 40,
     }  # fmt: skip
     one, other = (
-        learner(start, GUIDES[guide], GROUPS[group] if group else None, **variant)
+        learner(start, group=GROUPS[group] if group else None, **variant)
         for start in (seed, seed + 1)
     )
     world = np.random.default_rng(seed)
@@ -295,7 +253,7 @@ def test_resume_equals_uninterrupted(
         ({"target_period": None}, "target network"),
         ({"buffer_size": 32}, "buffer_size"),
         ({"n_step": 2}, "n_step"),
-        ({"guided": GUIDES["both"]}, "without a guide"),
+        ({"imitates": True}, "without a planner to imitate"),
     ],
 )
 def test_a_state_of_other_settings_is_refused_and_changes_nothing(
@@ -316,24 +274,24 @@ def test_a_state_of_other_settings_is_refused_and_changes_nothing(
         (lambda a, m: a.update({"replay.reward": a["replay.reward"][:-1]}), "reward has shape"),
         (lambda a, m: a["replay.action"].fill(A), "action has entries"),
         (lambda a, m: a["replay.forbidden"].fill(True), "forbids all actions"),
-        (lambda a, m: a["replay.guide_action"].fill(A), "guide_action has entries"),
-        (lambda a, m: a["replay.guide_next_action"].fill(-2), "guide_next_action has entries"),
-        (lambda a, m: a.pop("replay.guide_value"), "guide_value is missing"),
-        (lambda a, m: m["replay"]["pending_guide"].pop(), "pending_guide"),
-        (lambda a, m: m["replay"].update(pending_guide=[[A, 0.0]] * 2), "pending_guide"),
+        (lambda a, m: a["replay.imitated"].fill(A), "imitated has entries"),
+        (lambda a, m: a["replay.imitated"].fill(-2), "imitated has entries"),
+        (lambda a, m: a.pop("replay.imitated"), "imitated is missing"),
+        (lambda a, m: m["replay"]["pending_imitated"].pop(), "pending_imitated"),
+        (lambda a, m: m["replay"].update(pending_imitated=[A] * 2), "pending_imitated"),
         (lambda a, m: m["replay"].update(head=3), "the head is 3"),
         (lambda a, m: m["replay"].update(head=99), "head"),
     ],
 )  # fmt: skip
 def test_a_broken_state_is_refused_and_changes_nothing(spoil: Any, message: str) -> None:
-    source, rng = learner(guided=GUIDES["both"]), np.random.default_rng(1)
+    source, rng = learner(imitates=True), np.random.default_rng(1)
     live(source, rng, 20)
-    while len(source.state_dict()[1]["replay"]["pending_guide"]) < 2:
+    while len(source.state_dict()[1]["replay"]["pending_imitated"]) < 2:
         live(source, rng, 1)
     arrays, meta = source.state_dict()
     meta = json.loads(json.dumps(meta))
     spoil(arrays, meta)
-    agent, same = learner(1, GUIDES["both"]), learner(1, GUIDES["both"])
+    agent, same = learner(1, imitates=True), learner(1, imitates=True)
     with pytest.raises(RunError, match=message):
         agent.load_state_dict(arrays, meta)
     assert_same_state(agent, same)

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from serp.learning.guidance import Guidance
 from serp.learning.replay import ReplayBuffer
 from serp.learning.samples import Samples, SampleSpec
 from serp.learning.symmetry_group import SymmetryGroup
@@ -33,9 +32,8 @@ class Step:
     allowed: tuple[bool, ...] | None = None
 
     @property
-    def guidance(self) -> Guidance:
-        i = self.number
-        return Guidance(i % 4 - 1, i / 2, i % 3 - 1, np.full(A, i))
+    def imitated(self) -> int:
+        return self.number % 4 - 1
 
 
 def feed(buffer: ReplayBuffer, steps: list[Step]) -> None:
@@ -48,7 +46,7 @@ def feed(buffer: ReplayBuffer, steps: list[Step]) -> None:
             step.terminated,
             step.truncated,
             None if step.allowed is None else np.array(step.allowed),
-            step.guidance,
+            step.imitated,
         )
 
 
@@ -67,7 +65,7 @@ def streams(draw: st.DrawFn) -> list[Step]:
 
 
 def buffer(
-    spec: SampleSpec = SampleSpec(F, A, guided=True),  # noqa: B008
+    spec: SampleSpec = SampleSpec(F, A, imitates=True),  # noqa: B008
     group: SymmetryGroup | None = None,
     **changes: Any,
 ) -> ReplayBuffer:
@@ -99,7 +97,6 @@ def expected_samples(steps: list[Step], n: int) -> list[tuple[Any, ...]]:
             last = window[-1]
             reward = sum(DISCOUNT**k * s.reward for k, s in enumerate(window))
             forbidden = [not allowed for allowed in (last.allowed or (True,) * A)]
-            own, after = step.guidance, last.guidance
             samples.append(
                 (
                     [step.number, 0],
@@ -108,10 +105,7 @@ def expected_samples(steps: list[Step], n: int) -> list[tuple[Any, ...]]:
                     [last.number, 1],
                     pytest.approx(0.0 if last.terminated else DISCOUNT ** len(window), abs=1e-6),
                     forbidden if not all(forbidden) else [False] * A,
-                    own.action,
-                    own.value,
-                    after.next_action,
-                    after.next_values.tolist(),
+                    step.imitated,
                 )
             )
     return samples
@@ -166,25 +160,20 @@ def test_draws_are_uniform_whole_samples_and_differ_between_members() -> None:
 def test_every_sample_drawn_is_an_image_and_every_image_is_drawn(name: str) -> None:
     group = GROUPS[name]
     width = len(group.elements[0].columns)
-    memory = buffer(SampleSpec(width, A, guided=True), group, batch_size=512, members=2)
+    memory = buffer(SampleSpec(width, A, imitates=True), group, batch_size=512, members=2)
     rng = np.random.default_rng(1)
     x, next_x = rng.standard_normal((2, width)).astype(np.float32)
-    allowed, values = np.array([True, False, True]), np.array([1.0, 2.0, 3.0])
-    said = (Guidance(0, 0.5, 2, values), Guidance(-1, 0.5, -1, values))
-    for guidance in said:
-        memory.add(x, 1, 0.5, next_x, False, False, allowed, guidance=guidance)
-
-    def image_of(action: int, element: Any) -> int:
-        return int(element.actions[action]) if action >= 0 else action
+    allowed = np.array([True, False, True])
+    for imitated in (0, -1):
+        memory.add(x, 1, 0.5, next_x, False, False, allowed, imitated)
 
     expected = [
         (
             e.of_input(x).tolist(), e.actions[1], 0.5, e.of_input(next_x).tolist(),
-            float(np.float32(DISCOUNT)), e.of_actions(~allowed).tolist(), image_of(g.action, e),
-            0.5, image_of(g.next_action, e), e.of_actions(values).tolist(),
+            float(np.float32(DISCOUNT)), e.of_actions(~allowed).tolist(), imitated,
         )
         for e in group.elements
-        for g in said
+        for imitated in (e.actions[0], -1)
     ]  # fmt: skip
     drawn = flat(memory.sample())
     assert all(sample in expected for sample in drawn)

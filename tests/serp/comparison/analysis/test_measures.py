@@ -77,6 +77,18 @@ def test_final_values_come_from_the_last_evaluation_of_each_policy():
     assert np.isnan(found["final_vetoed"])
 
 
+def test_the_lead_is_that_of_the_strategy_where_it_is_known():
+    worth = {"mean": 7.0, "deviation": 1.0, "episodes": 3}
+    for evidence, expected in (
+        ({"planner": worth, "learner": None}, [0.25, 7.0, np.nan]),
+        (None, [0.25, np.nan, np.nan]),
+    ):
+        one = record([1.0], metadata={"lead": {"rho": 0.25, "evidence": evidence}})
+        found = measure(one, BUDGET, None)
+        names = ("rho", "planner_led", "learner_led")
+        np.testing.assert_equal([found[name] for name in names], expected)
+
+
 def test_counts_outcomes_counters_and_seconds():
     one = record(
         [1.0, 2.0, 3.0],

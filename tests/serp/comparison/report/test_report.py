@@ -65,6 +65,15 @@ def test_a_report_can_be_read_alone(whole):
     assert not re.search(r"https?://|url\(", page)
 
 
+def test_who_leads_is_told_where_a_strategy_says_so():
+    assert "### Who leads" not in text_of(records())
+    lead = {"rho": 0.5, "evidence": {"planner": None, "learner": {"mean": 7.0}}}
+    text = text_of([trial("serp", 0, 90.0, metadata={"lead": lead}), trial("dqn", 0, 30.0)])
+    table = text.split("### Who leads\n")[1].split("###")[0]
+    assert "| ρ |" in table and "that the learner leads" in table
+    assert "that the planner leads" not in table
+
+
 def test_a_page_holds_its_pictures_and_shows_html_as_text():
     report = "![a picture](figures/x.svg)\n\n<script>alert(1)</script> & <b>x</b>\n\n"
     page = html_page(report + "| a | b |\n|---|---:|\n| 1 | 2 |\n", "</title><script>",

@@ -26,9 +26,6 @@ from tests.serp.comparison.contest import (
 )
 from tests.serp.sample_tasks import CableCut, Corridor
 
-SWIFT = {"guide": {"jump_stages": 2, "jump_tolerance": 5.0, "imitation_steps": 40}}
-"""So that planner and learner both act within a small budget."""
-
 
 @pytest.fixture(scope="module")
 def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Measured]:
@@ -37,7 +34,7 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Measured]:
 
     @functools.cache
     def get(algorithm: str, seed: int = 0) -> Measured:
-        return measured(folder, algorithm, seed=seed, changes=SWIFT)
+        return measured(folder, algorithm, seed=seed)
 
     return get
 
@@ -67,7 +64,7 @@ def test_equal_seeds_give_equal_records_and_others_give_others(
     tmp_path: Path, algorithm: str, once: Once
 ) -> None:
     one, other = once(algorithm, 1), once(algorithm, 2)
-    same = measured(tmp_path, algorithm, seed=1, changes=SWIFT)
+    same = measured(tmp_path, algorithm, seed=1)
     assert found(one) == found(same)
     assert found(one)[0] != found(other)[0]
 
@@ -79,7 +76,7 @@ def test_evaluations_change_nothing_in_training(
     often = PROTOCOL.model_copy(
         update={"evaluate_every": 7, "evaluation_episodes": 5, "evaluation_seed": 1}
     )
-    runs = [measured(tmp_path, algorithm, protocol=often, changes=SWIFT), once(algorithm)]
+    runs = [measured(tmp_path, algorithm, protocol=often), once(algorithm)]
     assert episodes_of(runs[0]) == episodes_of(runs[1])
     assert len(runs[0].evaluations) > len(runs[1].evaluations) or algorithm == "mrp"
 
@@ -102,7 +99,7 @@ def test_the_budget_is_met_exactly(tmp_path: Path, algorithm: str, external: Non
     environments: list[Any] = []  # the first is trained in, the others are evaluated in
     told: list[int] = []
     task = walk(tmp_path, Counting)
-    result = measured(tmp_path, algorithm, task=task, changes=SWIFT, on_progress=told.append)
+    result = measured(tmp_path, algorithm, task=task, on_progress=told.append)
     rows = [row for row, _ in result.log.rows]
     assert told[0] == 1 and told == sorted(told)
     assert result.log.env_steps == PROTOCOL.env_steps
@@ -146,10 +143,17 @@ def test_nothing_unsafe_is_done_by_a_guided_one_while_it_can_be_avoided(
         assert all(row.vetoes == 0 for row in rows)
 
 
+def test_who_leads_after_training_is_kept_of_those_that_plan_and_learn(once: Once) -> None:
+    leads = {name: once(name).lead for name in OWN}
+    assert {name for name, lead in leads.items() if lead is not None} == set(GUIDED)
+    assert leads["serp"] is not None and leads["serp"]["evidence"]["planner"]["episodes"] > 0
+    assert leads["serp-paper"] is not None and leads["serp-paper"]["evidence"] is None
+
+
 def test_the_planner_alone_is_the_planner_whatever_is_set(tmp_path: Path) -> None:
     changes: Any = {
         "arbiter": {"rho": 1.0},
-        "guide": {"strategy": "argmax-q"},
+        "guide": {"strategy": "evidence"},
         "training": {"random_steps": 50},
         "learner": {"members": 3},
     }
@@ -165,8 +169,6 @@ def test_settings_of_the_user_reach_the_learner_and_the_algorithms_own_stand(
         for epsilon in (0.0, 1.0)
     ]
     assert episodes_of(paths[0]) != episodes_of(paths[1])
-    overridden = measured(tmp_path, "jump-start", changes={"guide": {"strategy": "restrict"}})
-    assert found(overridden) == found(measured(tmp_path, "jump-start"))
     with pytest.raises(SettingsError, match="did you mean `learner`"):
         measured(tmp_path, "dqn", changes={"lerner": {"members": 1}})
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from serp.control.strategies.evidence import Evidence
 from serp.errors import RunError
 from serp.settings import Settings
-from tests.serp.control.scene import learner_acts, told
+from tests.serp.control.scene import forecast, learner_acts
 
 RETURNS = st.floats(-1e6, 1e6) | st.sampled_from([0.0, -200.0, 1e300, -1e200, 1e-300])
 EPISODES = st.lists(st.tuples(RETURNS, st.integers(1, 500)), max_size=30)
@@ -146,22 +146,21 @@ def test_a_forged_state_is_refused_or_gone_on_with(data: st.DataObject) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_the_learner_imitates_the_planner_as_long_as_that_is_better(seed: int) -> None:
     strategy, rng = Evidence(LEARNS, seed), np.random.default_rng(seed)
-    assert strategy.margin_weight == 1.0  # nothing is known of the learner
+    assert strategy.imitation_weight == 1.0  # nothing is known of the learner
     for episode in range(200):
         learner = 0.0 if episode < 60 else 20.0
         strategy.end_episode((learner if learner_acts(strategy) else 10.0) + rng.normal(), 10)
-        assert strategy.margin_weight == 1.0 - strategy.rho
-        said = told(strategy, 0, [0.0, 1.0]).action
+        assert strategy.imitation_weight == 1.0 - strategy.rho
+        said = strategy.imitated(forecast([0.0, 1.0]))
         assert said == (-1 if learner_acts(strategy) else 1)  # only what it demonstrates
-    assert strategy.margin_weight < 0.1
+    assert strategy.imitation_weight < 0.1
 
 
 def test_a_planner_without_a_reason_is_not_imitated() -> None:
     """Its choice is the first in the file, and means nothing."""
     strategy = Evidence(LEARNS)
     for values, imitated in (([1.0, 0.0], 0), ([1.0, 1.0], -1), ([0.0, 1.0], 1)):
-        assert told(strategy, 0, values).action == imitated
-        assert told(strategy, 0, values, [1.0, 1.0]).action == imitated
+        assert strategy.imitated(forecast(values)) == imitated
 
 
 def test_a_learner_that_has_learned_nothing_yet_never_leads() -> None:
