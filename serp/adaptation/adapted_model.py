@@ -12,6 +12,7 @@ from serp.adaptation import adapted_step as kernels
 from serp.adaptation.feature_groups import FeatureGroup, feature_groups_of
 from serp.adaptation.outcome_branches import adapted_outcomes
 from serp.adaptation.parameter_buffer import ParameterBuffer
+from serp.adaptation.residual.uncertainty import native_uncertainty
 from serp.model.emit import Site
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.ground import UNSAFE_TARGET, GroundSchema
@@ -70,6 +71,10 @@ class AdaptedModel(TransitionModel):
     def native_outcomes(self) -> Any:
         """Return the compiled C callback of all outcomes; see `TransitionModel.native_outcomes`."""
         return adapted_outcomes()
+
+    def native_uncertainty(self) -> Any:
+        """Return the compiled C callback; see `TransitionModel.native_uncertainty`."""
+        return native_uncertainty()
 
     def replace(
         self, *, theta: ArrayLike | None = None, dt: float | None = None

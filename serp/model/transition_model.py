@@ -230,6 +230,14 @@ class TransitionModel(StateSpace):
         """
         return None
 
+    def native_uncertainty(self) -> Any:
+        """Return the compiled C callback that says what is known of a step; None: everything.
+
+        It has the arguments of `native_step`. The last number of `out` receives a distance to data,
+        from 0 where much is known to 1 where nothing is.
+        """
+        return None
+
     def native_flow(self) -> Any:
         """Return the same for effects and processes only, without events, goal and metric."""
         return self._program.native("flow")

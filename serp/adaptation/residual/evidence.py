@@ -36,16 +36,9 @@ Little & Taylor, Journal of the American Statistical Association 84, 1989)."""
 _NOTICED, _RECENT, _LASTING = 0.1, 0.85, 0.7
 """A surprise is such an error of more than this fraction of the change. The world
 may have changed if this fraction of recent steps are surprises."""
-_BETTER = 0.95  # fraction of the loss to which another predictor must reduce it to replace one
-_GAIN, _KEPT = 0.95, 1.0
-"""Features cost more, so they must reduce the loss of a cheaper predictor to these fractions to be
-chosen, and to be kept."""
+_BETTER = 0.95
+"""Fraction of the loss of a simpler predictor to which another one must reduce it to replace it."""
 _FINE = 1e-2  # the least that features have to explain, as a fraction of the change
-_PREDICTED, _CERTAIN = 0.7, 0.14
-"""Largest fraction of the change, or of the file's error, that a predictor may leave."""
-_NEEDED, _OWN_RATE = 0.5, 0.01
-"""A residual is needed after an action if it leaves less than this fraction of the change and of
-the file's error there; rate of these averages."""
 
 
 @cached_njit(nogil=True)
@@ -68,8 +61,7 @@ def account(sample, row, head, published, sizes, statistics):
     `[T]` whether that is observed, and `[T]` the change. `published` are views of
     `RegressionParameters`; `sizes` are its features, known columns, columns and heads.
     `statistics` are `[4, T]` moving averages of errors by predictor, `[T]` samples in them,
-    `[T]` the mean change, `[R, 3, T]` errors of the file and of the linear residual and changes by
-    row, `[R, T]` samples of each row, `[1]` the fraction of surprises.
+    `[T]` the mean change, `[R, T]` samples of each row, `[1]` the fraction of surprises.
 
     Returns:
         The weight of the sample in the regression, and whether the world may have changed.
@@ -77,7 +69,7 @@ def account(sample, row, head, published, sizes, statistics):
     x, y, valid, change = sample
     centre, shrink, frequency, phase, linear, amplitude, kinds, inverse, typical, scale = published
     features, known, columns, heads = sizes
-    loss, seen, spread, own, samples, surprises = statistics
+    loss, seen, spread, samples, surprises = statistics
     depth, count = x.shape[0], y.shape[0]
     room = np.empty(depth + 2 * r.SMOOTH + 4 * count)
     u, z = pointer_to(room, 0), pointer_to(room, depth)
@@ -123,10 +115,6 @@ def account(sample, row, head, published, sizes, statistics):
         error = errors[int(kinds[t]), t]
         size = abs(error)
         samples[row, t] += 1.0
-        rate = weight * max(_OWN_RATE, 1.0 / samples[row, t])
-        own[row, 0, t] += rate * (abs(y[t]) - own[row, 0, t])
-        own[row, 1, t] += rate * (abs(errors[r.LINEAR, t]) - own[row, 1, t])
-        own[row, 2, t] += rate * (abs(change[t]) - own[row, 2, t])
         if samples[row, t] > SETTLED:
             limited = min(size, 4.0 * typical[row, t] + 1e-12)
             typical[row, t] += 0.02 * weight * (limited - typical[row, t])
@@ -157,30 +145,22 @@ def account(sample, row, head, published, sizes, statistics):
 def choose(statistics, features, kinds, enabled):
     """Choose the predictor of each target; return whether any is a residual.
 
-    The file is used until another predicts clearly better, and at least half of the change: the
-    mean of widely scattered values is not one of them, and no basis for a plan. Among the other
-    predictors the cheapest one is chosen that none beats clearly, with some hysteresis.
-    It is enough if the residual is needed after one of the actions: where there is nothing to
-    predict, it predicts no more than the mean.
+    Of the file and the residuals, the simplest one that no other beats clearly. One that is in use
+    is kept until it is beaten at all.
 
     `statistics` are those of `account`; `features`: whether there are random features; `enabled`
     `[T]`: whether a residual may predict the target; `kinds` `[T]` receives the choice.
     """
-    loss, seen, spread, own, samples, _ = statistics
+    loss, seen, spread, _, _ = statistics
     residual = False
     for t in range(kinds.shape[0]):
         best = r.FILE
         if enabled[t] and seen[t] >= 2.0:
-            now, written = int(kinds[t]), loss[r.FILE, t]
-            least = min(_BETTER * written, max(_PREDICTED * spread[t], _CERTAIN * written))
-            for row in range(own.shape[0]):
-                if samples[row, t] >= SETTLED and own[row, 1, t] < _NEEDED * min(
-                    own[row, 0, t], own[row, 2, t]
-                ):
-                    least = np.inf
+            now, least = int(kinds[t]), loss[r.FILE, t]
             for kind in range(1, 4 if features else 2):
-                factor = 1.0 if best == r.FILE else (_KEPT if kind == now else _GAIN)
-                if loss[kind, t] < factor * least - (0.0 if best == r.FILE else _FINE * spread[t]):
+                factor = 1.0 if kind == now else _BETTER
+                fine = 0.0 if best == r.FILE else _FINE * spread[t]
+                if loss[kind, t] < factor * least - fine:
                     best, least = kind, loss[kind, t]
         kinds[t] = best
         residual = residual or best != r.FILE

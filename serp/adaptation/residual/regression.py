@@ -52,9 +52,8 @@ class ResidualRegression:
         )  # fmt: skip
         self._loss, self._samples = np.zeros((4, count)), np.zeros((rows, count))
         self._seen, self._spread, self._surprises = np.zeros(count), np.zeros(count), np.zeros(1)
-        self._own = np.zeros((rows, 3, count))
         self._statistics = (
-            self._loss, self._seen, self._spread, self._own, self._samples, self._surprises,
+            self._loss, self._seen, self._spread, self._samples, self._surprises,
         )  # fmt: skip
         self._shelved = [np.zeros_like(array) for array in self._statistics]
         self._fit = FittedWeights(p, seed)
@@ -209,7 +208,6 @@ class ResidualRegression:
     _RANGES: Final = {
         "seen": (0, MOST), "surprises": (0.0, 1.0), "firsts": (0, MOST),
         "loss": (0.0, np.inf), "spread": (0.0, np.inf), "samples": (0, MOST),
-        "own": (0.0, np.inf),
     }  # fmt: skip
 
     def state_dict(self) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:

@@ -6,15 +6,22 @@ of the inputs, times the squared error that was seen where leverage was high.
 
 from __future__ import annotations
 
+import functools
 import math
+from typing import Any
 
-from serp._util.compilation import cached_njit
+from serp._util.compilation import cached_cfunc, cached_njit
 from serp.adaptation import parameter_buffer as b
 from serp.adaptation.residual import parameters as r
 from serp.adaptation.residual.prediction import features_of, normalise, row_of
-from serp.model.native import STACK, advanced, pointer_to, stack_room
+from serp.model.native import STACK, STEP_SIGNATURE, advanced, pointer_to, stack_room
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
+
+
+_PREDICTED = 0.5
+"""What the file predicts is known everywhere: typical errors of no more than this part of the
+change."""
 
 
 @cached_njit(nogil=True, forceinline=True)
@@ -81,13 +88,14 @@ def uncertainty_of(buffer, action, state, out):
             share = leverage(
                 inverse, columns + r.SMOOTH, known, columns, heads, row, head, u, depth, z
             )
-            unknown = max(unknown, share)
             typical = int(buffer[part + r.R_TYPICAL]) + row * count
             scale = int(buffer[part + r.R_SCALE])
             for t in range(count):
                 error, far, change = (
                     buffer[typical + t], buffer[scale + t], buffer[scale + count + t]
                 )  # fmt: skip
+                if buffer[kinds + t] != r.FILE or error > _PREDICTED * change:
+                    unknown = max(unknown, share)
                 relative = 1.0
                 if known > 0:
                     variance = error * error + share * far * far
@@ -113,3 +121,14 @@ def uncertainty(buffer, action, state, out):
     """
     out[:] = 0.0
     return uncertainty_of(pointer_to(buffer, 0), action, pointer_to(state, 0), pointer_to(out, 0))
+
+
+def _uncertainty(state, action, buffer, dt, out):
+    out[int(buffer[b.WIDTH])] = uncertainty_of(buffer, action, state, out)
+    return 0
+
+
+@functools.cache
+def native_uncertainty() -> Any:
+    """Return the compiled C callback, see `TransitionModel.native_uncertainty`."""
+    return cached_cfunc(STEP_SIGNATURE, error_model="numpy")(_uncertainty)

@@ -11,22 +11,19 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from serp.model.native import OUTCOMES
+from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import cell_kernels as kernels
 from serp.planning.far_sight.array_graph import DONE, ENDED, ArrayGraph, GraphArrays
 from serp.planning.far_sight.cell_kernels import CellArrays
 from serp.planning.far_sight.cell_solution import begin_values, solve_cells
-from serp.planning.far_sight.cell_values import NO_CELLS, Cells, CellValues, cells_of
+from serp.planning.far_sight.cell_values import AREAS, NO_CELLS, Cells, CellValues
 from serp.settings import PlannerSettings
 
 MAX_EDGES: Final = 60_000
 """Most edges of a graph of cells."""
 _SAMPLE: Final = 500
 """Visited states that the graph begins with."""
-AREAS: Final = 8.0
-"""Areas in the range of a fluent, see `Cells`: a state is known that differs from a visited one by
-no more than an eighth to a quarter of the range of a fluent."""
 _LEAST: Final = 32
 """Fewer visited states say too little about the ranges of fluents."""
 FINEST: Final = 100.0
@@ -82,7 +79,7 @@ class CellGraph(ArrayGraph):
     def _precompile(self) -> None:
         """Call every compiled loop once, so that no decision waits for a compilation."""
         zeros = np.zeros(self._width)
-        cells = cells_of(zeros, zeros, zeros, zeros)
+        cells = Cells(zeros, zeros, zeros)
         self._expand(zeros, cells, 1)
         self._solve(cells)
         self.values = NO_CELLS
@@ -111,10 +108,9 @@ class CellGraph(ArrayGraph):
             self._allocate(self._edges)
 
         roots = np.concatenate((state, sample.ravel()))
-        division = cells_of(low, unit, unit * AREAS, states)
 
         def divided_into(bins: float) -> Cells:
-            return division._replace(scale=unit * bins)
+            return Cells(low, unit * bins, unit * AREAS)
 
         bins, first = self.bins or COARSEST, not self.bins
         while (used := self._expand(roots, divided_into(bins), limit)) < 0:
@@ -136,12 +132,12 @@ class CellGraph(ArrayGraph):
 
     def _expand(self, roots: Vector, cells: Cells, limit: int) -> int:
         """Expand the graph; return the steps that were predicted, -1 if these were too many."""
-        arrays, division = self._arrays, tuple(cells)
+        arrays, division, doubts = self._arrays, tuple(cells), self._model.native_uncertainty()
         arrays.counters[:] = 0
         arrays.table[:] = -1
         kernels.add_roots(self._arrays_tuple, division, self._held, roots)
         ended, steps = kernels.expand_cells(
-            self._model.machine_code,
+            (self._model.machine_code, np.intp(0) if doubts is None else address_of(doubts)),
             (self._actions, self._settings.discount, self._settings.accepted_risk, limit),
             self._arrays_tuple, division, self._held, self._room,
         )  # fmt: skip

@@ -16,7 +16,7 @@ from serp._util.compilation import cached_njit
 from serp.model.flags import APPLICABLE, TERMINAL, UNDEFINED
 from serp.model.native import OUTCOMES, call_step, pointer_to
 from serp.planning.far_sight.array_graph import DONE, ENDED, FULL, Counters, GraphArrays
-from serp.planning.far_sight.cell_values import Cells, digest_of, is_known, nearness
+from serp.planning.far_sight.cell_values import Cells, digest_of, in_range, nearness
 from serp.planning.hash_table import key_slot
 from serp.planning.preference import compiled_joined, hazard, marked
 
@@ -25,6 +25,9 @@ from serp.planning.preference import compiled_joined, hazard, marked
 
 MOVED = 1.0
 """Widths of a cell that an edge leads away from where it began, unless it ends by `HOLD`."""
+UNKNOWN = 0.5
+"""A step is unknown where the leverage is at least this: the data say less of it than the prior.
+"""
 HOLD = 16
 """Most control periods for which an edge holds its action."""
 SMALL = 0.01
@@ -91,7 +94,8 @@ def expand_cells(model, rules, arrays, division, found, room):
     """Expand nodes until all are expanded, the arrays are full, or enough steps were predicted.
 
     Args:
-        model: `TransitionModel.machine_code`.
+        model: `TransitionModel.machine_code`, and the address of its uncertainty; 0: everything is
+            known.
         rules: Number of actions, discount, accepted risk, most steps to predict.
         arrays: Values of `GraphArrays`.
         division: Values of `Cells`.
@@ -105,7 +109,7 @@ def expand_cells(model, rules, arrays, division, found, room):
     steps = 0
     held_edges = CellArrays(*found)
     seen, beyond, periods = held_edges.reward, held_edges.beyond, held_edges.periods
-    address, data, dt = model
+    (address, data, dt), doubts = model
     actions, discount, accepted, most = rules
     theta = pointer_to(data, 0)
     width = cells.low.shape[0]
@@ -125,7 +129,10 @@ def expand_cells(model, rules, arrays, division, found, room):
             for i in range(width):
                 now[i] = source[i]
             total, weight, length, danger, held = 0.0, 1.0, 0.0, 0.0, 0
-            flags, ended = np.int64(0), False
+            flags, ended, known = np.int64(0), False, True
+            if doubts != 0:
+                call_step(doubts, source, action, theta, dt, out)
+                known = out[width] < UNKNOWN
             while held < HOLD:
                 for i in range(width):
                     out[i] = now[i]
@@ -149,7 +156,7 @@ def expand_cells(model, rules, arrays, division, found, room):
                 if step & TERMINAL:
                     ended = True
                     break
-                far = False
+                far = not known
                 for i in range(width):
                     moved = abs(now[i] - source[i])
                     if moved * cells.scale[i] >= MOVED or (moved > 0.0 and cells.scale[i] == 0.0):
@@ -169,14 +176,15 @@ def expand_cells(model, rules, arrays, division, found, room):
                 held_edges.target[edge * width + i] = now[i]
             if ended:
                 continue
+            if not (known and in_range(cells, now, width)):
+                beyond[edge] = weight
+                continue
             digest = digest_of(now, cells.low, cells.scale, True, -1, 0)
             slot = key_slot(graph.table, held_edges.cell, digest)
             if graph.table[slot] >= 0:
                 held_edges.node[edge] = graph.table[slot]
-            elif is_known(cells, now, width):
-                held_edges.node[edge] = _add_node(graph, held_edges.cell, slot, digest, now, width)
             else:
-                beyond[edge] = weight
+                held_edges.node[edge] = _add_node(graph, held_edges.cell, slot, digest, now, width)
         count[_EXPANDED] = node + 1
         graph.first_edge[node + 1] = count[_EDGES]
     return DONE, steps

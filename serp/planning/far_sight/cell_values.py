@@ -21,27 +21,26 @@ from serp.planning.hash_table import START, bits_of, distinct, finished, key_slo
 
 Floats = NDArray[np.float64]
 
+AREAS = 8.0
+"""Areas in the range of a fluent, see `Cells`."""
+MARGIN = 2.0
+"""Areas on either side of it that a graph may enter: the state space may have no end."""
 _FAR = 1e9
 
 
 class Cells(NamedTuple):
-    """A division of the state space into cells, and which part of it is known.
-
-    Areas are larger than cells, and divide continuous fluents only. A state is known if something
-    in its area was visited, or in an area beside it.
+    """A division of the state space into cells.
 
     Attributes:
-        low: `[F]` lower ends of the ranges.
+        low: `[F]` lower ends of the ranges of what was visited.
         scale: `[F]` bins per unit; 0 for a fluent whose values are told apart exactly.
-        area: `[F]` bins of an area per unit; 0 likewise.
-        table, known: Hash table of the areas that were visited, and their digests.
+        area: `[F]` bins per unit of areas, which are larger than cells and divide continuous
+            fluents only; 0 likewise.
     """
 
     low: Floats
     scale: Floats
     area: Floats
-    table: NDArray[np.int32]
-    known: NDArray[np.uint64]
 
 
 class CellValues(NamedTuple):
@@ -148,22 +147,14 @@ def _digests(states, low, scale, exact):
     return digests
 
 
-def cells_of(low: Floats, scale: Floats, area: Floats, visited: Floats) -> Cells:
-    """Return a division in which what is near visited states `[N, F]` is known."""
-    table, known, _ = distinct(_digests(visited.ravel(), low, area, False))
-    return Cells(low, scale, area, table, known)
-
-
 @cached_njit(nogil=True, forceinline=True)
-def is_known(cells, row, width):
-    """Return whether a state is known; `row` is a pointer to it."""
-    for k in range(-1, 2 * width):
-        if k < 0 or cells.area[k // 2] > 0.0:
-            moved = k // 2 if k >= 0 else -1
-            digest = digest_of(row, cells.low, cells.area, False, moved, 1 - 2 * (k % 2))
-            if cells.table[key_slot(cells.table, cells.known, digest)] >= 0:
-                return True
-    return False
+def in_range(cells, row, width):
+    """Return whether a state is close to the range of what was visited; `row` points to it."""
+    for i in range(width):
+        place = (row[i] - cells.low[i]) * cells.area[i]
+        if not -MARGIN <= place <= AREAS + MARGIN:
+            return False
+    return True
 
 
 @cached_njit(nogil=True, forceinline=True)
