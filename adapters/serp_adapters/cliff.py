@@ -81,7 +81,7 @@ def task() -> serp.Task:
         ground=ground,
         actions={"up": 0, "right": 1, "down": 2, "left": 3},
         # A fall costs more than any step, so this threshold refuses falls alone.
-        settings={"*": {"arbiter": {"r_min": -15.0}, "planner": {"depth": 5, "repeat": 1}}},
+        settings={"*": {"arbiter": {"r_min": -15.0}}},
         counters=("falls",),
         description="cross an icy plateau without slipping over its edge",
     )

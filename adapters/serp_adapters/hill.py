@@ -20,7 +20,5 @@ def task() -> serp.Task:
         ground=as_observed,  # Position (m) and velocity (m/s) of the car.
         actions={"drive-left": 0, "coast": 1, "drive-right": 2},
         dt=CONTROL_PERIOD,
-        # Twelve decisions, 1.2 s: down one side and up the other.
-        settings={"*": {"planner": {"depth": 4, "repeat": 3}}},
         description="drive a car up a hill that its engine is too weak for without a run-up",
     )

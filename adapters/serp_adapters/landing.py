@@ -21,14 +21,8 @@ def task() -> serp.Task:
         ground=as_observed,
         actions={"fall": 0, "push-left": 1, "push-right": 2, "brake": 3},
         dt=CONTROL_PERIOD,
-        settings={
-            "*": {
-                # Twelve decisions, 1.2 s: enough to brake from the speed that the file allows.
-                "planner": {"depth": 4, "repeat": 3},
-                # No step costs half as much as a crash, so this threshold refuses crashes alone.
-                "arbiter": {"r_min": -5.0},
-            }
-        },
+        # No step costs half as much as a crash, so this threshold refuses crashes alone.
+        settings={"*": {"arbiter": {"r_min": -5.0}}},
         symmetries=(
             serp.Symmetry(
                 flip=("offset", "sideways"),

@@ -20,8 +20,6 @@ def task() -> serp.Task:
         ground=as_observed,  # Height and side (m) and velocity (rad/s) of the pendulum.
         actions={"turn-left": 0, "let-go": 1, "turn-right": 2},
         dt=CONTROL_PERIOD,
-        # Sixteen decisions, 0.8 s: about half a swing.
-        settings={"*": {"planner": {"depth": 4, "repeat": 4}}},
         symmetries=(
             serp.Symmetry(
                 flip=("side", "velocity"),

@@ -42,7 +42,7 @@ PRESETS: Final[Mapping[str, Changes]] = {
     # The best known choices.
     "default": {
         # With two control periods per edge the lookahead is twice as long at the same cost.
-        "planner": {"name": "far-sight", "depth": 5, "repeat": 2, "discount": 0.99},
+        "planner": {"name": "far-sight", "repeat": 2},
         "adaptation": {"mode": "full", "min_visits": 4},
         "guide": {"strategy": "evidence"},
         "learner": {
@@ -50,7 +50,6 @@ PRESETS: Final[Mapping[str, Changes]] = {
             "members": 5,
             "layer_norm": True,
             "batch_size": 32,
-            "discount": 0.95,
             "target_period": None,
             "target_polyak": 0.005,
             # The learner begins with what the planner does.

@@ -126,7 +126,7 @@ class LearnerSettings(Section):
     averaged over the mirror images of its input."""
     learning_rate: Positive = 0.001
     """Step size of Adam."""
-    discount: Annotated[float, Field(ge=0, lt=1)] = 0.97
+    discount: Annotated[float, Field(ge=0, lt=1)] = 0.99
     """γ: weight of the reward of the next step."""
     batch_size: Size = 64
     """Samples in one gradient update of one network."""

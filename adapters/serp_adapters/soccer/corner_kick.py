@@ -146,11 +146,7 @@ def task() -> serp.Task:
         dt=DECISION,
         # The domain's rewards estimate a situation; the environment's state what happened.
         reward="environment",
-        settings={
-            # Fifteen decisions, 6 s: as long as the usual walk to a ball from the corner.
-            "*": {"planner": {"depth": 5, "repeat": 3}},
-            **PROTOCOL,
-        },
+        settings=PROTOCOL,
         counters=("unsafe_choices", "damaging_hits"),
         description="keep a corner kick out of the goal: mark, intercept, clear",
     )

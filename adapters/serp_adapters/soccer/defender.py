@@ -101,11 +101,7 @@ def task() -> serp.Task:
         dt=DECISION,
         # The domain's rewards estimate a situation; the environment's state what happened.
         reward="environment",
-        settings={
-            # Ten decisions, 4 s: as long as the longest walk to a ball that is contested.
-            "*": {"planner": {"depth": 5, "repeat": 2}},
-            **PROTOCOL,
-        },
+        settings=PROTOCOL,
         symmetries=(serp.Symmetry(objects={"left": "right"}, observation_signs=MIRROR),),
         counters=("unsafe_choices", "damaging_hits"),
         description="defend the goal against an attacker who comes with the ball",

@@ -24,12 +24,11 @@ PROTOCOL: Final[Mapping[str, Mapping[str, Mapping[str, Any]]]] = {
     # domain expects to end with a goal or a collision, and allows what loses the ball.
     "paper": {
         "arbiter": {"rho_increment": 0.1, "rho_unit": "game", "r_min": -5.0},
+        "planner": {"repeat": 2},
         "training": {"units": 28},
     },
-    # Decisions are few and take long, so the learner makes two updates for each.
-    "default": {"learner": {"updates_per_step": 2.0}},
 }
-"""Settings of both tasks for each preset."""
+"""Settings of both tasks for preset `paper`."""
 
 
 def open_share(robot_to_ball: Numbers, off_line: Numbers, half_goal: Numbers) -> Numbers:

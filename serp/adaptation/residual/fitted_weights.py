@@ -34,8 +34,10 @@ _EARLY, _LATER, _COST = 4, 30, 1e6
 """Weights are solved after every 30th part of the samples, or later where it takes long: after as
 many samples as this cost goes into the cube of the columns, but after a quarter of the samples."""
 _FEATURES_FROM: Final = 60  # samples after which random features may be used
-_RIDGE, _ROW_RIDGE, _CONSTANT_RIDGE, _FEATURE_RIDGE = 1e-3, 3e-2, 1e-5, 1e-2
-"""Of slopes that all rows share, of those of a row, of constants, and of random features."""
+_RIDGE, _ROW_RIDGE, _CONSTANT_RIDGE, _FEATURE_RIDGE = 1e-3, 0.3, 1e-5, 1e-2
+"""Of slopes that all rows share, of those of a row, of constants, and of random features: how many
+observations the prior is worth. That actions differ in their constants is likely; that they differ
+in slopes has to be seen."""
 
 
 class FittedWeights:

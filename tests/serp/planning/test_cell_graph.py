@@ -13,7 +13,7 @@ from serp.control.planners import far_sight
 from serp.errors import RunError
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.cell_graph import CellGraph
-from serp.planning.far_sight.cell_values import CellValues, cells_of, digest_of, is_known, value_at
+from serp.planning.far_sight.cell_values import CellValues, digest_of, value_at
 from serp.planning.far_sight.planner import FarSightPlanner
 from serp.planning.limits import Bound
 from serp.settings import PlannerSettings
@@ -158,17 +158,6 @@ def test_values_of_cells_that_were_forged_are_refused_or_do_no_harm(
     saved[name][place % len(saved[name])] = number
     with contextlib.suppress(RunError):
         value_at(CellValues.restored(saved, 1), np.array([1.0]), 0)
-
-
-@given(st.floats(-3, 3), st.floats(-3, 3))
-@settings(max_examples=50, deadline=None)
-def test_what_is_near_something_visited_is_known(visited: float, at: float) -> None:
-    low, area = np.array([-3.0]), np.array([8.0 / 6.0])
-    cells = cells_of(low, area, area, np.array([[visited]]))
-    if abs(visited - at) <= 6.0 / 8.0:
-        assert is_known(cells, np.array([at]), 1)
-    if abs(visited - at) > 2 * 6.0 / 8.0:
-        assert not is_known(cells, np.array([at]), 1)
 
 
 def test_numbers_that_are_not_finite_have_a_cell() -> None:
