@@ -47,7 +47,7 @@ PRESETS: Final[Mapping[str, Changes]] = {
         "guide": {"strategy": "evidence"},
         "learner": {
             "symmetry": True,
-            "members": 5,
+            "members": 3,
             "layer_norm": True,
             "batch_size": 32,
             "target_period": None,

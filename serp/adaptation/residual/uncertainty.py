@@ -94,7 +94,8 @@ def uncertainty_of(buffer, action, state, out):
                 error, far, change = (
                     buffer[typical + t], buffer[scale + t], buffer[scale + count + t]
                 )  # fmt: skip
-                if buffer[kinds + t] != r.FILE or error > _PREDICTED * change:
+                written = known > 0 and buffer[kinds + t] == r.FILE
+                if not (written and error <= _PREDICTED * change):
                     unknown = max(unknown, share)
                 relative = 1.0
                 if known > 0:

@@ -197,6 +197,16 @@ def test_uncertainty_is_small_where_much_was_seen_and_large_where_nothing_was() 
     assert out[0] < 1e-6  # the file is right there
 
 
+def test_what_the_file_predicts_is_known_everywhere() -> None:
+    of, out = adaptation(PLANE), np.zeros(2)
+
+    def world(state: Vector, action: int) -> Vector:
+        return of.model.step(state, action).state
+
+    teach(of, world, np.random.default_rng(0), 100)
+    assert uncertainty(adapted(of).data, PUSH, np.full(2, 1e3), out) == 0.0
+
+
 def test_a_change_that_was_none_is_taken_back() -> None:
     """For some steps the world is another one; afterwards it is as before."""
     of, rng = adaptation(PLANE), np.random.default_rng(0)
