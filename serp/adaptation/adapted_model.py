@@ -12,7 +12,7 @@ from serp.adaptation import adapted_step as kernels
 from serp.adaptation.feature_groups import FeatureGroup, feature_groups_of
 from serp.adaptation.outcome_branches import adapted_outcomes
 from serp.adaptation.parameter_buffer import ParameterBuffer
-from serp.adaptation.residual.uncertainty import native_uncertainty
+from serp.adaptation.residual.uncertainty import native_uncertainty, uncertainty
 from serp.model.emit import Site
 from serp.model.flags import UNSAFE, risk_of
 from serp.model.ground import UNSAFE_TARGET, GroundSchema
@@ -71,6 +71,12 @@ class AdaptedModel(TransitionModel):
     def native_outcomes(self) -> Any:
         """Return the compiled C callback of all outcomes; see `TransitionModel.native_outcomes`."""
         return adapted_outcomes()
+
+    def uncertainty(self, state: Vector) -> Vector:
+        """Return how little is known `[A]`; see `TransitionModel.uncertainty`."""
+        out = np.empty(len(state))
+        actions = range(len(self.actions))
+        return np.array([uncertainty(self.data, action, state, out) for action in actions])
 
     def native_uncertainty(self) -> Any:
         """Return the compiled C callback; see `TransitionModel.native_uncertainty`."""

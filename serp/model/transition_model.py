@@ -230,6 +230,10 @@ class TransitionModel(StateSpace):
         """
         return None
 
+    def uncertainty(self, state: Vector) -> Vector:
+        """Return how little is known `[A]` of each action in a state, see `native_uncertainty`."""
+        return np.zeros(len(self.actions))
+
     def native_uncertainty(self) -> Any:
         """Return the compiled C callback that says what is known of a step; None: everything.
 

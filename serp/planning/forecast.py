@@ -89,6 +89,17 @@ class Forecast(NamedTuple):
         first = chosen[0]
         return all(column[k] == column[first] for column in columns for k in chosen)
 
+    def sees_costs_alone(self, periods: float) -> bool:
+        """Return whether it is indifferent but for what the first edge gives: the cost of acting.
+
+        `periods` is the discounted number of control periods of an edge.
+        """
+        rest = self.value - periods * self.reward
+        largest = np.abs(self.value[np.isfinite(self.value)]).max(initial=0.0)
+        if largest > 0.0:
+            rest = np.round(rest / largest, 9)  # differences by rounding are none
+        return self._replace(value=rest).indifferent
+
 
 def score_of(of: Forecast, action: int) -> PathScore:
     """Return the score of the best path that begins with an action."""

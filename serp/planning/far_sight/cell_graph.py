@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Final, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
@@ -20,6 +21,9 @@ from serp.planning.far_sight.cell_solution import begin_values, solve_cells
 from serp.planning.far_sight.cell_values import AREAS, NO_CELLS, Cells, CellValues
 from serp.settings import PlannerSettings
 
+_HOPE: Final = 10.0
+"""Where waiting is free, the unknown is worth so many times as much as acting for ever may cost: then
+to reach it a step later costs so many times as much as a step."""
 MAX_EDGES: Final = 60_000
 """Most edges of a graph of cells."""
 _SAMPLE: Final = 500
@@ -155,15 +159,15 @@ class CellGraph(ArrayGraph):
         # The reward of an end, or of what is unsafe, is not one that goes on.
         goes_on = (held.node[:edges] != ENDED) | (held.beyond[:edges] > 0.0)
         goes_on &= arrays.hazard[:edges] == 0.0
-        least, middle, most = 0.0, 0.0, 0.0
+        least, middle, most, alike = 0.0, 0.0, 0.0, True
         if goes_on.any():
             least, middle, most = np.quantile(rates[goes_on], (0.0, 0.5, 1.0)).tolist()
+            alike = _depend_on_actions_alone(rates[goes_on], arrays.action[:edges][goes_on])
         ages = 1.0 / max(1.0 - discount, 1e-6)
         going_on = most * ages
         worst, hoped = min(0.0, least * ages), max(0.0, going_on)
-        alike = most - middle <= 1e-6 * max(abs(most), abs(middle))
-        if most == least == 0.0:
-            hoped = 1.0
+        if most == 0.0:  # to wait costs nothing
+            hoped = -_HOPE * worst if worst < 0.0 else 1.0
         former = NO_CELLS if self.explores else self.values
         begin_values(self._arrays_tuple, self._width, tuple(former), middle * ages)
         solve_cells(self._arrays_tuple, self._held, discount, worst, worst)
@@ -183,3 +187,12 @@ class CellGraph(ArrayGraph):
         self._hold(GraphArrays.allocate(nodes, edges, edges * OUTCOMES, self._width))
         self._edges_held = CellArrays.allocate(nodes, edges, self._width)
         self._held = tuple(self._edges_held)
+
+
+def _depend_on_actions_alone(rates: Vector, action: NDArray[np.int64]) -> bool:
+    """Return whether no state gives more than others do after the same action."""
+    for one in np.unique(action):
+        middle, most = np.quantile(rates[action == one], (0.5, 1.0))
+        if most - middle > 1e-6 * max(abs(most), abs(middle)):
+            return False
+    return True

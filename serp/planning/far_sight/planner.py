@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+import numpy as np
 from numpy.typing import NDArray
 
 from serp._util.saved_state import MOST, Arrays, Saved, nested, part_of
+from serp.model.flags import APPLICABLE
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight.cell_graph import COARSEST, FINEST, CellGraph, Visited
+from serp.planning.far_sight.cell_kernels import UNKNOWN
 from serp.planning.far_sight.cell_values import NO_CELLS, CellValues
 from serp.planning.far_sight.closed_graph import MAX_EDGES, ClosedGraph
 from serp.planning.far_sight.goal_search import GoalSearch
-from serp.planning.forecast import Forecast
+from serp.planning.forecast import Forecast, score_of
 from serp.planning.limits import Bound, lookahead_nodes
 from serp.planning.lookahead import Lookahead
 from serp.settings import PlannerSettings
@@ -37,8 +40,9 @@ _GROWN: Final = 1.1
 class FarSightPlanner:
     """Plans on the closed graph where the best policy stays inside it, else by a lookahead.
 
-    Where the lookahead is indifferent in a continuous domain, it is asked again with values of
-    cells at its leaves. They come from interpolation, so they do not decide against what it sees.
+    Where the lookahead sees the costs of actions alone, in a continuous domain, it is asked again
+    with values of cells at its leaves. They come from interpolation, so they do not decide against
+    what else it sees.
     Every decision earns a fraction of the steps of the model that a lookahead predicts, or more
     where graphs close. Graph and cells are paid for with what was saved: so the mean cost of a
     decision is bounded, and what is built grows with experience. They are kept until the model has
@@ -58,7 +62,7 @@ class FarSightPlanner:
     """
 
     def __init__(self, model: TransitionModel, settings: PlannerSettings) -> None:
-        self.model = model
+        self.model, self._settings = model, settings
         self.visited: Visited | None = None
         self.graph = ClosedGraph(model, settings)
         self.search = GoalSearch(model, settings)
@@ -67,6 +71,7 @@ class FarSightPlanner:
         actions = len(model.actions)
         self._ahead = lookahead_nodes(settings, actions, len(model.fluents)) * actions
         self._share = _SHARE * settings.repeat
+        self._periods = sum(settings.discount**k for k in range(settings.repeat))
         self._revision = model.revision
         self._saved = self._decisions = self._attempt_at = self._cells_at = 0
         self._limit, self._price = _SMALL_GRAPH, 1
@@ -81,9 +86,18 @@ class FarSightPlanner:
             self._revision = self.model.revision
             self.graph.clear()
         found = self.graph.forecast(state)
-        if found is None and self._saved >= 0 and self._decisions >= self._attempt_at:
+        if found is None and self._decisions >= self._attempt_at and self._may_close(state):
             found = self._grow(state)
         return found if found is not None else self._forecast_by_cells(state)
+
+    def _may_close(self, state: Vector) -> bool:
+        """Return whether another attempt at a closed graph is worth what it may cost.
+
+        Between numbers that are not whole there are always others: most such graphs do not close.
+        """
+        if self._decisions == 1 or (state == np.rint(state)).all():
+            return self._saved >= 0
+        return self._saved >= self._limit
 
     def _grow(self, state: Vector) -> Forecast | None:
         """Grow the closed graph, or build it anew; return its forecast if it has one."""
@@ -131,7 +145,7 @@ class FarSightPlanner:
         near.leaves = NO_CELLS
         found = near.forecast(state)
         self._ahead = near.followed
-        if visited is None or not found.indifferent:
+        if visited is None or not found.sees_costs_alone(self._periods):
             return found
         if visited.seen >= self._cells_at and self._saved >= self._price:
             there_are = cells.build(state, visited.next_states, self._saved)
@@ -141,7 +155,18 @@ class FarSightPlanner:
         if not cells.values.value.size:
             return found
         near.leaves = cells.values
-        return near.forecast(state)._replace(bound=Bound.CELLS)
+        found = near.forecast(state)._replace(bound=Bound.CELLS)
+        return self._to_the_unknown(state, found) if cells.explores else found
+
+    def _to_the_unknown(self, state: Vector, found: Forecast) -> Forecast:
+        """Return the forecast in which an unknown action has the value of the unknown."""
+        unknown = (self.model.uncertainty(state) >= UNKNOWN) & (found.flags == APPLICABLE)
+        if not unknown.any():
+            return found
+        hoped = found.reward + self._settings.discount * self.cells.values.value[-1]
+        found = found._replace(value=np.where(unknown, hoped, found.value))
+        applicable = np.flatnonzero(found.flags & APPLICABLE).tolist()
+        return found._replace(choice=max(applicable, key=lambda action: score_of(found, action)))
 
     def state_dict(self) -> tuple[Arrays, dict[str, Any]]:
         """Return arrays and JSON values that `load_state_dict` restores exactly."""
