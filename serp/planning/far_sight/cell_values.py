@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +99,7 @@ class CellValues(NamedTuple):
             RunError: It is damaged.
         """
         saved = Saved("values of cells", arrays, {})
-        columns = [saved.array(name, np.float64, (-1,)) for name in _SAVED]
+        columns = [saved.array(name, np.float64, (-1,)).copy() for name in _SAVED]
         if len(columns[0]) != width and len(columns[-1]):
             raise saved.wrong(f"low has {len(columns[0])} numbers for {width} fluents")
         try:
@@ -199,5 +199,7 @@ def value_at(values, states, at):
     return values.area_value[area] if area >= 0 else values.value[values.value.shape[0] - 1]
 
 
-NO_CELLS = CellValues.of(*np.zeros((5, 0)))
+_NONE: Final = np.zeros(0)
+_TABLE: Final = np.full(2, -1, dtype=np.int32), np.zeros(0, dtype=np.uint64)
+NO_CELLS: Final = CellValues(_NONE, _NONE, _NONE, _NONE, _NONE, *_TABLE, *_TABLE, _NONE)
 """No values."""

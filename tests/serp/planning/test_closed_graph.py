@@ -40,6 +40,15 @@ CORRIDOR = """
     :effect (and (increase (reward) 10) (terminal))))
 """
 
+ENDLESS = """
+(define (domain endless)
+  (:functions (x) (y) (reward))
+  (:action a :parameters () :precondition (and)
+    :effect (and (increase (x) (+ 1 (* 0.3 (y)))) (increase (reward) (x))))
+  (:action b :parameters () :precondition (and)
+    :effect (and (increase (y) (+ 1 (* 0.7 (x)))))))
+"""
+
 
 def reachable(model: TransitionModel, root: State) -> list[State] | None:
     """All states that can be reached, found one by one; None if there are more than `MOST`."""
@@ -163,13 +172,7 @@ def test_decisions_follow_the_model_when_it_changes() -> None:
 
 
 def test_what_never_closes_is_left_to_the_lookahead_in_bounded_memory() -> None:
-    model = worlds.load(
-        "(define (domain endless) (:functions (x) (y) (reward))"
-        "(:action a :parameters () :precondition (and)"
-        " :effect (and (increase (x) (+ 1 (* 0.3 (y)))) (increase (reward) (x))))"
-        "(:action b :parameters () :precondition (and)"
-        " :effect (and (increase (y) (+ 1 (* 0.7 (x)))))))"
-    )
+    model = worlds.load(ENDLESS)
     graph = ClosedGraph(model, SETTINGS)
     graph.grow(np.zeros(2))
     assert not graph.complete and graph.edges < 4_000 and graph.forecast(np.zeros(2)) is None

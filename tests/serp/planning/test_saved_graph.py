@@ -16,7 +16,7 @@ from serp.model.transition_model import TransitionModel
 from serp.planning.far_sight.closed_graph import ClosedGraph
 from serp.planning.far_sight.planner import FarSightPlanner
 from serp.settings import PlannerSettings
-from tests.serp.planning.test_closed_graph import CORRIDOR
+from tests.serp.planning.test_closed_graph import CORRIDOR, ENDLESS
 from tests.serp.planning.worlds import load
 
 SETTINGS = PlannerSettings()
@@ -64,14 +64,7 @@ def test_the_graph_is_kept_while_the_model_stands() -> None:
 
 
 def test_a_graph_that_fails_costs_ever_less() -> None:
-    model = load(
-        "(define (domain endless) (:functions (x) (y) (reward))"
-        "(:action a :parameters () :precondition (and)"
-        " :effect (and (increase (x) (+ 1 (* 0.3 (y)))) (increase (reward) (x))))"
-        "(:action b :parameters () :precondition (and)"
-        " :effect (and (increase (y) (+ 1 (* 0.7 (x)))))))"
-    )
-    planner = far_sight(model, PlannerSettings(depth=2))
+    planner = far_sight(load(ENDLESS), PlannerSettings(depth=2))
     assert isinstance(planner, FarSightPlanner)
     grown: list[int] = []
     grow = planner.graph.grow
