@@ -226,15 +226,13 @@ def main() -> int:
     files = options.table or ([options.out] if options.out and options.out.exists() else [])
     rows: list[Row] = [json.loads(line) for file in files for line in file.open()]
     there = {(*(row[k] for k in Training._fields), row["point"]) for row in rows}
-    todo = []
-    for training in dict.fromkeys([] if options.table else asked(options)):
-        if missing := [point for point in points if (*training, point) not in there]:
-            todo.append((training, missing, points[-1]))
-    failed = False
+    wanted, failed = dict.fromkeys([] if options.table else asked(options)), False
+    left = {one: [point for point in points if (*one, point) not in there] for one in wanted}
+    todo = [(one, missing, points[-1]) for one, missing in left.items() if missing]
     # New processes now and then, because memory of compiled code is never given back.
-    for batch in (todo[k : k + 8 * options.jobs] for k in range(0, len(todo), 8 * options.jobs)):
+    for k in range(0, len(todo), 8 * options.jobs):
         with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
-            jobs = {pool.submit(rows_of, *job): job for job in batch}
+            jobs = {pool.submit(rows_of, *job): job for job in todo[k : k + 8 * options.jobs]}
             for job in as_completed(jobs):
                 if error := job.exception():
                     failed = True
