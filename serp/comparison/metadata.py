@@ -13,7 +13,6 @@ from serp.comparison.folder import kept_file
 from serp.comparison.plan import ComparisonPlan
 from serp.comparison.prepared import PreparedComparison
 from serp.comparison.request import default_threshold
-from serp.comparison.trials.trial import unit_of
 from serp.model.facts import MAX_GROUND_SCHEMAS
 from serp.runs.config import machine, versions
 from serp.settings import Changes, resolve
@@ -31,7 +30,6 @@ class ComparisonMetadata:
         rewarded_by: The source of the reward: `domain`, `environment` or `sum`.
         inputs: What learners see: `observation`, `state` (the grounded one) or `both`.
         command: The command that runs the same comparison again.
-        unit: Name of the unit of the learning curve, such as `game`.
         notes: Sentences for the top of the report.
         machine: Description of the machine.
         versions: Package → version.
@@ -41,7 +39,6 @@ class ComparisonMetadata:
     rewarded_by: str
     inputs: str
     command: str
-    unit: str = "unit"
     notes: Sequence[str] = ()
     machine: Mapping[str, Any] = field(default_factory=machine)
     versions: Mapping[str, str | None] = field(default_factory=versions)
@@ -57,7 +54,6 @@ def metadata_of(
         rewarded_by=reward_source(bound.rewarded_by, settings),
         inputs=settings.training.inputs,
         command=rerun_command(prepared, default_threshold(bound)),
-        unit=unit_of(bound.task),
         notes=notes,
     )
 

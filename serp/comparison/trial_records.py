@@ -28,7 +28,6 @@ class EpisodeRow(NamedTuple):
     Attributes:
         episode: Number of the episode, from 1.
         env_steps: Env steps from the beginning of the trial to the end of the episode.
-        unit: The counter that `arbiter.rho_unit` names (such as games), from 0; else 0.
         return_: The environment's return.
         learner_return: Return in the reward that is learned from.
         length: Env steps.
@@ -43,7 +42,6 @@ class EpisodeRow(NamedTuple):
 
     episode: int
     env_steps: int
-    unit: int
     return_: float
     learner_return: float
     length: int

@@ -226,23 +226,25 @@ def main() -> int:
     files = options.table or ([options.out] if options.out and options.out.exists() else [])
     rows: list[Row] = [json.loads(line) for file in files for line in file.open()]
     there = {(*(row[k] for k in Training._fields), row["point"]) for row in rows}
+    wanted, failed = dict.fromkeys([] if options.table else asked(options)), False
+    left = {one: [point for point in points if (*one, point) not in there] for one in wanted}
+    todo = [(one, missing, points[-1]) for one, missing in left.items() if missing]
     # New processes now and then, because memory of compiled code is never given back.
-    with ProcessPoolExecutor(options.jobs, get_context("spawn"), max_tasks_per_child=8) as pool:
-        jobs = {}
-        for training in dict.fromkeys([] if options.table else asked(options)):
-            if missing := [point for point in points if (*training, point) not in there]:
-                jobs[pool.submit(rows_of, training, missing, points[-1])] = training
-        for job in as_completed(jobs):
-            if error := job.exception():
-                error.add_note(str(jobs[job]))
-                traceback.print_exception(error)
-                continue
-            rows += job.result()
-            if options.out is not None:
-                with options.out.open("a") as file:
-                    file.writelines(json.dumps(row) + "\n" for row in job.result())
+    for k in range(0, len(todo), 8 * options.jobs):
+        with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
+            jobs = {pool.submit(rows_of, *job): job for job in todo[k : k + 8 * options.jobs]}
+            for job in as_completed(jobs):
+                if error := job.exception():
+                    failed = True
+                    error.add_note(str(jobs[job]))
+                    traceback.print_exception(error)
+                    continue
+                rows += job.result()
+                if options.out is not None:
+                    with options.out.open("a") as file:
+                        file.writelines(json.dumps(row) + "\n" for row in job.result())
     print("\n".join(table(rows)))
-    return int(any(job.exception() for job in jobs))
+    return int(failed)
 
 
 if __name__ == "__main__":

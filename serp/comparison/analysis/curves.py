@@ -65,41 +65,6 @@ def training_curves(records: Sequence[Record], env_steps: int) -> Curves:
     return _stacked(grid, rows)
 
 
-def episode_curves(records: Sequence[Record]) -> Curves:
-    """Return training returns over episodes, smoothed over 20.
-
-    They end with the seed that has the fewest episodes: beyond it, only trials with short episodes
-    would be averaged.
-    """
-    played = [record for record in records if len(record.episodes["return"])]
-    count = min((len(record.episodes["return"]) for record in played), default=0)
-    numbers = _thinned(count)
-    rows = [moving_mean(record.episodes["return"][:count])[numbers - 1] for record in played]
-    return _stacked(numbers.astype(np.float64), rows)
-
-
-def unit_curves(records: Sequence[Record]) -> Curves:
-    """Return mean returns of the episodes of each unit (game), up to the last that all seeds have.
-
-    A unit in which no episode ended has the value of the one before.
-    """
-    played = [record for record in records if len(record.episodes["return"])]
-    count = min((int(record.episodes["unit"].max()) + 1 for record in played), default=0)
-    rows = []
-    for record in played:
-        units = record.episodes["unit"].astype(np.int64)
-        kept = (units >= 0) & (units < count)
-        numbers = np.bincount(units[kept], minlength=count)
-        sums = np.bincount(units[kept], weights=record.episodes["return"][kept], minlength=count)
-        filled = np.flatnonzero(numbers)
-        if len(filled):
-            means = sums[filled] / numbers[filled]
-            behind = np.searchsorted(filled, np.arange(count), side="right") - 1
-            rows.append(means[np.maximum(behind, 0)])
-    shown = _thinned(count)
-    return _stacked(shown.astype(np.float64), [row[shown - 1] for row in rows])
-
-
 def evaluation_curves(records: Sequence[Record]) -> Curves:
     """Return mean returns of the learner alone at all checkpoints, interpolated linearly."""
     found = [points for record in records if len((points := checkpoints(record)).env_steps)]
@@ -109,13 +74,6 @@ def evaluation_curves(records: Sequence[Record]) -> Curves:
     if len(grid) > GRID:
         grid = np.linspace(grid[0], grid[-1], GRID)
     return _stacked(grid, [np.interp(grid, *points) for points in found])
-
-
-def _thinned(count: int) -> NDArray[np.int64]:
-    """Return at most `GRID` whole numbers from 1 to `count`, both ends among them."""
-    if count <= GRID:
-        return np.arange(1, count + 1)
-    return np.unique(np.round(np.linspace(1, count, GRID)).astype(np.int64))
 
 
 def _stacked(grid: Array, rows: Sequence[NDArray[Any]]) -> Curves:

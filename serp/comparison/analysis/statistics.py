@@ -138,12 +138,6 @@ def times(values: ArrayLike) -> Times:
     return Times(middle, *ends, never, len(found))
 
 
-def mean_band(curves: Array) -> CurveBand:
-    """Return the mean of curves `[seeds, G]` ± one standard deviation, as in the paper."""
-    centre, spread = mean(curves.T), standard_deviation(curves.T)
-    return CurveBand(centre, centre - spread, centre + spread)
-
-
 def interquartile_band(curves: Array) -> CurveBand:
     """Return the interquartile mean of curves `[seeds, G]` with its pointwise 95 % interval.
 

@@ -1,4 +1,4 @@
-"""The figures of a comparison: learning curves as in the paper's Figure 2, and with intervals."""
+"""The figures of a comparison: learning curves with intervals, and final numbers."""
 
 from __future__ import annotations
 
@@ -12,28 +12,23 @@ from matplotlib.ticker import EngFormatter, MaxNLocator
 
 from serp._util.figures import FAINT, INK, STYLE
 from serp.comparison.analysis.curves import (
-    Array,
     Curves,
-    episode_curves,
     evaluation_curves,
     training_curves,
-    unit_curves,
 )
 from serp.comparison.analysis.results import Results
-from serp.comparison.analysis.statistics import CurveBand, interquartile_band, mean_band
+from serp.comparison.analysis.statistics import interquartile_band
 from serp.comparison.analysis.variants import planner_returns, variant_rows
 from serp.comparison.report.charts import estimates_chart, line_styles, variants_chart
 from serp.comparison.trial_records import Record
 from serp.runs.summary import WINDOW
 
 _SMOOTHED = f"training return (mean of {WINDOW} episodes)"
-_MEAN = "Mean over the seeds, shaded: one standard deviation."
 _IQM = "Interquartile mean over the seeds, shaded: 95 % bootstrap interval."
 _RUNNING = (
     f"A training curve shows the mean of the running episode and the {WINDOW - 1} before it, and "
     "goes on from the last complete episode."
 )
-_FEWEST = "A curve ends with the seed that has the fewest, so that all seeds are in every point."
 
 
 class Picture(NamedTuple):
@@ -58,10 +53,8 @@ class _Curve(NamedTuple):
     name: str
     title: str
     caption: str
-    x: str
     y: str
     curves: Callable[[Sequence[Record]], Curves]
-    band: Callable[[Array], CurveBand] = interquartile_band
 
 
 def pictures(results: Results) -> list[Picture]:
@@ -91,26 +84,18 @@ def pictures(results: Results) -> list[Picture]:
 
 
 def _curves(results: Results) -> list[_Curve]:
-    protocol, unit = results.plan.protocol, results.metadata.unit
+    protocol = results.plan.protocol
     steps = f"over {protocol.env_steps:,} env steps"
     planned = len(planner_returns(results, results.plan.base))
     grey = " Grey: the planner alone, which does not learn." if planned else ""
     training = partial(training_curves, env_steps=protocol.env_steps)
     return [
-        _Curve("training-paper", f"Training return {steps}", f"{_MEAN} {_RUNNING}",
-               "env steps", _SMOOTHED, training, mean_band),
-        _Curve("training", f"Training return {steps}, with intervals", f"{_IQM} {_RUNNING}",
-               "env steps", _SMOOTHED, training),
-        _Curve("training-episodes", "Training return over episodes",
-               f"{_IQM} Mean of {WINDOW} episodes (of fewer at the beginning). {_FEWEST}",
-               "episodes", _SMOOTHED, episode_curves),
-        _Curve("training-units", f"Training return over {unit}s",
-               f"{_IQM} Mean of the episodes of a {unit}, not smoothed. {_FEWEST}",
-               f"{unit}s", f"training return (mean of a {unit})", unit_curves),
+        _Curve("training", f"Training return {steps}", f"{_IQM} {_RUNNING}",
+               _SMOOTHED, training),
         _Curve("learner", f"The learner alone {steps}",
                f"Mean return of {protocol.evaluation_episodes} episodes of the greedy learner "
                f"without planner and vetoes. {_IQM}{grey}",
-               "env steps", "return of the learner alone", evaluation_curves),
+               "return of the learner alone", evaluation_curves),
     ]  # fmt: skip
 
 
@@ -119,13 +104,13 @@ def _draw(results: Results, what: _Curve) -> Figure | None:
     curves = {name: what.curves(results.of(name)) for name in results.algorithms}
     shown = {name: found for name, found in curves.items() if found.y.size}
     last = max((float(found.x[-1]) for found in shown.values()), default=0.0)
-    if not shown or (what.name == "training-units" and last <= 1):  # a task without units has one
+    if not shown:
         return None
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
     axes = figure.subplots()
     styles = line_styles(list(curves))
     for rank, (name, found) in enumerate(shown.items()):
-        style, band, above = styles[name], what.band(found.y), -rank / 1_000
+        style, band, above = styles[name], interquartile_band(found.y), -rank / 1_000
         # A single point, such as one evaluation, would be an invisible line.
         marker = style.marker if len(found.x) == 1 else "none"
         axes.plot(
@@ -144,8 +129,8 @@ def _draw(results: Results, what: _Curve) -> Figure | None:
     low, high = axes.get_ylim()
     if threshold is not None and low <= threshold <= high + 0.1 * (high - low):
         axes.axhline(threshold, color=FAINT, linewidth=1.2, zorder=1.5, label="threshold")
-    axes.set(title=what.title, xlabel=what.x, ylabel=what.y)
-    axes.set_xlim(0 if what.x == "env steps" else 1, max(last, 2.0))
+    axes.set(title=what.title, xlabel="env steps", ylabel=what.y)
+    axes.set_xlim(0, max(last, 2.0))
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
     axes.xaxis.set_major_locator(MaxNLocator(8, integer=True))
     handles, labels = axes.get_legend_handles_labels()

@@ -32,7 +32,7 @@ def characteristics_of(algorithm: Algorithm, settings: Settings, source: Source)
     return {
         "learner": f"DQN, preset {algorithm.preset}" if learns else "none",
         "learned from": REWARDS[source] if learns else "none",
-        "planner": "lookahead" if plans else "none",
+        "planner": settings.planner.name if plans else "none",
         "who acts": acting.get(algorithm.kind, settings.guide.strategy),
         "vetoes": "by the domain file" if plans else "none",
     }

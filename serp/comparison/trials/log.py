@@ -23,7 +23,6 @@ class Log:
 
     Args:
         available: `[E]` actions that the model does not know and that may be executed.
-        unit: Name of the counter in the environment's info that is logged as `unit`.
         counters: Names of the counters that are logged as `info.<name>`.
         clock: Monotonic clock, seconds; by default without compilation.
 
@@ -37,12 +36,10 @@ class Log:
     def __init__(
         self,
         available: NDArray[np.bool_],
-        unit: str,
         counters: Sequence[str],
         clock: Callable[[], float] = working_time,
     ) -> None:
         self._available = available
-        self._unit = unit
         self.counters = tuple(counters)
         self._clock = clock
         self._begin = clock()
@@ -81,7 +78,6 @@ class Log:
         row = EpisodeRow(
             episode=len(self.rows) + 1,
             env_steps=self.env_steps,
-            unit=int(real(single(info.get(self._unit))) or 0),
             return_=totals.return_,
             learner_return=totals.learner_return,
             length=totals.length,

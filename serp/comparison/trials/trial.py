@@ -27,7 +27,7 @@ from serp.model.transition_model import Vector
 from serp.planning.action_map import ActionForecast
 from serp.planning.forecast import SAFE
 from serp.planning.limits import Bound
-from serp.settings import Settings, resolve
+from serp.settings import Settings
 from serp.tasks.bound_task import BoundTask
 from serp.tasks.task import Task
 from serp.tasks.watchdog import Watchdog
@@ -59,11 +59,6 @@ class Measured:
     characteristics: dict[str, str]
     seconds: dict[str, float]
     lead: dict[str, Any] | None
-
-
-def unit_of(task: Task) -> str:
-    """Return the unit that the paper counts iterations of a task in, such as `game`."""
-    return resolve("paper", task.settings).arbiter.rho_unit
 
 
 def run_trial(
@@ -98,7 +93,7 @@ class _Trial:
         self._on_progress = on_progress
         self._next_progress = 0.0
         self._evaluations: list[EvaluationRow] = []
-        self._log = Log(self._guarded.vetoes.available, unit_of(bound.task), bound.task.counters)
+        self._log = Log(self._guarded.vetoes.available, bound.task.counters)
         self._watchdog = Watchdog(
             bound,
             contestant.agent.settings.training.slow_step_seconds,

@@ -15,7 +15,6 @@ def record(
     *,
     trial=("serp", "base", 0),
     evaluations=(),
-    units=None,
     outcomes=None,
     unsafe=0,
     info=None,
@@ -32,7 +31,6 @@ def record(
     columns = {
         "episode": np.arange(1, count + 1),
         "env_steps": ends.astype(int),
-        "unit": np.zeros(count, int) if units is None else np.array(units),
         "return": np.array(returns, float),
         "learner_return": np.array(returns, float),
         "length": np.array(lengths, int),

@@ -5,11 +5,9 @@ import numpy as np
 from serp.comparison.analysis.curves import (
     GRID,
     checkpoints,
-    episode_curves,
     evaluation_curves,
     running_return,
     training_curves,
-    unit_curves,
 )
 from tests.serp.comparison.made_up import record
 
@@ -27,21 +25,6 @@ def test_training_curves_go_from_the_first_step_to_the_budget():
     assert (curves.y[0] == 4).all() and (curves.y[1] == 6).all()
 
 
-def test_episode_curves_end_with_the_seed_that_has_the_fewest():
-    curves = episode_curves([record([1.0] * 5), record([3.0] * 8)])
-    assert curves.x.tolist() == [1, 2, 3, 4, 5]
-    assert curves.y.tolist() == [[1.0] * 5, [3.0] * 5]
-    assert len(episode_curves([record([1.0] * 5000)]).x) <= GRID
-
-
-def test_units_are_averaged_and_an_empty_one_takes_the_value_before():
-    one = record([1.0, 3.0, 8.0, 9.0], units=[0, 0, 2, 3])
-    other = record([2.0, 4.0, 6.0], units=[0, 1, 2])
-    curves = unit_curves([one, other])
-    assert curves.x.tolist() == [1, 2, 3]
-    assert curves.y.tolist() == [[2.0, 2.0, 8.0], [2.0, 4.0, 6.0]]
-
-
 def test_evaluations_share_a_grid_with_straight_lines_in_between():
     one = record(
         [1.0], evaluations=[(10, "learner", 0.0), (10, "learner", 2.0), (30, "learner", 5)]
@@ -56,8 +39,6 @@ def test_evaluations_share_a_grid_with_straight_lines_in_between():
 def test_no_data_give_empty_curves():
     for curves in (
         evaluation_curves([record([1.0])]),
-        episode_curves([]),
-        unit_curves([record([])]),
         training_curves([], 10),
     ):
         assert curves.y.shape[0] == 0

@@ -11,7 +11,6 @@ from serp.comparison.analysis.statistics import (
     interquartile_band,
     interquartile_mean,
     mean,
-    mean_band,
     standard_deviation,
     times,
 )
@@ -83,12 +82,9 @@ def test_bands_lie_around_their_centre_and_agree_with_estimates():
     one = estimate(curves[:, 2])
     assert (band.low[2], band.high[2]) == pytest.approx((one.low, one.high), abs=0.15)
     assert interquartile_band(curves[::-1]).low == pytest.approx(band.low)
-    paper = mean_band(curves)
-    assert paper.high - paper.centre == pytest.approx(curves.std(axis=0, ddof=1))
 
 
 def test_bands_of_one_seed_are_its_curve_and_of_none_are_nothing():
     curve = np.array([[1.0, 2.0, 3.0]])
-    for band in (interquartile_band(curve), mean_band(curve)):
-        assert all((edge == curve[0]).all() for edge in band)
+    assert all((edge == curve[0]).all() for edge in interquartile_band(curve))
     assert np.isnan(interquartile_band(np.zeros((0, 3))).centre).all()

@@ -10,9 +10,8 @@ from typing import Any
 
 import pytest
 
-from serp.comparison.trials.trial import Measured, unit_of
+from serp.comparison.trials.trial import Measured
 from serp.errors import EnvironmentFailure, Notice, RunError, SettingsError
-from serp.tasks.registry import load_task
 from serp.training.agent import Agent
 from serp.training.precompile import precompile
 from tests.serp.comparison.contest import (
@@ -24,7 +23,7 @@ from tests.serp.comparison.contest import (
     measured,
     walk,
 )
-from tests.serp.sample_tasks import CableCut, Corridor
+from tests.serp.sample_tasks import CableCut
 
 
 @pytest.fixture(scope="module")
@@ -173,15 +172,7 @@ def test_settings_of_the_user_reach_the_learner_and_the_algorithms_own_stand(
         measured(tmp_path, "dqn", changes={"lerner": {"members": 1}})
 
 
-def test_counters_units_and_returns_are_the_environments(tmp_path: Path) -> None:
-    task = walk(tmp_path, Corridor, settings={
-        **walk(tmp_path).settings, "paper": {"arbiter": {"rho_unit": "game"}},
-    })  # fmt: skip
-    assert unit_of(task) == unit_of(load_task("soccer")) == "game"
-    for algorithm in ("serp", "serp-paper", "dqn", "mrp"):
-        rows = [row for row, _ in measured(tmp_path, algorithm, task=task).log.rows]
-        # 30 ticks of the clock; a step takes one, and so does a reset.
-        assert [row.unit for row in rows] == [(row.env_steps + row.episode) // 30 for row in rows]
+def test_counters_are_the_environments(tmp_path: Path) -> None:
     slips = [counts for _, counts in measured(tmp_path).log.rows]
     assert all(len(counts) == 1 for counts in slips)
     assert sum(counts[0] for counts in slips) > 0
