@@ -80,7 +80,26 @@ def count_outcomes(
                 found[group.key] = CountedGroup(action, group, counter, others)
     _learn(adapted, groups, found, transitions, whole)
     states, actions, after, over = transitions
-    counts, ends = np.ones(len(actions), dtype=np.bool_), np.zeros(len(actions), dtype=np.bool_)
+    rows = _away_from_ends(model, groups, found, states, actions)
+    for each in found.values():
+        each.counts.count_again()
+    some = states[rows], actions[rows], after[rows], over[rows]
+    _learn(adapted, groups, found, some, whole)
+    return [each for each in found.values() if each.counts.table is not None]
+
+
+def _away_from_ends(
+    model: TransitionModel,
+    groups: list[list[FeatureGroup]],
+    found: Mapping[Key, CountedGroup],
+    states: Vector,
+    actions: NDArray[np.int64],
+) -> Mask:
+    """Return the steps `[N]` from whose states no usual outcome ends the episode.
+
+    All steps of an action schema that has too few of them are returned.
+    """
+    ends = np.zeros(len(actions), dtype=np.bool_)
     for action in np.unique(actions).tolist():
         rows = np.flatnonzero(actions == action)
         for other in {k for g in groups[action] for k in found[g.key].usual_effects(action)}:
@@ -88,18 +107,9 @@ def count_outcomes(
             ends[rows] |= said[:, -1] == 1.0
     for schema in dict.fromkeys(action.schema for action in model.actions):
         own = np.array([action.schema == schema for action in model.actions])[actions]
-        if (own & ~ends).sum() >= _ENOUGH:
-            counts &= ~(own & ends)
-    for each in found.values():
-        each.counts.count_again()
-    _learn(
-        adapted,
-        groups,
-        found,
-        (states[counts], actions[counts], after[counts], over[counts]),
-        whole,
-    )
-    return [each for each in found.values() if each.counts.table is not None]
+        if (own & ~ends).sum() < _ENOUGH:
+            ends[own] = False
+    return ~ends
 
 
 def _learn(

@@ -54,16 +54,6 @@ def test_actions_on_objects_of_one_type_share_their_models_different_schemas_not
     assert not drive & keys_of(model, "light ada") and not drive & keys_of(model, "wait")
 
 
-def test_what_an_action_does_to_its_own_object_is_no_model_of_what_it_does_to_others() -> None:
-    model = from_text(FLEET).model
-    column = {fluent.name: fluent.index for fluent in model.fluents}
-    of_action = {
-        target: group.key for group in groups_of(model, "drive ada") for target in group.targets
-    }
-    own, bob, cid = (of_action[column[f"place {name}"]] for name in ("ada", "bob", "cid"))
-    assert own != bob == cid
-
-
 def test_so_many_predicates_make_no_modes() -> None:
     def bits(count: int) -> int:
         flips = " ".join(f"(p{k})" for k in range(count))

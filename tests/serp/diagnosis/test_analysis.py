@@ -117,16 +117,6 @@ def test_noise_alone_is_no_finding() -> None:
     assert not findings(domain.model, imagined(domain.model, cells, rng)).stochastic
 
 
-def test_nothing_seen_says_nothing() -> None:
-    model = cartpole().model.replace(dt=DT)
-    found = findings(model, TransitionMemory(10, 4, 9))
-    assert found == Findings()
-    broken = TransitionMemory(10, 4, 9)
-    broken.add(np.full(4, np.nan), 0, np.zeros(4), False)
-    broken.add(np.zeros(4), -1, np.zeros(4), False)
-    assert findings(model, broken) == Findings()
-
-
 WALK = """(define (domain walk)
   (:requirements :numeric-fluents :conditional-effects)
   (:functions (gap) (room))
