@@ -22,8 +22,8 @@ from serp.planning.far_sight.cell_values import AREAS, NO_CELLS, Cells, CellValu
 from serp.settings import PlannerSettings
 
 _HOPE: Final = 10.0
-"""Where waiting is free, the unknown is worth so many times as much as acting for ever costs: then to
-reach it a step later costs so many times as much as a step."""
+"""Where waiting is free, the unknown is worth so many times what it costs to act for ever; a
+step of delay costs so many times what a step costs."""
 MAX_EDGES: Final = 60_000
 """Most edges of a graph of cells."""
 _SAMPLE: Final = 500
