@@ -205,7 +205,7 @@ def asked(options: argparse.Namespace) -> Iterator[Training]:
         for task in named(options.tasks):
             for name in options.algorithms.split(","):
                 on = find_task(task).name if find_algorithm(name).kind in ALONE else task
-                yield Training(on or task, name, seed, options.changes, options.episodes)
+                yield Training(on or task, name, seed, " ".join(options.changes), options.episodes)
 
 
 def main() -> int:
@@ -221,7 +221,6 @@ def main() -> int:
     parser.add_argument("--out", type=Path)
     parser.add_argument("--table", type=Path, nargs="+", help="only print the table of these files")
     options = parser.parse_args()
-    options.changes = " ".join(options.changes)
     points = sorted({int(point) for point in options.points.split(",")})
     files = options.table or ([options.out] if options.out and options.out.exists() else [])
     rows: list[Row] = [json.loads(line) for file in files for line in file.open()]
@@ -236,8 +235,8 @@ def main() -> int:
             for job in as_completed(jobs):
                 if error := job.exception():
                     failed = True
-                    error.add_note(str(jobs[job]))
                     traceback.print_exception(error)
+                    print(f"failed: {jobs[job]}", file=sys.stderr)
                     continue
                 rows += job.result()
                 if options.out is not None:
