@@ -74,9 +74,7 @@ class AdaptedModel(TransitionModel):
 
     def uncertainty(self, state: Vector) -> Vector:
         """Return how little is known `[A]`; see `TransitionModel.uncertainty`."""
-        out = np.empty(len(state))
-        actions = range(len(self.actions))
-        return np.array([uncertainty(self.data, action, state, out) for action in actions])
+        return np.array([uncertainty(self.data, k, state) for k in range(len(self.actions))])
 
     def native_uncertainty(self) -> Any:
         """Return the compiled C callback; see `TransitionModel.native_uncertainty`."""

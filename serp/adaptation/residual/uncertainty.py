@@ -1,13 +1,11 @@
-"""How certain a prediction is: the predictive standard deviation of the Bayesian regression.
+"""How far a step is from the data that a model was adapted to: the leverage of the regression.
 
-The variance is that of the errors, and besides the posterior variance of the weights: the leverage
-of the inputs, times the squared error that was seen where leverage was high.
+A planner knows what it knows (KWIK: Li, Littman & Walsh, ICML 2008).
 """
 
 from __future__ import annotations
 
 import functools
-import math
 from typing import Any
 
 from serp._util.compilation import cached_cfunc, cached_njit
@@ -17,7 +15,6 @@ from serp.adaptation.residual.prediction import features_of, normalise, row_of
 from serp.model.native import STACK, STEP_SIGNATURE, advanced, pointer_to, stack_room
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
-
 
 _PREDICTED = 0.5
 """What the file predicts is known everywhere: typical errors of no more than this part of the
@@ -57,8 +54,8 @@ def leverage(inverse, stride, known, columns, heads, row, head, u, depth, z):
 
 
 @cached_njit(nogil=True)
-def uncertainty_of(buffer, action, state, out):
-    """Do what `uncertainty` does, with pointers; `out` begins with zeros."""
+def uncertainty_of(buffer, action, state):
+    """Return the largest leverage of what the file does not predict; all are pointers."""
     table = int(buffer[b.TABLE]) + 2 * action
     group, unknown = int(buffer[table + 1]), 0.0
     u = stack_room(STACK)
@@ -67,65 +64,54 @@ def uncertainty_of(buffer, action, state, out):
         shared = int(buffer[group + b.G_SHARED])
         part = int(buffer[shared + b.S_REGRESSION])
         if part != 0:
-            inputs, targets = int(buffer[group + b.G_INPUTS]), int(buffer[group + b.G_TARGETS])
-            depth, count = int(buffer[group + b.G_DEPTH]), int(buffer[group + b.G_COUNT])
+            inputs, count = int(buffer[group + b.G_INPUTS]), int(buffer[group + b.G_COUNT])
+            depth = int(buffer[group + b.G_DEPTH])
             head, heads = int(buffer[shared + b.S_HEAD]), int(buffer[part + r.R_HEADS])
             row = row_of(buffer, part, head, inputs, state)
             columns = (1 + int(buffer[part + r.R_ROWS])) * (1 + depth)
             known, kinds = int(buffer[part + r.R_KNOWN]), int(buffer[part + r.R_KINDS])
-            most = 0.0
+            typical = int(buffer[part + r.R_TYPICAL]) + row * count
+            change = int(buffer[part + r.R_SCALE]) + count
+            most, written = 0.0, known > 0
             for t in range(count):
                 most = max(most, buffer[kinds + t])
-            normalise(buffer, part, inputs, depth, state, u)
-            if most <= r.LINEAR:
-                known = min(known, columns)
-            elif known > columns:
-                features_of(
-                    advanced(buffer, int(buffer[part + r.R_FREQUENCY])),
-                    advanced(buffer, int(buffer[part + r.R_PHASE])), u, depth, 0, z,
-                )  # fmt: skip
-            inverse = advanced(buffer, int(buffer[part + r.R_INVERSE]))
-            share = leverage(
-                inverse, columns + r.SMOOTH, known, columns, heads, row, head, u, depth, z
-            )
-            typical = int(buffer[part + r.R_TYPICAL]) + row * count
-            scale = int(buffer[part + r.R_SCALE])
-            for t in range(count):
-                error, far, change = (
-                    buffer[typical + t], buffer[scale + t], buffer[scale + count + t]
-                )  # fmt: skip
-                written = known > 0 and buffer[kinds + t] == r.FILE
-                if not (written and error <= _PREDICTED * change):
-                    unknown = max(unknown, share)
-                relative = 1.0
-                if known > 0:
-                    variance = error * error + share * far * far
-                    relative = math.sqrt(variance) / change if change > 0.0 else 0.0
-                out[int(buffer[targets + t])] = relative
+                if buffer[typical + t] > _PREDICTED * buffer[change + t]:
+                    written = False
+            if not (written and most == r.FILE):
+                normalise(buffer, part, inputs, depth, state, u)
+                if most <= r.LINEAR:
+                    known = min(known, columns)
+                elif known > columns:
+                    features_of(
+                        advanced(buffer, int(buffer[part + r.R_FREQUENCY])),
+                        advanced(buffer, int(buffer[part + r.R_PHASE])), u, depth, 0, z,
+                    )  # fmt: skip
+                inverse = advanced(buffer, int(buffer[part + r.R_INVERSE]))
+                share = leverage(
+                    inverse, columns + r.SMOOTH, known, columns, heads, row, head, u, depth, z
+                )
+                unknown = max(unknown, share)
         group += b.GROUP
     return unknown
 
 
 @cached_njit(nogil=True)
-def uncertainty(buffer, action, state, out):
-    """Write the predictive standard deviation of each fluent; return the largest leverage.
+def uncertainty(buffer, action, state):
+    """Return how far a step is from the data, from 0 to 1.
 
-    The deviations `out` `[F]` are relative to the fluent's typical change: 1 before anything is
-    known, 0 for what no residual predicts. The leverage, from 0 to 1, is a distance to data: about
-    1 over the number of samples like this one, 1 where there are none; 0 without a regression.
+    It is about 1 over the number of samples like this one, 1 where there are none, and 0 where the
+    file alone predicts.
 
     Args:
         buffer: `AdaptedModel.data`.
         action: Position of the ground action.
         state: `[F]`.
-        out: `[F]`, written.
     """
-    out[:] = 0.0
-    return uncertainty_of(pointer_to(buffer, 0), action, pointer_to(state, 0), pointer_to(out, 0))
+    return uncertainty_of(pointer_to(buffer, 0), action, pointer_to(state, 0))
 
 
 def _uncertainty(state, action, buffer, dt, out):
-    out[int(buffer[b.WIDTH])] = uncertainty_of(buffer, action, state, out)
+    out[int(buffer[b.WIDTH])] = uncertainty_of(buffer, action, state)
     return 0
 
 
