@@ -95,12 +95,14 @@ def test_the_account_bounds_what_is_predicted() -> None:
     planner = planner_after(along(-1.0, 4.999), saved=0)
     cells = planner.cells
     spent, decisions = 0, 3_000
-    assert planner.visited is not None
+    memory = planner.visited
+    assert isinstance(memory, TransitionMemory)
     for decision in range(decisions):
         cells.steps = 0
-        planner.forecast(np.array([0.1 + 0.001 * decision]))
+        state = np.array([0.1 + 0.001 * decision])
+        planner.forecast(state)
         spent += cells.steps
-        planner.visited.seen += 1
+        memory.add(state, 0, state, 0)
     assert cells.values.value.size
     earned = 1 + 0.25 * (3 + 9 + 27) * SETTINGS.repeat
     # Coarser and finer attempts come on top of what was saved.
