@@ -77,13 +77,13 @@ class ModelAdaptation:
         adapted = self._adapted
         if action >= 0:
             self.visits[self._alike == self._alike[action]] += 1
-            if adapted is not None:
-                if self._learners is not None:
-                    self._learn(adapted, state, action, next_state, ending == OVER)
-                    adapted.buffer.active = self._learners.active or adapted.buffer.revised
-                adapted.revision = self._revision if adapted.buffer.active else 0
+            if adapted is not None and self._learners is not None:
+                self._learn(adapted, state, action, next_state, ending == OVER)
+                adapted.buffer.active = self._learners.active or adapted.buffer.revised
         if self._estimation is not None and self._estimation.due(self.experience.seen):
             self._estimate_parameters()
+        if adapted is not None:
+            adapted.revision = self._revision if adapted.buffer.active else 0
 
     @property
     def adoption(self) -> ModelAdoption:

@@ -28,7 +28,8 @@ class Planner(Protocol):
 
     A function that takes a `serp.TransitionModel` and `serp.PlannerSettings` and returns a planner
     is found by name through the entry-point group `serp.planners`. A forecast depends on nothing
-    but the state and the model, and what a `StatefulPlanner` saves.
+    but the state, the model, what a `StatefulPlanner` saves and, of an `ExperiencedPlanner`, the
+    visited states.
     """
 
     def forecast(self, state: Vector) -> Forecast:

@@ -243,7 +243,7 @@ class TransitionModel(StateSpace):
         return None
 
     def native_flow(self) -> Any:
-        """Return the same for effects and processes only, without events, goal and metric."""
+        """Return the C callback of effects and processes only, without events, goal and metric."""
         return self._program.native("flow")
 
     # Observed transitions ----------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """What the trained policy is worth beside planner, learner and other algorithms, as training goes.
 
-    python tests/benchmarks/study_hand_over.py cliff --set learner.members=3 --out runs/cliff.jsonl
+    python tests/benchmarks/study_hand_over.py cliff --set learner.members=1 --out runs/cliff.jsonl
     python tests/benchmarks/study_hand_over.py all variants --algorithms serp,dqn,ppo \\
         --seeds 0-9 --out runs/all.jsonl
     python tests/benchmarks/study_hand_over.py --table runs/all.jsonl runs/cliff.jsonl

@@ -135,6 +135,7 @@ class RegressionParameters:
             modes > self.rows - self.heads
             or features not in (0, FEATURES)
             or known not in (0, self.columns, self.columns + SMOOTH)
+            or (known > self.columns and not features)
             or not np.isin(kinds, range(1 + FULL)).all()
             or not np.isin(codes, range(self.heads * CODES)).all()
         ):

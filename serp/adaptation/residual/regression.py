@@ -170,7 +170,6 @@ class ResidualRegression:
         p = self._parameters
         self._before.restore(p.contents())
         p.features = p.known = 0
-        p.kinds[:] = np.minimum(p.kinds, r.LINEAR)
         p.typical[:] = 0.0
         for array, shelved in zip(self._statistics, self._shelved, strict=True):
             shelved[:] = array

@@ -70,13 +70,14 @@ def uncertainty_of(buffer, action, state):
             row = row_of(buffer, part, head, inputs, state)
             columns = (1 + int(buffer[part + r.R_ROWS])) * (1 + depth)
             known, kinds = int(buffer[part + r.R_KNOWN]), int(buffer[part + r.R_KINDS])
-            typical = int(buffer[part + r.R_TYPICAL]) + row * count
+            rows, typical = int(buffer[part + r.R_ROWS]), int(buffer[part + r.R_TYPICAL])
             change = int(buffer[part + r.R_SCALE]) + count
             most, written = 0.0, known > 0
             for t in range(count):
                 most = max(most, buffer[kinds + t])
-                if buffer[typical + t] > _PREDICTED * buffer[change + t]:
-                    written = False
+                for each in range(rows):  # a row without samples says nothing of the file
+                    if buffer[typical + each * count + t] > _PREDICTED * buffer[change + t]:
+                        written = False
             if not (written and most == r.FILE):
                 normalise(buffer, part, inputs, depth, state, u)
                 if most <= r.LINEAR:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
         "serp compare --domain cartpole --model-variants all",
         "serp compare --domain cartpole --model-variants cartpole-reversed,cartpole-cart-only",
         "serp compare --domain cartpole --algorithms 'serp,serp:learner.members=1'",
-        "serp compare --out runs/soccer --algorithms jump-start --seeds 10",
+        "serp compare --out runs/soccer --algorithms ppo --seeds 10",
     ),
 )
 @click.option("--domain", metavar="NAME|FILE", help="Installed task, or a domain file of one.")

@@ -51,7 +51,7 @@ class Returns:
         self.count += 1.0
         off = value - self.mean
         self.mean += off / self.count
-        self.squares += off * (value - self.mean)
+        self.squares = max(0.0, self.squares + off * (value - self.mean))
 
     def load(self, saved: Saved, low: float, high: float) -> None:
         """Restore the attributes, of returns from `low` to `high`."""
@@ -60,7 +60,7 @@ class Returns:
         slack = 1e-9 * max(abs(low), abs(high))
         mean = (low - slack, high + slack) if self.episodes else (0.0, 0.0)
         self.mean = saved.real("mean", *mean)
-        self.squares = saved.real("squares", -slack * slack)
+        self.squares = saved.real("squares", 0.0)
 
 
 class Evidence(Strategy):

@@ -19,6 +19,7 @@ from serp.planning.far_sight.array_graph import DONE, ENDED, ArrayGraph, GraphAr
 from serp.planning.far_sight.cell_kernels import CellArrays
 from serp.planning.far_sight.cell_solution import begin_values, solve_cells
 from serp.planning.far_sight.cell_values import AREAS, NO_CELLS, Cells, CellValues
+from serp.planning.far_sight.inert import inert_fluents
 from serp.settings import PlannerSettings
 
 _HOPE: Final = 10.0
@@ -86,7 +87,7 @@ class CellGraph(ArrayGraph):
         cells = Cells(zeros, zeros, zeros)
         self._expand(zeros, cells, 1)
         self._solve(cells)
-        self.values = NO_CELLS
+        self.values, self.explores, self.steps = NO_CELLS, False, 0
 
     def build(self, state: Vector, states: Vector, limit: int) -> bool:
         """Build the graph for a state `[F]` and visited states `[N, F]`.
@@ -108,13 +109,17 @@ class CellGraph(ArrayGraph):
         if not divided.any() or not np.isfinite(sample).all():
             return False
         unit = np.where(divided, 1.0 / np.where(divided, high - low, 1.0), 0.0)
+        area = unit * AREAS
+        if self._model.as_written:
+            unit[inert_fluents(self._model.ground)] = -1.0
+            area[inert_fluents(self._model.ground)] = 0.0
         if len(self._arrays.action) < self._edges:
             self._allocate(self._edges)
 
         roots = np.concatenate((state, sample.ravel()))
 
         def divided_into(bins: float) -> Cells:
-            return Cells(low, unit * bins, unit * AREAS)
+            return Cells(low, unit * bins, area)
 
         bins, first = self.bins or COARSEST, not self.bins
         while (used := self._expand(roots, divided_into(bins), limit)) < 0:

@@ -216,7 +216,7 @@ def interpolate(arrays, division, found):
             graph.chance[first] = total
             outcome += 1
             for k in range(2 * width):
-                if cells.scale[k // 2] == 0.0 or outcome - first == OUTCOMES:
+                if cells.scale[k // 2] <= 0.0 or outcome - first == OUTCOMES:
                     continue
                 by = 1 - 2 * (k % 2)
                 digest = digest_of(row, cells.low, cells.scale, True, k // 2, by)

@@ -33,7 +33,8 @@ class Cells(NamedTuple):
 
     Attributes:
         low: `[F]` lower ends of the ranges of what was visited.
-        scale: `[F]` bins per unit; 0 for a fluent whose values are told apart exactly.
+        scale: `[F]` bins per unit; 0 for a fluent whose values are told apart exactly, negative for
+            one on which nothing depends.
         area: `[F]` bins per unit of areas, which are larger than cells and divide continuous
             fluents only; 0 likewise.
     """
@@ -132,7 +133,7 @@ def digest_of(row, low, scale, exact, moved, by):
             if i == moved:
                 number += by
             digest = mixed(digest, np.uint64(number))
-        elif exact:
+        elif exact and scale[i] == 0.0:
             digest = mixed(digest, bits_of(row[i]))
     return finished(digest)
 
@@ -162,7 +163,7 @@ def nearness(row, at, states, other, scale):
     """Return the weight of a state in an interpolation, by the distance in widths of cells."""
     total = 0.0
     for i in range(scale.shape[0]):
-        off = (row[at + i] - states[other + i]) * scale[i]
+        off = (row[at + i] - states[other + i]) * max(0.0, scale[i])
         total += off * off
     return math.exp(-2.0 * total) + 1e-9
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from serp._util.saved_state import Arrays
+from serp._util.saved_state import Arrays, Saved
 from serp.model.native import OUTCOMES, address_of
 from serp.model.transition_model import TransitionModel, Vector
 from serp.planning.far_sight import closed_kernels as kernels
@@ -207,11 +207,13 @@ class ClosedGraph(ArrayGraph):
 
     def state_dict(self) -> Arrays:
         """Return arrays that `load_state_dict` restores exactly."""
-        return contents(self._arrays, self._width)
+        return contents(self._arrays, self._width) | {"inert": self._inert.copy()}
 
     def load_state_dict(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Restore what `state_dict` returned, or raise a RunError if it is damaged."""
         self.clear()
+        saved = Saved("planning graph", arrays, {})
+        self._inert = saved.array("inert", np.int64, (-1,), 0, self._width - 1)
         most = self._actions * OUTCOMES
         spare = (most + _SMALLEST, self._actions + _SMALLEST, most + _SMALLEST)
         self._hold(restored(arrays, self._width, self._actions, spare, self._inert))

@@ -116,10 +116,24 @@ def test_without_continuous_fluents_or_experience_there_are_no_cells() -> None:
     assert not graph.values.value.size
 
 
+def test_what_nothing_depends_on_tells_no_cells_apart() -> None:
+    counting = TRACK.replace("(x) (reward)", "(x) (spent) (reward)").replace(
+        "(decrease (reward) 1)", "(decrease (reward) 1) (increase (spent) 1)"
+    )
+    states = along(-1.0, 4.999)
+    graphs = CellGraph(track(), SETTINGS), CellGraph(load(counting), SETTINGS)
+    spent = np.column_stack((states, np.arange(200.0)))
+    assert graphs[0].build(np.zeros(1), states, 9_000)
+    assert graphs[1].build(np.zeros(2), spent, 9_000)
+    assert graphs[0].nodes == graphs[1].nodes and graphs[0].edges == graphs[1].edges
+
+
 @pytest.mark.parametrize("most", [30, 60, 300])
 def test_a_graph_keeps_within_its_budget(most: int) -> None:
     graph = CellGraph(track(), SETTINGS, max_edges=most)
-    if graph.build(np.zeros(1), along(-1.0, 4.999), 9_000):
+    built = graph.build(np.zeros(1), along(-1.0, 4.999), 9_000)
+    assert built or most < 300
+    if built:
         assert graph.edges <= most + 3
         assert graph.values.value.size
     else:

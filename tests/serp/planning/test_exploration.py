@@ -9,6 +9,7 @@ from serp.adaptation.adaptation import ModelAdaptation
 from serp.control.planners import far_sight
 from serp.planning.far_sight.planner import FarSightPlanner
 from serp.settings import AdaptationSettings, PlannerSettings
+from serp.sysid.transitions import GOES_ON
 from tests.serp.planning.worlds import load
 
 TRACK = """
@@ -48,6 +49,6 @@ def test_a_prize_that_was_never_seen_is_found_whatever_acting_costs(
         after = np.array([place + 0.5 * speed, 0.98 * speed])
         if after[0] >= 4.0:
             return
-        adaptation.observe(state, action, after, False)
+        adaptation.observe(state, action, after, GOES_ON)
         state = after
     pytest.fail(f"not found; the last place is {state[0]:.2f}")

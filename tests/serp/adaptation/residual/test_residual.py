@@ -194,6 +194,16 @@ def test_uncertainty_is_small_where_much_was_seen_and_large_where_nothing_was() 
     assert 0.0 <= np.mean(near) < 0.2 and max(near) < 0.4 < 0.9 < min(far) <= 1.0
 
 
+def test_an_action_that_was_never_tried_is_unknown() -> None:
+    of, noise = adaptation(PLANE), np.random.default_rng(1)
+
+    def world(state: Vector, action: int) -> Vector:
+        return state + noise.normal(size=2)
+
+    teach(of, world, np.random.default_rng(0), 200, actions=(REST,))
+    assert uncertainty(adapted(of).data, PUSH, np.zeros(2)) > 0.5
+
+
 def test_what_the_file_predicts_is_known_everywhere() -> None:
     of = adaptation(PLANE)
 
