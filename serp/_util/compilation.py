@@ -65,7 +65,9 @@ def _stamp_of(function: Callable[..., Any], options: Mapping[str, Any]) -> str:
     """Return a digest of everything that a loop is compiled from."""
     code: CodeType = function.__code__
     digest = hashlib.sha256(_source(code.co_filename))
-    digest.update(repr(sorted(options.items())).encode())
+    # The order of a set of strings differs from process to process.
+    plain = {k: sorted(v) if isinstance(v, set) else v for k, v in options.items()}
+    digest.update(repr(sorted(plain.items())).encode())
     # Everything that the module imports counts: a loop may call one that is defined after it.
     names = {name for name in function.__globals__ if not name.startswith("__")}
     for part in _parts(names | set(_names(code)), function.__globals__):

@@ -36,10 +36,11 @@ STEPS_BY: Final[Mapping[str, str]] = {actor.value: f"{actor.value}_steps" for ac
 """Actor → name of the count of steps in which its action was executed."""
 
 SAFETY: Final = ("vetoes", "unsafe_predicted", "unsafe_executed", "no_safe_action")
-SIGHT: Final = ("saw_all", "cut_short", "indifferent")
-_SUMS: Final = (*SAFETY[1:], "saw_all", "cut_short", "layers_seen", "indifferent")
+SIGHT: Final = ("saw_all", "by_cells", "cut_short", "indifferent")
+_SUMS: Final = (*SAFETY[1:], "saw_all", "by_cells", "cut_short", "layers_seen", "indifferent")
 _BUDGETS: Final = (Bound.NODES.name.lower(), Bound.TIME.name.lower())
 _ALL: Final = Bound.EXHAUSTED.name.lower()
+_CELLS: Final = Bound.CELLS.name.lower()
 
 
 class DecisionCounts:
@@ -52,6 +53,7 @@ class DecisionCounts:
         unsafe_executed: Executed actions that the domain file flags unsafe.
         no_safe_action: Steps in which every action was flagged or too risky.
         saw_all: Steps in which the planner saw everything that can be reached.
+        by_cells: Steps in which values of cells stood for what lies beyond the lookahead.
         cut_short: Steps in which a budget of nodes or time ended its sight.
         layers_seen: Layers of states that it saw, summed over the steps in which it did not see
             everything.
@@ -65,6 +67,7 @@ class DecisionCounts:
         self.unsafe_executed = 0
         self.no_safe_action = 0
         self.saw_all = 0
+        self.by_cells = 0
         self.cut_short = 0
         self.layers_seen = 0
         self.indifferent = 0
@@ -79,6 +82,7 @@ class DecisionCounts:
         self.no_safe_action += step.reason in (Reason.NO_SAFE_ACTION, Reason.LEAST_RISK)
         everything = step.bound == _ALL
         self.saw_all += everything
+        self.by_cells += step.bound == _CELLS
         self.cut_short += step.bound in _BUDGETS
         self.layers_seen += 0 if everything else step.depth
         self.indifferent += step.indifferent

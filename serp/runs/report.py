@@ -28,6 +28,7 @@ _SAFETY: Final = {
 }
 _SIGHT: Final = {
     "saw_all": "steps in which it saw everything that can be reached",
+    "by_cells": "steps in which values of cells stood for what lies beyond the layers it saw",
     "cut_short": "steps in which its budget ended what it saw",
     "indifferent": "steps in which all plans were worth the same",
 }

@@ -32,6 +32,7 @@ class MetricsRow(NamedTuple):
     unsafe_executed: int
     no_safe_action: int
     saw_all: int
+    by_cells: int
     cut_short: int
     layers_seen: int
     indifferent: int

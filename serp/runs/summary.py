@@ -87,9 +87,10 @@ def summarize(
 def _sight(counts: Mapping[str, int], steps: int) -> dict[str, float | None]:
     """Return how far the planner saw.
 
-    The shares of all steps in which it saw everything that can be reached, in which a budget cut it
-    short, and in which it had no reason to prefer one action; and the mean number of layers that it
-    saw in the steps in which it did not see everything.
+    The shares of all steps in which it saw everything that can be reached, in which values of cells
+    stood for what lies beyond the layers that it saw, in which a budget cut it short, and in which
+    it had no reason to prefer one action; and the mean number of layers that it saw in the steps in
+    which it did not see everything.
     """
     shares = {name: counts[name] / steps if steps else None for name in SIGHT}
     partial = steps - counts["saw_all"]

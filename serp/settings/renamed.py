@@ -31,6 +31,7 @@ _REMOVED: Final = {
         ),
         "the strategies that read it are gone; `evidence` and `mixture` remain",
     ),
+    ("learner", "imitation_weight"): _BY_EVIDENCE,
     ("learner", "protected_share"): "batches are drawn from all samples alike",
 }
 _VALUES: Final = {("adaptation", "mode", "literals"): "parameters"}

@@ -162,8 +162,8 @@ class Progress:
         if not steps:
             return []
         model = self._trainer.agent.adaptation.model
-        shares = [("saw all", tally.saw_all), ("cut short", tally.cut_short),
-                  ("indifferent", tally.indifferent)]  # fmt: skip
+        shares = [("saw all", tally.saw_all), ("by cells", tally.by_cells),
+                  ("cut short", tally.cut_short), ("indifferent", tally.indifferent)]  # fmt: skip
         return [
             ("model", "adapted" if model.revision else "as written"),
             *((label, f"{count / steps:.0%}") for label, count in shares),

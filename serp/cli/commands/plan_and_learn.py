@@ -23,6 +23,7 @@ from serp.cli.options import (
     settings_option,
 )
 from serp.cli.output import examples, open_console, print_result, print_table
+from serp.control.decision_counts import SIGHT
 
 if TYPE_CHECKING:
     from serp.training.run import Run
@@ -215,8 +216,11 @@ def _account_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("evidence", summary["evidence"]["sentence"]))
     sight = summary["sight"]
     if sight["saw_all"] is not None:
-        shares = [percent(sight[name]) for name in ("saw_all", "cut_short", "indifferent")]
-        said = "everything in {} of the steps, cut short in {}, indifferent in {}".format(*shares)
+        shares = [percent(sight[name]) for name in SIGHT]
+        said = (
+            "everything in {} of the steps, beyond its layers by cells in {}, cut short in {}, "
+            "indifferent in {}".format(*shares)
+        )
         if sight["mean_depth"] is not None:
             said += f"; otherwise {readable(sight['mean_depth'], 2)} layers of states"
         rows.append(("planner saw", said))

@@ -79,3 +79,18 @@ def test_a_loop_is_compiled_once_until_what_it_is_made_of_is_edited(folder: Path
         file.write_text(file.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
         assert result(folder) == [expected, expected, 0], new
     assert result(folder) == [expected, expected, 1]
+
+
+def test_what_a_loop_is_made_of_is_the_same_in_every_process() -> None:
+    line = (
+        "from serp._util import compilation as c\n"
+        "print(c._stamp_of(c._names, {'fastmath': set('abcdef')}))"
+    )
+    stamps = {
+        subprocess.run(
+            [sys.executable, "-c", line], env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True, text=True, check=True,
+        ).stdout
+        for seed in ("1", "2")
+    }  # fmt: skip
+    assert len(stamps) == 1

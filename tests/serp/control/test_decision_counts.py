@@ -45,6 +45,7 @@ def counted(decisions: list[dict[str, str]]) -> dict[str, int]:
         "unsafe_executed": sum(d["unsafe"] == "1" for d in decisions),
         "no_safe_action": sum(d["reason"] in none_safe for d in decisions),
         "saw_all": sum(d["bound"] == "exhausted" for d in decisions),
+        "by_cells": sum(d["bound"] == "cells" for d in decisions),
         "cut_short": sum(d["bound"] in ("nodes", "time") for d in decisions),
         "layers_seen": sum(int(d["depth"]) for d in decisions if d["bound"] != "exhausted"),
         "indifferent": sum(d["indifferent"] == "1" for d in decisions),
@@ -73,7 +74,7 @@ def test_every_number_of_a_run_is_a_sum_over_its_decisions(
         if column.endswith("_steps"):
             share = summary["shares"][column.removesuffix("_steps")]
             assert share == pytest.approx(count / len(decisions))
-        elif column in ("saw_all", "cut_short", "indifferent"):
+        elif column in ("saw_all", "by_cells", "cut_short", "indifferent"):
             assert summary["sight"][column] == pytest.approx(count / len(decisions))
         elif column == "layers_seen":
             partial = sum(d["bound"] != "exhausted" for d in decisions)

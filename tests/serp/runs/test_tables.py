@@ -21,7 +21,7 @@ from serp.runs.tables import Position, Table
 
 COLUMNS = ("a", "b", "c")
 ROW = MetricsRow(
-    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, 5, 2, 54, 3, None,
+    1, 23, 1 / 3, -0.0, 23, True, False, 0.01, None, 20, 1, 1, 1, 1, 1, 0, 0, 5, 1, 2, 54, 3, None,
     0.25,
 )  # fmt: skip
 
@@ -239,8 +239,8 @@ def test_wherever_the_file_is_cut_all_whole_rows_are_read_whatever_the_line_ends
     [
         (b"\n2,", b"\n,", r"m:3: episode is ''; it must be a whole number"),
         (b"\n2,", b"\n99999999999999999999,", r"m:3: episode is .* of 64 bits"),
-        (b"\n2,", b"\n2,2,", r"m:3: 24 cells where the header has 23"),
-        (b"\n2,", b"\n\n2,", r"m:3: 0 cells where the header has 23"),
+        (b"\n2,", b"\n2,2,", r"m:3: 25 cells where the header has 24"),
+        (b"\n2,", b"\n\n2,", r"m:3: 0 cells where the header has 24"),
         (b"\n2,23,", b'\n2,"23,', r"m:3: unexpected end of data"),
         (b"\n2,23,", b"\n2,\xff,", r"m:3: not UTF-8"),
         (b",1,0,0.01,", b",yes,0,0.01,", r"m:2: terminated is 'yes'; it must be 0 or 1"),

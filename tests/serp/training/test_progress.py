@@ -42,7 +42,13 @@ def training() -> Training:
             adaptation=SimpleNamespace(model=SimpleNamespace(revision=3)),
         ),
         tally=SimpleNamespace(
-            vetoes=3, unsafe_executed=0, steps=200, saw_all=150, cut_short=2, indifferent=10
+            vetoes=3,
+            unsafe_executed=0,
+            steps=200,
+            saw_all=150,
+            by_cells=0,
+            cut_short=2,
+            indifferent=10,
         ),
         settings=SimpleNamespace(arbiter=SimpleNamespace(rho_unit="game")),
     )
@@ -87,8 +93,8 @@ def test_a_refresh_comes_every_five_seconds_on_a_pipe_and_five_times_a_second_on
         assert stream.getvalue() == shown(stream) and "\r" not in stream.getvalue()
         assert stream.getvalue().splitlines()[-1] == (
             "episode 42, step 2,100, return 23.0, mean of last 20 21.4, planner 21.0 ± 1.5, "
-            "rho 0.12, model adapted, saw all 75%, cut short 1%, indifferent 5%, vetoes 3, "
-            "unsafe executed 0, steps/s 100"
+            "rho 0.12, model adapted, saw all 75%, by cells 0%, cut short 1%, indifferent 5%, "
+            "vetoes 3, unsafe executed 0, steps/s 100"
         )
 
 
