@@ -61,6 +61,8 @@ def find_task(domain: str, max_ground_schemas: int | None = None) -> Task:
         DomainError: The file is wrong.
     """
     path = find_domain_file(domain)
+    if path is None and Path(domain).is_dir() and domain not in task_entries():
+        raise TaskError(f"{domain} is a folder; give one of the files in it, or the name of a task")
     if path is None:
         return load_task(domain)
     loaded = load_domain(path, observed=True, max_ground_schemas=max_ground_schemas)

@@ -185,6 +185,7 @@ def _train(
         # A number of units, if the task or the user sets one, replaces the number of steps.
         units = settings.units
         budget = Budget(units=units) if units else Budget(env_steps=settings.env_steps)
+    before = trainer.env_steps
     digests = content_digests(folder)
     progress = Progress(trainer, budget, f"{trainer.task.name} → {folder.path}", quiet=quiet)
     trainer.task.on_notice = progress.note
@@ -221,9 +222,13 @@ def _train(
             for note in (*notes, f"The learner learns from {source}.", *trainer.agent.notices):
                 progress.note(note)
             if budget.spent_by(trainer):
-                progress.note("Nothing is left to do; to train on, give a larger budget in all.")
-            # A failure in the first episodes must not prevent a continuation.
-            due = save()
+                progress.note(
+                    f"Nothing is left to do after {trainer.env_steps} env steps; to train on, give "
+                    f"a larger budget in all, such as --env-steps {2 * trainer.env_steps}."
+                )
+            else:
+                # A failure in the first episodes must not prevent a continuation.
+                due = save()
             while not budget.spent_by(trainer) and not stopping.requested:
                 row = trainer.run_episode()
                 folder.metrics.append(row)
@@ -231,7 +236,8 @@ def _train(
                     events.append(row)
                 if trainer.wall_time >= due:
                     due = save()
-            save()
+            if trainer.env_steps > before:
+                save()
         from serp.runs.results import write_results  # imports matplotlib, which steps do not need
 
         account = account_of(trainer.agent)

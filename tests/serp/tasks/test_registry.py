@@ -159,6 +159,13 @@ def test_a_path_that_does_not_exist_is_named(package: Path) -> None:
             find_task(path)
 
 
+def test_a_folder_is_named_as_one(package: Path) -> None:
+    (package / "files").mkdir()
+    for path in ("files", "./files", "files/"):
+        with pytest.raises(TaskError, match="is a folder; give one of the files in it"):
+            find_task(path)
+
+
 def test_a_file_that_belongs_to_no_task_says_what_to_do(package: Path) -> None:
     (package / "zoo.pddl").write_text(CORRIDOR.replace("(domain corridor)", "(domain zoo)"))
     with pytest.raises(TaskError, match=r"zoo.*no task is installed for domain `zoo`.*serp.Task"):

@@ -634,3 +634,11 @@ def test_no_parameter_that_is_not_finite_is_ever_saved(
         assert np.isfinite(arrays["learner.parameters"]).all()
     resume(corridor(tmp_path), tmp_path / "run", episodes=EPISODES)
     assert everything(tmp_path / "run")[0][:EPISODES] == whole(preset)[0]
+
+
+def test_resuming_a_finished_run_keeps_its_checkpoints(tmp_path: Path) -> None:
+    task, out = corridor(tmp_path), tmp_path / "run"
+    train(task, out, episodes=2)
+    kept = [(out / name).read_bytes() for name in (NEWEST, PREVIOUS)]
+    resume(task, out)
+    assert [(out / name).read_bytes() for name in (NEWEST, PREVIOUS)] == kept
