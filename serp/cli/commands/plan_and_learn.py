@@ -23,7 +23,6 @@ from serp.cli.options import (
     settings_option,
 )
 from serp.cli.output import examples, open_console, print_result, print_table
-from serp.control.decision_counts import SIGHT
 
 if TYPE_CHECKING:
     from serp.training.run import Run
@@ -216,7 +215,7 @@ def _account_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
         rows.append(("evidence", summary["evidence"]["sentence"]))
     sight = summary["sight"]
     if sight["saw_all"] is not None:
-        shares = [percent(sight[name]) for name in SIGHT]
+        shares = [percent(share) for name, share in sight.items() if name != "mean_depth"]
         said = (
             "everything in {} of the steps, beyond its layers by cells in {}, cut short in {}, "
             "indifferent in {}".format(*shares)
