@@ -55,5 +55,5 @@ def best_of(values: NDArray[np.floating[Any]]) -> int:
     best = int(values.argmax())
     if values[best] == values[best]:
         return best
-    # argmax takes the first NaN
-    return best if np.isnan(values).all() else int(np.nanargmax(values))
+    known = np.flatnonzero(values == values)  # argmax takes the first NaN
+    return int(known[values[known].argmax()]) if len(known) else best

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from serp._util.numbers import best_of, real, seed_of, whole
@@ -45,6 +45,7 @@ numbers = st.sampled_from([-math.inf, math.inf, math.nan, 0.0, 1.0, -1e39]) | st
 
 
 @given(st.lists(numbers, min_size=1, max_size=6), st.sampled_from([np.float32, np.float64]))
+@example([math.nan, -math.inf], np.float32)
 def test_no_value_is_better_than_the_best(found: list[float], kind: type[np.floating]) -> None:
     with np.errstate(over="ignore"):
         values = np.array(found, dtype=kind)
