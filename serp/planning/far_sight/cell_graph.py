@@ -111,8 +111,8 @@ class CellGraph(ArrayGraph):
         unit = np.where(divided, 1.0 / np.where(divided, high - low, 1.0), 0.0)
         area = unit * AREAS
         if self._model.as_written:
-            unit[inert_fluents(self._model.ground)] = -1.0
-            area[inert_fluents(self._model.ground)] = 0.0
+            inert = inert_fluents(self._model.ground)
+            unit[inert], area[inert] = -1.0, 0.0
         if len(self._arrays.action) < self._edges:
             self._allocate(self._edges)
 
