@@ -19,7 +19,7 @@ from serp._util.compilation import cached_njit
 from serp.adaptation.moving_average import rate_of
 from serp.adaptation.residual import parameters as r
 from serp.adaptation.residual.prediction import dot_chunk, features_of, linear_of
-from serp.adaptation.residual.uncertainty import leverage
+from serp.adaptation.residual.uncertainty import columns_in_use, leverage
 from serp.model.native import advanced, pointer_to
 
 # mypy: disable-error-code="no-untyped-def, untyped-decorator, no-any-return"
@@ -82,8 +82,7 @@ def account(sample, row, head, published, sizes, statistics):
         for kind in range(3):
             errors[1 + kind, t] = y[t] - linear_of(pointer_to(linear[row, kind, t], 0), u, depth)
     share = 1.0
-    if kinds.max() <= r.LINEAR:  # what the linear model knows is known
-        known = min(known, columns)
+    known = columns_in_use(known, columns, kinds.max())
     for chunk in range(max(1, features // r.SMOOTH)):
         if features > 0:
             first = chunk * r.SMOOTH

@@ -22,6 +22,16 @@ change."""
 
 
 @cached_njit(nogil=True, forceinline=True)
+def columns_in_use(known, columns, most):
+    """Return how many columns of the regression tell what is known.
+
+    Where no target is predicted from features (`most` is the largest of the kinds in use), what the
+    linear model knows is known.
+    """
+    return min(known, columns) if most <= r.LINEAR else known
+
+
+@cached_njit(nogil=True, forceinline=True)
 def leverage(inverse, stride, known, columns, heads, row, head, u, depth, z):
     """Return the leverage of an input: 0 where much is known, 1 where nothing is.
 
@@ -80,9 +90,8 @@ def uncertainty_of(buffer, action, state):
                         written = False
             if not (written and most == r.FILE):
                 normalise(buffer, part, inputs, depth, state, u)
-                if most <= r.LINEAR:
-                    known = min(known, columns)
-                elif known > columns:
+                known = columns_in_use(known, columns, most)
+                if known > columns:
                     features_of(
                         advanced(buffer, int(buffer[part + r.R_FREQUENCY])),
                         advanced(buffer, int(buffer[part + r.R_PHASE])), u, depth, 0, z,
