@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import time
-import warnings
 from collections.abc import Iterable
 from typing import Any, Final
+
+from PIL import ImageOps
 
 from serp._util.extras import needs_extra
 from serp.errors import SerpError
@@ -105,13 +106,13 @@ class Window:
         pygame, image = self._pygame, frame.image
         if self._screen is None:
             try:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # "no fast renderer": it is fast enough
-                    flags = pygame.SCALED | pygame.RESIZABLE
-                    self._screen = pygame.display.set_mode(image.size, flags)
+                # Not pygame.SCALED: its renderer outlives the display, and a second window crashes
+                # (https://github.com/pygame/pygame/issues/2660).
+                self._screen = pygame.display.set_mode(image.size, pygame.RESIZABLE)
             except pygame.error as error:
                 raise NoDisplay(str(error)) from error
             pygame.display.set_caption(self._title)
+        image = ImageOps.pad(image, self._screen.get_size())
         surface = pygame.image.frombuffer(image.tobytes(), image.size, "RGB")
         self._screen.blit(surface, (0, 0))
         pygame.display.flip()

@@ -48,6 +48,15 @@ def test_every_frame_is_shown_for_its_time(dummy: None) -> None:
     assert not pygame.display.get_init()
 
 
+def test_the_picture_fills_a_resized_window_and_keeps_its_shape(dummy: None) -> None:
+    with Window("watching") as shown:
+        assert shown.show(frames(1))
+        screen = pygame.display.set_mode((256, 96), pygame.RESIZABLE)
+        assert shown.show(frames(2))
+        colours = [screen.get_at((x, 90))[:3] for x in (30, 80, 180, 230)]
+    assert colours == [(0, 0, 0), (1, 0, 200), (1, 0, 200), (0, 0, 0)]
+
+
 @pytest.mark.parametrize("key", ["escape", "q", "cross"])
 def test_closing_the_window_ends_it(dummy: None, key: str) -> None:
     taken = []
